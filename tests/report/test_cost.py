@@ -35,7 +35,7 @@ def made(function: Any, sizes: tuple[int, ...]) -> Curve:
 
 
 def test_a_power_of_the_time_is_interpolated_exactly():
-    found = made(lambda c: 3.0 * c**-0.5, (10, 30, 100, 300)).at(exactly(2e-6 * 55))
+    found = made(lambda c: 3.0 * c**-0.5, (10, 30, 100, 300)).error_at(exactly(2e-6 * 55))
     assert found is not None
     assert np.exp(found.error.value) == pytest.approx(3.0 * (2e-6 * 55) ** -0.5)
     assert found.size == pytest.approx(55)
@@ -45,22 +45,22 @@ def test_a_power_of_the_time_is_interpolated_exactly():
 def test_what_a_parabola_is_off_by_is_told_to_the_last_digit():
     curve = made(lambda c: np.exp(0.2 * np.log(c) ** 2), (10, 20, 70, 300))
     for n in (12, 50, 250):
-        found = curve.at(exactly(2e-6 * n))
+        found = curve.error_at(exactly(2e-6 * n))
         assert found is not None
         left_out = abs(found.error.value - 0.2 * np.log(2e-6 * n) ** 2)
         assert found.curvature == pytest.approx(left_out)
-    of_two = made(lambda c: c, (10, 20)).at(exactly(3e-5))
+    of_two = made(lambda c: c, (10, 20)).error_at(exactly(3e-5))
     assert of_two is not None
     assert np.isnan(of_two.curvature)
 
 
 def test_nothing_is_said_beyond_the_sizes_that_there_are():
     curve = made(lambda c: 1.0 / c, (10, 30))
-    assert curve.at(exactly(1.9e-5)) is None
-    assert curve.at(exactly(6.1e-5)) is None
+    assert curve.error_at(exactly(1.9e-5)) is None
+    assert curve.error_at(exactly(6.1e-5)) is None
     fixed = made(lambda c: 1.0, (10,))
-    assert fixed.at(exactly(1.9e-5)) is None
-    assert fixed.at(exactly(1.0)) == (10, exactly(0.0), 0.0, 0.0, NOBODY)
+    assert fixed.error_at(exactly(1.9e-5)) is None
+    assert fixed.error_at(exactly(1.0)) == (10, exactly(0.0), 0.0, 0.0, NOBODY)
 
 
 def test_times_that_fall_are_taken_at_the_largest_size():
@@ -69,7 +69,7 @@ def test_times_that_fall_are_taken_at_the_largest_size():
         Spot(n, exactly(c), exactly(e), NOBODY)
         for n, c, e in ((10, 3e-6, 0.4), (30, 2e-6, 0.3), (100, 4e-6, 0.1))
     ]
-    found = Curve("PF", tuple(spots)).at(exactly(2.5e-6))
+    found = Curve("PF", tuple(spots)).error_at(exactly(2.5e-6))
     assert found is not None
     assert 30 < found.size < 100
 
@@ -95,12 +95,12 @@ def test_the_error_at_a_cost_is_that_of_repeated_batches():
         a, b = (noisy(rng, "PF", slope) for slope in (-0.5, -0.8))
         times = asked * (1.0 + 0.05 * rng.standard_normal(4))
         cost = RunEstimate(times.mean(), mean(times).stderr, None, 200)
-        at, other = a.at(cost), b.at(cost)
+        at, other = a.error_at(cost), b.error_at(cost)
         assert at is not None
         assert other is not None
-        found.append((at.error.value, np.hypot(at.error.stderr, at.of_times)))
+        found.append((at.error.value, np.hypot(at.error.stderr, at.stderr_of_times)))
         difference = compare_at(at, other).difference
-        whole = np.sqrt(difference.stderr**2 + at.of_times**2 + other.of_times**2)
+        whole = np.sqrt(difference.stderr**2 + at.stderr_of_times**2 + other.stderr_of_times**2)
         pairs.append((difference.value, whole))
     for rows, known in ((found, -0.5 * np.log(50)), (pairs, 0.3 * np.log(50))):
         values, stderrs = np.array(rows).T

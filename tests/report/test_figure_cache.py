@@ -13,7 +13,7 @@ from trackbench.plugins import load
 from trackbench.plugins.load import Plugin
 from trackbench.report import render
 from trackbench.report.paired import compared_statistics
-from trackbench.report.render import KeptFigures, draw_figure, drawing_pool
+from trackbench.report.render import FigureCache, draw_figure, drawing_pool
 from trackbench.report.results import Results
 
 
@@ -53,7 +53,7 @@ def test_what_was_drawn_is_not_drawn_again(
 def keys(folder: Path) -> dict[str, Path]:
     """Where each figure would be kept."""
     results = Results(folder)
-    kept = KeptFigures.of(results)
+    kept = FigureCache.of(results)
     assert kept is not None
     return {n: kept._path(spec, "svg") for n, spec in results.parts("figures").items()}
 
@@ -100,7 +100,7 @@ def test_of_other_figures_and_tables_a_figure_takes_looks_and_statistics(folder:
     before = files(folder, processes=1)
     results = api.load(folder).results
     figures = results.parts("figures")
-    assert results._references
+    assert results._styles_of_references
     statistics = compared_statistics(results.config)
     columns = {name: f"{statistic}({name})" for name, statistic in statistics.items()}
     del results.config["figures"]
@@ -119,7 +119,7 @@ def test_what_no_figure_shows_is_not(folder: Path) -> None:
 def test_a_look_of_the_users_own_is_drawn_anew(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "matplotlib").mkdir()
     (tmp_path / "matplotlib" / "matplotlibrc").write_text("font.size: 20\n")
-    assert KeptFigures.of(api.load(folder).results) is None
+    assert FigureCache.of(api.load(folder).results) is None
 
 
 def test_settings_of_matplotlib_that_a_plugin_changed_are_part_of_a_figure(folder: Path) -> None:

@@ -144,14 +144,14 @@ def test_a_filter_that_loses_more_is_not_the_best(tmp_path, A) -> None:
     assert rows["B"]["Lost runs"] == "40 of 200"
 
 
-@pytest.mark.parametrize("apart", [False, True])
-def test_values_with_which_more_runs_are_lost_are_not_the_best(A, apart) -> None:
+@pytest.mark.parametrize("ranks_settings", [False, True])
+def test_values_with_which_more_runs_are_lost_are_not_the_best(A, ranks_settings) -> None:
     lost = (np.arange(M) < 40).astype(float)
     few = Candidate("A", {}, lost, Sample(np.where(lost > 0, np.nan, 0.5 * A)), {"N": 2})
     many = Candidate("A", {}, 0.0 * lost, Sample(A), {"N": 400})
-    standing = ranking_of([few, many], "rmse", apart=apart)
+    standing = ranking_of([few, many], "rmse", ranks_settings=ranks_settings)
     assert standing.best is many
-    assert (few in standing.losing) == apart
+    assert (few in standing.losing) == ranks_settings
 
 
 def test_all_lost(tmp_path, A) -> None:

@@ -124,9 +124,9 @@ def test_a_collapsed_run_is_counted_and_not_averaged(made):
     nees = np.ones(40)
     nees[:3] = 1e12
     evaluator.__dict__["runs"] = {("PF", "nees"): nees}
-    words = {m: evaluator.collapse(measure(m).of("PF")) for m in ("anees", "mean(nees)")}
+    words = {m: evaluator.collapse_words(measure(m).of("PF")) for m in ("anees", "mean(nees)")}
     assert set(words.values()) == {"collapsed in 3 of 40 runs"}
-    assert evaluator.collapse(measure("median(nees)").of("PF")) == ""
+    assert evaluator.collapse_words(measure("median(nees)").of("PF")) == ""
     table = Table("", ["Filter"], ["ANEES"], 3)
     table.add(["PF"], [Cell.of(RunEstimate(7.5e10, 1e10, None, 40), words["anees"])])
     table.add(["KF"], [Cell.of(RunEstimate(1.0, 0.1, None, 40))])

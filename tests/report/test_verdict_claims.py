@@ -129,7 +129,7 @@ def test_parts_of_a_bar_have_the_order_of_the_words_and_their_verbs():
 
     words = ["differs", "agrees", "agrees", "inconclusive"]
     rows = [row(word, word == "differs") for word in words] + [row("compatible")] * 2
-    found = [(t.number, t.word, t.verb, t.fragile) for t in files.parts(rows)]
+    found = [(t.number, t.word, t.verb, t.fragile) for t in files.tallies(rows)]
     assert found == [
         (2, "agrees", "agree", 0),
         (2, "compatible", "compatible", 0),
@@ -137,7 +137,7 @@ def test_parts_of_a_bar_have_the_order_of_the_words_and_their_verbs():
         (1, "inconclusive", "inconclusive", 0),
     ]
     claims = [row("inconclusive"), row("fails"), *[row("holds", True)] * 3]
-    bar = files.Bar("5 claims", files.parts(claims))
+    bar = files.Bar("5 claims", files.tallies(claims))
     assert bar.words == "5 claims: 3 hold (3 fragile), 1 fails, 1 inconclusive"
     assert set(rules.NUMBER_WORDS) | set(rules.CLAIM_WORDS) >= set(words)
 
@@ -148,7 +148,7 @@ def test_values_of_a_grid_are_each_a_filter_of_their_own(rng):
         Candidate("A", {}, np.zeros(100), Sample(common + off), {"N": n})
         for n, off in ((1, 0.5), (2, 0.0), (3, 0.9))
     ]
-    standing = ranking_of(found, "rmse", apart=True)
+    standing = ranking_of(found, "rmse", ranks_settings=True)
     assert (standing.best, [c for c, _ in standing.worse]) == (found[1], [found[0], found[2]])
     assert not standing.chosen
     assert ranking_of(found, "rmse").chosen

@@ -23,7 +23,7 @@ from trackbench.report.verdicts.numbers import (
     Compared,
     Reproduced,
     Verdicts,
-    _readings,
+    _compare_readings,
     compare,
     rank_agreement,
 )
@@ -437,7 +437,7 @@ def test_an_exact_number_stands_for_the_runs_unless_some_are_lost(lost):
         results=SimpleNamespace(deterministic=[], batches=4),
     )
     published = replace(number(1.0, digits=1), label="A", expression=measure("mean(rmse)"))
-    (row,) = _readings(published, evidence)
+    (row,) = _compare_readings(published, evidence)
     assert row.measured.value == (1.5 if lost else 1.0)
     assert ("exact, without runs" in row.note) == (not lost)
     assert row.verdict.word == ("differs" if lost else "agrees")

@@ -59,7 +59,7 @@ def compare(
         typer.echo("\n".join([markdown(results, verdicts), *(table.markdown() for table in times)]))
         return
     from trackbench.cli.screen import print_lines, print_tables
-    from trackbench.report.verdicts.files import reasons
+    from trackbench.report.verdicts.inconclusive import reasons
 
     print_lines([*summary_lines(verdicts), ""])
     print_tables([*verdict_tables(verdicts), *times])

@@ -73,21 +73,31 @@ class Row(NamedTuple):
     @property
     def is_primary(self) -> bool:
         """True if the metric is an error, a score, a share of runs or the ANEES of whole runs."""
-        of = measured(self.metric)
-        if of.window:
+        m = measured(self.metric)
+        if m.window:
             return False
-        whole = is_event(self.metric) or self.metric == "anees"
-        return whole or bool(primary_metrics([of.metric]))
+        if is_event(self.metric) or self.metric == "anees":
+            return True
+        return bool(primary_metrics([m.metric]))
 
     @property
     def fields(self) -> dict[str, Any]:
         """Row for programs, ``difference = b - a``."""
-        number = self.difference
-        named = {"point": self.point, "filter": self.filter, "metric": self.metric}
-        values = {"a": self.change.b.value, "b": self.change.a.value, "runs": number.runs}
-        apart = {"how": self.how, "difference": number.value, "stderr": number.stderr}
-        tests = {"z": self.change.z, "z_worse": self.worse.z, "p_holm": self.change.p}
-        return {**named, **values, **apart, **tests, "verdict": self.verdict}
+        return {
+            "point": self.point,
+            "filter": self.filter,
+            "metric": self.metric,
+            "a": self.change.b.value,
+            "b": self.change.a.value,
+            "runs": self.difference.runs,
+            "how": self.how,
+            "difference": self.difference.value,
+            "stderr": self.difference.stderr,
+            "z": self.change.z,
+            "z_worse": self.worse.z,
+            "p_holm": self.change.p,
+            "verdict": self.verdict,
+        }
 
 
 def is_event(metric: str) -> bool:
@@ -96,70 +106,105 @@ def is_event(metric: str) -> bool:
 
 
 def compare_folders(a: Results, b: Results) -> tuple[list[Row], str]:
-    """Compare every filter and metric of both; also explain why the runs are not paired."""
+    """Compare every filter and metric of two results folders.
+
+    Parameters
+    ----------
+    a, b : results folders; changes are from a to b
+
+    Returns
+    -------
+    Rows with verdicts, and the reason why the runs are not paired, empty if they are.
+    """
     points = [point for point in a.points() if point in b.points()]
     statistics = partial(compared_statistic, a.config)
-    why, rows = _why_unpaired(a, b, points), list[Row]()
+    why_unpaired = _why_unpaired(a, b, points)
     stored = all((results.folder / "per_run.csv").is_file() for results in (a, b))
     exact = set(a.deterministic) & set(b.deterministic)
     # A folder of an older version has fewer digits of filters without random numbers.
-    rounded_labels = {x for x in exact if stored and a.digits_of(x) != b.digits_of(x)}
+    rounded_labels = set()
+    if stored:
+        rounded_labels = {label for label in exact if a.digits_of(label) != b.digits_of(label)}
+    rows: list[Row] = []
     for point in points:
-        columns = [*a.runs(point).values(), *b.runs(point).values()] if not why else []
-        runs = min(map(len, columns), default=None)
-        first, second = (
-            _numbers(results, point, stored, runs, statistics, rounded_labels) for results in (a, b)
-        )
-        for (label, metric), sample in first.items():
-            if other := second.get((label, metric)):
-                rows += rows_of((point, label, metric), sample, other, not why, label in exact)
-    return judged(rows), why
+        runs = None
+        if not why_unpaired:
+            columns = [*a.runs(point).values(), *b.runs(point).values()]
+            runs = min(map(len, columns), default=None)
+        first = _numbers(a, point, stored, runs, statistics, rounded_labels)
+        second = _numbers(b, point, stored, runs, statistics, rounded_labels)
+        for (label, metric), number in first.items():
+            other = second.get((label, metric))
+            if other is not None:
+                rows += rows_of(
+                    (point, label, metric),
+                    number,
+                    other,
+                    paired=not why_unpaired,
+                    is_exact=label in exact,
+                )
+    return judge_rows(rows), why_unpaired
 
 
-def judged(rows: Sequence[Row]) -> list[Row]:
-    """Judge the rows by the rule for filters; the rows of a metric are a family."""
-    by_index = dict(enumerate(rows))
+def judge_rows(rows: Sequence[Row]) -> list[Row]:
+    """Judge the rows by the rule for filters; the rows of a metric are a family of tests."""
+    row_by_index = dict(enumerate(rows))
     for metric in dict.fromkeys(row.metric for row in rows):
-        of = {i: row for i, row in by_index.items() if row.metric == metric}
-        changes = as_family({i: row.change for i, row in of.items()})
-        worse = as_family({i: row.worse for i, row in of.items()})
-        for i, row in of.items():
-            by_index[i] = row._replace(change=changes[i], worse=worse[i])
-    return [row._replace(verdict=_verdict(row)) for row in by_index.values()]
+        of_metric = {i: row for i, row in row_by_index.items() if row.metric == metric}
+        changes = as_family({i: row.change for i, row in of_metric.items()})
+        worse = as_family({i: row.worse for i, row in of_metric.items()})
+        for i, row in of_metric.items():
+            row_by_index[i] = row._replace(change=changes[i], worse=worse[i])
+    return [row._replace(verdict=_verdict(row)) for row in row_by_index.values()]
 
 
 def _verdict(row: Row) -> str:
+    """Return the word on a row whose comparisons belong to a family."""
     if row.how == EQUAL:
         return EQUAL
     if not row.change.sign:
         return ALIKE if row.change.is_tested else UNTESTED
-    # Neither direction may be better, or both be as far from the best value.
-    return (DIFFERS, WORSE, BETTER)[row.worse.sign]
+    if row.worse.sign > 0:
+        return WORSE
+    if row.worse.sign < 0:
+        return BETTER
+    # Neither direction is better, or both numbers are as far from the best value.
+    return DIFFERS
 
 
 def _why_unpaired(a: Results, b: Results, points: Iterable[GridPoint]) -> str:
+    """Explain why run i of one folder is not run i of the other; empty if it is."""
     for results in (a, b):
         if not (results.folder / "per_run.csv").is_file():
             return f"{results.folder} has no per_run.csv: the errors of summary.csv are used"
     if a.manifest["seed"] != b.manifest["seed"]:
         return f"the seeds differ ({a.manifest['seed']} and {b.manifest['seed']})"
     for point in points:
-        x, y = ({**r.facts(point).scenario, "#": r.steps(point), "assume": 0} for r in (a, b))
-        if not _agree(x, y, a.folder, b.folder):
+        scenario_a = _compared_scenario(a, point)
+        scenario_b = _compared_scenario(b, point)
+        if not _agree(scenario_a, scenario_b, a.folder, b.folder):
             return "the scenarios differ"
     return ""
 
 
-def _agree(a: Any, b: Any, home_a: Path, home_b: Path) -> bool:
+def _compared_scenario(results: Results, point: GridPoint) -> dict[str, Any]:
+    """Return the keys of the scenario and its number of steps, without the filters' model."""
+    return {**results.facts(point).scenario, "#": results.steps(point), "assume": 0}
+
+
+def _agree(a: Any, b: Any, folder_a: Path, folder_b: Path) -> bool:
     """Test whether two scenarios agree in all common keys; paths must be those of equal files."""
     if isinstance(a, dict) and isinstance(b, dict):
-        return all(_agree(a[k], b[k], home_a, home_b) for k in a.keys() & b.keys())
+        return all(_agree(a[key], b[key], folder_a, folder_b) for key in a.keys() & b.keys())
     if isinstance(a, list) and isinstance(b, list):
         pairs = zip(a, b, strict=False)
-        return len(a) == len(b) and all(_agree(x, y, home_a, home_b) for x, y in pairs)
+        return len(a) == len(b) and all(_agree(x, y, folder_a, folder_b) for x, y in pairs)
     if isinstance(a, str) and isinstance(b, str) and a != b:
-        files = home_a / a, home_b / b
-        return all(f.is_file() for f in files) and files[0].read_bytes() == files[1].read_bytes()
+        file_a = folder_a / a
+        file_b = folder_b / b
+        if not (file_a.is_file() and file_b.is_file()):
+            return False
+        return file_a.read_bytes() == file_b.read_bytes()
     return bool(a == b)
 
 
@@ -167,30 +212,53 @@ def _numbers(
     results: Results,
     point: GridPoint,
     stored: bool,
-    most: int | None,
+    runs: int | None,
     statistics: Callable[[str], str],
     rounded_labels: Collection[str],
 ) -> dict[tuple[str, str], Sample | RunEstimate]:
     """Return the metrics of each filter, ``anees`` in place of ``nees``, by filter and name.
 
-    Values of the first runs if they are ``stored``, else the rows of summary.csv. ``statistics`` returns
-    the statistic by which a metric is compared.
+    They are samples of the values of the first ``runs`` if values are ``stored``, else the rows of
+    summary.csv. ``statistics`` returns the statistic by which a metric is compared. Values of
+    ``rounded_labels`` are rounded to the usual digits.
     """
-    numbers, sizes = dict[tuple[str, str], Sample | RunEstimate](), results.facts(point).sizes
-    for (label, metric), x in results.runs(point).items() if stored else ():
+    sizes = results.facts(point).sizes
+    if not stored:
+        return {**_summary_rows(results, point, statistics)}
+    samples: dict[tuple[str, str], Sample | RunEstimate] = {}
+    for (label, metric), stored_values in results.runs(point).items():
+        values = stored_values
         if label in rounded_labels:
-            x = np.array([float(f"{value:.{DIGITS['per_run.csv']}g}") for value in x])
-        values = ((x != 0.0) * 1.0 if metric == "lost" else x)[:most]
-        columns = {row: values / n for row, n in per_component(measured(metric), sizes)}
-        for name, column in (columns or {metric: values}).items():
-            numbers[label, name] = Sample(column, statistics(name))
-    for row in results.columns("summary", point).records() if not stored else ():
-        of, label, runs = measured(row["metric"]), row["filter"], row["runs"]
-        if label in results.filters and (of.is_row or of.statistic == statistics(of.metric)):
-            name = of.name if of.statistic in ("", "mean") else str(of)
-            numbers[label, name] = RunEstimate(row["value"], row["stderr"], None, runs)
-            every = runs + row["lost"]
-            numbers[label, "lost"] = RunEstimate(row["lost"] / every, nan, None, every)
+            digits = DIGITS["per_run.csv"]
+            values = np.array([float(f"{value:.{digits}g}") for value in stored_values])
+        if metric == "lost":
+            values = (values != 0.0) * 1.0
+        first_values = values[:runs]
+        # Normalized squares are compared per component.
+        columns = {row: first_values / n for row, n in per_component(measured(metric), sizes)}
+        for name, column in (columns or {metric: first_values}).items():
+            samples[label, name] = Sample(column, statistics(name))
+    return samples
+
+
+def _summary_rows(
+    results: Results, point: GridPoint, statistics: Callable[[str], str]
+) -> dict[tuple[str, str], RunEstimate]:
+    """Return each row of summary.csv that is compared, and the share of lost runs."""
+    numbers = {}
+    for row in results.columns("summary", point).records():
+        m = measured(row["metric"])
+        label = row["filter"]
+        if label not in results.filters or not (m.is_row or m.statistic == statistics(m.metric)):
+            continue
+        name = m.name if m.statistic in ("", "mean") else str(m)
+        numbers[label, name] = RunEstimate(
+            value=row["value"], stderr=row["stderr"], influences=None, runs=row["runs"]
+        )
+        every = row["runs"] + row["lost"]
+        numbers[label, "lost"] = RunEstimate(
+            value=row["lost"] / every, stderr=nan, influences=None, runs=every
+        )
     return numbers
 
 
@@ -202,83 +270,130 @@ def rows_of(
     paired: bool,
     is_exact: bool,
 ) -> Iterator[Row]:
-    """Yield the metric's row, before it one of the share of infinite values if these differ."""
+    """Yield the metric's row, before it one of the share of infinite values if these differ.
+
+    ``key`` is point, filter and metric. ``paired``: run i of both folders has one truth and one set of
+    measurements. ``is_exact``: the numbers hold no randomness.
+    """
     point, label, metric = key
-    first, second = (of.overall if isinstance(of, Sample) else of for of in (a, b))
-    equal = np.array_equal((*first.estimate, first.runs), (*second.estimate, second.runs), True)
+    number_a = a.overall if isinstance(a, Sample) else a
+    number_b = b.overall if isinstance(b, Sample) else b
+    # Step 1: test equality, of samples value by value.
     if isinstance(a, Sample) and isinstance(b, Sample):
-        equal = np.array_equal(a.values, b.values, equal_nan=True)
-        x, y = (np.isinf(of.values) * 1.0 for of in (a, b))
-        if (x.any() or y.any()) and not np.array_equal(x, y) and not is_event(metric):
-            shares = Sample(x), Sample(y)
-            yield from rows_of((point, label, metric + INFINITE), *shares, paired, is_exact)
-        metric = metric if a.statistic == "mean" else f"{a.statistic}({metric})"
-    if equal:
-        none = RunEstimate(0.0, 0.0, None, min(first.runs, second.runs))
-        unchanged = Comparison(second, first, none, nan)
-        yield Row(point, label, metric, EQUAL, unchanged, unchanged)
+        is_equal = np.array_equal(a.values, b.values, equal_nan=True)
+        infinite_a = np.isinf(a.values) * 1.0
+        infinite_b = np.isinf(b.values) * 1.0
+        has_infinite = infinite_a.any() or infinite_b.any()
+        if has_infinite and not np.array_equal(infinite_a, infinite_b) and not is_event(metric):
+            infinite_key = (point, label, metric + INFINITE)
+            yield from rows_of(
+                infinite_key, Sample(infinite_a), Sample(infinite_b), paired, is_exact
+            )
+        row_metric = metric if a.statistic == "mean" else f"{a.statistic}({metric})"
+    else:
+        row_metric = metric
+        numbers_a = (*number_a.estimate, number_a.runs)
+        numbers_b = (*number_b.estimate, number_b.runs)
+        is_equal = np.array_equal(numbers_a, numbers_b, equal_nan=True)
+    # Step 2: compare numbers that differ.
+    if is_equal:
+        how = EQUAL
+        runs = min(number_a.runs, number_b.runs)
+        none = RunEstimate(value=0.0, stderr=0.0, influences=None, runs=runs)
+        change = Comparison(number_b, number_a, none, nan)
+        worse = change
     elif paired and isinstance(a, Sample) and isinstance(b, Sample):
+        how = "paired"
         on_common_runs = compare(b, a)
         if on_common_runs is None:
             return
         change = on_common_runs
-        worse = _worse(metric, change, compare_estimates)
+        worse = _compare_distances(row_metric, change, compare_estimates)
         if is_exact:  # a difference of numbers without randomness is real
-            offs = (c.difference.value for c in (change, worse))
-            zs = [off * inf if off else 0.0 for off in offs]
-            change, worse = change._replace(z=zs[0]), worse._replace(z=zs[1])
-        elif is_event(metric):
-            change = worse = change._replace(z=sign_test(b.values, a.values))
-        yield Row(point, label, metric, "paired", change, worse)
+            change = change._replace(z=_infinite_z(change))
+            worse = worse._replace(z=_infinite_z(worse))
+        elif is_event(row_metric):
+            change = change._replace(z=sign_test(b.values, a.values))
+            worse = change
     else:
-        if is_event(metric):
-            first, second = Share(*first), Share(*second)
-        change = compare_independent(second, first)
-        worse = _worse(metric, change, compare_independent)
-        yield Row(point, label, metric, "independent", change, worse)
+        how = "independent"
+        if is_event(row_metric):
+            number_a = Share(*number_a)
+            number_b = Share(*number_b)
+        change = compare_independent(number_b, number_a)
+        worse = _compare_distances(row_metric, change, compare_independent)
+    yield Row(point=point, filter=label, metric=row_metric, how=how, change=change, worse=worse)
 
 
-def _worse(metric: str, change: Comparison, compared: Callable[..., Comparison]) -> Comparison:
-    """Compare how far both numbers of a change are from the best value."""
-    better = measured(metric).family[0].better
-    if better == "lower" or is_event(metric) or change.is_equal:
+def _infinite_z(comparison: Comparison) -> float:
+    """Return z of a difference that is real if it is not zero."""
+    difference = comparison.difference.value
+    return difference * inf if difference else 0.0
+
+
+def _compare_distances(
+    metric: str, change: Comparison, compare_numbers: Callable[..., Comparison]
+) -> Comparison:
+    """Compare how far both numbers of a change are from the best value.
+
+    ``compare_numbers`` compares two numbers of the change's runs.
+    """
+    best = measured(metric).family[0].better
+    if best == "lower" or is_event(metric) or change.is_equal:
         return change
-    if better == "higher":
+    if best == "higher":
         return change.swapped
-    if better == "zero":
-        return compared(*(x.scaled(abs(x.value), copysign(1.0, x.value)) for x in change[:2]))
-    if better == "one" and change.a.value > 0.0 < change.b.value:
-        logs = (float(log(x.value)) for x in change[:2])
-        pairs = zip(change[:2], logs, strict=True)
-        return compared(*(x.scaled(abs(u), copysign(1.0, u), x.value) for x, u in pairs))
+    if best == "zero":
+        distances = []
+        for number in (change.a, change.b):
+            sign = copysign(1.0, number.value)
+            distances.append(number.scaled(abs(number.value), sign))
+        return compare_numbers(*distances)
+    if best == "one" and change.a.value > 0.0 < change.b.value:
+        distances = []
+        for number in (change.a, change.b):
+            logarithm = float(log(number.value))
+            sign = copysign(1.0, logarithm)
+            distances.append(number.scaled(abs(logarithm), sign, number.value))
+        return compare_numbers(*distances)
     return change._replace(z=nan)
 
 
 def table_of(title: str, rows: Sequence[Row], names: tuple[str, str]) -> TextTable:
-    """Tabulate the numbers that are not equal; a note names the filters whose numbers all are."""
+    """Tabulate the numbers that are not equal; a note names the filters whose numbers all are.
+
+    ``names`` are those of the two folders, as column headings.
+    """
     heads = ["Filter", "Metric", *names, "Difference", "Change", "z", "Verdict"]
     table = TextTable(title, heads)
     for row in rows:
-        if row.how != EQUAL:
-            numbers, z = (row.change.b, row.change.a), row.change.z
-            cells = [rounded(number.value, nan, 4) for number in numbers]
-            cells += [rounded(*row.difference.estimate, 2), _change(row)]
-            cells += [f"{z:+.1f}" if isfinite(z) else "–"]
-            words = _series(row), with_unit(row.metric)
-            texts = [*map(Text, words), *(Text(cell, 0.0) for cell in cells), Text(row.verdict)]
-            table.rows.append(texts)
+        if row.how == EQUAL:
+            continue
+        z = row.change.z
+        numbers = [
+            rounded(row.change.b.value, nan, 4),
+            rounded(row.change.a.value, nan, 4),
+            rounded(row.difference.value, row.difference.stderr, 2),
+            _change(row),
+            f"{z:+.1f}" if isfinite(z) else "–",
+        ]
+        cells = [Text(_series(row)), Text(with_unit(row.metric))]
+        cells += [Text(number, 0.0) for number in numbers]
+        table.rows.append([*cells, Text(row.verdict)])
     changed = {_series(row) for row in rows if row.how != EQUAL}
-    same = [name for name in dict.fromkeys(map(_series, rows)) if name not in changed]
-    if same:
-        names_of_same = ", ".join(map(phrases.named, same))
-        table.notes.append(f"{names_of_same}: unchanged, byte for byte.")
+    unchanged = [name for name in dict.fromkeys(map(_series, rows)) if name not in changed]
+    if unchanged:
+        names_of_unchanged = ", ".join(map(phrases.named, unchanged))
+        table.notes.append(f"{names_of_unchanged}: unchanged, byte for byte.")
     return table
 
 
 def with_unit(metric: str) -> str:
     """Add the unit of a metric that has one, which a share of runs has not."""
-    unit = "" if metric.endswith(INFINITE) else unit_of(measured(metric).metric)
-    return phrases.in_unit(metric, unit if unit != "1" else "")
+    if metric.endswith(INFINITE):
+        return metric
+    unit = unit_of(measured(metric).metric)
+    return phrases.in_unit(metric, "" if unit == "1" else unit)
 
 
 def _series(row: Row) -> str:
@@ -288,65 +403,78 @@ def _series(row: Row) -> str:
 
 def _change(row: Row) -> str:
     """Write the change in percent; that of a share in percent of the runs, of a score plainly."""
-    difference, before = row.difference.value, row.change.b.value
+    difference = row.difference.value
+    before = row.change.b.value
     if not isfinite(difference):
         return "–"
-    if not is_event(row.metric) and (not before > 0.0 or "score" in row.metric):
+    if is_event(row.metric):
+        text = f"{phrases.percent(difference)} of runs"
+        return text if difference < 0.0 else f"+{text}"
+    if not before > 0.0 or "score" in row.metric:
         return f"{difference:+.2g}"
-    share = difference / (1.0 if is_event(row.metric) else before)
-    text = phrases.percent(share) + " of runs" * is_event(row.metric)
+    share = difference / before
+    text = phrases.percent(share)
     return text if share < 0.0 else f"+{text}"
 
 
 def changes(rows: Sequence[Row], verdict: str) -> list[str]:
     """Return ``rmse_position of UKF (+4.1 %)`` of the rows with a verdict, the surest first."""
     chosen = sorted((r for r in rows if r.verdict == verdict), key=lambda row: -abs(row.change.z))
-    return [f"{r.metric} of {phrases.named(_series(r))} ({_change(r)})" for r in chosen]
+    return [f"{row.metric} of {phrases.named(_series(row))} ({_change(row)})" for row in chosen]
 
 
 def conclusion(rows: Sequence[Row], names: tuple[str, str]) -> str:
-    """Write the comparison in sentences."""
-    same = sum(row.how == EQUAL for row in rows)
-    if same == len(rows):
-        return f"All {counted(same, 'number')} are equal, byte for byte."
-    apart = [row for row in rows if row.change.sign != 0]
+    """Write the comparison in sentences; ``names`` are those of the two folders."""
+    equal = sum(row.how == EQUAL for row in rows)
+    if equal == len(rows):
+        return f"All {counted(equal, 'number')} are equal, byte for byte."
+    significant = [row for row in rows if row.change.sign != 0]
     untested = sum(row.verdict == UNTESTED for row in rows)
     level = f"at {100 * rules.LEVEL:g} % over the numbers of a metric"
-    parts = [f"{same} are equal, byte for byte", f"{len(apart)} differ significantly ({level})"]
+    parts = [
+        f"{equal} are equal, byte for byte",
+        f"{len(significant)} differ significantly ({level})",
+    ]
     if untested:
         parts.append(f"{untested} are untested: too few runs")
     text = f"Of {counted(len(rows), 'number')} {phrases.listed(parts)}."
-    if others := {row.metric for row in apart if not row.is_primary}:
+    others = {row.metric for row in significant if not row.is_primary}
+    if others:
         text += (
             f" Some of these are {phrases.listed(sorted(others))}, which have no row (see --json)."
         )
     primary = [row for row in rows if row.is_primary and row.how != EQUAL] or rows
     for verdict in (WORSE, BETTER):
-        if lines := changes(primary, verdict):
+        lines = changes(primary, verdict)
+        if lines:
             text += f" {verdict.capitalize()} in {names[1]}: {phrases.listed(lines)}."
     return text
 
 
 def draw(rows: Sequence[Row], names: tuple[str, str]) -> "Figure":
-    """Return a panel for each primary metric that changed: differences of the filters that did."""
+    """Return a panel for each primary metric that changed: differences of the filters that did.
+
+    ``names`` are those of the two folders.
+    """
     primary = [row for row in rows if row.is_primary and isfinite(row.difference.value)]
-    shown = [row for row in primary if row.how != EQUAL] or primary
-    metrics = list(dict.fromkeys(row.metric for row in shown))[: style.MOST_PANELS]
+    drawn = [row for row in primary if row.how != EQUAL] or primary
+    metrics = list(dict.fromkeys(row.metric for row in drawn))[: style.MOST_PANELS]
     colors = {WORSE: style.COLORS[1], BETTER: style.COLORS[2]}
-    counts = Counter(row.metric for row in shown)
+    counts = Counter(row.metric for row in drawn)
     most = max((counts[metric] for metric in metrics), default=1)
     with style.rc_context():
         figure, axes = style.panel_grid(len(metrics), 0.9 + 0.22 * most, 0.5)
         for ax, metric in zip(axes, metrics, strict=False):
-            of = [row for row in shown if row.metric == metric]
-            for i, row in enumerate(of):
+            panel_rows = [row for row in drawn if row.metric == metric]
+            for i, row in enumerate(panel_rows):
                 value, stderr = row.difference.estimate
                 error = 2.0 * stderr if isfinite(stderr) else 0.0
                 color = colors.get(row.verdict, "#777777")
                 ax.errorbar(value, i, xerr=error, fmt="o", ms=4, color=color)
             ax.axvline(0.0, color="black", linewidth=0.8)
-            ax.set_yticks(range(len(of)), [style.wrap_label(_series(row)) for row in of])
-            ax.set_ylim(len(of) - 0.5, -0.5)
+            labels = [style.wrap_label(_series(row)) for row in panel_rows]
+            ax.set_yticks(range(len(panel_rows)), labels)
+            ax.set_ylim(len(panel_rows) - 0.5, -0.5)
             ax.set_title(with_unit(metric), fontsize="medium")
             ax.locator_params(axis="x", nbins=4)
             ax.ticklabel_format(axis="x", scilimits=(-3, 4))

@@ -27,13 +27,16 @@ from trackbench.statistics.comparison import Comparison, compare_estimates
 from trackbench.statistics.estimates import RunEstimate, ignore_float_errors, linear_combination
 
 _TIME = measure("cpu_s_per_run")
-COST, MICRO = "CPU time per step (µs)", 1e6
+COST = "CPU time per step (µs)"
+MICRO = 1e6
+"""Microseconds of a second."""
 
 
 class Spot(NamedTuple):
-    """A filter at one of its sizes."""
+    """A filter at one of its sizes, its number of particles."""
 
     size: float
+    """the filter's key that buys accuracy with time; NaN if the filter has no such key"""
     cost: RunEstimate
     """CPU time per step, s"""
     error: RunEstimate
@@ -47,16 +50,17 @@ class AtCost(NamedTuple):
     size: float
     error: RunEstimate
     """logarithm of the error, with each run's influence and the error of the runs alone"""
-    of_times: float = 0.0
+    stderr_of_times: float = 0.0
     """standard error of the same by the times at both ends and the one that is asked for"""
     curvature: float = 0.0
     """size of what the interpolation leaves out; NaN if there are no three sizes"""
     lost: Array = np.empty(0)
+    """why each run (M,) is lost at either size, 0 where it is not"""
 
     @property
-    def other(self) -> float:
-        """Part of the uncertainty that the runs do not show."""
-        return float(np.hypot(self.of_times, self.curvature))
+    def other_stderr(self) -> float:
+        """Part of the uncertainty that the runs do not show: of the times, and of the interpolation."""
+        return float(np.hypot(self.stderr_of_times, self.curvature))
 
 
 @dataclass(frozen=True)
@@ -73,44 +77,77 @@ class Curve:
         """True if the filter has a single size, hence a single cost."""
         return len(self.spots) == 1
 
-    def at(self, cost: RunEstimate) -> AtCost | None:
-        """Return the error at a CPU time per step, s; None outside the filter's own times.
+    def error_at(self, cost: RunEstimate) -> AtCost | None:
+        """Return the error at a CPU time per step.
 
-        Where several sizes take that time, at the largest. What is fixed is had at all above its own.
+        If several sizes take that time, the largest counts. A filter with a single size is fixed: it has
+        the same error at every time above its own.
+
+        Parameters
+        ----------
+        cost : CPU time per step, s, with its error
+
+        Returns
+        -------
+        The filter at this cost; None if its own times do not reach it.
         """
-        match = next((spot for spot in self.spots if spot.cost is cost), None)
-        if match is not None:
-            return AtCost(match.size, logged(match.error), lost=match.lost)
+        # Case 1: the cost is that of one of the sizes.
+        for spot in self.spots:
+            if spot.cost is cost:
+                return AtCost(size=spot.size, error=logarithm(spot.error), lost=spot.lost)
+        # Case 2: there is a single size, which a smaller budget does not pay for.
         if self.is_fixed:
             (spot,) = self.spots
-            dear = spot.cost.value > cost.value
-            return None if dear else AtCost(spot.size, logged(spot.error), lost=spot.lost)
-        x = [float(log(spot.cost.value)) for spot in self.spots]
-        wanted = float(log(cost.value))
-        for i in reversed(range(len(x) - 1)):
-            if min(x[i : i + 2]) <= wanted <= max(x[i : i + 2]) and x[i] != x[i + 1]:
-                return self._between(i, x, wanted, logged(cost).stderr)
+            if spot.cost.value > cost.value:
+                return None
+            return AtCost(size=spot.size, error=logarithm(spot.error), lost=spot.lost)
+        # Case 3: the cost lies between those of two neighboring sizes, of which the largest count.
+        log_costs = [float(log(spot.cost.value)) for spot in self.spots]
+        log_cost = float(log(cost.value))
+        for left in reversed(range(len(log_costs) - 1)):
+            ends = log_costs[left : left + 2]
+            if min(ends) <= log_cost <= max(ends) and ends[0] != ends[1]:
+                return self._interpolate(left, log_costs, log_cost, logarithm(cost).stderr)
         return None
 
     @ignore_float_errors
-    def _between(self, i: int, x: Sequence[float], wanted: float, of_cost: float) -> AtCost:
-        (a, b), share = self.spots[i : i + 2], (wanted - x[i]) / (x[i + 1] - x[i])
-        y = [logged(spot.error) for spot in self.spots]
-        slope = (y[i + 1].value - y[i].value) / (x[i + 1] - x[i])
-        ends = (1.0 - share) * logged(a.cost).stderr, share * logged(b.cost).stderr
-        value = (1.0 - share) * y[i].value + share * y[i + 1].value
-        bent = [
-            abs(_second_difference(x, y, n) * (wanted - x[i]) * (wanted - x[i + 1]))
-            for n in (i - 1, i)
-            if 0 <= n < len(x) - 2
-        ]
-        sizes = [float(log(spot.size)) for spot in (a, b)]
+    def _interpolate(
+        self, left: int, log_costs: Sequence[float], log_cost: float, cost_stderr: float
+    ) -> AtCost:
+        """Interpolate between the sizes ``left`` and ``left + 1``, in logarithms.
+
+        ``log_costs`` are the logarithms of all sizes' times, ``log_cost`` that of the wanted time, with
+        the standard error ``cost_stderr``.
+        """
+        right = left + 1
+        a = self.spots[left]
+        b = self.spots[right]
+        x = log_costs
+        y = [logarithm(spot.error) for spot in self.spots]
+        # y = (1 - share) y_a + share y_b
+        share = (log_cost - x[left]) / (x[right] - x[left])
+        value = (1.0 - share) * y[left].value + share * y[right].value
+        error = linear_combination(value, y[left], y[right], 1.0 - share, share)
+        # The times move the error along the line's slope.
+        slope = (y[right].value - y[left].value) / (x[right] - x[left])
+        stderr_a = (1.0 - share) * logarithm(a.cost).stderr
+        stderr_b = share * logarithm(b.cost).stderr
+        stderr_of_times = abs(slope) * float(np.sqrt(cost_stderr**2 + stderr_a**2 + stderr_b**2))
+        # Newton's next term with the nearest further size on either side; the larger of both.
+        next_terms = []
+        for first in (left - 1, left):
+            if 0 <= first < len(x) - 2:
+                second_difference = _second_difference(x, y, first)
+                next_term = second_difference * (log_cost - x[left]) * (log_cost - x[right])
+                next_terms.append(abs(next_term))
+        log_size_a = float(log(a.size))
+        log_size_b = float(log(b.size))
         return AtCost(
-            float(exp((1.0 - share) * sizes[0] + share * sizes[1])),
-            linear_combination(value, y[i], y[i + 1], 1.0 - share, share),
-            abs(slope) * float(np.sqrt(of_cost**2 + ends[0] ** 2 + ends[1] ** 2)),
-            max(bent, default=np.nan),
-            np.maximum(a.lost, b.lost),
+            size=float(exp((1.0 - share) * log_size_a + share * log_size_b)),
+            error=error,
+            stderr_of_times=stderr_of_times,
+            curvature=max(next_terms, default=np.nan),
+            lost=np.maximum(a.lost, b.lost),
         )
 
 
@@ -123,72 +160,107 @@ def own_sizes(points: Sequence[Point], label: str, key: str) -> list[Any]:
 def cost_conflicts(
     points: Sequence[Point], metric: Measure, key: str, varied: Mapping[str, str]
 ) -> dict[str, str]:
-    """Return conflicts of a table or figure over costs, by key; ``varied`` filters must vary."""
+    """Return conflicts of a table or figure over costs, by its keys.
+
+    ``key`` is the filters' key that buys accuracy. ``varied`` has labels of filters for which the grid
+    must vary it, by the key of the table or figure that names them.
+    """
     if not points[0].values:
         return {"": f"there is no grid: give {key} of the filters several values"}
-    is_made = metric.is_efficiency or metric.family[0].over_steps == "rms"
-    conflicts = {} if is_made else {"metric": f"'{metric}' is no RMSE, distance or efficiency"}
-    for where, label in varied.items():
+    conflicts = {}
+    if not (metric.is_efficiency or metric.family[0].over_steps == "rms"):
+        conflicts["metric"] = f"'{metric}' is no RMSE, distance or efficiency"
+    for naming_key, label in varied.items():
         number = len(own_sizes(points, label, key))
         if label in points[0].filters and number < 2:
             values = "one value" if number else "no value"
-            conflicts[where] = f"{key} of {label} takes {values} over the grid; two are needed"
+            conflicts[naming_key] = f"{key} of {label} takes {values} over the grid; two are needed"
     return conflicts
 
 
-def shown(results: Results, wanted: Collection[str] | None) -> list[str]:
-    """Return the filters that are compared: those named, or all but the reference."""
-    reference = None if wanted is not None else results.config.get("reference")
-    return [b for b in results.chosen(wanted) if b in results.filters and b != reference]
+def compared_labels(results: Results, labels: Collection[str] | None) -> list[str]:
+    """Return the filters that are compared: those of ``labels``, or all but the reference."""
+    reference = None
+    if labels is None:
+        reference = results.config.get("reference")
+    chosen = results.chosen(labels)
+    return [label for label in chosen if label in results.filters and label != reference]
+
+
+class _Form(NamedTuple):
+    """A filter with one set of its other keys: the keys, and its errors and times by size."""
+
+    label: str
+    other_keys: dict[str, Any]
+    spots: dict[float, Spot]
 
 
 def curves(
     results: Results, scene: GridPoint, labels: Sequence[str], metric: Measure, key: str
 ) -> list[Curve]:
-    """Return every filter's errors and times in a scene, a curve for each set of its other keys."""
-    groups: dict[tuple[str, str], tuple[dict[str, Any], dict[float, Spot]]] = {}
+    """Return every filter's errors and times in a scene, a curve for each set of its other keys.
+
+    ``key`` is the filters' key that buys accuracy with time, such as the number of particles.
+    """
+    # Step 1: error and time of each form of a filter at each of its sizes.
+    forms: dict[tuple[str, str], _Form] = {}
     for point in points_of(results, scene):
-        filters, expressions = results.facts(point).filters, Evaluator(results, point)
-        for label in (label for label in labels if label in filters):
-            keys = {name: value for name, value in filters[label].items() if name != key}
+        filters = results.facts(point).filters
+        evaluator = Evaluator(results, point)
+        for label in labels:
+            if label not in filters:
+                continue
+            other_keys = {name: value for name, value in filters[label].items() if name != key}
             size = float(filters[label].get(key, np.nan))
-            _, spots = groups.setdefault((label, json.dumps(keys)), (keys, {}))
-            if size not in spots:
-                time, steps = expressions.term(_TIME.of(label)), results.steps(point)
-                cost = time.scaled(time.value / steps, over=steps)
-                lost = expressions.runs.get((label, "lost"), np.empty(0))
-                spots[size] = Spot(size, cost, expressions.term(metric.of(label)), lost)
-    every: list[Curve] = []
-    for (label, _), (keys, spots) in groups.items():
-        # Sizes at which the filter did not fail.
-        in_order = [spots[size] for size in sorted(spots)]
-        good = [s for s in in_order if 0.0 < s.cost.value < np.inf and 0.0 < s.error.value < np.inf]
-        forms = [of_other for (other, _), (of_other, _) in groups.items() if other == label]
+            new_form = _Form(label=label, other_keys=other_keys, spots={})
+            form = forms.setdefault((label, json.dumps(other_keys)), new_form)
+            if size not in form.spots:
+                time = evaluator.term(_TIME.of(label))
+                steps = results.steps(point)
+                form.spots[size] = Spot(
+                    size=size,
+                    cost=time.scaled(time.value / steps, over=steps),
+                    error=evaluator.term(metric.of(label)),
+                    lost=evaluator.runs.get((label, "lost"), np.empty(0)),
+                )
+    # Step 2: a curve of each form, over the sizes at which the filter did not fail.
+    drawn: list[Curve] = []
+    for form in forms.values():
+        in_order = [form.spots[size] for size in sorted(form.spots)]
+        finite = [spot for spot in in_order if 0.0 < spot.cost.value < np.inf]
+        good = [spot for spot in finite if 0.0 < spot.error.value < np.inf]
         if good:
-            every.append(Curve(label, tuple(good), named_form(label, keys, forms)))
-    return every
+            variants = [other.other_keys for other in forms.values() if other.label == form.label]
+            name = named_form(form.label, form.other_keys, variants)
+            drawn.append(Curve(label=form.label, spots=tuple(good), name=name))
+    return drawn
 
 
 @ignore_float_errors
-def logged(term: RunEstimate) -> RunEstimate:
+def logarithm(term: RunEstimate) -> RunEstimate:
     """Return the logarithm of a positive number, with its error (delta method)."""
     return term.scaled(float(log(term.value)), over=term.value)
 
 
 def _second_difference(x: Sequence[float], y: Sequence[RunEstimate], i: int) -> float:
-    """Return ``f[x_i, x_i+1, x_i+2]``."""
-    first, second = (np.divide(y[j + 1].value - y[j].value, x[j + 1] - x[j]) for j in (i, i + 1))
+    """Return the divided difference ``f[x_i, x_i+1, x_i+2]``."""
+    first = np.divide(y[i + 1].value - y[i].value, x[i + 1] - x[i])
+    second = np.divide(y[i + 2].value - y[i + 1].value, x[i + 2] - x[i + 1])
     return float((second - first) / (x[i + 2] - x[i]))
 
 
 def compare_at(a: AtCost, b: AtCost) -> Comparison:
     """Return the comparison of the logarithms of two errors, with their further uncertainty."""
-    return compare_estimates(a.error, b.error, float(np.hypot(a.other, b.other)))
+    return compare_estimates(a.error, b.error, float(np.hypot(a.other_stderr, b.other_stderr)))
 
 
 def front(spots: Sequence[Spot], higher: bool = False) -> Iterator[Spot]:
-    """Return the points that no other beats at the same cost or less, cheapest first."""
-    best, sign = np.inf, -1.0 if higher else 1.0
+    """Yield the points that no other beats at the same cost or less, the cheapest first.
+
+    A point beats another by a lower error, or if ``higher`` is better by a higher efficiency.
+    """
+    sign = -1.0 if higher else 1.0
+    best = np.inf
     for spot in sorted(spots, key=lambda s: (s.cost.value, sign * s.error.value)):
         if sign * spot.error.value < best:
             best = sign * spot.error.value

@@ -37,7 +37,7 @@ from trackbench.statistics.over_runs import OVER_RUNS, influence, median
 
 
 class _OverRuns(NamedTuple):
-    """A statistic over runs of a metric of per_run.csv, and what divides it."""
+    """A statistic over runs of a metric of per_run.csv, and what divides the metric."""
 
     statistic: str
     name: str
@@ -46,56 +46,88 @@ class _OverRuns(NamedTuple):
 
 @dataclass(frozen=True)
 class Evaluator:
-    """Measures over one results folder at one point of its grid."""
+    """Measures over one results folder at one point of its grid.
+
+    ``Evaluator(results, point).term(measure("mean(rmse)").of("EKF"))`` is a number with its error.
+    """
 
     results: Results
     point: GridPoint
+    """values of the grid's paths, one of ``results.points()``"""
 
     def term(self, m: Measure, common: Mask | bool = True) -> RunEstimate:
-        """Return a filter's measure; over the ``common`` runs (M,) only, if they are given."""
+        """Return a filter's measure, evaluated.
+
+        Parameters
+        ----------
+        m : measure of a filter, such as ``measure("mean(rmse)").of("EKF")``
+        common : runs (M,) that count; default: all
+
+        Returns
+        -------
+        The number with its standard error, and one influence per run where the measure has them. NaN if
+        the results do not have the measure.
+        """
         if m.relation:
             return self._related(m, m.plain, m.plain.of(m.other))
         if m.is_efficiency:
             return self._efficiency(m, common)
-        over_runs = self._of_runs(m)
-        if over_runs is not None and (m.filter, over_runs.name) in self.runs:
-            values = self.runs[m.filter, over_runs.name] / over_runs.divisor
-            if m.is_share:
-                share = self._share(m.filter, values, common)
-                return share._replace(lost=0) if m.metric == "lost" else share
-            return self._statistic(m.filter, over_runs.statistic, values, common)
-        if over_runs is not None:
+        over_runs = self._statistic_over_runs(m)
+        if over_runs is None:
+            return self._at_step(m) if m.steps is not None else self._plain(m)
+        if (m.filter, over_runs.name) not in self.runs:
             return MISSING
-        return self._at_step(m) if m.steps is not None else self._plain(m)
+        values = self.runs[m.filter, over_runs.name] / over_runs.divisor
+        if not m.is_share:
+            return self._statistic(m.filter, over_runs.statistic, values, common)
+        share = self._share(m.filter, values, common)
+        # A lost run is an event of the share of lost runs: none is left out of that.
+        return share._replace(lost=0) if m.metric == "lost" else share
 
-    def of_steps(self, m: Measure) -> OfSteps | None:
-        """Return a measure of one recording with what each step adds to it, if that is known."""
-        key = m.filter, m.name
+    def estimate_of_steps(self, m: Measure) -> OfSteps | None:
+        """Return a measure of one recording with what each step adds to it.
+
+        None if the results have several runs, or if the measure is no mean or rms of a stored series.
+        """
+        key = (m.filter, m.name)
         if not m.is_over_runs or m.statistic not in ("mean", "rms") or key not in self._steps:
             return None
         return OfSteps.of(float(self.runs[key][0]), self._steps[key])
 
     @cached_property
     def _steps(self) -> dict[tuple[str, str], Array]:
+        """What each step (T,) of one recorded run adds to a number, by (filter, metric)."""
         if any(len(values) > 1 for values in self.runs.values()):
             return {}
         return self.results.judged_steps(self.point)
 
-    def collapse(self, m: Measure) -> str:
+    def collapse_words(self, m: Measure) -> str:
         """Return ``collapsed in 3 of 40 runs`` of a chi-square statistic that such runs decide."""
         family, quantity = m.family
-        values = self.runs.get((m.filter, in_window(m.base, m.window)))
+        is_chi_square = family.name in ("nees", "anees", "nis", "anis")
         is_mean = not (m.relation or m.steps or m.statistic == "median")
-        if family.name not in ("nees", "anees", "nis", "anis") or values is None or not is_mean:
+        values = self.runs.get((m.filter, in_window(m.base, m.window)))
+        if not is_chi_square or not is_mean or values is None:
             return ""
         # Divide by the number of components; ANIS is divided already.
         facts = self.results.facts(self.point)
-        sizes = {"anis": 1, "nis": len(facts.measured)}
-        return collapsed_in_words(values / sizes.get(family.name, facts.sizes.get(quantity, 1)))
+        if family.name == "anis":
+            components = 1
+        elif family.name == "nis":
+            components = len(facts.measured)
+        else:
+            components = facts.sizes.get(quantity, 1)
+        return collapsed_in_words(values / components)
 
     def per_run(self, m: Measure) -> tuple[str, Array] | None:
-        """Return the statistic that a measure is, and the values (M,) of runs; None for others."""
-        over_runs = self._of_runs(m)
+        """Return what a statistic over runs is of.
+
+        Returns
+        -------
+        Name of the statistic, and the values (M,) of the runs, NaN where a run is lost. None for a
+        measure that is no statistic over runs, or not in the results.
+        """
+        over_runs = self._statistic_over_runs(m)
         if over_runs is None or (m.filter, over_runs.name) not in self.runs:
             return None
         values = self.runs[m.filter, over_runs.name] / over_runs.divisor
@@ -107,21 +139,38 @@ class Evaluator:
         """Return a measure of many steps at each of those at which anything is known of the filter."""
         if not m.is_many:
             return [m]
-        steps = self.results.columns("per_step", self.point)
-        mine = steps.where(filter=m.filter, metric=m.metric)
-        shares = [measured(name) for of, name in self.runs if of == m.filter]
-        known = {int(k) for k in mine["step"]}
-        known |= {s.step for s in shares if s.step is not None and s.metric == m.metric}
-        return m.at_each(sorted(known))
+        # Steps of the metric's series in per_step.csv.
+        per_step = self.results.columns("per_step", self.point)
+        series = per_step.where(filter=m.filter, metric=m.metric)
+        steps = {int(step) for step in series["step"]}
+        # Steps of shares of runs, which are metrics of per_run.csv.
+        for label, name in self.runs:
+            if label == m.filter:
+                share = measured(name)
+                if share.step is not None and share.metric == m.metric:
+                    steps.add(share.step)
+        return m.at_each(sorted(steps))
 
     @ignore_float_errors
     def difference(self, left: Measure, right: Measure, factor: float = 1.0) -> RunEstimate:
-        """Return ``left - factor * right``, paired on common runs, or on the steps of a recording."""
-        first, second = self.of_steps(left), self.of_steps(right)
-        if first is not None and second is not None:
-            return first.minus(second, factor)
+        """Return the difference of two measures, paired on common runs or on the steps of a recording.
+
+        Parameters
+        ----------
+        left, right : measures of a filter each
+        factor : multiple of the right side that is subtracted
+
+        Returns
+        -------
+        ``left - factor * right`` with its standard error.
+        """
+        left_of_steps = self.estimate_of_steps(left)
+        right_of_steps = self.estimate_of_steps(right)
+        if left_of_steps is not None and right_of_steps is not None:
+            return left_of_steps.minus(right_of_steps, factor)
         common = self._common_runs(left, right)
-        a, b = self.term(left, common), self.term(right, common)
+        a = self.term(left, common)
+        b = self.term(right, common)
         term = linear_combination(a.value - factor * b.value, a, b, 1.0, -factor)
         if all(m.statistic == "variance" and not m.relation for m in (left, right)):
             return as_difference_of_variances(term, a, b, factor)
@@ -130,6 +179,7 @@ class Evaluator:
         return term
 
     def _related(self, m: Measure, mine: Measure, other: Measure) -> RunEstimate:
+        """Evaluate the relation of a filter's measure (``mine``) to that of another filter."""
         if m.relation == "minus":
             return self.difference(mine, other)
         if m.relation == "win_rate":
@@ -147,20 +197,27 @@ class Evaluator:
     @ignore_float_errors
     def _controlled(self, mine: Measure, other: Measure) -> RunEstimate:
         """Estimate a - beta (b - E b), with exact E b (Hammersley & Handscomb 1964, section 5.5)."""
-        exact, common = self.exact(other), self._common_runs(mine, other)
-        a, b = (self.term(m, common).influences for m in (mine, other))
+        exact = self.exact(other)
+        common = self._common_runs(mine, other)
+        a = self.term(mine, common).influences
+        b = self.term(other, common).influences
         if exact is None or a is None or b is None:
             return MISSING
+        # beta = cov(a, b) / var(b)
         beta = float(total(np.nan_to_num(a * b)) / total(np.nan_to_num(b * b)))
         term = self.difference(mine, other, beta)
         return term._replace(value=term.value + beta * exact)
 
     def exact(self, m: Measure) -> float | None:
         """Return the exact value of a linear filter's measure, if the results have it."""
-        of = m.of(exact_label(m.filter))
-        known = of.filter in self.results.exact
-        term = self._at_step(of) if m.steps else self.stored.get((of.filter, str(of)), MISSING)
-        return term.value if known and not np.isnan(term.value) else None
+        exact_measure = m.of(exact_label(m.filter))
+        if m.steps:
+            term = self._at_step(exact_measure)
+        else:
+            term = self.stored.get((exact_measure.filter, str(exact_measure)), MISSING)
+        if exact_measure.filter not in self.results.exact or np.isnan(term.value):
+            return None
+        return term.value
 
     @cached_property
     def runs(self) -> dict[tuple[str, str], Array]:
@@ -171,40 +228,63 @@ class Evaluator:
     def stored(self) -> dict[tuple[str, str], RunEstimate]:
         """Rows of summary.csv, and the times of timing.csv, of all runs, by (filter, metric)."""
         estimates = {}
-        for r in self.results.columns("summary", self.point).records():
-            estimate = RunEstimate(r["value"], r["stderr"], None, r["runs"], r["lost"])
-            estimates[r["filter"], r["metric"]] = estimate
-        for r in self.results.columns("timing", self.point).records():
-            of_run = RunEstimate(r["cpu_s_per_run"], r["stderr"], None, r["runs"])
-            estimates[r["filter"], "cpu_s_per_run"] = of_run
+        for row in self.results.columns("summary", self.point).records():
+            estimates[row["filter"], row["metric"]] = RunEstimate(
+                value=row["value"],
+                stderr=row["stderr"],
+                influences=None,
+                runs=row["runs"],
+                lost=row["lost"],
+            )
+        for row in self.results.columns("timing", self.point).records():
+            estimates[row["filter"], "cpu_s_per_run"] = RunEstimate(
+                value=row["cpu_s_per_run"],
+                stderr=row["stderr"],
+                influences=None,
+                runs=row["runs"],
+            )
         return estimates
 
     def _paired_times(self, mine: Measure, other: Measure) -> RunEstimate | None:
         """Divide two filters' measured times repeat by repeat; None if either has none."""
         rows = self.results.columns("timing", self.point).records()
         repeats = {row["filter"]: repeats_of(row) for row in rows}
-        a, b = (repeats.get(m.filter, np.empty(0)) for m in (mine, other))
-        return RunEstimate(*median(a / b), None, len(a)) if len(a) == len(b) > 1 else None
+        a = repeats.get(mine.filter, np.empty(0))
+        b = repeats.get(other.filter, np.empty(0))
+        if len(a) != len(b) or len(a) < 2:
+            return None
+        ratio = median(a / b)
+        return RunEstimate(value=ratio.value, stderr=ratio.stderr, influences=None, runs=len(a))
 
-    def _of_runs(self, m: Measure) -> _OverRuns | None:
+    def _statistic_over_runs(self, m: Measure) -> _OverRuns | None:
         """Return the statistic that a measure is; None for a time, or if no run has a part in it."""
+        # Case 1: a statistic of a metric, such as mean(rmse).
         if m.is_over_runs and (m.steps is None or (m.filter, m.name) in self.runs):
-            return _OverRuns(m.statistic, m.name)
-        shared = statistic_of(m)
-        if shared and (m.filter, str(m)) in self.runs:
-            return _OverRuns(shared, str(m))
+            return _OverRuns(statistic=m.statistic, name=m.name)
+        # Case 2: a metric with a statistic of its own, of which each run has a value.
+        own_statistic = statistic_of(m)
+        if own_statistic and (m.filter, str(m)) in self.runs:
+            return _OverRuns(statistic=own_statistic, name=str(m))
+        # Case 3: ANEES, which is the mean of each run's NEES over the number of components.
         nees = in_window(m.base, m.window)
         if m.is_row and m.family[0].per_component and (m.filter, nees) in self.runs:
-            a, b = (self.stored.get((m.filter, name)) for name in (f"mean({nees})", str(m)))
-            if a is not None and b is not None and 0.0 < b.value < np.inf:  # else nobody's part
-                return _OverRuns("mean", nees, round(a.value / b.value))
+            mean_nees = self.stored.get((m.filter, f"mean({nees})"))
+            anees = self.stored.get((m.filter, str(m)))
+            # Without a positive and finite number no run has a part in it.
+            if mean_nees is not None and anees is not None and 0.0 < anees.value < np.inf:
+                components = round(mean_nees.value / anees.value)
+                return _OverRuns(statistic="mean", name=nees, divisor=components)
         return None
 
     def _common_runs(self, *sides: Measure) -> Mask | bool:
         """Find the runs that every side's metric exists for."""
         common: Mask | bool = True
         for side in sides:
-            for m in (side.plain, side.plain.of(side.other)) if side.other else (side,):
+            # A side that relates two filters needs both of them.
+            measures = [side]
+            if side.other:
+                measures = [side.plain, side.plain.of(side.other)]
+            for m in measures:
                 values = self._values_of(m)
                 if values is not None:
                     common = common & ~np.isnan(values)
@@ -215,13 +295,14 @@ class Evaluator:
         if m.is_efficiency:
             floor, distance = self.reference_and_rmsd(m)
             return None if floor is None or distance is None else floor + distance
-        over_runs = self._of_runs(m)
+        over_runs = self._statistic_over_runs(m)
         return self.runs.get((m.filter, over_runs.name)) if over_runs else None
 
     @ignore_float_errors
     def _win_rate(self, mine: Measure, other: Measure) -> RunEstimate:
         """Estimate the share of the common runs in which a filter's metric is below another's."""
-        a, b = (self.runs.get((m.filter, str(m))) for m in (mine, other))
+        a = self.runs.get((mine.filter, str(mine)))
+        b = self.runs.get((other.filter, str(other)))
         if a is None or b is None:
             return MISSING
         return self._share(mine.filter, np.where(np.isnan(a) | np.isnan(b), np.nan, a < b))
@@ -247,7 +328,14 @@ class Evaluator:
             return MISSING._replace(lost=lost)
         influences = np.full(len(values), np.nan)
         influences[used] = influence(name, x)
-        return RunEstimate(*OVER_RUNS[name](x), influences, len(x), lost)
+        estimate = OVER_RUNS[name](x)
+        return RunEstimate(
+            value=estimate.value,
+            stderr=estimate.stderr,
+            influences=influences,
+            runs=len(x),
+            lost=lost,
+        )
 
     def _efficiency(self, m: Measure, common: Mask | bool) -> RunEstimate:
         """Estimate the efficiency over the runs that neither the filter nor the reference lost."""
@@ -259,9 +347,16 @@ class Evaluator:
         lost = int((~both).sum())
         if not used.any():
             return MISSING._replace(lost=lost)
-        ratio, influences = efficiency(floor[used], distance[used]), np.full(len(both), np.nan)
+        ratio = efficiency(floor[used], distance[used])
+        influences = np.full(len(both), np.nan)
         influences[used] = ratio.influences
-        return RunEstimate(*ratio.estimate, influences, int(used.sum()), lost)
+        return RunEstimate(
+            value=ratio.estimate.value,
+            stderr=ratio.estimate.stderr,
+            influences=influences,
+            runs=int(used.sum()),
+            lost=lost,
+        )
 
     def reference_and_rmsd(self, m: Measure) -> tuple[Array | None, Array | None]:
         """Return each run's (M,) parts of an efficiency; the reference's own difference is missing."""
@@ -273,27 +368,41 @@ class Evaluator:
         return floor, self.runs.get((m.filter, str(distance)))
 
     def _at_step(self, m: Measure) -> RunEstimate:
-        of, step = str(m._replace(steps=None)), m.steps.first if m.steps else "last"
-        rows = self.results.columns("per_step", self.point).where(filter=m.filter, metric=of)
+        """Read a measure at its step, or at the last step if it names none, from per_step.csv."""
+        series = str(m._replace(steps=None))
+        step = m.steps.first if m.steps else "last"
+        per_step = self.results.columns("per_step", self.point)
+        rows = per_step.where(filter=m.filter, metric=series)
         if len(rows):
             rows = rows.where(step=rows["step"].max() if step == "last" else int(step))
         if not len(rows):
             return MISSING
         row = next(rows.records())
-        return RunEstimate(float(row["value"]), float(row["stderr"]), None, int(row["runs"]))
+        return RunEstimate(
+            value=float(row["value"]),
+            stderr=float(row["stderr"]),
+            influences=None,
+            runs=int(row["runs"]),
+        )
 
     def _plain(self, m: Measure) -> RunEstimate:
         """Read a row of summary.csv or timing.csv, or a number that the config gives the filter."""
-        label, name = m.filter, str(m)
+        label = m.filter
+        name = str(m)
         if (label, name) in self.stored:
             return self.stored[label, name]
         if label not in self.results.filters:
             return MISSING
-        given = self.results.facts(self.point).filters[label].get(name)
-        return RunEstimate(float(given), 0.0, None, 1) if is_number(given) else MISSING
+        number = self.results.facts(self.point).filters[label].get(name)
+        if not is_number(number):
+            return MISSING
+        return RunEstimate(value=float(number), stderr=0.0, influences=None, runs=1)
 
     def values(self, m: Measure) -> Array | None:
-        """Return values per run that a statistic is of, lost runs left out; None for anything else."""
+        """Return the values (M',) of the runs that a statistic is of, without lost runs.
+
+        None for a measure that is no statistic over runs, or not in the results.
+        """
         values = self.runs.get((m.filter, m.name)) if m.is_over_runs else None
         return None if values is None else values[~np.isnan(values)]
 

@@ -24,10 +24,28 @@ class TableKind(Exhibit):
 
     @abstractmethod
     def table(self, results: "Results") -> Table:
-        """Fill the table from a results folder."""
+        """Fill the table from a results folder.
+
+        Parameters
+        ----------
+        results : results folder. ``results.points()`` are the points of the grid,
+            ``results.runs(point)`` the values (M,) of the runs at one of them, by filter and metric, and
+            ``results.columns("per_step", point)`` the columns of that file
+
+        Returns
+        -------
+        Table with keys and cells, and notes below them.
+
+        Raises
+        ------
+        Any error is reported as one line about this table; the other outputs are written.
+        """
 
     def without_cpu_times(self) -> "TableKind | None":
-        """Return the table without columns that depend on CPU times; None if all columns do."""
+        """Return the table without columns that depend on CPU times; None if all columns do.
+
+        A table with CPU times is written to ``run/tables/``, and without them to ``tables/``.
+        """
         return None if shows_cpu_times(self) else self
 
 
@@ -41,25 +59,48 @@ class FigureKind(DrawnExhibit):
     """what to see in it, said below it in the report; default: what its numbers tell"""
 
     def default_caption(self, results: "Results") -> str:
-        """Return a caption for the figure of these results; empty if the kind needs none."""
+        """Return a caption for the figure of these results; empty if the kind needs none.
+
+        The report shows it below the figure, unless the config has a ``caption``.
+        """
         return ""
 
     def with_best(self, results: "Results") -> "FigureKind":
-        """Return the figure; if it compares some of the filters, the best ones are among them."""
+        """Return the figure; if it compares some of the filters, the best ones are among them.
+
+        A figure of one filter, or of all of them, is returned as it is.
+        """
         if self.filters is None or len(self.filters) < 2:
             return self
-        leaders = [s.best or next(iter(s.order), None) for s in rankings(results)]
-        best = [c.label for c in leaders if c is not None]
-        more: Any = {"filters": tuple(dict.fromkeys([*self.filters, *best]))}
-        return replace(self, **more)
+        labels = [*self.filters]
+        for ranking in rankings(results):
+            leader = ranking.best or next(iter(ranking.order), None)
+            if leader is not None and leader.label not in labels:
+                labels.append(leader.label)
+        changed: Any = {"filters": tuple(dict.fromkeys(labels))}
+        return replace(self, **changed)
 
     @abstractmethod
     def draw(self, results: "Results") -> "Figure":
-        """Draw the figure from a results folder."""
+        """Draw the figure from a results folder.
+
+        Parameters
+        ----------
+        results : results folder, as in ``TableKind.table``. ``results.line_style(label)`` is the color
+            and dash of a filter in all figures
+
+        Returns
+        -------
+        matplotlib figure, such as of ``trackbench.report.plotting.style.subplots``.
+
+        Raises
+        ------
+        Any error is reported as one line about this figure; the other outputs are written.
+        """
 
 
 def shows_cpu_times(exhibit: Exhibit) -> bool:
-    """Return whether a table or figure names CPU times in a key or in its ``requires``."""
+    """Test whether a table or figure names CPU times in a key or in its ``requires``."""
     return "cpu_s_per_run" in exhibit.requires or _has_cpu_time(exhibit)
 
 
@@ -69,6 +110,7 @@ def figure_folder(figure: Exhibit) -> str:
 
 
 def _has_cpu_time(value: Any) -> bool:
+    """Test whether a value of an exhibit's key is a CPU time, or has one in it."""
     if isinstance(value, Measure):
         return value.is_cpu_time
     if isinstance(value, dict):

@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -16,9 +16,18 @@ from trackbench.report.results import Results
 from trackbench.results.folder import RUN_AGAIN
 from trackbench.results.folder_contents import FORMAT, RUN_FILES, Damage, check_digests
 
-_KINDS: dict[str, type] = {"packages": dict, "cpu_s": float, "training_holds_out": str}
-_KINDS |= dict.fromkeys(("date", "trackbench", "python", "platform"), str)
-_KINDS |= dict.fromkeys(("failed", "loops_over_runs", "deterministic"), list)
+_MANIFEST_TYPES: dict[str, type] = {
+    "packages": dict,
+    "cpu_s": float,
+    "training_holds_out": str,
+    "date": str,
+    "trackbench": str,
+    "python": str,
+    "platform": str,
+    "failed": list,
+    "loops_over_runs": list,
+    "deterministic": list,
+}
 """Types of the manifest's entries that a report shows."""
 _CHANGED = "changed after the run"
 
@@ -50,8 +59,18 @@ def explain_content_errors(folder: Path | str) -> Iterator[None]:
 def open_results(folder: Path) -> Results:
     """Read and check the results in a folder.
 
-    Raises IncompleteResultsError if a file of the run is damaged, and UserError if the folder has no
-    results, those of a newer version, or a config that does not fit them.
+    Parameters
+    ----------
+    folder : results folder
+
+    Returns
+    -------
+    Results, of which each file is read at its first use.
+
+    Raises
+    ------
+    IncompleteResultsError : a file of the run is damaged
+    UserError : the folder has no results, those of a newer version, or a config that does not fit them
     """
     with explain_content_errors(folder):
         check_folder(folder)
@@ -62,11 +81,14 @@ def open_results(folder: Path) -> Results:
             source.add_problem((), "is not an experiment's config")
         elif build(Settings, source, ()) is not None:
             summary = results.columns("summary")
-            missing, columns = set(summary["filter"]) - set(results.labels), list(summary)
-            if columns[: columns.index("filter")] != results.grid:
+            # The columns before "filter" are those of the grid.
+            columns = list(summary)
+            grid_columns = columns[: columns.index("filter")]
+            missing_labels = set(summary["filter"]) - set(results.labels)
+            if grid_columns != results.grid:
                 source.add_problem(("grid",), "the results were computed over another grid")
-            elif missing:
-                what = f"{min(missing)!r} has results but is not a filter here any more"
+            elif missing_labels:
+                what = f"{min(missing_labels)!r} has results but is not a filter here any more"
                 source.add_problem(("filters",), what)
         source.check()
         return results
@@ -86,10 +108,12 @@ def open_with_notes(folder: Path, allow_plugins: bool = False) -> Results:
     Notes also name tables and figures of plugins whose code may not run.
     """
     results = open_results(folder)
-    lines, recorded = changed_files(results), results.manifest.get("plugins", {})
-    for plugin in load_plugins(results.source, folder, allowed=True) if allow_plugins else ():
+    lines = changed_files(results)
+    recorded_digests = results.manifest.get("plugins", {})
+    plugins = load_plugins(results.source, folder, allowed=True) if allow_plugins else ()
+    for plugin in plugins:
         name = Path(plugin.path).name
-        if recorded.get(name) != plugin.digest:
+        if recorded_digests.get(name) != plugin.digest:
             lines.append(f"{folder}: {name} was {_CHANGED}")
     groups: tuple[Group, ...] = ("tables", "figures")
     for group in groups:
@@ -103,44 +127,62 @@ def open_with_notes(folder: Path, allow_plugins: bool = False) -> Results:
 
 def changed_files(results: Results) -> list[str]:
     """Return lines on changed files beside those of the run: tables, figures, the config."""
-    recorded = results.manifest["files"]
-    others = {name: digest for name, digest in recorded.items() if name not in RUN_FILES}
-    return _lines(results.folder, check_digests(results.folder, others))
+    recorded_digests = results.manifest["files"]
+    other_digests = {}
+    for name, digest in recorded_digests.items():
+        if name not in RUN_FILES:
+            other_digests[name] = digest
+    return _damage_lines(results.folder, check_digests(results.folder, other_digests))
 
 
 def _check_manifest(results: Results) -> None:
+    """Check that the manifest can be read, is of no newer version, and fits the run's files.
+
+    Raises IncompleteResultsError or UserError.
+    """
     folder = results.folder
     if not (folder / "manifest.json").is_file():
         what = "is half-written, it has no manifest.json"
         raise IncompleteResultsError(f"{folder}: {what}: {RUN_AGAIN}")
-    # The types of what the report reads from it.
+    # Step 1: the types of what the report reads from it.
     try:
         manifest = results.manifest
-        version, recorded = int(manifest["format"]), dict(manifest["files"])
-        valid = all(isinstance(manifest.get(key, kind()), kind) for key, kind in _KINDS.items())
-        valid &= isinstance(manifest.get("commit") or "", str)
-        valid &= all({"filter", "reason"} <= set(row) for row in results.failed)
+        version = int(manifest["format"])
+        recorded_digests = dict(manifest["files"])
+        valid = isinstance(manifest.get("commit") or "", str)
+        for key, expected_type in _MANIFEST_TYPES.items():
+            valid &= isinstance(manifest.get(key, expected_type()), expected_type)
+        for row in results.failed:
+            valid &= {"filter", "reason"} <= set(row)
     except (UserError, ValueError, KeyError, TypeError):
         valid = False
     if not valid:
         raise IncompleteResultsError(f"{folder}: manifest.json cannot be read: {RUN_AGAIN}")
+    # Step 2: the format's version.
     if version > FORMAT:
         newer = manifest.get("trackbench", "of a newer version")
         what = f"was written by trackbench {newer} in format {version}"
         raise UserError(f"{folder}: {what}, this version reads up to {FORMAT}: update trackbench")
-    # Digests of the files that the run wrote.
-    of_run = {name: recorded[name] for name in RUN_FILES if name in recorded}
-    problems = _lines(folder, check_digests(folder, of_run))
+    # Step 3: digests of the files that the run wrote.
+    run_digests = {name: recorded_digests[name] for name in RUN_FILES if name in recorded_digests}
+    problems = _damage_lines(folder, check_digests(folder, run_digests))
     if problems:
         raise IncompleteResultsError(*problems)
 
 
-def _lines(folder: Path, damage: Damage) -> list[str]:
+def _damage_lines(folder: Path, damage: Damage) -> list[str]:
     """Describe missing files in a line and changed ones in a line."""
-    ends = ((damage.missing, ("is", "are"), "missing"), (damage.changed, ("was", "were"), _CHANGED))
     lines = []
-    for names, verbs, what in ends:
-        if names:
-            few = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
-            lines.append(f"{folder}: {few} {verbs[len(names) > 1]} {what}: {RUN_AGAIN}")
+    if damage.missing:
+        verb = "is" if len(damage.missing) == 1 else "are"
+        lines.append(f"{folder}: {_listed(damage.missing)} {verb} missing: {RUN_AGAIN}")
+    if damage.changed:
+        verb = "was" if len(damage.changed) == 1 else "were"
+        lines.append(f"{folder}: {_listed(damage.changed)} {verb} {_CHANGED}: {RUN_AGAIN}")
     return lines
+
+
+def _listed(names: Sequence[str]) -> str:
+    """List the first three names, and say how many more there are."""
+    first = ", ".join(names[:3])
+    return f"{first} and {len(names) - 3} more" if len(names) > 3 else first

@@ -1,7 +1,6 @@
 """Differences of every two filters on common runs, with the word of the rule for filters; paired.csv."""
 
 from collections.abc import Mapping
-from itertools import chain
 from typing import Any, NamedTuple
 
 from trackbench.evaluation.metric_expression import measured
@@ -26,8 +25,11 @@ class Pair(NamedTuple):
     @property
     def cells(self) -> list[Any]:
         """Columns of paired.csv after those of the grid."""
-        names, of = (self.filter_a, self.filter_b, self.metric), self.comparison.difference
-        return [*names, of.value, of.stderr, self.comparison.z, of.runs]
+        difference = self.comparison.difference
+        return [
+            *[self.filter_a, self.filter_b, self.metric],
+            *[difference.value, difference.stderr, self.comparison.z, difference.runs],
+        ]
 
 
 COLUMNS = ("filter_a", "filter_b", "metric", "difference", "stderr", "z", "runs")
@@ -39,20 +41,31 @@ def primary_metrics(metrics: list[str]) -> list[str]:
 
     Of a log score more is better: a positive difference is in favor of the first filter.
     """
-    measures = ((name, measured(name)) for name in metrics)
-    rows = ((name, m.family[0]) for name, m in measures if m.is_row and not m.window)
-    return [name for name, metric in rows if metric.name in ("rmse", "crps") or metric.is_score]
+    primary = []
+    for name in metrics:
+        m = measured(name)
+        if not m.is_row or m.window:
+            continue
+        family = m.family[0]
+        if family.name in ("rmse", "crps") or family.is_score:
+            primary.append(name)
+    return primary
 
 
 def compared_statistics(config: Mapping[str, Any]) -> dict[str, str]:
-    """Return the statistic by which filters are compared, by metric: that of its first column."""
-    tables = config.get("tables") or {}
-    specs = [spec for spec in tables.values() if spec.get("kind") == "metrics"]
+    """Return the statistic by which filters are compared, by metric: that of its first column.
+
+    The columns are those of all tables of kind `metrics` of the experiment's ``config``.
+    """
     statistics: dict[str, str] = {}
-    texts = chain.from_iterable(spec["columns"].values() for spec in specs)
-    for m in map(measured, texts):
-        if not (m.window or m.steps or m.relation) and m.statistic in ("mean", "rms"):
-            statistics.setdefault(m.metric, m.statistic)
+    for table in (config.get("tables") or {}).values():
+        if table.get("kind") != "metrics":
+            continue
+        for text in table["columns"].values():
+            m = measured(text)
+            is_plain = not (m.window or m.steps or m.relation)
+            if is_plain and m.statistic in ("mean", "rms"):
+                statistics.setdefault(m.metric, m.statistic)
     return statistics
 
 
@@ -61,8 +74,10 @@ def compared_statistic(config: Mapping[str, Any], metric: str) -> str:
 
     Without tables, and without figures but the default track, there is a default table of rms errors.
     """
-    by_default = not config.get("tables") and {*(config.get("figures") or ())} <= {TRACK}
-    default = "rms" if by_default and measured(metric).is_error else "mean"
+    has_tables = bool(config.get("tables"))
+    figures = {*(config.get("figures") or ())}
+    has_default_table = not has_tables and figures <= {TRACK}
+    default = "rms" if has_default_table and measured(metric).is_error else "mean"
     return compared_statistics(config).get(metric, default)
 
 

@@ -50,47 +50,52 @@ from trackbench.results.folder_contents import FIGURE_FORMS, RUN_FILES, TABLE_FO
 
 Files: TypeAlias = list[tuple[str, bytes]]
 """Format and content."""
-_PARTS = ("tables", "figures")
-"""Each is made by its own keys alone, and a figure by looks of lines and statistics of columns, too."""
-_FACTS = ("steps", "loops_over_runs", "deterministic", "failed")
-"""What figures take from the manifest."""
+_EXHIBIT_KEYS = ("tables", "figures")
+"""Keys of the config that do not decide how a figure looks, beside those of the figure itself."""
+_MANIFEST_KEYS = ("steps", "loops_over_runs", "deterministic", "failed")
+"""Entries of the manifest that figures show."""
 
 
 @dataclass(frozen=True)
-class KeptFigures:
-    """The figures of one state of a results folder, each under the digest of all it could show."""
+class FigureCache:
+    """Cache of the figures of one state of a results folder."""
 
-    made_of: str
-    """digest of what any figure may be made of beside its own keys"""
+    digest: str
+    """digest of all that any figure may show, beside its own keys"""
 
     @classmethod
-    def of(cls, results: Results) -> "KeptFigures | None":
+    def of(cls, results: Results) -> "FigureCache | None":
         """Return the cache of these results; None if a settings file sets up matplotlib."""
-        if any(path.is_file() for path in _set_ups()):
+        if any(path.is_file() for path in _matplotlibrc_paths()):
             return None
-        libraries = [version(name) for name in ("matplotlib", "numpy", "scipy")]
-        words = {key: value for key, value in results.config.items() if key not in _PARTS}
-        facts = [results.manifest.get(name) for name in _FACTS]
-        looks = {label: results.line_style(label) for label in results.labels}
         # Code of a plugin, or of a notebook, may change how matplotlib draws any figure.
-        settings = {name: repr(value) for name, value in style.changed_settings().items()}
-        made_by = [libraries, words, facts, looks, compared_statistics(results.config), _sources()]
-        made_by += [settings, loaded_identities()]
-        digest = hashlib.sha256(json.dumps(made_by, default=str).encode())
-        names = (*RUN_FILES, "tuning.csv", *results.config.get("published", ()))
-        _add(digest, (results.folder / name for name in names))
+        changed_settings = style.changed_settings()
+        inputs = [
+            [version(name) for name in ("matplotlib", "numpy", "scipy")],
+            {key: value for key, value in results.config.items() if key not in _EXHIBIT_KEYS},
+            [results.manifest.get(name) for name in _MANIFEST_KEYS],
+            {label: results.line_style(label) for label in results.labels},
+            compared_statistics(results.config),
+            _digest_of_sources(),
+            {name: repr(value) for name, value in changed_settings.items()},
+            loaded_identities(),
+        ]
+        digest = hashlib.sha256(json.dumps(inputs, default=str).encode())
+        for name in (*RUN_FILES, "tuning.csv", *results.config.get("published", ())):
+            _add_file(digest, results.folder / name)
         return cls(digest.hexdigest())
 
     def get(self, spec: FigureKind, formats: Sequence[str]) -> Files | None:
-        """Return a figure's files; None if not all of them are there."""
+        """Return a figure's files; None if a format is not in the cache."""
         try:
-            paths = [(form, require_regular_file(self._path(spec, form))) for form in formats]
-            return [(form, path.read_bytes()) for form, path in paths]
+            paths = [require_regular_file(self._path(spec, form)) for form in formats]
+            contents = [path.read_bytes() for path in paths]
         except OSError:
             return None
+        return list(zip(formats, contents, strict=True))
 
     def put(self, spec: FigureKind, files: Files) -> None:
-        """Keep a figure's files; what cannot be kept will be drawn again."""
+        """Keep a figure's files. A file that cannot be written will be drawn again."""
         # They are none of the results folder's files.
         with record_writes(), suppress(OSError, WriteError):
             for form, content in files:
@@ -99,104 +104,125 @@ class KeptFigures:
                 write_bytes(path, content)
 
     def _path(self, spec: FigureKind, form: str) -> Path:
-        key = hashlib.sha256(f"{self.made_of} {spec!r}".encode()).hexdigest()
+        key = hashlib.sha256(f"{self.digest} {spec!r}".encode()).hexdigest()
         return figure_cache_folder() / key[:2] / f"{key}.{form}"
 
 
 @cache
-def _sources() -> str:
+def _digest_of_sources() -> str:
     """Digest of the package's own source."""
     digest = hashlib.sha256()
-    _add(digest, sorted(Path(trackbench.__file__).parent.rglob("*.py")))
+    for path in sorted(Path(trackbench.__file__).parent.rglob("*.py")):
+        _add_file(digest, path)
     return digest.hexdigest()
 
 
-def _add(digest: "hashlib._Hash", paths: Iterable[Path]) -> None:
-    for path in paths:
-        digest.update(f"\n{path.name}\n".encode())
-        digest.update(path.read_bytes() if path.is_file() else b"")
+def _add_file(digest: "hashlib._Hash", path: Path) -> None:
+    """Add a file's name and content to a digest; of a missing file the name."""
+    digest.update(f"\n{path.name}\n".encode())
+    digest.update(path.read_bytes() if path.is_file() else b"")
 
 
-def _set_ups() -> Iterator[Path]:
+def _matplotlibrc_paths() -> Iterator[Path]:
     """Yield where matplotlib looks for a settings file."""
     yield Path("matplotlibrc")
     if "MATPLOTLIBRC" in os.environ:
         named = Path(os.environ["MATPLOTLIBRC"])
-        yield from (named, named / "matplotlibrc")
+        yield named
+        yield named / "matplotlibrc"
+    if os.environ.get("MPLCONFIGDIR"):
+        yield Path(os.environ["MPLCONFIGDIR"]) / "matplotlibrc"
     home = os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config"
-    own = os.environ.get("MPLCONFIGDIR")
-    folders = (own, Path(home) / "matplotlib", Path.home() / ".matplotlib")
-    yield from (Path(folder) / "matplotlibrc" for folder in folders if folder)
+    yield Path(home) / "matplotlib" / "matplotlibrc"
+    yield Path.home() / ".matplotlib" / "matplotlibrc"
 
 
 def draw_figure(spec: FigureKind, results: Results, formats: Sequence[str]) -> Files:
-    """Draw a figure as the content of a file, for each format; none of tracks if every filter failed.
+    """Draw a figure as the content of a file, for each format.
 
-    Raises OutputError if the drawing fails.
+    There is no file if the figure needs tracks and every filter failed, and none if its panels are
+    crowded on this page. Raises OutputError if the drawing fails.
     """
     with catch_errors(spec):
         if spec.shown_runs and not results.shown:
             return []
         with style.rc_context():
             figure = as_figure(spec.with_best(results).draw(results))
-            # The SVG first, as git has it: after a PNG matplotlib simplifies other lines.
-            forms = () if is_crowded(figure) else sorted(formats, key=lambda form: form != "svg")
-            contents = [(form, style.content(figure, form)) for form in forms]
+            contents = []
+            if not is_crowded(figure):
+                # The SVG first, as git has it: after a PNG matplotlib simplifies other lines.
+                for form in sorted(formats, key=lambda form: form != "svg"):
+                    contents.append((form, style.content(figure, form)))
         style.close(figure)
         return contents
 
 
 Draw: TypeAlias = Callable[[str, FigureKind], Files]
-"""A figure's files, by its name and what it is."""
+"""Function that returns a figure's files, from its name and the figure."""
 
 
 @contextmanager
 def drawing_pool(
     results: Results, formats: Sequence[str], processes: int = 1, fresh: bool = True
 ) -> Iterator[Draw]:
-    """Let so many processes begin with an experiment's figures; what they cannot draw is drawn here.
+    """Begin to draw an experiment's figures in other processes; give the function that returns them.
 
-    Unless ``fresh``, those that were drawn before are not drawn again.
+    The function draws here what the processes cannot draw: figures of plugins, and figures of a process
+    that was killed. Unless ``fresh``, figures in the cache are not drawn again.
     """
+    # Step 1: figures that are in the cache, and those that other processes draw.
     figures = results.parts("figures") if formats else {}
-    cacheable = {
-        name: spec for name, spec in figures.items() if not is_plugin(type(spec).__module__)
-    }
-    store = KeptFigures.of(results) if cacheable and not fresh else None
-    cached = {
-        name: files
-        for name, spec in cacheable.items()
-        if store and (files := store.get(spec, formats))
-    }
-    sent = {n: s for n, s in cacheable.items() if n not in cached} if processes > 1 else {}
+    cacheable: dict[str, FigureKind] = {}
+    for name, spec in figures.items():
+        if not is_plugin(type(spec).__module__):
+            cacheable[name] = spec
+    figure_cache = FigureCache.of(results) if cacheable and not fresh else None
+    cached: dict[str, Files] = {}
+    if figure_cache is not None:
+        for name, spec in cacheable.items():
+            files = figure_cache.get(spec, formats)
+            if files:
+                cached[name] = files
+    sent: dict[str, FigureKind] = {}
+    if processes > 1:
+        sent = {name: spec for name, spec in cacheable.items() if name not in cached}
     begun: dict[str, Future[Files]] = {}
 
-    def draw(name: str, spec: FigureKind) -> Files:
+    def get_files(name: str, spec: FigureKind) -> Files:
         if name in cached:
             return cached[name]
         try:
             files = result_of(begun[name])
-        except (KeyError, BrokenExecutor):  # none that draws it, or it was killed
+        except (KeyError, BrokenExecutor):  # no process draws it, or it was killed
             files = draw_figure(spec, results, formats)
-        if store and name in cacheable:
-            store.put(spec, files)
+        if figure_cache is not None and name in cacheable:
+            figure_cache.put(spec, files)
         return files
 
+    # Step 2: begin to draw.
     with ExitStack() as stack:
         if sent:
-            begin = (_init_worker, results.folder, results.run_facts, style.changed_settings())
-            drawers = stack.enter_context(pool(min(processes, len(sent)), *begin))
+            drawers = stack.enter_context(
+                pool(
+                    min(processes, len(sent)),
+                    _open_in_drawer,
+                    results.folder,
+                    results.run_facts,
+                    style.changed_settings(),
+                )
+            )
             with suppress(BrokenExecutor):  # a drawer was killed as it began
                 for name, spec in sent.items():
-                    begun[name] = drawers.submit(_draw, spec, formats)
-        yield draw
+                    begun[name] = drawers.submit(_draw_opened, spec, formats)
+        yield get_files
 
 
 _opened: list[Results] = []
+"""The results that a process draws figures of: one folder, once it is open."""
 
 
-def _init_worker(folder: Path, facts: dict[str, Any], settings: dict[str, Any]) -> None:
-    """Open the results in a process that draws, under matplotlib's settings of its parent."""
+def _open_in_drawer(folder: Path, facts: dict[str, Any], settings: dict[str, Any]) -> None:
+    """Open the results in a process that draws, under matplotlib's ``settings`` of its parent."""
     if settings:
         import matplotlib as mpl
 
@@ -204,7 +230,7 @@ def _init_worker(folder: Path, facts: dict[str, Any], settings: dict[str, Any]) 
     _opened[:] = [Results(folder, facts)]
 
 
-def _draw(spec: FigureKind, formats: Sequence[str]) -> Files:
+def _draw_opened(spec: FigureKind, formats: Sequence[str]) -> Files:
     return draw_figure(spec, _opened[0], formats)
 
 
@@ -215,11 +241,21 @@ def render(
     fresh: bool = True,
     progress: bool = False,
 ) -> tuple[dict[str, Table], Verdicts]:
-    """Write all of it, with so many processes; returns the tables by name and the verdicts.
+    """Write tables, figures, verdicts and pairs into the results folder.
 
-    Unless ``fresh``, figures that were drawn before are taken as they were. ``progress``: with a bar.
+    Parameters
+    ----------
+    results : results folder
+    formats : formats of the figures; ``tex`` is that of tables
+    processes : number of processes that draw figures
+    fresh : whether figures in the cache are drawn again
+    progress : whether a bar counts the figures
+
+    Returns
+    -------
+    Tables by name, and the verdicts.
     """
-    with drawing_pool(results, style.forms(formats), processes, fresh) as draw:
+    with drawing_pool(results, style.forms(formats), processes, fresh) as get_files:
         tables = write_tables(results, tex="tex" in formats)
         comparison = Verdicts([], [], [])
         with results.without("pairs"):
@@ -227,16 +263,16 @@ def render(
         with results.without("verdicts"):
             comparison = compare(results)
             write_comparison(results, comparison)
-        figures = len(results.parts("figures")) if formats else 0
+        number = len(results.parts("figures")) if formats else 0
         what = f"{results.config['name']}: drawing"
-        with progress_bar(figures, "figure", progress and figures > 0, desc=what) as bar:
+        with progress_bar(number, "figure", progress and number > 0, desc=what) as bar:
 
-            def drawn(name: str, spec: FigureKind) -> Files:
-                files = draw(name, spec)
+            def get_files_and_count(name: str, spec: FigureKind) -> Files:
+                files = get_files(name, spec)
                 bar.update(1)
                 return files
 
-            write_figures(results, formats, draw=drawn)
+            write_figures(results, formats, draw=get_files_and_count)
     return tables, comparison
 
 
@@ -246,7 +282,10 @@ def conclusions(results: Results) -> list[str]:
 
 
 def ranking(results: Results, numbers: bool = False) -> list[TextTable]:
-    """Return the tables of the ranking; none if they fail."""
+    """Return the tables of the ranking; none if they fail.
+
+    With ``numbers``, tables of each scenario, or of each filter's settings, are among them.
+    """
     return results.attempt("ranking", lambda: ranking_tables(results, numbers), [])
 
 
@@ -300,28 +339,50 @@ def write_figures(
     look: Style = "screen",
     draw: Draw | None = None,
 ) -> list[Path]:
-    """Write ``figures/`` in each format; ``only`` picks figures by name or kind.
+    """Write ``figures/`` in each format.
 
-    They are drawn here, or by ``draw``. For a paper each is drawn as wide as a column, if its panels
-    have room there, and as wide as a page.
+    For a paper each figure is drawn as wide as a column, if its panels have room there, and as wide as a
+    page.
+
+    Parameters
+    ----------
+    results : results folder
+    formats : formats of the figures
+    only : names or kinds of the figures that are written; default: all
+    look : whether the figures are for a screen or for a paper
+    draw : function that returns a figure's files; default: they are drawn here
+
+    Returns
+    -------
+    Paths of the files.
+
+    Raises
+    ------
+    UserError : a word of ``only`` is no figure's name or kind
     """
-    figures, written = results.parts("figures"), []
-    for name in only:
-        known = [*figures, *{spec.kind for spec in figures.values()}]
-        if name not in known:
-            raise UserError(Problem(Mark(f"--only {name}"), "", unknown(name, known)))
+    figures = results.parts("figures")
+    known = [*figures, *{spec.kind for spec in figures.values()}]
+    for word in only:
+        if word not in known:
+            raise UserError(Problem(Mark(f"--only {word}"), "", unknown(word, known)))
     forms = style.forms(formats)
-    wanted = [n for n, spec in figures.items() if not only or n in only or spec.kind in only]
-    for name, page in product(wanted if forms else (), SHEETS[look]):
-        contents: Files = []
+    wanted: list[str] = []
+    if forms:
+        for name, spec in figures.items():
+            if not only or name in only or spec.kind in only:
+                wanted.append(name)
+    written = []
+    for name, page in product(wanted, SHEETS[look]):
         spec = figures[name]
-        with results.without(f"figure {name}"), drawing_for(page):
-            contents = draw(name, spec) if draw else draw_figure(spec, results, forms)
-        for form, content in contents:
+        output = f"figure {name}"
+        files: Files = []
+        with results.without(output), drawing_for(page):
+            files = draw(name, spec) if draw else draw_figure(spec, results, forms)
+        for form, content in files:
             folder = ensure_folder(within(results.folder, figure_folder(spec)))
             path = folder / f"{name}{page.ending}.{form}"
             write_bytes(path, content)
             written.append(path)
-        if f"figure {name}" in results.unmade:
+        if output in results.unmade:
             _remove(results.folder, "figures", f"{name}{page.ending}", FIGURE_FORMS)
     return written

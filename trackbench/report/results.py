@@ -51,7 +51,8 @@ _MOST_ROWS = 50
 def default_keys(group: Group, metrics: Iterable[str], points: int, filters: int) -> dict[str, Any]:
     """Return keys of the default table or figure; none if too large or unmeasured.
 
-    ``metrics`` are those of summary.csv: the first two errors over the whole run are shown.
+    ``metrics`` are those of summary.csv: the first two errors over the whole run are shown. ``points``
+    and ``filters`` are numbers of them, by which the table grows.
     """
     metrics = list(dict.fromkeys(metrics))
     errors = [match for match in map(_ERROR.fullmatch, metrics) if match]
@@ -63,17 +64,22 @@ def default_keys(group: Group, metrics: Iterable[str], points: int, filters: int
     for error in errors[:2]:
         words = f"RMSE of {error[2]}" if error[2] else "RMSE"
         columns[phrases.in_unit(words, unit_of(error[1]))] = error[0]
-    consistent = {"ANEES": "anees"} if errors else {"NIS": "mean(nis)"}
-    columns |= {head: text for head, text in consistent.items() if text in metrics}
+    if errors and "anees" in metrics:
+        columns["ANEES"] = "anees"
+    if not errors and "mean(nis)" in metrics:
+        columns["NIS"] = "mean(nis)"
     if not columns or points * filters > _MOST_ROWS:
         return {}
-    measured = {head: measure(text) for head, text in columns.items()}
-    return {"kind": "metrics", "title": "Errors over the whole run", "columns": measured}
+    measures = {head: measure(text) for head, text in columns.items()}
+    return {"kind": "metrics", "title": "Errors over the whole run", "columns": measures}
 
 
 @dataclass(frozen=True, repr=False)
 class Results(ResultsFolder):
-    """A results folder with the tables and figures that are made of it."""
+    """A results folder with the tables and figures that are made of it.
+
+    Tables and figures of plugins get one: see `ResultsFolder` for its numbers and facts.
+    """
 
     out: Path | None = None
     """where tables and verdicts are written, if not into the folder"""
@@ -84,35 +90,45 @@ class Results(ResultsFolder):
     _judged_steps: dict[tuple[Any, ...], dict[tuple[str, str], Array]] = field(
         default_factory=dict, init=False, compare=False
     )
+    """results of `judged_steps` so far, by point of the grid"""
 
     def __repr__(self) -> str:
-        what = f"{counted(len(self.filters), 'filter')}, {counted(self.config['runs'], 'run')}"
-        return f"<Results in {self.folder}: {self.title}; {what}>"
+        filters = counted(len(self.filters), "filter")
+        runs = counted(self.config["runs"], "run")
+        return f"<Results in {self.folder}: {self.title}; {filters}, {runs}>"
 
     def _repr_html_(self) -> str:
-        tables = (table.texts() for table in self.tables.values())
-        picture, shown = self._repr_png_(), [*tables]
-        return results_html(self.title, [f"{self.folder}/", *self.unmade_lines], shown, picture)
+        tables = [table.texts() for table in self.tables.values()]
+        picture = self._repr_png_()
+        return results_html(self.title, [f"{self.folder}/", *self.unmade_lines], tables, picture)
 
     def _repr_png_(self) -> bytes | None:
         """Return the key figure; none where no filter has a track that it could show."""
-        key = self.parts("figures").get(self.key_figure)
-        if key is None or (key.shown_runs and not self.shown):
+        figure = self.parts("figures").get(self.key_figure)
+        if figure is None or (figure.shown_runs and not self.shown):
             return None
         from trackbench.report.plotting.canvas import png
 
-        return self.attempt(f"figure {self.key_figure}", lambda: png(self.figure()), None, key)
+        output = f"figure {self.key_figure}"
+        return self.attempt(output, lambda: png(self.figure()), default=None, exhibit=figure)
 
     def figure(self, name: str = "") -> "Figure":
-        """Return a figure of the config, for matplotlib to go on with; the key figure if none is named.
+        """Return a figure of the config, for matplotlib to go on with.
 
-        Raises UserError if there is none of that name.
+        Parameters
+        ----------
+        name : name of the figure in the config; default: the key figure
+
+        Raises
+        ------
+        UserError : there is no figure of that name
         """
         figures = self.parts("figures")
         if name not in figures and (name or not figures):
             raise UserError(Problem(Mark("figure"), name, unknown(name, [*figures])))
+        spec = figures[name or self.key_figure]
         with style.rc_context():
-            return style.lay_out(figures[name or self.key_figure].with_best(self).draw(self))
+            return style.lay_out(spec.with_best(self).draw(self))
 
     @property
     def key_figure(self) -> str:
@@ -131,24 +147,42 @@ class Results(ResultsFolder):
 
         A config without tables has the default one, and the default figure if it has no others than
         the track that `load` adds.
+
+        Parameters
+        ----------
+        group : "tables" or "figures"
+
+        Returns
+        -------
+        Tables or figures by name, without those whose plugin is not loaded.
+
+        Raises
+        ------
+        UserError : a table or figure of the config is mistaken
         """
-        has_tables, figures = bool(self.config.get("tables")), self.config.get("figures") or ()
-        by_default = not has_tables and (group == "tables" or {*figures} <= {TRACK})
-        built = self._default(group) if by_default else {}
-        left_out, source = self.unavailable_kinds(group), replace(self.source, problems=[])
+        has_tables = bool(self.config.get("tables"))
+        has_own_figures = not {*(self.config.get("figures") or ())} <= {TRACK}
+        takes_default = not has_tables and (group == "tables" or not has_own_figures)
+        built = self._default_parts(group) if takes_default else {}
+        unavailable = self.unavailable_kinds(group)
+        source = replace(self.source, problems=[])
         for name in self.config.get(group) or {}:
-            if name not in left_out:
-                part = built[name] = build_kind(group, source, (group, name))
+            if name not in unavailable:
+                part = build_kind(group, source, (group, name))
                 if "{" in getattr(part, "title", ""):
-                    built[name] = replace(part, title=self.fill_title(part.title))
+                    part = replace(part, title=self.fill_title(part.title))
+                built[name] = part
         source.check()
         return built
 
-    def _default(self, group: Group) -> dict[str, Any]:
+    def _default_parts(self, group: Group) -> dict[str, Any]:
         """Make the default tables or figures of an experiment that names none."""
         metrics = self.columns("summary")["metric"]
         keys = default_keys(group, metrics, len(self.grid_points), len(self.labels))
-        return {DEFAULT: kinds(group)[keys.pop("kind")](**keys)} if keys else {}
+        if not keys:
+            return {}
+        kind = kinds(group)[keys.pop("kind")]
+        return {DEFAULT: kind(**keys)}
 
     @cached_property
     def tables(self) -> dict[str, Table]:
@@ -170,20 +204,26 @@ class Results(ResultsFolder):
     @property
     def unmade_lines(self) -> list[str]:
         """Failures of tables, figures and other outputs, a line each."""
-        return [f"{what} failed: {why}" for what, why in self.unmade.items()]
+        return [f"{output} failed: {reason}" for output, reason in self.unmade.items()]
 
     @contextmanager
-    def without(self, what: str, part: Any = None) -> Iterator[None]:
-        """Continue without a failing output, and note the reason; ``part`` is its table or figure."""
+    def without(self, output: str, exhibit: Any = None) -> Iterator[None]:
+        """Continue without a failing output, and note the reason.
+
+        ``output`` names it in messages; ``exhibit`` is its table or figure, if it has one.
+        """
         try:
-            with catch_errors(part):
+            with catch_errors(exhibit):
                 yield
         except OutputError as error:
-            self.unmade[what] = str(error)
+            self.unmade[output] = str(error)
 
-    def attempt(self, what: str, make: Callable[[], T], default: T, part: Any = None) -> T:
-        """Return what ``make`` returns; the default if it fails, and note the reason."""
-        with self.without(what, part):
+    def attempt(self, output: str, make: Callable[[], T], default: T, exhibit: Any = None) -> T:
+        """Return what ``make`` returns; the default if it fails, and note the reason.
+
+        ``output`` names it in messages; ``exhibit`` is its table or figure, if it has one.
+        """
+        with self.without(output, exhibit):
             return make()
         return default
 
@@ -192,12 +232,17 @@ class Results(ResultsFolder):
         """Every pair of filters on common runs, by point of the grid."""
         every = []
         for point in self.points():
-            runs, steps, pairs = self.runs(point), self.judged_steps(point), list[Pair]()
-            for metric in primary_metrics(list(dict.fromkeys(m for _, m in runs))):
-                statistic, samples = compared_statistic(self.config, metric), {}
-                for key in ((label, metric) for label in self.labels):
+            runs = self.runs(point)
+            steps = self.judged_steps(point)
+            metrics = list(dict.fromkeys(metric for _, metric in runs))
+            pairs: list[Pair] = []
+            for metric in primary_metrics(metrics):
+                statistic = compared_statistic(self.config, metric)
+                samples = {}
+                for label in self.labels:
+                    key = (label, metric)
                     if key in runs:
-                        samples[key[0]] = Sample.of(runs[key], statistic, steps.get(key))
+                        samples[label] = Sample.of(runs[key], statistic, steps.get(key))
                 pairs += pairs_of(metric, samples)
             every.append((point, pairs))
         return every
@@ -212,40 +257,57 @@ class Results(ResultsFolder):
 
         The mean is the number; steps without a value are NaN.
         """
-        judged, runs = self.facts(point).judged, self.runs(point)
-        out = self._judged_steps.setdefault(tuple(point.items()), {})
-        if out or not judged:
-            return out
-        first, last = judged
-        rows = self.columns("per_step", point)
+        key = tuple(point.items())
+        if self._judged_steps.get(key):
+            return self._judged_steps[key]
+        judged = self.facts(point).judged
+        runs = self.runs(point)
+        values_by_metric = self._judged_steps.setdefault(key, {})
+        if not judged:
+            return values_by_metric
+        first_step, last_step = judged
+        per_step = self.columns("per_step", point)
         for label, metric in runs:
-            of = rows.where(filter=label, metric=metric)
-            if metric in primary_metrics([metric]) and len(of):
-                of = of.chosen((of["step"] >= first) & (of["step"] <= last))
-                values = np.full(last - first + 1, np.nan)
-                values[of["step"].astype(int) - first] = of["value"]
-                whole = float(runs[label, metric][0])
-                # R = sqrt(mean e^2) changes by (e^2 - R^2) / (2 R) per step, to first order.
-                if measured(metric).family[0].name == "rmse":
-                    values = 0.5 * (whole + np.square(values) / whole) if whole else 0.0 * values
-                out[label, metric] = values
-        return out
+            series = per_step.where(filter=label, metric=metric)
+            if metric not in primary_metrics([metric]) or not len(series):
+                continue
+            steps = series["step"]
+            series = series.chosen((steps >= first_step) & (steps <= last_step))
+            values = np.full(last_step - first_step + 1, np.nan)
+            values[series["step"].astype(int) - first_step] = series["value"]
+            # R = sqrt(mean e^2) changes by (e^2 - R^2) / (2 R) per step, to first order.
+            if measured(metric).family[0].name == "rmse":
+                rmse = float(runs[label, metric][0])
+                values = 0.5 * (rmse + np.square(values) / rmse) if rmse else 0.0 * values
+            values_by_metric[label, metric] = values
+        return values_by_metric
 
     def line_style(self, label: str) -> dict[str, Any]:
         """Return color and dash of a filter, the same in every figure of the experiment.
 
         The floor or baseline of any figure is drawn as such in all figures.
+
+        Parameters
+        ----------
+        label : label of a filter of the config
+
+        Returns
+        -------
+        Keyword arguments of matplotlib's ``plot``.
         """
         default = style.line([*self.config["filters"], label].index(label))
-        return self._references.get(label, default)
+        return self._styles_of_references.get(label, default)
 
     @cached_property
-    def _references(self) -> dict[str, dict[str, Any]]:
-        looks = dict.fromkeys(self.exact, style.EXACT)
-        for key, look in (("baseline", style.BASELINE), ("floor", style.FLOOR)):
-            labels = (figure.get(key) for figure in self.figure_configs.values())
-            looks |= {label: look for label in labels if isinstance(label, str)}
-        return looks
+    def _styles_of_references(self) -> dict[str, dict[str, Any]]:
+        """Styles of lines that filters are compared with: exact errors, baselines and floors."""
+        styles = dict.fromkeys(self.exact, style.EXACT)
+        for key, reference_style in (("baseline", style.BASELINE), ("floor", style.FLOOR)):
+            for figure in self.figure_configs.values():
+                label = figure.get(key)
+                if isinstance(label, str):
+                    styles[label] = reference_style
+        return styles
 
     def axis(self, path: str) -> str:
         """Return a swept path as the label of an axis: ``q (m^2/s^3)``."""
@@ -256,38 +318,58 @@ class Results(ResultsFolder):
     def grid_units(self) -> dict[str, str]:
         """Units of paths of the grid that the keys' documentation names, not the keys."""
         units: dict[str, str] = {}
-        for path in (p for p in self.grid if not phrases.quantity(p)[1]):
+        for path in self.grid:
+            _, unit_in_name = phrases.quantity(path)
+            if unit_in_name:
+                continue
             keys = split_path(self.source, single_paths(path)[0])
-            first, *rest = (str(key) for key in keys if not isinstance(key, int))
-            part, group = self.config[first], "scenarios"
-            if first == "filters":
-                part, group, rest = part[rest[0]], "filters", rest[1:]
-            if rest and (unit := _unit(part, group, None, rest)):
+            words = [str(key) for key in keys if not isinstance(key, int)]
+            if words[0] == "filters":
+                group = "filters"
+                settings = self.config["filters"][words[1]]
+                inner_words = words[2:]
+            else:
+                group = "scenarios"
+                settings = self.config[words[0]]
+                inner_words = words[1:]
+            unit = _unit(settings, group, None, inner_words) if inner_words else ""
+            if unit:
                 units[path] = unit
         return units
 
 
-def _unit(part: Any, group: str | None, cls: type[Any] | None, keys: Sequence[str]) -> str:
-    """Return the unit of the key at the path ``keys`` in the settings ``part``.
+def _unit(settings: Any, group: str | None, cls: type[Any] | None, keys: Sequence[str]) -> str:
+    """Return the unit of the key at the path ``keys`` in ``settings``.
 
-    They are those of a component of ``group``, or of the dataclass ``cls``. Empty if the component is
-    unknown or the key has no unit.
+    The settings are those of a component of ``group``, or of the dataclass ``cls``. Empty if the
+    component is unknown or the key has no unit.
     """
-    key, *rest = keys
+    key = keys[0]
+    inner_keys = keys[1:]
     if group is not None:
-        cls = kinds(cast(Group, group)).get(part.get("kind", "ekf"))
+        cls = kinds(cast(Group, group)).get(settings.get("kind", "ekf"))
     hint = None if cls is None else hints_of(cls).get(key)
     if key == "assume" and hint is None:
-        return _unit(part[key], None, Assume, rest)
-    if cls is None or hint is None:
+        return _unit(settings[key], None, Assume, inner_keys)
+    if hint is None:
         return ""
-    if rest:
-        inner, nested = part.get(key), dataclasses_in(hint)
-        only = nested[0] if len(nested) == 1 else None
-        return _unit(inner, part_group(hint), only, rest) if isinstance(inner, dict) else ""
-    marks = annotations_of(hint)
-    special = (m.unit for m in marks if isinstance(m, UnitIf) and part.get(m.key) == m.value)
-    return next(special, next((m.unit for m in marks if isinstance(m, Unit)), ""))
+    # A key of a component or dataclass inside this one.
+    if inner_keys:
+        inner_settings = settings.get(key)
+        if not isinstance(inner_settings, dict):
+            return ""
+        inner_classes = dataclasses_in(hint)
+        inner_class = inner_classes[0] if len(inner_classes) == 1 else None
+        return _unit(inner_settings, part_group(hint), inner_class, inner_keys)
+    # The unit that another key's value decides, else the unit of the key.
+    annotations = annotations_of(hint)
+    for annotation in annotations:
+        if isinstance(annotation, UnitIf) and settings.get(annotation.key) == annotation.value:
+            return annotation.unit
+    for annotation in annotations:
+        if isinstance(annotation, Unit):
+            return annotation.unit
+    return ""
 
 
 class OutputError(Exception):
@@ -299,17 +381,19 @@ class PartialReportError(RunError):
 
     def __init__(self, lines: Sequence[str], written: Sequence[Path]) -> None:
         super().__init__("; ".join(lines))
-        self.lines, self.written = list(lines), list(written)
+        self.lines = list(lines)
+        self.written = list(written)
 
 
 @contextmanager
-def catch_errors(part: Any = None) -> Iterator[None]:
+def catch_errors(exhibit: Any = None) -> Iterator[None]:
     """Raise OutputError for an exception of a plugin's table or figure, and for a bug of the package.
 
     A finished run is worth more than any of its outputs. Errors with a line of their own pass.
+    ``exhibit`` is the table or figure that is made, if it is one.
     """
     try:
-        with plugin_code(part) if is_foreign(part) else nullcontext():
+        with plugin_code(exhibit) if is_foreign(exhibit) else nullcontext():
             yield
     except PluginError as error:
         raise OutputError(str(error)) from None
@@ -319,14 +403,21 @@ def catch_errors(part: Any = None) -> Iterator[None]:
         raise OutputError(package_line(error)) from error
 
 
-def as_table(table: object, part: Any) -> Table:
-    """Return the table of a kind; raises WrongReturnError if it is none, or cannot be written."""
+def as_table(table: object, exhibit: Any) -> Table:
+    """Return what a table kind returned, if it is a table that can be written.
+
+    ``exhibit`` is the kind. Raises WrongReturnError if it is no table, or a plugin's that cannot be
+    written.
+    """
     if not isinstance(table, Table):
         raise WrongReturnError("table", f"table gives a {type(table).__name__}, not a Table")
+    # Every form of the table is made once, so that an error shows before any file is written.
     try:
-        table.csv_rows(), table.markdown(), table.texts().tex("")
+        table.csv_rows()
+        table.markdown()
+        table.texts().tex("")
     except Exception as error:
-        if not is_foreign(part):
+        if not is_foreign(exhibit):
             raise
         what = f"the table cannot be written: {message_of(error)}"
         raise WrongReturnError("table", what) from None
@@ -342,47 +433,59 @@ def as_figure(figure: object) -> "Figure":
     return figure
 
 
-def missing_paths(points: Sequence[Point], **wanted: str | None) -> dict[str, str]:
-    """Explain which keys name no path of the grid, by key."""
-    grid, wrong = list(points[0].values), {}
-    for key, path in wanted.items():
-        if path is not None and path not in grid:
-            what = f"{path!r} is no path of the grid; {unknown(path, grid)}"
-            wrong[key] = what if grid else "there is no grid"
-    return wrong
+def missing_paths(points: Sequence[Point], **paths: str | None) -> dict[str, str]:
+    """Explain which keys name no path of the grid, by key; ``paths`` are the values of the keys."""
+    grid = list(points[0].values)
+    problems = {}
+    for key, path in paths.items():
+        if path is None or path in grid:
+            continue
+        if grid:
+            problems[key] = f"{path!r} is no path of the grid; {unknown(path, grid)}"
+        else:
+            problems[key] = "there is no grid"
+    return problems
 
 
 def scenes(results: Results) -> list[GridPoint]:
     """List the grid's combinations of scenario values, in order; one empty one without any."""
     paths = [path for path in results.grid if is_of_scenario(path)]
-    every: list[GridPoint] = []
+    combinations: list[GridPoint] = []
     for point in results.points():
         scene = {path: point[path] for path in paths}
-        if scene not in every:
-            every.append(scene)
-    return every
+        if scene not in combinations:
+            combinations.append(scene)
+    return combinations
 
 
 def points_of(results: Results, scene: GridPoint) -> list[GridPoint]:
-    """Select the points of the grid with these scenario values."""
+    """Select the points of the grid with these scenario values, one of `scenes`."""
     return [point for point in results.points() if scene.items() <= point.items()]
 
 
 def own_values(results: Results, point: GridPoint, label: str) -> GridPoint:
     """Select the values that a point gives a filter, by single path."""
+    # The grid's points have lists, where those of the files have words.
     place = results.index_of(point)
-    values = point if place is None else results.grid_points[place]  # lists, where files have words
-    singles: GridPoint = {}
+    values = point if place is None else results.grid_points[place]
+    value_by_path: GridPoint = {}
     for path, value in values.items():
-        singles |= zip(single_paths(path), values_of(path, value), strict=True)
-    every = results.config["filters"]
-    return {path: value for path, value in singles.items() if label in filters_of(path, every)}
+        value_by_path |= zip(single_paths(path), values_of(path, value), strict=True)
+    labels = results.config["filters"]
+    own = {}
+    for path, value in value_by_path.items():
+        if label in filters_of(path, labels):
+            own[path] = value
+    return own
 
 
-def named_form(label: str, keys: GridPoint, others: Sequence[GridPoint]) -> str:
-    """Name a filter by its label and the keys that differ between its forms."""
+def named_form(label: str, keys: GridPoint, variants: Sequence[GridPoint]) -> str:
+    """Name a filter by its label and the keys that differ between its forms.
+
+    ``keys`` are those of this form, ``variants`` those of every form of the filter.
+    """
     differing = {}
     for key, value in keys.items():
-        if any(other.get(key) != value for other in others):
+        if any(variant.get(key) != value for variant in variants):
             differing[key] = value
     return f"{label} ({phrases.heading(differing)})" if differing else label

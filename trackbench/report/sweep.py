@@ -3,7 +3,6 @@
 import re
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import chain
 from math import nan
 from typing import NamedTuple
 
@@ -28,19 +27,21 @@ _TABLE = "best-settings"
 
 
 def as_sweep(experiment: Experiment) -> Experiment:
-    """Replace the experiment's figures by a sweep's, as they would have a panel per point.
+    """Return the experiment with a sweep's figures, as its own would have a panel per point.
 
-    What is published is of the experiment as it is, so no point is held against it.
+    What is published is of the experiment as it is, so no point is compared with it. A sweep that varies
+    filters also has a table of their best values.
     """
-    others = [name for name, t in experiment.tables.items() if not isinstance(t, BestSettings)]
     settings = experiment.settings
-    varies_filters = independent_filter_paths(settings.grid, settings.filters, settings.reference)
-    best = {free_name(_TABLE, others): BestSettings()} if varies_filters else {}
+    tables = experiment.tables
+    if independent_filter_paths(settings.grid, settings.filters, settings.reference):
+        others = [name for name, table in tables.items() if not isinstance(table, BestSettings)]
+        tables = {free_name(_TABLE, others): BestSettings()} | tables
     return replace(
         experiment,
         settings=replace(settings, published=[]),
         published=Published(),
-        tables=best | experiment.tables,
+        tables=tables,
         figures=_figures(settings),
     )
 
@@ -48,27 +49,31 @@ def as_sweep(experiment: Experiment) -> Experiment:
 def _figures(settings: Settings) -> dict[str, DrawnExhibit]:
     """Make a figure for each group of paths that are varied together, if they are one or two."""
     grid = list(settings.grid)
-    apart = independent_filter_paths(grid, settings.filters, settings.reference)
-    together = [path for path in grid if path not in set[str]().union(*apart)]
+    # Paths of one filter vary independently of those of the others, all other paths with each of them.
+    groups = independent_filter_paths(grid, settings.filters, settings.reference)
+    independent = set[str]().union(*groups)
     figures: dict[str, DrawnExhibit] = {}
-    for paths in apart or [[]]:
-        shown = [path for path in grid if path in paths or path in together]
-        if len(shown) <= _AXES:
-            name = "-".join(["sweep", *map(_file_name, shown)])[:70]
-            # A title such as ``q of KF``.
-            of_paths = (filters_of(path, settings.filters) for path in shown)
-            whose = dict.fromkeys(chain.from_iterable(of_paths))
-            title = " and ".join(map(phrases.axis, shown))
-            title += f" of {listed(list(whose))}" if whose else ""
-            figure = SweepFigure(paths=tuple(shown), title=title)
-            figures[free_name(name, figures)] = figure
+    for group in groups or [[]]:
+        paths = [path for path in grid if path in group or path not in independent]
+        if len(paths) > _AXES:
+            continue
+        # A title such as ``q of KF``.
+        title = " and ".join(map(phrases.axis, paths))
+        labels: dict[str, None] = {}
+        for path in paths:
+            labels |= dict.fromkeys(filters_of(path, settings.filters))
+        if labels:
+            title += f" of {listed(list(labels))}"
+        name = "-".join(["sweep", *map(_file_name, paths)])[:70]
+        figures[free_name(name, figures)] = SweepFigure(paths=tuple(paths), title=title)
     return figures
 
 
 def write_sweep(results: Results) -> None:
     """Write ``sweep.csv``: one statistic of each metric, rms of errors, ANEES, mean of the rest."""
-    rows = results.columns("summary")
-    rows = rows.chosen(np.array([_is_headline(name) for name in rows["metric"]], dtype=bool))
+    summary = results.columns("summary")
+    is_shown = np.array([_is_headline(name) for name in summary["metric"]], dtype=bool)
+    rows = summary.chosen(is_shown)
     write_csv(results.target / "sweep.csv", list(rows), rows.tuples(rows))
 
 
@@ -97,19 +102,21 @@ class Best(NamedTuple):
 
 def best_points(results: Results) -> Iterator[Best]:
     """Yield the best values of each filter that is varied, in each scenario."""
-    for standing in best_settings(results):
-        if (best := standing.best) is None:
+    for ranking in best_settings(results):
+        best = ranking.best
+        if best is None:
             continue
-        metric, nearest = standing.metric, standing.nearest
-        where = ", ".join(filter(None, [best.name, phrases.heading(standing.scene)]))
+        metric = ranking.metric
+        nearest = ranking.nearest
+        where = ", ".join(filter(None, [best.name, phrases.heading(ranking.scene)]))
         number = with_unit(rounded(*best.overall, 4), metric)
         yield Best(
             filter=best.label,
-            point=best.varied | standing.scene,
+            point=best.varied | ranking.scene,
             metric=f"mean({metric})",
             value=best.overall.value,
             stderr=best.overall.stderr,
-            ties=[rival.filter.varied for rival in standing.not_worse],
+            ties=[rival.filter.varied for rival in ranking.not_worse],
             next={} if nearest is None else nearest.filter.varied,
             difference=nan if nearest is None else nearest.difference.value,
             difference_stderr=nan if nearest is None else nearest.difference.stderr,
@@ -118,12 +125,15 @@ def best_points(results: Results) -> Iterator[Best]:
 
 
 def _is_headline(metric: str) -> bool:
+    """Test whether a row of summary.csv is in sweep.csv, by the name of its metric."""
     m = measured(metric)
-    if m.family[0].over_steps == "rms":
+    family = m.family[0]
+    if family.over_steps == "rms":
         return m.statistic == "rms"
-    return m.family[0].per_component or (m.statistic == "mean" and m.family[0].name != "nees")
+    return family.per_component or (m.statistic == "mean" and family.name != "nees")
 
 
 def _file_name(path: str) -> str:
     """Write a path as every system takes it: ``KF-assume-motion-q``."""
-    return "-".join(re.findall("[A-Za-z0-9]+", single_paths(path)[0].partition(".")[2]))
+    without_group = single_paths(path)[0].partition(".")[2]
+    return "-".join(re.findall("[A-Za-z0-9]+", without_group))

@@ -34,16 +34,21 @@ class Text(NamedTuple):
 
 @dataclass
 class TextTable:
-    """A table ready to be shown."""
+    """A table ready to be shown, its numbers written as text."""
 
     title: str
     heads: list[str]
     rows: list[list[Text]] = field(default_factory=list)
+    """one text for each of the heads"""
     notes: list[str] = field(default_factory=list)
+    """sentences below the table"""
 
     def markdown(self) -> str:
         """Return a Markdown table with a bold caption."""
-        lines = [_line(list(map(_escaped, self.heads))), _line(["---"] * len(self.heads))]
+        lines = [
+            _line([_escaped(head) for head in self.heads]),
+            _line(["---"] * len(self.heads)),
+        ]
         for row in self.rows:
             lines.append(_line([_escaped(cell.text) for cell in row]))
         caption = f"**{_escaped(self.title)}**\n\n" if self.title else ""
@@ -57,39 +62,41 @@ class TextTable:
             lines.append([cell.text for cell in row])
         widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
         lines.insert(1, ["-" * width for width in widths])
-        sides = ["<" if self._words(i) else ">" for i in range(len(widths))]
-        rows = ("  ".join(map("{:{}{}}".format, line, sides, widths)).rstrip() for line in lines)
-        return "\n".join([*filter(None, [self.title]), *(rows if self.rows else ()), *self.notes])
+        sides = ["<" if self._has_words_only(i) else ">" for i in range(len(widths))]
+        shown = [self.title] if self.title else []
+        if self.rows:
+            for line in lines:
+                padded = map("{:{}{}}".format, line, sides, widths)
+                shown.append("  ".join(padded).rstrip())
+        return "\n".join([*shown, *self.notes])
 
     def tex(self, name: str = "") -> str:
         """Return a LaTeX table for booktabs, graphicx and siunitx (3); ``name`` is its label."""
-        columns = "".join("l" if self._words(i) else "r" for i in range(len(self.heads)))
-        rows = []
+        sides = ["l" if self._has_words_only(i) else "r" for i in range(len(self.heads))]
+        lines = [
+            r"\begin{table}",
+            r"\sisetup{separate-uncertainty=true, mode=match, reset-text-series=false}",
+            r"\centering",
+            rf"\caption{{{_tex(_NUMBERED.sub('', self.title))}}}",
+        ]
+        if name:
+            lines.append(rf"\label{{tab:{name}}}")
+        lines += [
+            _AS_WIDE_AS_THERE_IS_ROOM,
+            rf"\begin{{tabular}}{{{''.join(sides)}}}",
+            r"\toprule",
+            " & ".join(map(_head_tex, self.heads)) + r" \\",
+            r"\midrule",
+        ]
         for row in self.rows:
-            rows.append(" & ".join(cell.tex or _tex(cell.text) for cell in row) + r" \\")
-        notes = [f"\n{_tex(note)}\\par" for note in self.notes]
-        return "\n".join(
-            [
-                r"\begin{table}",
-                r"\sisetup{separate-uncertainty=true, mode=match, reset-text-series=false}",
-                r"\centering",
-                rf"\caption{{{_tex(_NUMBERED.sub('', self.title))}}}",
-                *([rf"\label{{tab:{name}}}"] if name else []),
-                _AS_WIDE_AS_THERE_IS_ROOM,
-                rf"\begin{{tabular}}{{{columns}}}",
-                r"\toprule",
-                " & ".join(map(_head_tex, self.heads)) + r" \\",
-                r"\midrule",
-                *rows,
-                r"\bottomrule",
-                r"\end{tabular}}",
-                *notes,
-                r"\end{table}",
-                "",
-            ]
-        )
+            lines.append(" & ".join(cell.tex or _tex(cell.text) for cell in row) + r" \\")
+        lines += [r"\bottomrule", r"\end{tabular}}"]
+        for note in self.notes:
+            lines.append(f"\n{_tex(note)}\\par")
+        return "\n".join([*lines, r"\end{table}", ""])
 
-    def _words(self, column: int) -> bool:
+    def _has_words_only(self, column: int) -> bool:
+        """Test whether no cell of a column has a number."""
         return all(row[column].number is None for row in self.rows)
 
 
@@ -126,14 +133,19 @@ def _tex(text: str) -> str:
 
 def _head_tex(text: str) -> str:
     """Write a column's head for LaTeX, formulas between $ as they are."""
-    parts = enumerate(_FORMULA.split(text))
-    return "".join(part if i % 2 else _tex(part) for i, part in parts)
+    parts = []
+    for i, part in enumerate(_FORMULA.split(text)):
+        is_formula = i % 2 == 1
+        parts.append(part if is_formula else _tex(part))
+    return "".join(parts)
 
 
 def _greek(c: str) -> str:
     """Write a small Greek letter as a formula, since pdflatex has it in no font of text."""
-    head, _, letter = unicodedata.name(c, "").partition("GREEK SMALL LETTER ")
-    return rf"$\{letter.lower().replace('lamda', 'lambda')}$" if letter and not head else c
+    before, _, letter = unicodedata.name(c, "").partition("GREEK SMALL LETTER ")
+    if before or not letter:
+        return c
+    return rf"$\{letter.lower().replace('lamda', 'lambda')}$"
 
 
 def _escaped(text: str) -> str:
@@ -142,17 +154,21 @@ def _escaped(text: str) -> str:
 
 _MOST_ROWS = 60
 """Longer tables are cut; the files have them whole."""
-_NUMBER = ' style="text-align: right; white-space: nowrap"'
+_NUMBER_STYLE = ' style="text-align: right; white-space: nowrap"'
 
 
 def table_html(table: TextTable) -> str:
     """Write a table; numbers stand to the right."""
     heads = "".join(f"<th>{escape(head)}</th>" for head in table.heads)
-    rows = "".join(f"<tr>{''.join(map(_cell, row))}</tr>" for row in table.rows[:_MOST_ROWS])
-    more = len(table.rows) - _MOST_ROWS
-    notes = [*([f"and {more} more rows"] if more > 0 else []), *table.notes]
+    rows = []
+    for row in table.rows[:_MOST_ROWS]:
+        rows.append(f"<tr>{''.join(map(_cell_html, row))}</tr>")
+    notes = [*table.notes]
+    hidden_rows = len(table.rows) - _MOST_ROWS
+    if hidden_rows > 0:
+        notes.insert(0, f"and {hidden_rows} more rows")
     caption = f"<p><b>{escape(table.title)}</b></p>" if table.title else ""
-    body = f"<table><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>"
+    body = f"<table><thead><tr>{heads}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
     return caption + body + "".join(f"<p>{escape(note)}</p>" for note in notes)
 
 
@@ -168,16 +184,20 @@ def results_html(
     return "\n".join([*parts, *map(table_html, tables)])
 
 
-def _cell(cell: Text) -> str:
-    return f"<td{_NUMBER if cell.number is not None else ''}>{escape(cell.text)}</td>"
+def _cell_html(cell: Text) -> str:
+    style = "" if cell.number is None else _NUMBER_STYLE
+    return f"<td{style}>{escape(cell.text)}</td>"
 
 
 class Cell(NamedTuple):
-    """An estimate over so many runs, with the number of runs that were lost beside them."""
+    """Cell of a table: an estimate over some runs, and how many runs were lost beside them."""
 
     estimate: Estimate
+    """value and standard error, NaN where there is none"""
     runs: int
+    """number of runs that the estimate is over"""
     lost: int
+    """number of runs that were lost"""
     words: str = ""
     """in place of the number"""
     suffix: str = ""
@@ -185,36 +205,58 @@ class Cell(NamedTuple):
 
     @classmethod
     def of(cls, term: RunEstimate, words: str = "") -> "Cell":
-        """Return a measured number; of an event that all runs or none of them had, how sure that is."""
+        """Return the cell of a measured number.
+
+        The share of an event that no run or every run had is written as counts, with the limits of its
+        probability.
+
+        Parameters
+        ----------
+        term : number, as ``Evaluator.term`` returns it
+        words : text in place of the number; default: the number
+        """
         if isinstance(term, Share) and term.value in (0.0, 1.0):
             words = in_words(round(term.value * term.runs), term.runs, what="")
-        return cls(term.estimate, term.runs, term.lost, words)
+        return cls(estimate=term.estimate, runs=term.runs, lost=term.lost, words=words)
 
     @classmethod
     def difference(cls, a: Array | None, b: Array | None) -> "Cell":
-        """Return the mean of ``a - b`` over the runs (M,) that both have."""
+        """Return the cell of the mean of ``a - b`` over the runs (M,) that both have.
+
+        Without ``a`` or ``b`` it is the cell of a missing number.
+        """
         if a is None or b is None:
             return cls.missing()
         both = np.isfinite(a) & np.isfinite(b)
-        return cls(paired_difference(a[both], b[both]), int(both.sum()), int((~both).sum()))
+        return cls(
+            estimate=paired_difference(a[both], b[both]),
+            runs=int(both.sum()),
+            lost=int((~both).sum()),
+        )
 
     @classmethod
     def missing(cls) -> "Cell":
         """Return a cell without a number: the filter failed, was left out, or has no such metric."""
-        return cls(Estimate(float("nan"), float("nan")), 0, 0)
+        return cls(estimate=Estimate(float("nan"), float("nan")), runs=0, lost=0)
 
 
 @dataclass(repr=False)
 class Table:
-    """Rows of keys and cells."""
+    """Rows of keys and cells, with a title and notes: what a table kind returns."""
 
     title: str
     key_headers: list[str]
+    """headings of the columns of text, which come first"""
     value_headers: list[str]
+    """headings of the columns of numbers"""
     digits: int
+    """significant digits of a number, if its error does not decide them"""
     keys: list[list[str]] = field(default_factory=list)
+    """texts of each row"""
     cells: list[list[Cell]] = field(default_factory=list)
+    """numbers of each row"""
     notes: list[str] = field(default_factory=list)
+    """sentences below the table"""
     units: dict[str, str] = field(default_factory=dict)
     """units of key headers that do not name theirs, which the files in CSV leave out"""
     linked: dict[str, int] = field(default_factory=dict)
@@ -230,16 +272,23 @@ class Table:
 
     @property
     def frame(self) -> "pd.DataFrame":
-        """Keys, then value and standard error of each column, then the runs lost."""
+        """Table as a pandas data frame: keys, value and standard error of each column, lost runs."""
         import pandas as pd
 
         return pd.DataFrame(self.csv_rows(), columns=self.csv_header)
 
     def add(self, keys: list[str], cells: list[Cell]) -> None:
-        """Append a row."""
+        """Append a row.
+
+        Parameters
+        ----------
+        keys : one text for each of the table's ``key_headers``
+        cells : one cell for each of its ``value_headers``
+        """
         self.keys.append(keys)
         self.cells.append(cells)
-        if COLLAPSED_NOTE not in self.notes and any(c.words.startswith("collapsed") for c in cells):
+        has_collapsed = any(cell.words.startswith("collapsed") for cell in cells)
+        if has_collapsed and COLLAPSED_NOTE not in self.notes:
             self.notes.append(COLLAPSED_NOTE)
 
     @property
@@ -251,39 +300,52 @@ class Table:
         return [*header, "lost"]
 
     def csv_rows(self) -> list[list[object]]:
-        """Return one row per row, numbers in full."""
-        rows = []
+        """Return the rows of the CSV file, numbers in full."""
+        rows: list[list[object]] = []
         for keys, cells in zip(self.keys, self.cells, strict=True):
-            values = chain.from_iterable(cell.estimate for cell in cells)
-            rows.append([*keys, *values, max(c.lost for c in cells)])
+            row: list[object] = [*keys]
+            for cell in cells:
+                row += cell.estimate
+            row.append(max(cell.lost for cell in cells))
+            rows.append(row)
         return rows
 
     def texts(self) -> TextTable:
-        """Return ``value ± stderr`` in every cell; lost runs are named in a last column.
-
-        Linked paths of equal values, [100, 100], have the one value.
-        """
-        lost = any(cell.lost for cell in chain.from_iterable(self.cells))
-        keys = [f"{h} ({self.units[h]})" if h in self.units else h for h in self.key_headers]
-        heads = [*keys, *self.value_headers, *(["Lost runs"] if lost else [])]
+        """Return ``value ± stderr`` in every cell; lost runs are named in a last column."""
+        heads = []
+        for head in self.key_headers:
+            heads.append(f"{head} ({self.units[head]})" if head in self.units else head)
+        heads += self.value_headers
+        names_losses = any(cell.lost for cell in chain.from_iterable(self.cells))
+        if names_losses:
+            heads.append("Lost runs")
         table = TextTable(self.title, heads, notes=self.notes)
-        for r, (values, cells) in enumerate(zip(self.keys, self.cells, strict=True)):
-            row = []
-            for head, key in zip(self.key_headers, values, strict=True):
-                parts = key.strip("[]").split(", ")
-                is_one = len(parts) == self.linked.get(head) and len({*parts}) == 1
-                row.append(Text(parts[0] if is_one else key))
-            for i, c in enumerate(cells):
-                bold, tex = r"\bfseries " if (r, i) in self.best else "", None
-                if isfinite(c.estimate.value) and not c.words:
-                    tex = bold + in_tex(*c.estimate, self.digits) + c.suffix
-                row.append(Text(self.text(c), c.estimate.value, tex, (r, i) in self.best))
-            if lost:
-                most = max(cells, key=lambda c: (c.lost, c.runs))
-                runs = most.lost + most.runs  # a bound has none
-                row.append(Text(in_words(most.lost, runs, what="") if runs else "–", most.lost))
+        for i, (keys, cells) in enumerate(zip(self.keys, self.cells, strict=True)):
+            row = self._key_texts(keys)
+            for j, cell in enumerate(cells):
+                row.append(self._cell_text(cell, best=(i, j) in self.best))
+            if names_losses:
+                row.append(_losses_text(cells))
             table.rows.append(row)
         return table
+
+    def _key_texts(self, keys: list[str]) -> list[Text]:
+        """Write the keys of a row; linked paths of equal values, [100, 100], have the one value."""
+        texts = []
+        for head, key in zip(self.key_headers, keys, strict=True):
+            values = key.strip("[]").split(", ")
+            are_equal = len(values) == self.linked.get(head) and len({*values}) == 1
+            texts.append(Text(values[0] if are_equal else key))
+        return texts
+
+    def _cell_text(self, cell: Cell, best: bool) -> Text:
+        """Write a cell, for LaTeX in bold if it is among the best."""
+        tex = None
+        if isfinite(cell.estimate.value) and not cell.words:
+            value, stderr = cell.estimate
+            bold = r"\bfseries " if best else ""
+            tex = bold + in_tex(value, stderr, self.digits) + cell.suffix
+        return Text(text=self.text(cell), number=cell.estimate.value, tex=tex, best=best)
 
     def markdown(self) -> str:
         """Return a Markdown table, whose keys are those of the CSV file."""
@@ -301,7 +363,16 @@ class Table:
         return rounded(value, stderr, self.digits) + cell.suffix
 
 
-_STORED = 0.5e-7
+def _losses_text(cells: list[Cell]) -> Text:
+    """Write how many runs the cell of a row with the most losses lost."""
+    most = max(cells, key=lambda cell: (cell.lost, cell.runs))
+    runs = most.lost + most.runs
+    if not runs:  # a bound has none
+        return Text("–", most.lost)
+    return Text(in_words(most.lost, runs, what=""), most.lost)
+
+
+_ROUNDING = 0.5e-7
 """Share of a value below which its error is rounding: a tenth of what seven digits leave open."""
 
 
@@ -309,19 +380,34 @@ _USUAL_DIGITS = 4
 
 
 def rounded(value: float, stderr: float, digits: int) -> str:
-    """Round the value and standard error to the same decimal place, the error to one digit or two."""
+    """Write a value and its standard error, rounded to the same decimal place.
+
+    The place is that of the error's first or second digit.
+
+    Parameters
+    ----------
+    value, stderr : number and its standard error; NaN if it has none
+    digits : significant digits of the value, if its error does not decide them
+
+    Returns
+    -------
+    Text such as ``0.3164 ± 0.0080``, of very small and large numbers with exponents.
+    """
     if not isfinite(value):
         return "infinite" if isinf(value) else "–"
+    has_error = isfinite(stderr)
     decimals = digits - 1 - _exponent(value)
-    if isfinite(stderr) and stderr > _STORED * abs(value):
-        place = -_exponent(stderr)  # of the error's first digit, which is never cut to a zero
-        decimals = min(max(decimals, place), place + 1) if value else place + 1
+    if has_error and stderr > _ROUNDING * abs(value):
+        first_place = -_exponent(stderr)  # of the error's first digit, which is never cut to a zero
+        second_place = first_place + 1
+        decimals = min(max(decimals, first_place), second_place) if value else second_place
     decimals = max(decimals, 0)
-    if decimals > max(7, digits + 3) or abs(value) >= 1e6:
-        if not isfinite(stderr):
-            return f"{value:.{_exact_places(digits)}e}"
+    needs_exponent = decimals > max(7, digits + 3) or abs(value) >= 1e6
+    if needs_exponent and not has_error:
+        return f"{value:.{_exact_places(digits)}e}"
+    if needs_exponent:
         return f"{value:.{_places(value, stderr, digits)}e} ± {stderr:.1e}"
-    if not isfinite(stderr):
+    if not has_error:
         return f"{value:.{decimals}f}"
     return f"{value:.{decimals}f} ± {stderr:.{decimals}f}"
 
@@ -331,7 +417,8 @@ def _places(value: float, stderr: float, digits: int) -> int:
     exact = _exact_places(digits)
     if not stderr > 0.0:
         return exact
-    return min(max(2, _exponent(value) - _exponent(stderr) + 1), max(6, exact))
+    of_error = _exponent(value) - _exponent(stderr) + 1
+    return min(max(2, of_error), max(6, exact))
 
 
 def _exact_places(digits: int) -> int:
@@ -344,13 +431,16 @@ def in_tex(value: float, stderr: float, digits: int) -> str:
     text = rounded(value, stderr, digits).replace("±", "+-")
     if "e" not in text:
         return rf"\num{{{text}}}"
-    exponent = _exponent(max(abs(value), stderr if isfinite(stderr) else 0.0))
-    scaled, error = value / 10.0**exponent, stderr / 10.0**exponent
-    if not isfinite(stderr):
-        return rf"\num{{{scaled:.{_exact_places(digits)}f} e{exponent}}}"
+    has_error = isfinite(stderr)
+    exponent = _exponent(max(abs(value), stderr if has_error else 0.0))
+    mantissa = value / 10.0**exponent
+    if not has_error:
+        return rf"\num{{{mantissa:.{_exact_places(digits)}f} e{exponent}}}"
+    error = stderr / 10.0**exponent
     places = max(1 - _exponent(error), 0) if error else _exact_places(digits)
-    return rf"\num{{{scaled:.{places}f} +- {error:.{places}f} e{exponent}}}"
+    return rf"\num{{{mantissa:.{places}f} +- {error:.{places}f} e{exponent}}}"
 
 
 def _exponent(x: float) -> int:
+    """Return the exponent of the first digit: 2 of 316.4; 0 of zero."""
     return floor(log10(abs(x))) if x else 0

@@ -23,10 +23,10 @@ from trackbench.report.results import Results
 from trackbench.report.tables.calibration import (
     check_rank,
     histogram,
-    judged,
+    judge_histograms,
+    missing_steps,
     pits,
     shares_of_runs,
-    steps_that_are_not,
 )
 from trackbench.results.point_facts import GridPoint
 
@@ -56,7 +56,7 @@ class CalibrationFigure(FigureKind):
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
         """Reject steps outside the run."""
-        return steps_that_are_not("columns", self.columns.values(), points)
+        return missing_steps("columns", self.columns.values(), points)
 
     def default_caption(self, results: Results) -> str:
         """Return which ranks are uniform, as far as the runs show, and which are not."""
@@ -64,7 +64,7 @@ class CalibrationFigure(FigureKind):
         ranks = []
         for label, (head, m) in product(results.chosen(self.filters), self.columns.items()):
             ranks.append((label, head, histogram(results, point, label, m)))
-        verdict = judged(ranks, _ALPHA)
+        verdict = judge_histograms(ranks, _ALPHA)
         parts = {"flat but for chance": verdict.good, "not flat": list(verdict.bad)}
         words = [f"{joined(map(named, b))} {verb(b)} {what}" for what, b in parts.items() if b]
         where = f"At {phrases.heading(point)}: " if point else ""
@@ -133,7 +133,7 @@ class Reliability(Curves):
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
         """Reject a step outside the run."""
-        return steps_that_are_not("metric", [self.metric], points)
+        return missing_steps("metric", [self.metric], points)
 
     def default_caption(self, results: Results) -> str:
         """Return the coverage of the 90 % region."""

@@ -16,11 +16,11 @@ from trackbench.report.costs import (
     MICRO,
     Curve,
     Spot,
+    compared_labels,
     cost_conflicts,
     curves,
     front,
     own_sizes,
-    shown,
 )
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
@@ -117,7 +117,7 @@ class AccuracyVsCost(FigureKind):
         return self.floor or str(results.config.get("reference"))
 
     def _curves(self, results: Results, scene: GridPoint) -> list[Curve]:
-        labels = [b for b in shown(results, self.filters) if b != self._floor(results)]
+        labels = [b for b in compared_labels(results, self.filters) if b != self._floor(results)]
         return curves(results, scene, labels, self.metric, self.along)
 
     def _front(self, every: Sequence[Curve]) -> list[Spot]:

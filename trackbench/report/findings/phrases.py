@@ -11,6 +11,7 @@ from trackbench.metrics import unit_of, without_unit
 from trackbench.results.point_facts import GridPoint
 
 MOST_NAMES = 4
+"""Names that a list in a sentence has at most; longer lists are cut."""
 _SCORES = {"log_score": "log score", "held_log_score": "held-out log score"}
 
 
@@ -36,13 +37,17 @@ def with_unit(text: str, metric: Measure) -> str:
 def head_of(statistic: str, metric: Measure) -> str:
     """Return a heading: ``Mean position RMSE (m)``, of the root mean square ``Position RMSE (m)``."""
     words = in_unit(metric_words(metric), _unit(metric))
-    return f"{words[0].upper()}{words[1:]}" if statistic == "rms" else f"Mean {words}"
+    if statistic == "rms":
+        return f"{words[0].upper()}{words[1:]}"
+    return f"Mean {words}"
 
 
 def axis_of(metric: Measure) -> str:
     """Label an axis: ``Position RMSE (m)`` for an error or its mean per run, else the expression."""
     is_plain = metric._replace(statistic="") == Measure(metric.metric) and metric.is_error
-    return head_of("rms", metric) if is_plain and metric.statistic in ("", "mean") else str(metric)
+    if is_plain and metric.statistic in ("", "mean"):
+        return head_of("rms", metric)
+    return str(metric)
 
 
 def in_unit(words: str, unit: str) -> str:
@@ -51,11 +56,12 @@ def in_unit(words: str, unit: str) -> str:
 
 
 def _unit(metric: Measure) -> str:
+    """Return the unit of a metric: nats of a log score."""
     return "nats" if metric.family[0].is_score else unit_of(metric.metric)
 
 
 def percent(share: float) -> str:
-    """Write ``2.3 %``, ``350 %``."""
+    """Write a share in percent with two digits: ``2.3 %``, ``350 %``."""
     return f"{rounded(100 * share, 2)} %"
 
 
@@ -67,21 +73,24 @@ def rounded(x: float, digits: int) -> str:
 def multiple(ratio: float, width: float) -> str:
     """Return a ratio with the digits that its interval allows, three decimals at most: ``3.2``.
 
-    A ratio of a million or more has two digits and an exponent.
+    ``width`` is that of the interval. A ratio of a million or more has two digits and an exponent.
     """
     if abs(ratio) >= 1e6:
         return f"{ratio:.1e}"
     if not 0.0 < width < inf:
         return rounded(ratio, 3)
-    return f"{ratio:.{min(3, max(0, ceil(log10(3.0 / width))))}f}"
+    decimals = ceil(log10(3.0 / width))
+    return f"{ratio:.{min(3, max(0, decimals))}f}"
+
+
+_MOST_RUNS = 1e6
 
 
 def run_count(runs: float) -> str:
     """Return a number of runs with two digits: ``5800``, ``more than 1000000``."""
-    return f"{float(f'{runs:.2g}'):.0f}" if runs < _MOST_RUNS else f"more than {_MOST_RUNS:.0f}"
-
-
-_MOST_RUNS = 1e6
+    if runs < _MOST_RUNS:
+        return f"{float(f'{runs:.2g}'):.0f}"
+    return f"more than {_MOST_RUNS:.0f}"
 
 
 def named(label: str) -> str:
@@ -92,7 +101,9 @@ def named(label: str) -> str:
 def listed(names: Sequence[str]) -> str:
     """Return ``A, B and C``; of many the first, and how many more."""
     more = len(names) - MOST_NAMES
-    return joined([*names[:MOST_NAMES], f"{more} more"] if more > 1 else names)
+    if more > 1:
+        return joined([*names[:MOST_NAMES], f"{more} more"])
+    return joined(names)
 
 
 def joined(names: Iterable[str]) -> str:
@@ -108,13 +119,17 @@ def verb(names: Sequence[str]) -> str:
 
 def heading(point: GridPoint) -> str:
     """Return a grid point as the title of its panel: ``R = 0.1``, ``sigma azimuth = 2 mrad``."""
-    parts = zip(map(quantity, point), point.values(), strict=True)
-    return ", ".join(f"{key} = {number(value)} {unit}".rstrip() for (key, unit), value in parts)
+    parts = []
+    for path, value in point.items():
+        words, unit = quantity(path)
+        parts.append(f"{words} = {number(value)} {unit}".rstrip())
+    return ", ".join(parts)
 
 
 def axis(path: str) -> str:
     """Label an axis with a grid's path: ``sigma azimuth (mrad)``."""
-    return in_unit(*quantity(path))
+    words, unit = quantity(path)
+    return in_unit(words, unit)
 
 
 def quantity(path: str) -> tuple[str, str]:

@@ -8,7 +8,6 @@ the best.
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import chain, takewhile
 from math import isfinite
 from types import MappingProxyType
 from typing import NamedTuple
@@ -39,7 +38,7 @@ class Candidate:
     sample: Sample
     """the metric of each run (M,), NaN where it is lost, and the statistic that decides"""
     varied: GridPoint = field(default_factory=dict)
-    """what the grid gives the filter, by path"""
+    """values that the grid gives the filter, by path"""
 
     @cached_property
     def name(self) -> str:
@@ -58,7 +57,10 @@ class Candidate:
         return self.sample.overall.estimate
 
     def has_error(self, untested: bool) -> bool:
-        """Return whether its number has an error; unless ``untested``, one that differences need."""
+        """Return whether the runs are enough for a standard error of its number.
+
+        Unless ``untested``, they must be enough to test a difference.
+        """
         enough = 2 if untested else rules.FEWEST_RUNS
         return self.sample.steps is not None or np.isfinite(self.sample.values).sum() >= enough
 
@@ -92,19 +94,30 @@ class Rival(NamedTuple):
         return self.comparison.is_equal or -low <= rules.NATS_NEAR_BEST
 
 
+class Conflict(NamedTuple):
+    """Two filters of which the runs that both keep contradict all runs that each keeps."""
+
+    leader: Candidate
+    """filter that leads over its runs"""
+    rival: Candidate
+    """filter that is better over their common runs"""
+    common_runs: int
+    """number of the common runs"""
+
+
 class Ranking(NamedTuple):
     """Ranking of one scenario's filters by one metric: the best, and what differs from it."""
 
     scene: GridPoint
-    """what the grid gives the scenario"""
+    """values that the grid gives the scenario, by path"""
     metric: Measure
     best: Candidate | None
-    """nothing where none can be said: without two runs, or where common runs contradict it"""
-    ties: "list[Rival]"
+    """None if no filter can be called best: without two runs, or where common runs contradict it"""
+    ties: list[Rival]
     """filters without a significant difference from the best, up to the first with one"""
-    worse: "list[Rival]"
+    worse: list[Rival]
     """filters that are significantly worse"""
-    undecided: "list[Rival]"
+    undecided: list[Rival]
     """filters of too few common runs, or further off than one that is worse without being so"""
     losing: list[Candidate]
     """filters that lose more runs than another does"""
@@ -116,14 +129,15 @@ class Ranking(NamedTuple):
     runs: int
     compared: Mapping[str, Comparison] = MappingProxyType({})
     """by name, each filter with the first of the order, decided or not; the reference, too"""
-    conflict: tuple[Candidate, Candidate, int] | None = None
-    """the filter that leads over its runs, the one whose common runs with it contradict that, and the
-    number of these"""
+    conflict: Conflict | None = None
+    """why no filter is best, if common runs contradict the order"""
 
     @property
     def among_the_best(self) -> list[Candidate]:
         """Best, and those without a significant difference from it."""
-        return [self.best, *(rival.filter for rival in self.ties)] if self.best is not None else []
+        if self.best is None:
+            return []
+        return [self.best, *(tie.filter for tie in self.ties)]
 
     @property
     def marked(self) -> list[Candidate]:
@@ -131,122 +145,171 @@ class Ranking(NamedTuple):
 
         None if a filter is not near and none is worse, or if one is untested: nothing is decided.
         """
-        if not all(
-            rival.comparison.is_tested or rival.comparison.is_equal for rival in self.rivals
-        ):
-            return []
+        for rival in self.rivals:
+            if not (rival.comparison.is_tested or rival.comparison.is_equal):
+                return []
         is_score = self.metric.family[0].is_score
-        near = [*takewhile(lambda tie: tie.is_near_score if is_score else tie.is_near, self.ties)]
+        near: list[Rival] = []
+        for tie in self.ties:
+            if not (tie.is_near_score if is_score else tie.is_near):
+                break
+            near.append(tie)
         decides = self.worse or len(near) == len(self.not_worse)
         return self.among_the_best[: len(near) + 1] if decides else []
 
     @property
-    def rivals(self) -> "list[Rival]":
+    def rivals(self) -> list[Rival]:
         """Every filter that is compared with the best."""
         return [*self.not_worse, *self.worse]
 
     @property
-    def not_worse(self) -> "list[Rival]":
+    def not_worse(self) -> list[Rival]:
         """Filters that are not significantly worse than the best."""
         return [*self.ties, *self.undecided]
 
     @property
-    def nearest(self) -> "Rival | None":
+    def nearest(self) -> Rival | None:
         """Filter nearest to the best among those that are worse."""
         return min(self.worse, key=lambda rival: abs(rival.difference.value), default=None)
 
 
 def rankings(results: Results, metric: str = "") -> list[Ranking]:
-    """Rank the filters in each scenario of the grid, by the first table's or a given metric."""
+    """Rank the filters in each scenario of the grid.
+
+    Parameters
+    ----------
+    results : results folder
+    metric : metric of per_run.csv that ranks, such as ``rmse_position``; default: the first table's
+
+    Returns
+    -------
+    Rankings in the order of the scenarios; none without a metric.
+    """
     metric = metric or leading_metric(results)
     if metric not in results.known_rankings:
-        every = []
-        for where in scenes(results) if metric else []:
+        ranked_scenes = []
+        for scene in scenes(results) if metric else []:
+            points = points_of(results, scene)
             statistic = compared_statistic(results.config, metric)
-            settings = list(candidates_of(results, points_of(results, where), metric, statistic))
-            reference = results.config.get("reference")
-            every.append(ranking_of(settings, metric, reference)._replace(scene=where))
-        results.known_rankings[metric] = every
+            candidates = list(candidates_of(results, points, metric, statistic))
+            ranking = ranking_of(candidates, metric, results.config.get("reference"))
+            ranked_scenes.append(ranking._replace(scene=scene))
+        results.known_rankings[metric] = ranked_scenes
     return [*results.known_rankings[metric]]
 
 
 def best_settings(results: Results) -> list[Ranking]:
-    """Yield for each varied filter which of its values are best, by scenario."""
+    """Rank the values that the grid gives each filter, by scenario: a ranking per filter."""
     metric = next(iter(ranking_metrics(results)), "")
-    best = []
-    for where in scenes(results) if metric else []:
-        settings = list(candidates_of(results, points_of(results, where), metric))
-        for label in dict.fromkeys(c.label for c in settings if c.varied):
-            # One ranking for each filter with several values.
-            mine = [c for c in settings if c.label == label]
-            if len(mine) > 1:
-                ranking = ranking_of(mine, metric, apart=True)
-                best.append(ranking._replace(scene=where))
-    return best
+    ranked_filters = []
+    for scene in scenes(results) if metric else []:
+        candidates = list(candidates_of(results, points_of(results, scene), metric))
+        for label in dict.fromkeys(c.label for c in candidates if c.varied):
+            settings = [c for c in candidates if c.label == label]
+            if len(settings) > 1:
+                ranking = ranking_of(settings, metric, ranks_settings=True)
+                ranked_filters.append(ranking._replace(scene=scene))
+    return ranked_filters
 
 
 def ranking_metrics(results: Results) -> list[str]:
     """Find the metrics that filters are ranked by, the first one first."""
-    points = results.points()
-    runs = chain.from_iterable(map(results.runs, points))
-    names = dict.fromkeys(metric for _, metric in runs)
+    names: dict[str, None] = {}
+    for point in results.points():
+        names |= dict.fromkeys(metric for _, metric in results.runs(point))
     metrics = primary_metrics(list(names))
     errors = [name for name in metrics if measured(name).is_error]
-    return [*errors, *(name for name in ("held_log_score", "log_score") if name in metrics)]
+    scores = [name for name in ("held_log_score", "log_score") if name in metrics]
+    return [*errors, *scores]
 
 
 def leading_metric(results: Results) -> str:
     """Return the error that filters are ranked by: the first table's; empty if there is none."""
-    known = ranking_metrics(results)
-    shown = [name for name in compared_statistics(results.config) if name in known]
-    return next(iter([*shown, *known]), "")
+    metrics = ranking_metrics(results)
+    tabulated = [name for name in compared_statistics(results.config) if name in metrics]
+    return next(iter([*tabulated, *metrics]), "")
 
 
 def ranking_of(
-    settings: Sequence[Candidate],
+    candidates: Sequence[Candidate],
     metric: str,
     reference: str | None = None,
-    apart: bool = False,
+    ranks_settings: bool = False,
     unranked: Sequence[Candidate] = (),
 ) -> Ranking:
-    """Rank the filters, each with its best values, in one scenario.
+    """Rank the filters of one scenario, each with its best values.
 
-    ``apart``: of the values themselves. ``unranked`` filters belong to the family of tests alone.
+    Parameters
+    ----------
+    candidates : filters with each of the values that the grid gives them
+    metric : metric that ranks, by which the candidates' samples are
+    reference : label of the filter that stands apart, with the differences from it
+    ranks_settings : rank the values of a filter instead
+    unranked : filters that belong to the family of tests alone
+
+    Returns
+    -------
+    Ranking with the best, if the runs decide it.
     """
-    measure = measured(metric)
-    sign = -1 if measure.family[0].more_is_better else 1
+    m = measured(metric)
+    sign = -1 if m.family[0].more_is_better else 1
     # Step 1: set the reference apart; sort the filters, each at its best values.
-    exact = next((c for c in settings if c.label == reference), None)
-    tried = [c for c in settings if c.label != reference]
-    ranked = sorted(tried if apart else _best_of_each(tried, sign), key=lambda c: _rank(c, sign))
+    reference_candidate = next((c for c in candidates if c.label == reference), None)
+    tried = [c for c in candidates if c.label != reference]
+    contenders = tried if ranks_settings else _best_of_each(tried, sign)
+    ranked = sorted(contenders, key=lambda c: _sort_key(c, sign))
     # Step 2: take out filters that lose more runs, and those without a value.
     losing = _losing(ranked)
-    rivals = [c for c in ranked if c not in losing and isfinite(c.overall.value)]
-    losing += [c for c in ranked if c not in rivals and c not in losing and c.losses]
-    chosen, runs = len(tried) > len(ranked), max((len(c.lost) for c in ranked), default=0)
-    ranking = Ranking({}, measure, None, [], [], [], losing, exact, rivals, chosen, runs)
-    if not rivals:
+    order = [c for c in ranked if c not in losing and isfinite(c.overall.value)]
+    losing += [c for c in ranked if c not in order and c not in losing and c.losses]
+    ranking = Ranking(
+        scene={},
+        metric=m,
+        best=None,
+        ties=[],
+        worse=[],
+        undecided=[],
+        losing=losing,
+        reference=reference_candidate,
+        order=order,
+        chosen=len(tried) > len(ranked),
+        runs=max((len(c.lost) for c in ranked), default=0),
+    )
+    if not order:
         return ranking
-    # Step 3: compare the first of the others with all the rest on common runs.
-    best, beside = rivals[0], [exact] if exact is not None else []
-    family = compare_all({c.name: c.sample for c in (*ranked, *beside, *unranked)})
-    pairs = {c.name: family.between(c.name, best.name) for c in (*rivals[1:], *beside)}
-    compared = {name: comparison for name, comparison in pairs.items() if comparison is not None}
+    # Step 3: compare the first of the order with all the rest on common runs.
+    first = order[0]
+    rivals = order[1:]
+    references = [] if reference_candidate is None else [reference_candidate]
+    family = compare_all({c.name: c.sample for c in (*ranked, *references, *unranked)})
+    compared: dict[str, Comparison] = {}
+    for candidate in (*rivals, *references):
+        comparison = family.between(candidate.name, first.name)
+        if comparison is not None:
+            compared[candidate.name] = comparison
     ranking = ranking._replace(compared=compared)
-    if not best.has_error(untested=apart or not rivals[1:]):
+    if not first.has_error(untested=ranks_settings or not rivals):
         return ranking
-    ties, worse, undecided = list[Rival](), list[Rival](), list[Rival]()
-    for rival in rivals[1:]:
-        comparison = compared.get(rival.name)
-        if comparison is None or sign * comparison.sign < 0:
-            # No runs in common; or on these the other is the better one.
-            common = 0 if comparison is None else comparison.difference.runs
-            return ranking._replace(conflict=(best, rival, common))
-        tested = comparison.is_tested or comparison.is_equal
-        # A filter further off than one that is no tie is no tie either.
-        tie = ties if tested and not (worse or undecided) else undecided
-        (worse if comparison.sign else tie).append(Rival(rival, comparison))
-    return ranking._replace(best=best, ties=ties, worse=worse, undecided=undecided)
+    # Step 4: part the rivals into ties, worse and undecided ones.
+    ties: list[Rival] = []
+    worse: list[Rival] = []
+    undecided: list[Rival] = []
+    for candidate in rivals:
+        comparison = compared.get(candidate.name)
+        if comparison is None:
+            return ranking._replace(conflict=Conflict(first, candidate, common_runs=0))
+        if sign * comparison.sign < 0:
+            common_runs = comparison.difference.runs
+            return ranking._replace(conflict=Conflict(first, candidate, common_runs))
+        rival = Rival(filter=candidate, comparison=comparison)
+        is_decided = comparison.is_tested or comparison.is_equal
+        if comparison.sign:
+            worse.append(rival)
+        elif is_decided and not worse and not undecided:
+            ties.append(rival)
+        else:  # a filter further off than one that is no tie is no tie either
+            undecided.append(rival)
+    return ranking._replace(best=first, ties=ties, worse=worse, undecided=undecided)
 
 
 def candidates_of(
@@ -254,30 +317,46 @@ def candidates_of(
 ) -> Iterator[Candidate]:
     """Yield each filter with each of the values that the grid gives it, once."""
     for label in results.filters:
-        yielded = set()
+        known_values = set()
         for point in points:
-            runs, varied = results.runs(point), own_values(results, point, label)
+            runs = results.runs(point)
+            varied = own_values(results, point, label)
             # Each set of values counts once, at the first point that has it.
-            if str(varied) not in yielded and (label, "lost") in runs:
-                yielded.add(str(varied))
-                lost = runs[label, "lost"]
-                values = runs.get((label, metric), np.full(len(lost), np.nan))
-                steps = results.judged_steps(point).get((label, metric))
-                yield Candidate(label, point, lost, Sample.of(values, statistic, steps), varied)
+            if str(varied) in known_values or (label, "lost") not in runs:
+                continue
+            known_values.add(str(varied))
+            lost = runs[label, "lost"]
+            values = runs.get((label, metric), np.full(len(lost), np.nan))
+            steps = results.judged_steps(point).get((label, metric))
+            yield Candidate(
+                label=label,
+                point=point,
+                lost=lost,
+                sample=Sample.of(values, statistic, steps),
+                varied=varied,
+            )
 
 
-def _rank(candidate: Candidate, sign: float) -> tuple[bool, float]:
+def _sort_key(candidate: Candidate, sign: float) -> tuple[bool, float]:
+    """Return a key that sorts the best value first, candidates without a value last.
+
+    ``sign`` is -1 if more is better.
+    """
     value = candidate.overall.value
-    return not isfinite(value), sign * value if isfinite(value) else 0.0
+    if not isfinite(value):
+        return True, 0.0
+    return False, sign * value
 
 
-def _best_of_each(settings: Sequence[Candidate], sign: float) -> list[Candidate]:
+def _best_of_each(candidates: Sequence[Candidate], sign: float) -> list[Candidate]:
+    """Take each filter with its best values; ``sign`` is -1 if more is better."""
     best = []
-    for label in dict.fromkeys(c.label for c in settings):
-        mine = [c for c in settings if c.label == label]
+    for label in dict.fromkeys(c.label for c in candidates):
+        settings = [c for c in candidates if c.label == label]
         # Values with which a filter loses more runs are out, unless no others are left.
-        losing = _losing(mine)
-        best.append(min([c for c in mine if c not in losing] or mine, key=lambda c: _rank(c, sign)))
+        losing = _losing(settings)
+        eligible = [c for c in settings if c not in losing] or settings
+        best.append(min(eligible, key=lambda c: _sort_key(c, sign)))
     return best
 
 

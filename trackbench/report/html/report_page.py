@@ -31,13 +31,26 @@ if TYPE_CHECKING:
 def write_report(
     results: Results, comparison: Verdicts | None = None, path: Path | None = None
 ) -> Path:
-    """Write report.html into the results folder, or another file."""
+    """Write report.html.
+
+    Parameters
+    ----------
+    results : results folder
+    comparison : verdicts on what is published; default: they are computed
+    path : file; default: report.html in the results folder
+
+    Returns
+    -------
+    Path of the file.
+    """
     comparison = comparison or compare(results)
+    # The ranking comes first on the page, its further tables among the others.
     ranked = ranking(results, numbers=True)
     tables = [*ranked[1:], *(table.texts() for table in results.tables.values())]
     pairs = results.attempt("pairs", lambda: _pairs(results), TextTable("", []))
     verdicts = verdict_tables(comparison)
-    figures, times = drawings(results), time_tables(time_verdicts(results))
+    figures = drawings(results)
+    times = time_tables(time_verdicts(results))
     sections = (
         ("figures", "Figures", figures[1:]),
         ("verdicts", "Verdicts", verdicts),
@@ -73,70 +86,105 @@ def write_report(
 
 
 def _rerun(results: Results) -> str:
-    """Write the config's path for a shell; of an absolute path the last part."""
+    """Write the arguments that run the config again, for a shell; of an absolute path the last part."""
     path = results.folder / "config.yaml"
-    shown = path.as_posix() if not path.is_absolute() else "/".join(path.parts[-2:])
-    is_foreign = results.config.get("plugins") or _programs(results)
-    return shlex.quote(shown) + (" --allow-plugins" if is_foreign else "")
+    shown = "/".join(path.parts[-2:]) if path.is_absolute() else path.as_posix()
+    arguments = shlex.quote(shown)
+    if results.config.get("plugins") or _programs(results):
+        arguments += " --allow-plugins"
+    return arguments
 
 
 def _programs(results: Results) -> list[str]:
     """Find the filters that are programs in other languages."""
-    return [label for label, f in results.config["filters"].items() if f["kind"] == "external"]
+    filters = results.config["filters"]
+    return [label for label, settings in filters.items() if settings["kind"] == "external"]
 
 
 def _facts(results: Results) -> list[tuple[str, object]]:
-    config, manifest = results.config, results.manifest
+    """Return what the page lists about the experiment and its run: heading and value."""
+    config = results.config
+    facts: list[tuple[str, object]] = []
+    if results.citation:
+        facts.append(("Cite as", results.citation))
     scenario = config["scenario"]["kind"]
-    facts = [
-        *([("Cite as", results.citation)] if results.citation else []),
-        *([("Scenario", scenario)] if scenario != "tracking" else []),
+    if scenario != "tracking":
+        facts.append(("Scenario", scenario))
+    cpu_s = results.manifest.get("cpu_s", float("nan"))
+    facts += [
         ("Filters", len(results.filters)),
         ("Runs", config["runs"]),
         ("Seed", config["seed"]),
-        ("CPU time", f"{manifest.get('cpu_s', float('nan')):.3g} s"),
+        ("CPU time", f"{cpu_s:.3g} s"),
     ]
-    if programs := _programs(results):
+    programs = _programs(results)
+    if programs:
         what = f"{', '.join(programs)}: the same numbers on the same machine only"
         facts.append(("External programs", what))
-    together = [single_paths(path) for path in results.grid]
-    grid = ", ".join(p[0] + (f" and {len(p) - 1} more" if p[1:] else "") for p in together)
-    return [*facts, ("Grid", grid)] if grid else facts
+    paths = []
+    for path in results.grid:
+        together = single_paths(path)
+        more = f" and {len(together) - 1} more" if len(together) > 1 else ""
+        paths.append(f"{together[0]}{more}")
+    if paths:
+        facts.append(("Grid", ", ".join(paths)))
+    return facts
 
 
-_ALONE = (
+_PAIR_ALONE = (
     "An interval is of its pair alone, and left out where it would show a difference that is not "
     "significant."
 )
 
 
 def _pairs(results: Results) -> TextTable:
+    """Tabulate the differences of every two filters on common runs."""
     heads = [*results.grid_heads, "a", "b", "Metric", "a - b", "95 % interval", "a is"]
-    rule = f"Significant: {rules.HOW_FILTERS_DIFFER}. {_ALONE}"
+    rule = f"Significant: {rules.HOW_FILTERS_DIFFER}. {_PAIR_ALONE}"
     table = TextTable("Differences on common runs", heads, notes=[rule])
     for point, pairs in results.pairs:
+        point_cells = []
+        for value in point.values():
+            number = value if isinstance(value, int | float) else None
+            point_cells.append(Text(phrases.number(value), number))
         for pair in pairs:
-            of = pair.comparison.difference
-            difference, *ends = (rounded(x, of.stderr, 4) for x in (of.value, *of.interval()))
-            row = []
-            for value in point.values():
-                number = value if isinstance(value, int | float) else None
-                row.append(Text(phrases.number(value), number))
-            row += [*map(Text, (pair.filter_a, pair.filter_b, pair.metric))]
-            between = " to ".join(end.partition(" ")[0] for end in ends)
+            difference = pair.comparison.difference
+            value_text = rounded(difference.value, difference.stderr, 4)
+            # The ends have the digits of the value, without the error.
+            end_texts = []
+            for end in difference.interval():
+                end_texts.append(rounded(end, difference.stderr, 4).partition(" ")[0])
+            interval_text = " to ".join(end_texts)
             if pair.comparison.interval_contradicts:
-                between = "–"
-            table.rows.append([*row, Text(difference, of.value), Text(between), Text(pair.word)])
+                interval_text = "–"
+            table.rows.append(
+                [
+                    *point_cells,
+                    Text(pair.filter_a),
+                    Text(pair.filter_b),
+                    Text(pair.metric),
+                    Text(value_text, difference.value),
+                    Text(interval_text),
+                    Text(pair.word),
+                ]
+            )
     return table
 
 
 def _versions(results: Results) -> TextTable:
+    """Tabulate the versions of the package, Python and the libraries that made the run."""
     manifest = results.manifest
-    rows = {"trackbench": manifest.get("trackbench"), "git commit": manifest.get("commit")}
-    rows |= {"python": manifest.get("python"), "platform": manifest.get("platform")}
-    rows |= manifest.get("packages", {})
+    versions = {
+        "trackbench": manifest.get("trackbench"),
+        "git commit": manifest.get("commit"),
+        "python": manifest.get("python"),
+        "platform": manifest.get("platform"),
+        **manifest.get("packages", {}),
+    }
     table = TextTable("Versions of the run", ["Part", "Version"])
-    table.rows = [[Text(k), Text(str(v))] for k, v in rows.items() if v is not None]
+    for name, version in versions.items():
+        if version is not None:
+            table.rows.append([Text(name), Text(str(version))])
     return table
 
 
@@ -150,20 +198,33 @@ def drawings(results: Results) -> list[dict[str, Any]]:
     drawn = []
     for name, spec, content in _pictures(results):
         config = results.figure_configs.get(name, {})
-        title, said = (results.fill_title(config.get(key) or "") for key in ("title", "caption"))
-        what = (inspect.getdoc(type(spec)) or "").partition("\n")[0] if spec is not None else ""
-        caption = said or _caption(results, name, spec) or what
-        svg = Markup(inline(content, name, ". ".join(filter(None, [title or name, what]))))
-        words = {"heading": "" if title else f"{name}.", "caption": caption}
-        drawn.append({"name": name, "svg": svg, **words})
+        title = results.fill_title(config.get("title") or "")
+        caption = results.fill_title(config.get("caption") or "")
+        # The kind's own description, for screen readers and where there is no caption.
+        description = ""
+        if spec is not None:
+            description = (inspect.getdoc(type(spec)) or "").partition("\n")[0]
+        label = ". ".join(filter(None, [title or name, description]))
+        drawn.append(
+            {
+                "name": name,
+                "svg": Markup(inline(content, name, label)),
+                "heading": "" if title else f"{name}.",
+                "caption": caption or _default_caption(results, name, spec) or description,
+            }
+        )
     return drawn
 
 
-def _caption(results: Results, name: str, spec: FigureKind | None) -> str:
+def _default_caption(results: Results, name: str, spec: FigureKind | None) -> str:
+    """Return a figure's own caption; empty if its plugin is not loaded, or fails."""
     if spec is None:
         return ""
-    what = f"caption of figure {name}"
-    return results.attempt(what, lambda: spec.with_best(results).default_caption(results), "", spec)
+
+    def make_caption() -> str:
+        return spec.with_best(results).default_caption(results)
+
+    return results.attempt(f"caption of figure {name}", make_caption, default="", exhibit=spec)
 
 
 def key_picture(results: Results) -> bytes | None:
@@ -172,37 +233,63 @@ def key_picture(results: Results) -> bytes | None:
 
 
 def _pictures(results: Results) -> Iterator[tuple[str, FigureKind | None, bytes]]:
-    """Name, kind and SVG of each figure that is in the folder, or can be drawn."""
-    specs, configs = results.parts("figures"), results.figure_configs
+    """Yield name, kind and SVG of each figure that is in the folder, or can be drawn.
+
+    The key figure comes first. The kind is None if its plugin is not loaded.
+    """
+    specs = results.parts("figures")
+    configs = results.figure_configs
     names = [*(name for name in specs if name not in configs), *configs]
     for name in sorted(names, key=lambda name: name != results.key_figure):
         spec = specs.get(name)
-        place = Path("figures" if spec is None else figure_folder(spec)) / f"{name}.svg"
-        path, parts = results.folder / place, (place, *place.parents[:-1])
-        is_own = path.is_file() and not any((results.folder / p).is_symlink() for p in parts)
-        contents = [path.read_bytes()] if is_own else []
-        failed = f"figure {name}" in results.unmade
-        if not contents and spec is not None and name in configs and not failed:
+        folder = "figures" if spec is None else figure_folder(spec)
+        content = _stored_picture(results, Path(folder) / f"{name}.svg")
+        has_failed = f"figure {name}" in results.unmade
+        if content is None and spec is not None and name in configs and not has_failed:
             with results.without(f"figure {name}"):
-                contents = [content for _, content in draw_figure(spec, results, ["svg"])]
-        if contents:
-            yield name, spec, contents[0]
+                for _, drawn in draw_figure(spec, results, ["svg"]):
+                    content = drawn
+        if content is not None:
+            yield name, spec, content
+
+
+def _stored_picture(results: Results, place: Path) -> bytes | None:
+    """Read an SVG of the results folder; None if it is missing, or reached by a symbolic link."""
+    path = results.folder / place
+    for part in (place, *place.parents[:-1]):
+        if (results.folder / part).is_symlink():
+            return None
+    return path.read_bytes() if path.is_file() else None
 
 
 _TEMPLATES = Path(__file__).parent / "templates"
-VERDICTS = dict.fromkeys(("equal", "agrees", "holds"), "good")
-VERDICTS |= {"compatible": "fair", "differs": "bad", "fails": "bad", "inconclusive": "open"}
+VERDICTS = {
+    "equal": "good",
+    "agrees": "good",
+    "holds": "good",
+    "compatible": "fair",
+    "differs": "bad",
+    "fails": "bad",
+    "inconclusive": "open",
+}
 """Verdicts and how they look."""
 
 
 def write_page(path: Path, template: str, live: bool = True, **context: Any) -> Path:
-    """Write a page; ``live`` ones have the script of figures."""
+    """Write a page from a template; ``live`` ones have the script of figures."""
     from markupsafe import Markup
 
-    script = "".join(map(_template_text, ("page.js", "curves.js") if live else ("page.js",)))
+    scripts = ["page.js"]
+    if live:
+        scripts.append("curves.js")
+    script = "".join(map(_template_text, scripts))
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    page: dict[str, Any] = {"script": Markup(script), "style": Markup(_template_text("page.css"))}
-    page |= {"script_digest": f"sha256-{digest}", "verdicts": VERDICTS}
+    page: dict[str, Any] = {
+        "script": Markup(script),
+        "style": Markup(_template_text("page.css")),
+        "script_digest": f"sha256-{digest}",
+        "verdicts": VERDICTS,
+    }
     write_text(path, _environment().get_template(template).render(**page, **context))
     return path
 
@@ -214,6 +301,7 @@ def _template_text(name: str) -> str:
 
 @cache
 def _environment() -> "Environment":
+    """Return the environment of the templates, which escapes every text that is not marked as safe."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     return Environment(

@@ -34,24 +34,33 @@ _MOST_NESTED = 100
 _NUMBER = re.compile(r"-?(?:\d+\.?\d*|\.\d+)(?:e-?\d+)?")
 
 
-def outline(d: str) -> Iterator[tuple[list[tuple[float, float]], bool]]:
-    """Yield the points of each stroke of a path, and whether it is closed; none of curves."""
-    if not re.fullmatch(r"[MlLz0-9e.\s+-]*", d):
+def outline(path: str) -> Iterator[tuple[list[tuple[float, float]], bool]]:
+    """Yield the points of each stroke of a path, and whether it is closed; none of curves.
+
+    ``path`` is the attribute ``d`` of an SVG's path, with points that are absolute or relative.
+    """
+    if not re.fullmatch(r"[MlLz0-9e.\s+-]*", path):
         return
-    x = y = 0.0
-    for stroke in filter(None, d.split("M")):
+    x = 0.0
+    y = 0.0
+    for stroke in filter(None, path.split("M")):
         points = []
         for letter, numbers in re.findall(r"([lL]?)([^lLz]+)", stroke):
             coordinates = _NUMBER.findall(numbers)
             if len(coordinates) < 2:
                 return
             a, b = map(float, coordinates[:2])
-            x, y = (x + a, y + b) if letter == "l" else (a, b)
+            if letter == "l":
+                x += a
+                y += b
+            else:
+                x = a
+                y = b
             points.append((x, y))
         yield points, "z" in stroke
 
 
-def cleaned(content: bytes, name: str) -> ET.Element:
+def clean_svg(content: bytes, name: str) -> ET.Element:
     """Return the SVG with the elements and attributes that draw; raises UserError if it is none."""
     ET.register_namespace("", _SVG)
     ET.register_namespace("xlink", _XLINK)
@@ -62,7 +71,7 @@ def cleaned(content: bytes, name: str) -> ET.Element:
     if root.tag != f"{{{_SVG}}}svg":
         raise UserError(f"figures/{name}.svg: is not an SVG file: it begins with {root.tag}")
     _check_depth(root, name)
-    _clean(root)
+    _clean_element(root)
     return root
 
 
@@ -83,7 +92,7 @@ def _check_depth(root: ET.Element, name: str) -> None:
 
 def inline(content: bytes, name: str, title: str) -> str:
     """Return the SVG as an element; ids start with ``name``, ``title`` is for screen readers."""
-    root = cleaned(content, name)
+    root = clean_svg(content, name)
     for element in root.iter():
         for key, value in element.attrib.items():
             element.set(key, _renamed(key, value, name))
@@ -103,7 +112,8 @@ def inline(content: bytes, name: str, title: str) -> str:
     return ET.tostring(root, encoding="unicode")
 
 
-def _clean(element: ET.Element) -> None:
+def _clean_element(element: ET.Element) -> None:
+    """Remove the children and attributes that do not draw, at all depths."""
     for key, value in list(element.attrib.items()):
         if key == "style":
             element.set(key, _style(value))
@@ -111,17 +121,20 @@ def _clean(element: ET.Element) -> None:
             del element.attrib[key]
     for child in list(element):
         if child.tag in _ELEMENTS:
-            _clean(child)
+            _clean_element(child)
         else:
             element.remove(child)
 
 
 def _may_stay(tag: str, key: str, value: str) -> bool:
+    """Test whether an attribute of an element named ``tag`` draws, and refers to its own file only."""
     if key in ("href", f"{{{_XLINK}}}href"):
         is_picture = tag == f"{{{_SVG}}}image" and value.startswith("data:image/png;base64,")
         return is_picture or value.startswith("#")
-    known = _PLACES.fullmatch(key) or _LOOKS.fullmatch(key)
-    return key in _FREE or (known is not None and _is_harmless(value))
+    if key in _FREE:
+        return True
+    draws = _PLACES.fullmatch(key) or _LOOKS.fullmatch(key)
+    return draws is not None and _is_harmless(value)
 
 
 def _is_harmless(value: str) -> bool:
@@ -133,14 +146,17 @@ def _is_harmless(value: str) -> bool:
 def _style(text: str) -> str:
     """Drop the properties of a style that do not draw; any other style is left as it is."""
     properties = [part.partition(":") for part in text.split(";") if part.strip()]
-    good = [p for p in properties if _LOOKS.fullmatch(p[0].strip()) and _is_harmless(p[2])]
+    good = []
+    for name, colon, value in properties:
+        if _LOOKS.fullmatch(name.strip()) and _is_harmless(value):
+            good.append((name, colon, value))
     return text if good == properties else ";".join(map("".join, good))
 
 
 def _renamed(key: str, value: str, name: str) -> str:
-    """Rename the ids in an attribute's value."""
+    """Rename the ids in an attribute's value: they start with ``name``."""
     if key == "id":
         return f"{name}-{value}"
-    if key.rpartition("}")[2] == "href":
-        return f"#{name}-{value[1:]}" if value.startswith("#") else value
-    return _REFERENCE.sub(rf"url(#{name}-\1)", value)
+    if key.rpartition("}")[2] != "href":
+        return _REFERENCE.sub(rf"url(#{name}-\1)", value)
+    return f"#{name}-{value[1:]}" if value.startswith("#") else value

@@ -11,7 +11,7 @@ from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
 
-_MOST = 6
+_MOST_TIES = 6
 
 
 @register("tables", "best-settings")
@@ -30,24 +30,31 @@ class BestSettings(TableKind):
     def table(self, results: Results) -> Table:
         """Fill a row for each filter whose keys the grid varies."""
         rankings = best_settings(results)
-        where = [results.axis(path) for path in (rankings[0].scene if rankings else ())]
-        heads = [*where, "Filter", "Best at", "No significant difference"]
-        value = head_of("mean", rankings[0].metric) if rankings else "Mean"
+        scene_heads: list[str] = []
+        value_head = "Mean"
+        if rankings:
+            scene_heads = [results.axis(path) for path in rankings[0].scene]
+            value_head = head_of("mean", rankings[0].metric)
+        heads = [*scene_heads, "Filter", "Best at", "No significant difference"]
         title = self.title or "Each filter's best values"
-        table = Table(title, heads, [value, "Next"], self.digits)
-        for standing in rankings:
-            best, nearest = standing.best, standing.nearest
+        table = Table(title, heads, [value_head, "Next"], self.digits)
+        for ranking in rankings:
+            best = ranking.best
             if best is None:
                 continue
-            ties = [rival.filter.setting for rival in standing.not_worse]
-            more = len(ties) - _MOST
-            shown = ", ".join(ties[:_MOST]) + (f", {more} more" if more > 0 else "")
-            keys = [*map(phrases.number, standing.scene.values()), best.label, best.setting]
-            cell = Cell(best.overall, len(best.lost) - best.losses, best.losses)
+            ties = [rival.filter.setting for rival in ranking.not_worse]
+            ties_text = ", ".join(ties[:_MOST_TIES]) or "none"
+            if len(ties) > _MOST_TIES:
+                ties_text += f", {len(ties) - _MOST_TIES} more"
+            scene_values = map(phrases.number, ranking.scene.values())
+            value = Cell(best.overall, runs=len(best.lost) - best.losses, lost=best.losses)
+            nearest = ranking.nearest
             further = Cell.missing()
             if nearest is not None:
-                further = Cell(nearest.difference.estimate, nearest.difference.runs, 0)
-            table.add([*keys, shown or "none"], [cell, further])
+                difference = nearest.difference
+                further = Cell(difference.estimate, runs=difference.runs, lost=0)
+            keys = [*scene_values, best.label, best.setting, ties_text]
+            table.add(keys, [value, further])
         if not table.keys:
             table.notes.append("No filter has two values to compare.")
         return table

@@ -23,17 +23,19 @@ from trackbench.statistics.over_runs import Estimate
 
 
 def check_rank(m: Measure, *path: str) -> None:
-    """Raise InvalidKeyError at what is no PIT, at one step or over all of a window."""
+    """Raise InvalidKeyError at what is no PIT, at one step or over all of a window.
+
+    ``path`` are the keys of the config that lead to the measure.
+    """
     if m.family[0].name != "pit" or m.statistic or m.is_many or m.relation:
         raise InvalidKeyError(f"{str(m)!r} is no PIT, such as pit_nees or pit_px@20", *path)
 
 
-def steps_that_are_not(
-    key: str, measures: Iterable[Measure], points: Sequence[Point]
-) -> dict[str, str]:
-    """Return conflicts of a measures key with a step outside a point's run."""
+def missing_steps(key: str, measures: Iterable[Measure], points: Sequence[Point]) -> dict[str, str]:
+    """Return conflicts of a key with measures at a step outside a point's run."""
     for m in measures:
-        for steps in (point.scenario.steps for point in points):
+        for point in points:
+            steps = point.scenario.steps
             if m.step is not None and m.step not in steps:
                 return {key: f"{m}: the steps are {steps[0]} to {steps[-1]}"}
     return {}
@@ -59,24 +61,31 @@ def histogram(results: Results, point: GridPoint, label: str, m: Measure) -> His
 
 
 class Uniformity(NamedTuple):
-    """Filters with the PITs of theirs that are not uniform; others; how many tests there were."""
+    """Which filters have PITs that are not uniform, by a family of tests."""
 
     bad: dict[str, list[str]]
+    """PITs that are not uniform, by filter"""
     good: list[str]
+    """filters with no such PIT"""
     tests: int
+    """number of tests"""
 
 
-def judged(histograms: Iterable[tuple[str, str, Histogram]], alpha: float) -> Uniformity:
-    """Test the histograms of (filter, PIT) with family-wise error alpha (Holm 1979)."""
+def judge_histograms(histograms: Iterable[tuple[str, str, Histogram]], alpha: float) -> Uniformity:
+    """Test the histograms of (filter, PIT) with family-wise error ``alpha`` (Holm 1979)."""
     tests = []
+    p_values = []
     for label, head, ranks in histograms:
-        tests += [(label, head, p) for p in (ranks.p_distance, ranks.p) if np.isfinite(p)]
+        for p in (ranks.p_distance, ranks.p):
+            if np.isfinite(p):
+                tests.append((label, head))
+                p_values.append(p)
     bad: dict[str, list[str]] = {}
-    for (label, head, _), p in zip(tests, holm(np.array([p for _, _, p in tests])), strict=True):
+    for (label, head), p in zip(tests, holm(np.array(p_values)), strict=True):
         if p < alpha and head not in bad.setdefault(label, []):
             bad[label].append(head)
-    good = [label for label, _, _ in tests if label not in bad]
-    return Uniformity(bad, list(dict.fromkeys(good)), len(tests))
+    good = [label for label, _ in tests if label not in bad]
+    return Uniformity(bad=bad, good=list(dict.fromkeys(good)), tests=len(tests))
 
 
 _HEADS = ["Distance", "p of the distance", "p of the histogram"]
@@ -107,31 +116,32 @@ class CalibrationTable(TableKind):
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
         """Reject steps outside the run."""
-        return steps_that_are_not("rows", self.rows.values(), points)
+        return missing_steps("rows", self.rows.values(), points)
 
     def table(self, results: Results) -> Table:
         """Fill a row for each filter and PIT; a note judges all histograms together."""
-        keys = [*results.grid_heads, "Filter", "PIT"]
-        table = Table(self.title, keys, _HEADS, self.digits)
-        every: list[tuple[str, str, Histogram]] = []
+        heads = [*results.grid_heads, "Filter", "PIT"]
+        table = Table(self.title, heads, _HEADS, self.digits)
+        histograms: list[tuple[str, str, Histogram]] = []
         for point in results.points():
             for label in results.chosen(self.filters):
-                row = [*(str(v) for v in point.values()), label]
+                keys = [*map(str, point.values()), label]
                 for head, m in self.rows.items():
                     ranks = histogram(results, point, label, m)
-                    numbers = (ranks.distance, ranks.p_distance, ranks.p)
-                    cells = [Cell(Estimate(x, np.nan), ranks.runs, 0) for x in numbers]
-                    table.add([*row, head], cells)
-                    every.append((", ".join(row), head, ranks))
-        table.notes += _verdict(judged(every, self.alpha), self.alpha)
+                    cells = []
+                    for number in (ranks.distance, ranks.p_distance, ranks.p):
+                        cells.append(Cell(Estimate(number, np.nan), runs=ranks.runs, lost=0))
+                    table.add([*keys, head], cells)
+                    histograms.append((", ".join(keys), head, ranks))
+        table.notes += _verdict(judge_histograms(histograms, self.alpha), self.alpha)
         return table
 
 
 def _verdict(uniformity: Uniformity, alpha: float) -> Iterator[str]:
     """Yield which ranks are not uniform, and which show no difference."""
-    by = f"by {uniformity.tests} tests, {alpha:g} for all of them (Holm)"
+    rule = f"by {uniformity.tests} tests, {alpha:g} for all of them (Holm)"
     if uniformity.bad:
         words = "; ".join(f"{label} in {joined(heads)}" for label, heads in uniformity.bad.items())
-        yield f"Not calibrated {by}: {words}."
+        yield f"Not calibrated {rule}: {words}."
     if uniformity.good:
-        yield f"Not seen to be otherwise than calibrated {by}: {', '.join(uniformity.good)}."
+        yield f"Not seen to be otherwise than calibrated {rule}: {', '.join(uniformity.good)}."

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import chain
 from typing import ClassVar, TypeAlias
 
 import numpy as np
@@ -23,7 +22,7 @@ from trackbench.statistics.estimates import MISSING
 from trackbench.statistics.intervals import AcceptedNis, anees_band
 from trackbench.statistics.over_runs import Estimate
 
-_Sizes: TypeAlias = dict[tuple[int, AcceptedNis | None], set[float]]
+_DegreesOfFreedom: TypeAlias = dict[tuple[int, AcceptedNis | None], set[float]]
 """Degrees of freedom of the steps, by number of components and law of what a gate accepts."""
 
 
@@ -48,29 +47,34 @@ class Consistency(TableKind):
 
     def table(self, results: Results) -> Table:
         """Count the steps at which each filter stays in its bands."""
-        sized = ["ANEES, median step", "steps in its band"]
-        sized += ["ANIS, median step", "steps in its band "]
         evaluators = {tuple(point.items()): Evaluator(results, point) for point in results.points()}
-        refused = _refused(evaluators.values())
-        keys = [*results.grid_heads, "Filter"]
-        table = Table(self.title, keys, [*sized, *refused], self.digits)
-        every: dict[str, _Sizes] = {"ANEES": {}, "ANIS": {}}
+        refused = _refused_column(evaluators.values())
+        heads = ["ANEES, median step", "steps in its band"]
+        heads += ["ANIS, median step", "steps in its band ", *refused]
+        table = Table(self.title, [*results.grid_heads, "Filter"], heads, self.digits)
+        degrees: dict[str, _DegreesOfFreedom] = {"ANEES": {}, "ANIS": {}}
         for point, evaluator in evaluators.items():
-            given, frame = results.facts(dict(point)), results.columns("per_step", dict(point))
-            sizes = {"anees": len(given.components), "nis": len(given.measured)}
+            facts = results.facts(dict(point))
+            per_step = results.columns("per_step", dict(point))
             for label in results.chosen(self.filters):
-                cells = []
-                for name, (metric, n) in zip(every, sizes.items(), strict=True):
-                    rows = frame.where(filter=label)
-                    chosen, number = rows.where(metric=metric), degrees_of(rows, metric, n)
-                    accepted = given.accepted_nis(label) if metric == "nis" else None
-                    every[name].setdefault((n, accepted), set()).update(number.tolist())
-                    # ANEES is stored per component, NIS is not.
-                    each = 1.0 if metric == "anees" else number / chosen["runs"]
-                    cells += _cells(chosen["value"] / each, number, accepted)
+                rows = per_step.where(filter=label)
+                # ANEES is stored per component.
+                anees = rows.where(metric="anees")
+                n = len(facts.components)
+                degrees_of_anees = degrees_of(rows, "anees", n)
+                degrees["ANEES"].setdefault((n, None), set()).update(degrees_of_anees.tolist())
+                cells = _cells(anees["value"], degrees_of_anees, None)
+                # NIS is stored as it is: ANIS = NIS / n, with n of a mean over the runs.
+                nis = rows.where(metric="nis")
+                n = len(facts.measured)
+                degrees_of_nis = degrees_of(rows, "nis", n)
+                accepted = facts.accepted_nis(label)
+                degrees["ANIS"].setdefault((n, accepted), set()).update(degrees_of_nis.tolist())
+                anis = nis["value"] / (degrees_of_nis / nis["runs"])
+                cells += _cells(anis, degrees_of_nis, accepted)
                 cells += [_innovation_cell(evaluator, label, m) for m in refused.values()]
-                table.add([*(str(v) for _, v in point), label], cells)
-        table.notes += _consistency_bands(every, int(results.config["runs"]))
+                table.add([*(str(value) for _, value in point), label], cells)
+        table.notes += _consistency_bands(degrees, int(results.config["runs"]))
         return table
 
 
@@ -80,11 +84,12 @@ def degrees_of(rows: Columns, metric: str, n: int) -> Array:
     ``rows`` are those of one filter in per_step.csv. They are n for each run, less the components that
     are not measured or known exactly.
     """
-    chosen, series = rows.where(metric=metric), metric.replace("anees", "nees", 1)
+    chosen = rows.where(metric=metric)
+    series = metric.replace("anees", "nees", 1)
     unused = rows.where(metric=f"unused_{series}")
-    less = dict(zip(unused["step"].tolist(), unused["value"].tolist(), strict=True))
-    each = np.array([n - less.get(k, 0.0) for k in chosen["step"].tolist()])
-    return np.asarray(chosen["runs"] * each)
+    unused_at_step = dict(zip(unused["step"].tolist(), unused["value"].tolist(), strict=True))
+    used = np.array([n - unused_at_step.get(step, 0.0) for step in chosen["step"].tolist()])
+    return np.asarray(chosen["runs"] * used)
 
 
 def _band(components: float, accepted: AcceptedNis | None) -> tuple[float, float]:
@@ -92,31 +97,44 @@ def _band(components: float, accepted: AcceptedNis | None) -> tuple[float, float
     return anees_band(1, components) if accepted is None else accepted.band(components)
 
 
-def _cells(value: Array, number: Array, accepted: AcceptedNis | None) -> list[Cell]:
-    """Fill the median over the steps, and the share of steps inside the bands of such ``number``s."""
-    if not len(value):
+def _cells(values: Array, degrees: Array, accepted: AcceptedNis | None) -> list[Cell]:
+    """Fill the median over the steps, and the share of steps inside their bands.
+
+    ``values`` (K,) are per component, with ``degrees`` (K,) of freedom; ``accepted`` is the law of what
+    a gate accepts.
+    """
+    if not len(values):
         return [Cell.missing(), Cell.missing()]
     # A band for each number of degrees of freedom that a step has.
-    bands = {m: _band(m, accepted) for m in set(number.tolist())}
-    low, high = np.array([bands[m] for m in number.tolist()]).T
-    inside = float(((value >= low) & (value <= high)).mean())
+    bands = {number: _band(number, accepted) for number in set(degrees.tolist())}
+    low, high = np.array([bands[number] for number in degrees.tolist()]).T
+    median = float(np.median(values))
+    inside = float(((values >= low) & (values <= high)).mean())
     # Steps depend on each other, so no standard error is claimed.
-    return [Cell(Estimate(x, np.nan), len(value), 0) for x in (float(np.median(value)), inside)]
+    return [Cell(Estimate(x, np.nan), runs=len(values), lost=0) for x in (median, inside)]
 
 
-def _consistency_bands(every: dict[str, _Sizes], runs: int) -> Iterator[str]:
-    """Yield the band for each number of components, and the widest one of steps that use fewer."""
-    for name, sizes in every.items():
-        several = len({n for n, _ in sizes}) > 1
-        for (n, accepted), numbers in sizes.items():
-            of = f" of {n} components" if several else ""
-            of += "" if accepted is None else f" with gate {accepted.gate:g}"
-            low, high = anees_band(n, runs) if accepted is None else accepted.band(n * runs)
-            text = f"95 % band of {name}{of} over {counted(runs, 'run')}: {low:.3f} to {high:.3f}"
-            least = min(numbers, default=n * runs)
-            if least < n * runs:
-                low, high = _band(least, accepted)
-                text += f"; {low:.3f} to {high:.3f} at a step of {least:g} components in all runs"
+def _consistency_bands(degrees: dict[str, _DegreesOfFreedom], runs: int) -> Iterator[str]:
+    """Yield the band for each number of components, and the widest one of steps that use fewer.
+
+    ``degrees`` has the degrees of freedom of the steps for ANEES and for ANIS.
+    """
+    for name, degrees_by_law in degrees.items():
+        several = len({n for n, _ in degrees_by_law}) > 1
+        for (n, accepted), numbers in degrees_by_law.items():
+            which = f" of {n} components" if several else ""
+            if accepted is None:
+                low, high = anees_band(n, runs)
+            else:
+                which += f" with gate {accepted.gate:g}"
+                low, high = accepted.band(n * runs)
+            text = (
+                f"95 % band of {name}{which} over {counted(runs, 'run')}: {low:.3f} to {high:.3f}"
+            )
+            fewest = min(numbers, default=n * runs)
+            if fewest < n * runs:
+                low, high = _band(fewest, accepted)
+                text += f"; {low:.3f} to {high:.3f} at a step of {fewest:g} components in all runs"
             yield f"{text}."
 
 
@@ -184,31 +202,37 @@ class Innovations(TableKind):
     def table(self, results: Results) -> Table:
         """Return the table from a results folder; columns that no filter has are left out."""
         evaluators = {tuple(point.items()): Evaluator(results, point) for point in results.points()}
-        metrics = _stored(evaluators.values())
-        columns = {h: m for h, m in _COLUMNS.items() if m in metrics} | _error_columns(results)
-        columns |= _refused(evaluators.values())
+        metrics = _stored_metrics(evaluators.values())
+        columns = {head: metric for head, metric in _COLUMNS.items() if metric in metrics}
+        columns |= _error_columns(results)
+        columns |= _refused_column(evaluators.values())
         table = Table(self.title, [*results.grid_heads, "Filter"], list(columns), self.digits)
+        labels = results.chosen(self.filters)
         for point, evaluator in evaluators.items():
-            for label in results.chosen(self.filters):
-                row = [_innovation_cell(evaluator, label, metric) for metric in columns.values()]
-                table.add([*(str(v) for _, v in point), label], row)
-        table.notes += _band_notes(results, results.chosen(self.filters))
+            for label in labels:
+                cells = [_innovation_cell(evaluator, label, metric) for metric in columns.values()]
+                table.add([*(str(value) for _, value in point), label], cells)
+        table.notes += _band_notes(results, labels)
         return table
 
 
-def _refused(evaluators: Iterable[Evaluator]) -> dict[str, str]:
-    """Find the column of refused measurements, where any filter has a gate."""
-    return {"Refused a run": "mean(gated)"} if "mean(gated)" in _stored(evaluators) else {}
+def _refused_column(evaluators: Iterable[Evaluator]) -> dict[str, str]:
+    """Find the column of refused measurements, where any filter has a gate: heading and metric."""
+    if "mean(gated)" not in _stored_metrics(evaluators):
+        return {}
+    return {"Refused a run": "mean(gated)"}
 
 
-def _stored(evaluators: Iterable[Evaluator]) -> set[str]:
+def _stored_metrics(evaluators: Iterable[Evaluator]) -> set[str]:
     """Collect the metrics that any filter has at any point of the grid."""
-    every = chain.from_iterable(evaluator.stored for evaluator in evaluators)
-    return {metric for _, metric in every}
+    metrics = set()
+    for evaluator in evaluators:
+        metrics |= {metric for _, metric in evaluator.stored}
+    return metrics
 
 
 def _innovation_cell(evaluator: Evaluator, label: str, metric: str) -> Cell:
-    words = evaluator.collapse(measured(metric).of(label))
+    words = evaluator.collapse_words(measured(metric).of(label))
     return Cell.of(evaluator.stored.get((label, metric), MISSING), words)
 
 
@@ -224,41 +248,47 @@ def _error_columns(results: Results) -> dict[str, str]:
 
 
 def _band_notes(results: Results, labels: list[str]) -> list[str]:
-    """Write the bands of a consistent filter, and where filters leave them."""
-    said: dict[str, list[str]] = {}
-    # Filters with equal bands share a sentence, and so do points.
+    """Write the bands of a consistent filter; filters and points with equal bands share a sentence."""
+    places_by_sentence: dict[str, list[str]] = {}
     for point in results.points():
-        alike: dict[str, list[str]] = {}
+        labels_by_sentence: dict[str, list[str]] = {}
         for label in labels:
             accepted = results.facts(point).accepted_nis(label)
-            for sentence in _note_on_bands(results.runs(point), label, accepted):
-                alike.setdefault(sentence, []).append(label)
-        for sentence, names in alike.items():
-            who = [phrases.listed(names)] if len(alike) > 1 else []
-            where = [phrases.heading(point)] if point else []
-            said.setdefault(sentence, []).append(", ".join(who + where))
-    if len(said) == 1:
-        return list(said)
-    return [f"{'; '.join(places)}: {sentence}" for sentence, places in said.items()]
+            sentence = _band_note(results.runs(point), label, accepted)
+            if sentence:
+                labels_by_sentence.setdefault(sentence, []).append(label)
+        for sentence, names in labels_by_sentence.items():
+            place = []
+            if len(labels_by_sentence) > 1:
+                place.append(phrases.listed(names))
+            if point:
+                place.append(phrases.heading(point))
+            places_by_sentence.setdefault(sentence, []).append(", ".join(place))
+    if len(places_by_sentence) == 1:
+        return list(places_by_sentence)
+    return [f"{'; '.join(places)}: {text}" for text, places in places_by_sentence.items()]
 
 
-def _note_on_bands(
-    runs: dict[tuple[str, str], Array], label: str, accepted: AcceptedNis | None
-) -> list[str]:
-    """Write the sentence on a filter's bands; none for a filter without predictions."""
+def _band_note(runs: dict[tuple[str, str], Array], label: str, accepted: AcceptedNis | None) -> str:
+    """Write the sentence on a filter's bands; empty for a filter without predictions.
+
+    ``runs`` has the values (M,) of the runs; ``accepted`` is the law of what the filter's gate accepts.
+    """
     numbers = runs.get((label, "innovations"), np.empty(0))
     finite = ~np.isnan(numbers)
     if not finite.any():
-        return []
+        return ""
     number = round(float(numbers[finite].sum()))
     if not number:
-        return ["Nothing was measured after the start: nothing can be said of a filter."]
+        return "Nothing was measured after the start: nothing can be said of a filter."
     low, high = anis_band(numbers[finite], accepted)
     bands = [f"ANIS {low:.3f} to {high:.3f}"]
     # The band of the autocorrelation is that of the runs that have one.
-    paired = ~np.isnan(runs.get((label, "autocorrelation_1"), np.full(len(numbers), np.nan)))
-    if paired.any():
-        bands.append(f"autocorrelation within {autocorrelation_band(numbers[paired]):.3f}")
+    autocorrelations = runs.get((label, "autocorrelation_1"), np.full(len(numbers), np.nan))
+    has_autocorrelation = ~np.isnan(autocorrelations)
+    if has_autocorrelation.any():
+        half_width = autocorrelation_band(numbers[has_autocorrelation])
+        bands.append(f"autocorrelation within {half_width:.3f}")
     gate = "" if accepted is None else f" with gate {accepted.gate:g}"
-    of = f"95 % bands of a consistent filter{gate} over {number} measured components"
-    return [f"{of}: {', '.join(bands)}."]
+    text = f"95 % bands of a consistent filter{gate} over {number} measured components"
+    return f"{text}: {', '.join(bands)}."

@@ -38,17 +38,18 @@ class Differences(TableKind):
 
     def table(self, results: Results) -> Table:
         """Fill a row for each filter but `against`: paired differences, metric by metric."""
-        labels = results.chosen(self.filters)
         heads = [*results.grid_heads, f"Difference to {self.against}"]
         table = Table(self.title, heads, list(self.columns), self.digits)
+        labels = [label for label in results.chosen(self.filters) if label != self.against]
         for point in results.points():
             runs = results.runs(point)
-            for label in (b for b in labels if b != self.against):
-                cells = [
-                    Cell.difference(runs.get((label, metric)), runs.get((self.against, metric)))
-                    for metric in map(str, self.columns.values())
-                ]
-                table.add([*(str(v) for v in point.values()), label], cells)
+            for label in labels:
+                cells = []
+                for metric in map(str, self.columns.values()):
+                    mine = runs.get((label, metric))
+                    other = runs.get((self.against, metric))
+                    cells.append(Cell.difference(mine, other))
+                table.add([*map(str, point.values()), label], cells)
         return table
 
 
@@ -87,27 +88,42 @@ class Claims(TableKind):
         points = results.points()
         names = [", ".join(map(phrases.number, point.values())) or "all runs" for point in points]
         table = Table(self.title, ["Claim"], names, self.digits)
-        at = [Evaluator(results, point) for point in points]
-        for words, claim in self.claims.items():
-            tests = [_compared(evidence, claim) for evidence in at]
-            table.add([words], [Cell.of(term) for term, _ in tests])
-            table.notes.append(f"{words}: {_ranges(names, [word for _, word in tests])}.")
+        evaluators = [Evaluator(results, point) for point in points]
+        for claim_text, claim in self.claims.items():
+            cells = []
+            words = []
+            for evaluator in evaluators:
+                difference, word = _judge(evaluator, claim)
+                cells.append(Cell.of(difference))
+                words.append(word)
+            table.add([claim_text], cells)
+            table.notes.append(f"{claim_text}: {_values_by_verdict(names, words)}.")
         return table
 
 
-def _compared(evidence: Evaluator, claim: ClaimRow) -> tuple[RunEstimate, str]:
-    """Compare the two filters on common runs; judge the claim."""
+def _judge(evaluator: Evaluator, claim: ClaimRow) -> tuple[RunEstimate, str]:
+    """Compare the two filters of a claim on common runs; return their difference and the verdict."""
     mean = claim.metric._replace(statistic="mean")
-    less, than = mean.of(claim.less), mean.of(claim.than)
     # mean(less - than) on common runs, negative where the claim holds
-    off = evidence.difference(less, than)
-    sign = rules.difference_sign(off, evidence.results.batches)
-    return off, (UNDECIDED, "fails", "holds")[sign]
+    difference = evaluator.difference(mean.of(claim.less), mean.of(claim.than))
+    sign = rules.difference_sign(difference, evaluator.results.batches)
+    if sign < 0:
+        return difference, "holds"
+    if sign > 0:
+        return difference, "fails"
+    return difference, UNDECIDED
 
 
-def _ranges(names: list[str], words: list[str]) -> str:
-    """Write ``holds at 0, 0.1; inconclusive at 1; fails at 10``."""
-    by_verdict: dict[str, list[str]] = {"holds": [], UNDECIDED: [], "fails": []}
+def _values_by_verdict(names: list[str], words: list[str]) -> str:
+    """Write ``holds at 0, 0.1; inconclusive at 1; fails at 10``.
+
+    ``names`` are those of the points, ``words`` the verdicts there.
+    """
+    names_by_verdict: dict[str, list[str]] = {"holds": [], UNDECIDED: [], "fails": []}
     for name, word in zip(names, words, strict=True):
-        by_verdict.get(word, by_verdict[UNDECIDED]).append(name)
-    return "; ".join(f"{verdict} at {', '.join(at)}" for verdict, at in by_verdict.items() if at)
+        names_by_verdict[word].append(name)
+    parts = []
+    for verdict, places in names_by_verdict.items():
+        if places:
+            parts.append(f"{verdict} at {', '.join(places)}")
+    return "; ".join(parts)

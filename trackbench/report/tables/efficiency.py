@@ -1,9 +1,9 @@
 """Table kinds of what accuracy costs: `efficiency`, and `equal-cost`, errors at one CPU time."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations, takewhile
-from typing import Any, ClassVar
+from itertools import combinations
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -19,10 +19,10 @@ from trackbench.report.costs import (
     Curve,
     Spot,
     compare_at,
+    compared_labels,
     cost_conflicts,
     curves,
-    logged,
-    shown,
+    logarithm,
 )
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
@@ -61,23 +61,28 @@ class EfficiencyTable(TableKind):
     def table(self, results: Results) -> Table:
         """Fill a row for each scenario and each form of a filter."""
         heads = ["Efficiency", "Without control variate", "Runs saved", "Cross term / MSE"]
-        every, labels = scenes(results), shown(results, self.filters)
-        table = Table(self.title, [*map(results.axis, every[0]), "Filter"], heads, self.digits)
-        for scene in every:
+        every_scene = scenes(results)
+        labels = compared_labels(results, self.filters)
+        keys = [*map(results.axis, every_scene[0]), "Filter"]
+        table = Table(self.title, keys, heads, self.digits)
+        for scene in every_scene:
             for label in labels:
-                for name, point in _forms(results, scene, label):
-                    cells = self._cells(Evaluator(results, point), label)
-                    keys = [*map(phrases.number, scene.values()), name]
+                for form in _forms(results, scene, label):
+                    cells = self._cells(Evaluator(results, form.point), label)
+                    keys = [*map(phrases.number, scene.values()), form.name]
                     table.add(keys, cells)
                     # A cross term beyond chance shows that the reference is not the exact mean.
-                    if rules.is_no_chance(cells[-1].estimate, cells[-1].runs):
+                    cross_term = cells[-1]
+                    if rules.is_no_chance(cross_term.estimate, cross_term.runs):
                         table.notes.append(f"{' '.join(keys)}: {_NOT_EXACT}.")
         return table
 
     def _cells(self, expressions: Evaluator, label: str) -> list[Cell]:
+        """Fill both efficiencies of a filter, the runs that the first saves, and the cross term."""
         m = self.metric.of(label)
+        rmse, _ = m.made_of()
         floor, distance = expressions.reference_and_rmsd(m)
-        error = expressions.runs.get((label, str(m.made_of()[0])))
+        error = expressions.runs.get((label, str(rmse)))
         if floor is None or distance is None or error is None:
             return [Cell.missing()] * 4
         # Only runs in which all three numbers exist.
@@ -85,15 +90,25 @@ class EfficiencyTable(TableKind):
         floor, distance, error = runs[:, ~np.isnan(runs).any(axis=0)]
         if not len(floor):
             return [Cell.missing()] * 4
-        lost = runs.shape[1] - len(floor)
-        with_, without = efficiency(floor, distance), plain_efficiency(floor, error)
+        controlled = efficiency(floor, distance)
+        plain = plain_efficiency(floor, error)
         cross = cross_share(floor, error, distance)
-        estimates = (with_, without, runs_saved(without, with_), cross)
-        return [Cell(part.estimate, len(floor), lost) for part in estimates]
+        lost = runs.shape[1] - len(floor)
+        cells = []
+        for number in (controlled, plain, runs_saved(plain, controlled), cross):
+            cells.append(Cell(estimate=number.estimate, runs=len(floor), lost=lost))
+        return cells
 
 
-def _forms(results: Results, scene: GridPoint, label: str) -> Iterator[tuple[str, GridPoint]]:
-    """Yield the filter with each of its varied key sets, their name, and the first point."""
+class _Form(NamedTuple):
+    """A filter with one set of its varied keys: its name, and the first point that has them."""
+
+    name: str
+    point: GridPoint
+
+
+def _forms(results: Results, scene: GridPoint, label: str) -> list[_Form]:
+    """Find the forms of a filter in a scene."""
     variants: list[dict[str, Any]] = []
     points = []
     for point in points_of(results, scene):
@@ -101,7 +116,10 @@ def _forms(results: Results, scene: GridPoint, label: str) -> Iterator[tuple[str
         if keys is not None and keys not in variants:
             variants.append(keys)
             points.append(point)
-    yield from zip((named_form(label, keys, variants) for keys in variants), points, strict=True)
+    forms = []
+    for keys, point in zip(variants, points, strict=True):
+        forms.append(_Form(name=named_form(label, keys, variants), point=point))
+    return forms
 
 
 @register("tables", "equal-cost")
@@ -135,81 +153,134 @@ class EqualCost(TableKind):
 
     def table(self, results: Results) -> Table:
         """Compare the filters at the CPU times of each size of the filter `of`."""
-        every, metric = scenes(results), str(self.metric)
-        heads = [*map(results.axis, every[0]), f"At {self.of}'s {self.along}", "Filter"]
-        values = [COST, self.along, metric, "Interpolation", f"Over {self.of}'s"]
+        every_scene = scenes(results)
+        heads = [*map(results.axis, every_scene[0]), f"At {self.of}'s {self.along}", "Filter"]
+        values = [COST, self.along, str(self.metric), "Interpolation", f"Over {self.of}'s"]
         table = Table(self.title, heads, values, self.digits)
-        labels = shown(results, self.filters)
-        for scene in every:
-            wanted = dict.fromkeys([*labels, self.of])
+        labels = compared_labels(results, self.filters)
+        for scene in every_scene:
             # Curves of error over CPU time; each size of the filter `of` gives a budget.
-            in_scene = curves(results, scene, list(wanted), self.metric, self.along)
+            drawn = list(dict.fromkeys([*labels, self.of]))
+            in_scene = curves(results, scene, drawn, self.metric, self.along)
             rivals = [curve for curve in in_scene if curve.label in labels]
             for curve in in_scene:
-                for spot in curve.spots if curve.label == self.of else ():
+                if curve.label != self.of:
+                    continue
+                for spot in curve.spots:
                     size = phrases.number(spot.size) + curve.name.removeprefix(self.of)
                     keys = [*map(phrases.number, scene.values()), size]
-                    self._add(table, keys, rivals, spot)
+                    self._add_budget(table, keys, rivals, spot)
         return table
 
-    def _add(self, table: Table, keys: list[str], rivals: Sequence[Curve], budget: Spot) -> None:
-        """Add the rows at one CPU time, and the conclusion."""
-        reference = AtCost(budget.size, logged(budget.error), lost=budget.lost)
+    def _add_budget(
+        self, table: Table, keys: list[str], rivals: Sequence[Curve], budget: Spot
+    ) -> None:
+        """Add the rows at one CPU time, that of the spot ``budget``, and the conclusion.
+
+        ``keys`` are the first columns of the rows: values of the scenario, and the size at the budget.
+        """
+        reference = AtCost(size=budget.size, error=logarithm(budget.error), lost=budget.lost)
         # Every filter's error at this CPU time; None where its own times do not reach.
-        errors = {curve.name: curve.at(budget.cost) for curve in rivals}
-        reached = {name: at for name, at in errors.items() if at is not None}
-        best, open_, fewer = _compared(reached, self.metric.family[0].more_is_better)
-        near = [*takewhile(lambda name: _is_near(reached[name], reached[best[0]]), open_)]
-        decides = len(near) == len(open_) or len(open_) + 1 < len(reached)
-        for name, at in errors.items():
-            if decides and name in (*best, *near):
+        errors = {curve.name: curve.error_at(budget.cost) for curve in rivals}
+        reached = {name: error for name, error in errors.items() if error is not None}
+        comparison = _compare(reached, self.metric.family[0].more_is_better)
+        marked = _marked(reached, comparison)
+        for name, error in errors.items():
+            if name in marked:
                 table.best.add((len(table.keys), table.value_headers.index(str(self.metric))))
-            cells = [Cell.missing()] * 4 if at is None else _cells(at, reference)
-            time = Cell(Estimate(*(MICRO * x for x in budget.cost.estimate)), budget.cost.runs, 0)
-            table.add([*keys, name], [time, *cells])
+            cells = [Cell.missing()] * 4 if error is None else _cells(error, reference)
+            time = Estimate(MICRO * budget.cost.value, MICRO * budget.cost.stderr)
+            table.add([*keys, name], [Cell(time, runs=budget.cost.runs, lost=0), *cells])
         if reached:
-            text = f"{MICRO * budget.cost.value:.3g} µs a step"
-            where = ", ".join([*map(" = ".join, zip(table.key_headers[:-2], keys, strict=False))])
-            heading = f"{table.key_headers[-2]} = {keys[-1]}" + (f", {where}" if where else "")
-            parts = [f"best {best[0]}"]
-            parts += [f"no significant difference: {', '.join(open_)}"] if open_ else []
-            parts += [f"losing fewer runs: {', '.join(fewer)}"] if fewer else []
-            table.notes.append(f"{heading} ({text}): {'; '.join(parts)}.")
+            table.notes.append(_conclusion(table.key_headers[:-1], keys, budget, comparison))
 
 
-def _is_near(at: AtCost, best: AtCost) -> bool:
-    ends = compare_at(at, best).difference.interval(other=float(np.hypot(at.other, best.other)))
-    return max(map(abs, ends)) <= np.log(rules.NEAR_BEST)
+class _Comparison(NamedTuple):
+    """Filters at one CPU time, by name."""
+
+    best: list[str]
+    """the filter with the best error; empty if no filter's times reach this one"""
+    ties: list[str]
+    """filters without a significant difference from the best, up to the first with one"""
+    losing_fewer: list[str]
+    """filters that are worse than the best, or behind a worse one, and lose fewer runs than the best"""
 
 
-def _cells(at: AtCost, reference: AtCost) -> list[Cell]:
-    """Fill size, error, interpolation error, and the ratio to the named filter's error."""
-    value, difference = float(exp(at.error.value)), compare_at(at, reference).difference
-    other = float(np.hypot(at.other, reference.other))
-    ratio = float(exp(difference.value))
-    lost = int((at.lost > 0).sum())
-    # Of logarithms: relative errors from the runs and from the times add in squares.
-    stderr = value * float(np.hypot(at.error.stderr, at.of_times))
-    numbers = [
-        Estimate(at.size, np.nan),
-        Estimate(value, stderr),
-        Estimate(value * at.curvature, np.nan),
-        Estimate(ratio, ratio * float(np.hypot(difference.stderr, other))),
-    ]
-    return [Cell(number, at.error.runs, lost) for number in numbers]
+def _compare(errors: dict[str, AtCost], higher: bool) -> _Comparison:
+    """Find the best filter, those that may be as good, and worse ones that lose fewer runs.
 
-
-def _compared(errors: dict[str, AtCost], higher: bool) -> tuple[list[str], list[str], list[str]]:
-    """Find the best filter, those that may be as good, and worse ones that lose fewer runs."""
+    Of ``errors`` by name the lowest is the best, or if ``higher`` the highest (of efficiencies).
+    """
     sign = -1.0 if higher else 1.0
     order = sorted(errors, key=lambda name: sign * errors[name].error.value)
     pairs = {(a, b): compare_at(errors[b], errors[a]) for a, b in combinations(order, 2)}
     family = as_family(pairs)
-    best, open_, fewer = order[:1], list[str](), list[str]()
-    for name in order[1:]:
+    best = order[:1]
+    ties: list[str] = []
+    losing_fewer: list[str] = []
+    for place, name in enumerate(order[1:]):
         # Those behind a worse one are no ties. A worse filter may still lose fewer runs.
-        if not family[best[0], name].sign and len(open_) == order.index(name) - 1:
-            open_.append(name)
+        is_significant = family[best[0], name].sign != 0
+        if not is_significant and len(ties) == place:
+            ties.append(name)
         elif rules.loses_more(errors[best[0]].lost, errors[name].lost, len(errors)):
-            fewer.append(name)
-    return best, open_, fewer
+            losing_fewer.append(name)
+    return _Comparison(best=best, ties=ties, losing_fewer=losing_fewer)
+
+
+def _marked(errors: dict[str, AtCost], comparison: _Comparison) -> list[str]:
+    """Return the filters that are marked: the best, and ties up to the first that is not near it.
+
+    None if a tie is not near and no filter is worse: nothing is decided.
+    """
+    near: list[str] = []
+    for name in comparison.ties:
+        if not _is_near(errors[name], errors[comparison.best[0]]):
+            break
+        near.append(name)
+    all_near = len(near) == len(comparison.ties)
+    some_worse = len(comparison.ties) + 1 < len(errors)
+    return [*comparison.best, *near] if all_near or some_worse else []
+
+
+def _is_near(error: AtCost, best: AtCost) -> bool:
+    """Test whether the ratio to the best error is at most `rules.NEAR_BEST`, with 95 % confidence."""
+    other_stderr = float(np.hypot(error.other_stderr, best.other_stderr))
+    low, high = compare_at(error, best).difference.interval(other=other_stderr)
+    return max(abs(low), abs(high)) <= np.log(rules.NEAR_BEST)
+
+
+def _conclusion(heads: list[str], keys: list[str], budget: Spot, comparison: _Comparison) -> str:
+    """Write which filters are best at one CPU time.
+
+    ``heads`` and ``keys`` are the scenario's paths and values, and last the size at the budget.
+    """
+    place = [f"{heads[-1]} = {keys[-1]}"]
+    for head, key in zip(heads[:-1], keys[:-1], strict=True):
+        place.append(f"{head} = {key}")
+    parts = [f"best {comparison.best[0]}"]
+    if comparison.ties:
+        parts.append(f"no significant difference: {', '.join(comparison.ties)}")
+    if comparison.losing_fewer:
+        parts.append(f"losing fewer runs: {', '.join(comparison.losing_fewer)}")
+    time = f"{MICRO * budget.cost.value:.3g} µs a step"
+    return f"{', '.join(place)} ({time}): {'; '.join(parts)}."
+
+
+def _cells(at_budget: AtCost, reference: AtCost) -> list[Cell]:
+    """Fill size, error, interpolation error, and the ratio to the named filter's error."""
+    value = float(exp(at_budget.error.value))
+    # Of logarithms: relative errors from the runs and from the times add in squares.
+    stderr = value * float(np.hypot(at_budget.error.stderr, at_budget.stderr_of_times))
+    difference = compare_at(at_budget, reference).difference
+    ratio = float(exp(difference.value))
+    other_stderr = float(np.hypot(at_budget.other_stderr, reference.other_stderr))
+    ratio_stderr = ratio * float(np.hypot(difference.stderr, other_stderr))
+    estimates = [
+        Estimate(at_budget.size, np.nan),
+        Estimate(value, stderr),
+        Estimate(value * at_budget.curvature, np.nan),
+        Estimate(ratio, ratio_stderr),
+    ]
+    lost = int((at_budget.lost > 0).sum())
+    return [Cell(estimate, at_budget.error.runs, lost) for estimate in estimates]

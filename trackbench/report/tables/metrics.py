@@ -64,69 +64,84 @@ class Metrics(TableKind):
     def table(self, results: Results) -> Table:
         """Fill a row for each filter, a column for each metric expression."""
         labels = results.chosen(self.filters, exact=True)
+        measures = list(self.columns.values())
         table = Table(self.title, [*results.grid_heads, "Filter"], list(self.columns), self.digits)
-        no_rivals = {*map(results.config.get, ("bound", "reference")), *results.exact}
-        rivals = [label for label in labels if label not in no_rivals]
+        # Bounds, the reference and exact errors are not marked as best.
+        not_ranked = {results.config.get("bound"), results.config.get("reference"), *results.exact}
+        ranked = [label for label in labels if label not in not_ranked]
         for point in results.points():
-            expressions = Evaluator(results, point)
-            keys = [str(v) for v in point.values()]
-            for i, m in enumerate(self.columns.values()):
-                best = best_labels(expressions, rivals, m)
-                table.best |= {(len(table.keys) + labels.index(label), i) for label in best}
+            evaluator = Evaluator(results, point)
+            point_keys = [str(value) for value in point.values()]
+            for column, m in enumerate(measures):
+                for label in best_labels(evaluator, ranked, m):
+                    row = len(table.keys) + labels.index(label)
+                    table.best.add((row, column))
             for label in labels:
-                wanted = [m.of(label) for m in self.columns.values()]
-                table.add([*keys, label], [_cell(expressions, m) for m in wanted])
+                cells = [_cell(evaluator, m.of(label)) for m in measures]
+                table.add([*point_keys, label], cells)
+            # Last row: the gain over another filter in each column.
             if self.gain is not None:
                 head = f"{self.gain.of} below {self.gain.over} (%)"
-                # Last row: the gain over another filter in each column.
-                beside = [m.beside("gain", self.gain.over) for m in self.columns.values()]
-                gains = [expressions.term(m.of(self.gain.of)) for m in beside]
-                table.add([*keys, head], [Cell.of(term) for term in gains])
+                cells = []
+                for m in measures:
+                    gain = m.beside("gain", self.gain.over).of(self.gain.of)
+                    cells.append(Cell.of(evaluator.term(gain)))
+                table.add([*point_keys, head], cells)
             table.notes += _lost_notes(results, point, labels)
-            table.notes += _tail_notes(expressions, labels, self.columns.values())
+            table.notes += _tail_notes(evaluator, labels, measures)
         # Notes on spreads over one run, filters that loop over runs, and filters that failed.
-        kinds = {m.statistic or m.family[0].over_runs for m in self.columns.values()}
-        if results.config["runs"] == 1 and kinds & {"std", "variance"}:
+        statistics = {m.statistic or m.family[0].over_runs for m in measures}
+        if results.config["runs"] == 1 and statistics & {"std", "variance"}:
             table.notes.append("One run has no standard deviation or variance over the runs.")
         slow = [label for label in labels if label in results.loops_over_runs]
-        if slow and any("cpu_s" in str(m) for m in self.columns.values()):
+        if slow and any("cpu_s" in str(m) for m in measures):
             table.notes.append(f"Time of {', '.join(slow)}: one run after the other.")
-        failed = [row for row in results.failed if row["filter"] in labels]
-        table.notes += [f"{row['filter']} failed: {row['reason']}" for row in failed]
+        for failure in results.failed:
+            if failure["filter"] in labels:
+                table.notes.append(f"{failure['filter']} failed: {failure['reason']}")
         return table
 
 
-def best_labels(expressions: Evaluator, labels: Sequence[str], m: Measure) -> list[str]:
+def best_labels(evaluator: Evaluator, labels: Sequence[str], m: Measure) -> list[str]:
     """Return the filters that are marked as best, by the ranking at this point.
 
     The other filters of the experiment belong to its family of tests. Of a time or a step, of which
     runs have no values, only the least value is the best; of a step none in fewer than five runs. A
     number that is zero in every run has no error to be compared, and the column no mark.
     """
-    smaller = m.is_cpu_time or m.family[0].better == "lower"
-    if not (smaller or m.family[0].is_score) or m.relation in ("gain", "win_rate"):
+    lower_is_better = m.is_cpu_time or m.family[0].better == "lower"
+    if not (lower_is_better or m.family[0].is_score) or m.relation in ("gain", "win_rate"):
         return []
-    every = [*labels, *(b for b in expressions.results.filters if b not in labels)]
-    candidates = {b: c for b in every for c in _candidate(expressions, m.plain.of(b))}
+    # Case 1: runs have values, and the filters are ranked by them.
+    candidates: dict[str, Candidate] = {}
+    others = [label for label in evaluator.results.filters if label not in labels]
+    for label in (*labels, *others):
+        candidate = _candidate(evaluator, m.plain.of(label))
+        if candidate is not None:
+            candidates[label] = candidate
     rivals = [candidates[label] for label in labels if label in candidates]
     if len(rivals) > 1:
-        if len({c.overall.value for c in rivals}) == 1:
+        if len({rival.overall.value for rival in rivals}) == 1:
             return []
-        others = [c for label, c in candidates.items() if label not in labels]
-        ranking = ranking_of(rivals, m.metric, unranked=others)
+        unranked = [candidates[label] for label in candidates if label not in labels]
+        ranking = ranking_of(rivals, m.metric, unranked=unranked)
         if ranking.best is not None and not m.is_share and _is_zero_in_every_run(ranking.best):
             return []
-        return [c.label for c in ranking.marked]
-    runs = max(map(len, expressions.runs.values()), default=0)
+        return [candidate.label for candidate in ranking.marked]
+    # Case 2: runs have no values; the least number is the best.
+    runs = max(map(len, evaluator.runs.values()), default=0)
     if runs < rules.FEWEST_RUNS and not m.is_cpu_time:
         return []
-    values = {label: _cell(expressions, m.of(label)).estimate.value for label in labels}
-    values = {label: value for label, value in values.items() if isfinite(value)}
+    values = {}
+    for label in labels:
+        value = _cell(evaluator, m.of(label)).estimate.value
+        if isfinite(value):
+            values[label] = value
     least = min(values.values(), default=0.0)
     if least == 0.0 and not m.is_share:
         return []
     best = [label for label, value in values.items() if value == least]
-    return best if smaller and len(best) < len(values) else []
+    return best if lower_is_better and len(best) < len(values) else []
 
 
 def _is_zero_in_every_run(candidate: Candidate) -> bool:
@@ -135,59 +150,73 @@ def _is_zero_in_every_run(candidate: Candidate) -> bool:
     return not values[np.isfinite(values)].any()
 
 
-def _candidate(expressions: Evaluator, m: Measure) -> Iterator[Candidate]:
-    """Yield a filter with the values of its runs, if the measure has them."""
-    if (column := expressions.per_run(m)) is None:
-        return
+def _candidate(evaluator: Evaluator, m: Measure) -> Candidate | None:
+    """Return a filter with the values of its runs; None if the measure has none, or is not ranked by."""
+    column = evaluator.per_run(m)
+    if column is None:
+        return None
     statistic, values = column
-    if statistic not in STATISTICS:  # no ranking is by it
-        return
-    point, lost = expressions.point, expressions.runs.get((m.filter, "lost"), np.zeros(len(values)))
-    yield Candidate(m.filter, point, lost, Sample(values, statistic, expressions.of_steps(m)))
+    if statistic not in STATISTICS:
+        return None
+    return Candidate(
+        label=m.filter,
+        point=evaluator.point,
+        lost=evaluator.runs.get((m.filter, "lost"), np.zeros(len(values))),
+        sample=Sample(values, statistic, evaluator.estimate_of_steps(m)),
+    )
 
 
-def _cell(expressions: Evaluator, m: Measure) -> Cell:
+def _cell(evaluator: Evaluator, m: Measure) -> Cell:
     """Read a row of summary.csv, or evaluate it, such as a ratio to another filter."""
-    stored = None if m.is_share else expressions.stored.get((m.filter, str(m)))
-    term = stored or expressions.term(m)
-    possible = len(expressions.runs.get((m.filter, "lost"), ())) - term.lost
-    counts = m.is_over_runs and 0 < term.runs < possible
-    suffix = f" ({term.runs} of {possible} runs)" if counts else ""
-    return Cell.of(term, expressions.collapse(m))._replace(suffix=suffix)
+    stored = None if m.is_share else evaluator.stored.get((m.filter, str(m)))
+    term = stored or evaluator.term(m)
+    suffix = ""
+    # Name the number of runs that have a value, if not all do that are not lost.
+    possible = len(evaluator.runs.get((m.filter, "lost"), ())) - term.lost
+    if m.is_over_runs and 0 < term.runs < possible:
+        suffix = f" ({term.runs} of {possible} runs)"
+    return Cell.of(term, evaluator.collapse_words(m))._replace(suffix=suffix)
 
 
 def _lost_notes(results: Results, point: GridPoint, labels: list[str]) -> Iterator[str]:
     """Yield why runs were lost, in words."""
     runs = results.runs(point)
+    place = ", ".join(f"{path} = {value}" for path, value in point.items())
     for label in labels:
         codes = runs.get((label, "lost"), np.empty(0))
         for code, reason in LOST_BECAUSE.items():
             number = int((codes == code).sum())
             if number:
-                where = ", ".join(f"{k} = {v}" for k, v in point.items())
-                at = f" at {where}" if where else ""
-                yield f"{label}{at}: {counted(number, 'run')} lost because {reason}."
+                where = f" at {place}" if place else ""
+                yield f"{label}{where}: {counted(number, 'run')} lost because {reason}."
 
 
 def _tail_notes(
-    expressions: Evaluator, labels: Sequence[str], columns: Collection[Expression]
+    evaluator: Evaluator, labels: Sequence[str], columns: Collection[Expression]
 ) -> Iterator[str]:
     """Yield for each error the filters of which a few runs decide a number, with their medians."""
-    medians: dict[tuple[str, str], str] = {}
-    errors: list[Measure] = []
-    for m in columns:
-        errors += [m.of(label) for label in labels] if m.is_error and not m.relation else []
-    for m in errors:
-        name = f"{m.metric}[{m.window}]" if m.window else m.metric
-        column = expressions.per_run(m)
-        if column is not None and column[0] in ("mean", "rms", "variance"):
-            x = column[1][np.isfinite(column[1])]
-            if has_heavy_tail(influence(column[0], x)):
-                middle, (low, high) = STATISTICS["median"](x).value, interval("median", x)
-                text = f"{named(m.filter)} {middle:.3g} ({low:.3g} to {high:.3g})"
-                medians[name, m.filter] = text
-    where = "".join(f" at {k} = {v}" for k, v in expressions.point.items())
-    for name in dict.fromkeys(name for name, _ in medians):
-        texts = [text for (of, _), text in medians.items() if of == name]
+    # Step 1: medians of the filters' errors that have a heavy tail, by error and filter.
+    medians: dict[str, dict[str, str]] = {}
+    for column in columns:
+        if not column.is_error or column.relation:
+            continue
+        for label in labels:
+            m = column.of(label)
+            values_of_runs = evaluator.per_run(m)
+            if values_of_runs is None:
+                continue
+            statistic, values = values_of_runs
+            if statistic not in ("mean", "rms", "variance"):
+                continue
+            x = values[np.isfinite(values)]
+            if has_heavy_tail(influence(statistic, x)):
+                middle = STATISTICS["median"](x).value
+                low, high = interval("median", x)
+                name = f"{m.metric}[{m.window}]" if m.window else m.metric
+                text = f"{named(label)} {middle:.3g} ({low:.3g} to {high:.3g})"
+                medians.setdefault(name, {})[label] = text
+    # Step 2: a sentence for each error.
+    where = "".join(f" at {path} = {value}" for path, value in evaluator.point.items())
+    for name, text_by_label in medians.items():
         what = f"A few runs decide the {name}{where}, so its ± may be too small"
-        yield f"{what}; medians: {listed(texts)}."
+        yield f"{what}; medians: {listed(list(text_by_label.values()))}."

@@ -32,26 +32,31 @@ class Precision(TableKind):
     def table(self, results: Results) -> Table:
         """Check every number of `until` at each number of runs at which the run looked."""
         config = results.config
-        until = config.get("until", {}).items()
-        wanted = [PrecisionTarget.read(metric, error) for metric, error in until]
+        until = config.get("until", {})
+        targets = [PrecisionTarget.read(metric, error) for metric, error in until.items()]
         stops = list(checkpoints(config["min_runs"], config["runs"]))
         heads = [*results.grid_heads, "Filter", "Number", "Standard error wanted", "Enough after"]
         table = Table(self.title, heads, ["Value"], self.digits)
         for point in results.points():
             sizes = results.facts(point).sizes
             for label in results.filters:
-                runs_of = results.runs(point).items()
-                per_run = {metric: values for (of, metric), values in runs_of if of == label}
-                result = FilterResult(per_run, {}, {}, None, [])
-                for w in wanted if "lost" in result.per_run else ():
+                values_by_metric = {}
+                for (of_filter, metric), values in results.runs(point).items():
+                    if of_filter == label:
+                        values_by_metric[metric] = values
+                if "lost" not in values_by_metric:
+                    continue
+                result = FilterResult(values_by_metric, {}, {}, None, [])
+                for target in targets:
                     # The number at every look; the last look gives the cell.
                     looks: list[PrecisionCheck] = []
                     for runs in stops:
-                        looks += check_precision([w], result, sizes, {}, runs)
-                    if looks:
-                        row = looks[-1].row
-                        cell = Cell(Estimate(row.value, row.stderr), row.runs, 0)
-                        enough = exact_after(stops, [look.enough for look in looks]) or "no"
-                        keys = [label, w.metric, config["until"][w.metric], enough]
-                        table.add([*map(str, point.values()), *map(str, keys)], [cell])
+                        looks += check_precision([target], result, sizes, {}, runs)
+                    if not looks:
+                        continue
+                    row = looks[-1].row
+                    cell = Cell(Estimate(row.value, row.stderr), runs=row.runs, lost=0)
+                    enough_after = exact_after(stops, [look.enough for look in looks]) or "no"
+                    keys = [*point.values(), label, target.metric, until[target.metric]]
+                    table.add([*map(str, keys), str(enough_after)], [cell])
         return table

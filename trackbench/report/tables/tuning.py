@@ -20,12 +20,12 @@ from trackbench.statistics.over_runs import Estimate
 from trackbench.tuning.search import Record
 
 _HEADS = ["Training", "Results", "Gap", "Untuned", "Gained"]
-_BESIDE = {
+_TRAINING_PATHS = {
     "noise": " on the path of the results, with other noise",
     "noise and path": " on other paths than those of the results",
     "recordings": ", recordings that are not of the results",
 }
-"""What training runs are beside those of the results, by what the manifest says is held out."""
+"""How training runs differ from those of the results, by what the manifest says is held out."""
 
 
 @register("tables", "tuning")
@@ -43,37 +43,45 @@ class TuningTable(TableKind):
 
     def table(self, results: Results) -> Table:
         """Compare each tuned filter with the one as configured, on the runs of the results."""
-        tuning, runs = results.config["tuning"], results.runs({})
+        tuning = results.config["tuning"]
+        runs = results.runs({})
         objective = Objective.of(tuning["metric"], results.facts({}).sizes)
-        by = f"Tuned by {words_of(tuning['metric'])}, {_trained_on(results)}"
-        table = Table(self.title or by, ["Filter", "Values found", "Trials"], _HEADS, self.digits)
-        # Each tuned filter and the one as configured, on the runs of the results.
-        scores, gains = {}, {}
+        title = f"Tuned by {words_of(tuning['metric'])}, {_training_runs(results)}"
+        heads = ["Filter", "Values found", "Trials"]
+        table = Table(self.title or title, heads, _HEADS, self.digits)
+        # Step 1: score each tuned filter and the one as configured, on the runs of the results.
+        tuned: dict[str, RunEstimate | None] = {}
+        untuned: dict[str, RunEstimate | None] = {}
+        comparisons = {}
         for label in results.tuning:
-            tuned = _score(objective, runs, tuned_label(label))
-            untuned = _score(objective, runs, label)
-            scores[label] = tuned, untuned
-            if tuned is not None and untuned is not None:
-                gains[label] = compare_estimates(untuned, tuned)
-        family = as_family(gains)
+            tuned_score = _score(objective, runs, tuned_label(label))
+            untuned_score = _score(objective, runs, label)
+            tuned[label] = tuned_score
+            untuned[label] = untuned_score
+            if tuned_score is not None and untuned_score is not None:
+                comparisons[label] = compare_estimates(untuned_score, tuned_score)
+        gains = as_family(comparisons)
+        # Step 2: a row per filter, with notes on a gain that is none.
         for label, record in results.tuning.items():
-            gain = family.get(label)
-            keys = [label, _values(record), str(len(record.trials))]
+            gain = gains.get(label)
             gained = Cell.missing() if gain is None else Cell.of(gain.difference)
-            table.add(keys, [*_cells(record, *scores[label]), gained])
-            notes = [*record.remarks(tuning["runs"]), *(_on_results(gain) if gain else ())]
-            table.notes += (f"{label}: {text}." for text in notes)
+            keys = [label, _values(record), str(len(record.trials))]
+            table.add(keys, [*_cells(record, tuned[label], untuned[label]), gained])
+            notes = list(record.remarks(tuning["runs"]))
+            if gain is not None:
+                notes += _notes_on_results(gain)
+            table.notes += [f"{label}: {text}." for text in notes]
         return table
 
 
-def _trained_on(results: Results) -> str:
+def _training_runs(results: Results) -> str:
     """Describe the training runs, or the part of recorded ones, and the runs held out."""
     config = results.config
     share = (config["scenario"].get("score") or {}).get("train")
     if share is not None:
         return f"the first {100 * share:g} % of the time; results of the rest"
-    runs = f"{config['tuning']['runs']} training runs"
-    return runs + _BESIDE.get(results.manifest.get("training_holds_out", ""), "")
+    held_out = results.manifest.get("training_holds_out", "")
+    return f"{config['tuning']['runs']} training runs" + _TRAINING_PATHS.get(held_out, "")
 
 
 def words_of(metric: str | dict[str, float]) -> str:
@@ -87,39 +95,52 @@ def _score(
     objective: Objective, runs: dict[tuple[str, str], np.ndarray], label: str
 ) -> RunEstimate | None:
     """Score a filter on the runs of the results; None if it was not run, or failed."""
-    mine = {metric: values for (of, metric), values in runs.items() if of == label}
-    wanted = {*objective.metrics, "lost"}
-    return objective.score(mine) if wanted <= mine.keys() else None
+    values_by_metric = {}
+    for (of_filter, metric), values in runs.items():
+        if of_filter == label:
+            values_by_metric[metric] = values
+    needed = {*objective.metrics, "lost"}
+    return objective.score(values_by_metric) if needed <= values_by_metric.keys() else None
 
 
 def _values(record: Record) -> str:
+    """Write the values found, and those within one standard error of the best."""
     parts = []
     for axis in record.axes:
+        best = phrases.number(record.best.values[axis.key])
+        text = f"{axis.key} = {best}"
         # The values within one standard error of the best: choices, or the ends of a range.
         near = [phrases.number(value) for value in record.within(axis)]
-        value = phrases.number(record.best.values[axis.key])
         if axis.choices:
-            also = [v for v in near if v != value]
-            parts.append(f"{axis.key} = {value}" + (f" (or {', '.join(also)})" if also else ""))
-        else:  # a single run has no standard error, and no range
-            within = f" ({near[0]} to {near[-1]})" if isfinite(record.best.stderr) else ""
-            parts.append(f"{axis.key} = {value}{within}")
+            others = [value for value in near if value != best]
+            if others:
+                text += f" (or {', '.join(others)})"
+        elif isfinite(record.best.stderr):  # a single run has no standard error, and no range
+            text += f" ({near[0]} to {near[-1]})"
+        parts.append(text)
     return "; ".join(parts)
 
 
 def _cells(record: Record, tuned: RunEstimate | None, untuned: RunEstimate | None) -> list[Cell]:
+    """Fill the metric in training and on the results, their gap, and the untuned filter's metric."""
     best = record.best
-    training = Cell(Estimate(best.objective, best.stderr), 1, best.lost)
-    result, before = (Cell.missing() if of is None else Cell.of(of) for of in (tuned, untuned))
+    training = Cell(Estimate(best.objective, best.stderr), runs=1, lost=best.lost)
+    result = Cell.missing() if tuned is None else Cell.of(tuned)
+    before = Cell.missing() if untuned is None else Cell.of(untuned)
     # Gap = results - training; the standard errors add in squares.
-    gap, stderr = result.estimate.value - best.objective, result.estimate.stderr
-    difference = Cell(Estimate(gap, float(np.hypot(stderr, best.stderr))), result.runs, 0)
-    return [training, result, difference, before]
+    gap = result.estimate.value - best.objective
+    gap_stderr = float(np.hypot(result.estimate.stderr, best.stderr))
+    gap_cell = Cell(Estimate(gap, gap_stderr), runs=result.runs, lost=0)
+    return [training, result, gap_cell, before]
 
 
-def _on_results(gain: Comparison) -> Iterator[str]:
-    """Yield what tuning lost on the runs of the results, or that it gained nothing."""
-    untuned, tuned = gain.a, gain.b
+def _notes_on_results(gain: Comparison) -> Iterator[str]:
+    """Yield what tuning lost on the runs of the results, or that it gained nothing.
+
+    ``gain`` compares the untuned filter with the tuned one.
+    """
+    untuned = gain.a
+    tuned = gain.b
     if tuned.lost > untuned.lost:
         lost = counted(tuned.lost, "run")
         yield f"tuned, it loses {lost} of the results, and {untuned.lost} as it was"

@@ -1,7 +1,6 @@
 """Tests of claims in words against the results."""
 
 from dataclasses import replace
-from itertools import product
 from math import inf, isnan, nan
 from typing import NamedTuple
 
@@ -19,58 +18,101 @@ NOT_MEASURED = "not measured"
 
 
 class ClaimVerdict(NamedTuple):
-    """A claim, the verdict by the z of its weakest comparison (positive: in its favor), and why."""
+    """A claim, with the verdict by the z of its weakest comparison (positive: in its favor)."""
 
     claim: Claim
     verdict: Verdict
     paired: bool
+    """whether the weakest comparison is of common runs"""
     note: str
+    """reasons for the verdict"""
     is_measured: bool = True
 
 
 def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
-    """Judge a claim: it holds if it does against every filter that it names."""
+    """Judge a claim: it holds if it does against every filter that it names.
+
+    Parameters
+    ----------
+    claim : published claim
+    evidence : measures at the point of the grid that the claim is about; None if there are no results
+
+    Returns
+    -------
+    Verdict, with the values that decide as a note.
+    """
     if evidence is None or not claim.left or not claim.expression:
         return _unjudged(claim, no_results(claim, evidence))
     # Step 1: one test for each step and each filter on the right side.
-    single, batches = _at_each_step(claim, evidence), evidence.results.batches
-    tests = [_test(evidence, one, right) for one, right in product(single, claim.rights or [""])]
+    claims_at_steps = _at_each_step(claim, evidence)
+    steps = len(claims_at_steps)
+    tests = []
+    for claim_at_step in claims_at_steps:
+        for right in claim.rights or [""]:
+            tests.append(_test(evidence, claim_at_step, right))
     if not tests:
         return _unjudged(claim, f"nothing is known of {claim.left}'s {claim.expression}")
     # Step 2: z of the weakest test, of all runs, of the parts and under stress.
     zs = [test.z for test in tests]
-    weakest = tests[min(range(len(zs)), key=lambda i: -inf if isnan(zs[i]) else zs[i])]
-    z = rules.weakest(zs, len(single))
-    parts = _weakest([test.of_parts(batches) for test in tests], len(single))
-    stressed = _weakest([test.stressed() for test in tests], len(single))
+    strengths = [-inf if isnan(z) else z for z in zs]
+    weakest = tests[strengths.index(min(strengths))]
+    z = rules.weakest(zs, steps)
+    batches = evidence.results.batches
+    parts = _weakest([test.z_of_parts(batches) for test in tests], steps)
+    stressed = _weakest([test.z_under_stress() for test in tests], steps)
     exact = weakest.term.is_exact  # and so are all that are measured
     verdict = rules.claim_verdict(z, parts, stressed, claim.relation == "~", exact)
     # Step 3: a filter that loses more runs is no better, whatever its error.
     losing = [_loses_more(evidence, claim, right) for right in claim.rights]
     if verdict.word == "holds" and any(losing):
         verdict = verdict._replace(word=UNDECIDED, fragile=False)
-    steps = _of_steps(weakest, zs) if len(single) > 1 else ""
-    measured = not isnan(weakest.term.value)
-    why = "" if measured else NOT_MEASURED
-    reasons = _size(evidence, weakest), _significance(verdict)
-    note = noted(*losing, why, _why(evidence, weakest), *reasons, steps, claim.note)
-    return ClaimVerdict(claim, verdict, weakest.term.splits, note, measured)
+    # Step 4: the reasons.
+    is_measured = not isnan(weakest.term.value)
+    note = noted(
+        *losing,
+        "" if is_measured else NOT_MEASURED,
+        _values_compared(evidence, weakest),
+        _size(evidence, weakest),
+        _significance(verdict),
+        _tests_at_steps(weakest, zs) if steps > 1 else "",
+        claim.note,
+    )
+    return ClaimVerdict(
+        claim=claim,
+        verdict=verdict,
+        paired=weakest.term.splits,
+        note=note,
+        is_measured=is_measured,
+    )
 
 
 def _unjudged(claim: Claim, why: str) -> ClaimVerdict:
-    note = noted(why or NOT_MEASURED, claim.note)
-    return ClaimVerdict(claim, Verdict(UNDECIDED, nan), False, note, is_measured=False)
+    """Return an inconclusive verdict, with the reason why the claim cannot be judged."""
+    return ClaimVerdict(
+        claim=claim,
+        verdict=Verdict(UNDECIDED, nan),
+        paired=False,
+        note=noted(why or NOT_MEASURED, claim.note),
+        is_measured=False,
+    )
 
 
-def _at_each_step(claim: Claim, whole: Evaluator) -> list[Claim]:
+def _at_each_step(claim: Claim, evaluator: Evaluator) -> list[Claim]:
     """Repeat the claim at each of its steps."""
-    sides = []
+    sides: list[list[Measure | None]] = []
     for m in (claim.expression, claim.right_expression):
-        sides.append(whole.at_each_step(m.of(claim.left)) if m else [None])
-    # A right side without steps is repeated at every step of the left side.
+        if m is None:
+            sides.append([None])
+        else:
+            sides.append([*evaluator.at_each_step(m.of(claim.left))])
     left, right = sides
-    pairs = zip(left, right if len(right) == len(left) else right * len(left), strict=True)
-    return [replace(claim, expression=a, right_expression=b) for a, b in pairs]
+    # A right side without steps is repeated at every step of the left side.
+    if len(right) != len(left):
+        right = right * len(left)
+    claims = []
+    for expression, right_expression in zip(left, right, strict=True):
+        claims.append(replace(claim, expression=expression, right_expression=right_expression))
+    return claims
 
 
 class _Bound(NamedTuple):
@@ -80,7 +122,7 @@ class _Bound(NamedTuple):
     edge: float
     is_above: bool
 
-    def in_favor(self, term: RunEstimate) -> float:
+    def z_in_favor(self, term: RunEstimate) -> float:
         """Return z by the term of all runs, or of some of them; positive in favor of the bound."""
         z = term.z(self.edge)
         return z if self.is_above else -z
@@ -99,21 +141,22 @@ class _Test(NamedTuple):
     @property
     def z(self) -> float:
         """Return z in favor of the claim by all runs."""
-        return _least([bound.in_favor(bound.term) for bound in self.bounds])
+        return _least([bound.z_in_favor(bound.term) for bound in self.bounds])
 
-    def of_parts(self, batches: int) -> list[float]:
+    def z_of_parts(self, batches: int) -> list[float]:
         """Return z in favor of the claim without each batch of runs in turn."""
-        return self._of_others([bound.term.parts(batches) for bound in self.bounds])
+        return self._z_of_terms([bound.term.parts(batches) for bound in self.bounds])
 
-    def stressed(self) -> list[float]:
+    def z_under_stress(self) -> list[float]:
         """Return z in favor of the claim by runs that could well have been drawn."""
-        return self._of_others([bound.term.stressed() for bound in self.bounds])
+        return self._z_of_terms([bound.term.stressed() for bound in self.bounds])
 
-    def _of_others(self, terms: list[list[RunEstimate]]) -> list[float]:
+    def _z_of_terms(self, terms_of_bounds: list[list[RunEstimate]]) -> list[float]:
+        """Return z in favor of the claim by other runs; each bound has a term for each set of them."""
         zs = []
-        for of_bounds in zip(*terms, strict=True):
-            pairs = zip(self.bounds, of_bounds, strict=True)
-            zs.append(_least([bound.in_favor(term) for bound, term in pairs]))
+        for terms in zip(*terms_of_bounds, strict=True):
+            pairs = zip(self.bounds, terms, strict=True)
+            zs.append(_least([bound.z_in_favor(term) for bound, term in pairs]))
         return zs
 
 
@@ -122,49 +165,59 @@ def _least(zs: list[float]) -> float:
     return nan if any(map(isnan, zs)) else min(zs)
 
 
-def _test(expressions: Evaluator, claim: Claim, right: str) -> _Test:
-    left, *others = claim.sides(right)
-    ends = _ends(expressions, claim, others)
-    if not others:
-        term = expressions.of_steps(left) or expressions.term(left)
-        bounds = [_Bound(term, edge, is_above) for edge, is_above in ends]
-        return _Test(claim, right, term, tuple(bounds))
+def _test(evaluator: Evaluator, claim: Claim, right: str) -> _Test:
+    """Test a claim against a filter of its right side, ``right``; empty if it has none."""
+    sides = claim.sides(right)
+    left = sides[0]
+    if len(sides) == 1:
+        term = evaluator.estimate_of_steps(left) or evaluator.term(left)
+        bounds = []
+        for edge, is_above in _ends(evaluator, claim, None):
+            bounds.append(_Bound(term=term, edge=edge, is_above=is_above))
+        return _Test(claim=claim, right=right, term=term, bounds=tuple(bounds))
     # The right side is measured, too: its error belongs to the test of an end.
+    other = sides[1]
     bounds = []
-    for factor, is_above in ends:
-        bounds.append(_Bound(expressions.difference(left, others[0], factor), 0.0, is_above))
-    return _Test(claim, right, expressions.difference(left, others[0], claim.factor), tuple(bounds))
+    for factor, is_above in _ends(evaluator, claim, other):
+        difference = evaluator.difference(left, other, factor)
+        bounds.append(_Bound(term=difference, edge=0.0, is_above=is_above))
+    term = evaluator.difference(left, other, claim.factor)
+    return _Test(claim=claim, right=right, term=term, bounds=tuple(bounds))
 
 
-def _ends(expressions: Evaluator, claim: Claim, others: list[Measure]) -> list[tuple[float, bool]]:
+def _ends(evaluator: Evaluator, claim: Claim, other: Measure | None) -> list[tuple[float, bool]]:
     """Return multiples of the right side, and whether the left side must lie above each.
 
     An equality is two one-sided tests (Schuirmann 1987, J. Pharmacokinet. Biopharm. 15, 657): the left
-    side is above the lower end of the tolerance and below the upper one.
+    side is above the lower end of the tolerance and below the upper one. ``other`` is the measure on the
+    right side; None if that is a number.
     """
     if claim.relation != "~":
         return [(claim.factor, claim.relation == ">")]
-    room = claim.tolerance * abs(claim.factor)
-    if others and expressions.term(others[0]).value < 0.0:
-        room = -room  # of a negative right side the larger multiple is the lower end
-    return [(claim.factor - room, True), (claim.factor + room, False)]
+    margin = claim.tolerance * abs(claim.factor)
+    if other is not None and evaluator.term(other).value < 0.0:
+        margin = -margin  # of a negative right side the larger multiple is the lower end
+    return [(claim.factor - margin, True), (claim.factor + margin, False)]
 
 
 def _weakest(zs_of_tests: list[list[float]], steps: int) -> list[float]:
     """Find z of the weakest test by each part of the runs; none unless every test has parts."""
-    parts = zip(*zs_of_tests, strict=True) if all(zs_of_tests) else ()
-    return [rules.weakest(zs, steps) for zs in parts]
+    if not all(zs_of_tests):
+        return []
+    return [rules.weakest(zs, steps) for zs in zip(*zs_of_tests, strict=True)]
 
 
-def _why(whole: Evaluator, test: _Test) -> str:
-    claim, right = test.claim, test.right
-    why = []
-    for side in claim.sides(right):
-        term = whole.term(side)
+def _values_compared(evaluator: Evaluator, test: _Test) -> str:
+    """Write the values of both sides of a test: ``HDEPF 1.2, PF 3.4``."""
+    claim = test.claim
+    values = []
+    for side in claim.sides(test.right):
+        term = evaluator.term(side)
         losses = f" ({term.losses})" if term.lost else ""
-        why.append(f"{side.filter} {term.value:.4g}{losses}")
-    why += [] if right else [f"{claim.factor:g}"]
-    return noted(", ".join(why), test.term.why)
+        values.append(f"{side.filter} {term.value:.4g}{losses}")
+    if not test.right:
+        values.append(f"{claim.factor:g}")
+    return noted(", ".join(values), test.term.why)
 
 
 def _significance(verdict: Verdict) -> str:
@@ -172,43 +225,48 @@ def _significance(verdict: Verdict) -> str:
     z = verdict.z
     if verdict.word != UNDECIDED or not (rules.is_significant(z) and verdict.is_short):
         return ""
-    way, level = "" if z > 0.0 else "against it ", f"{100 * rules.LEVEL:g} %"
-    return f"{way}significant at {level}, z {z:+.1f}; a verdict takes {verdict.needed:g}"
+    direction = "" if z > 0.0 else "against it "
+    level = f"{100 * rules.LEVEL:g} %"
+    return f"{direction}significant at {level}, z {z:+.1f}; a verdict takes {verdict.needed:g}"
 
 
-def _size(evidence: Evaluator, test: _Test) -> str:
+def _size(evaluator: Evaluator, test: _Test) -> str:
     """Note that the printed size of a difference lies outside its 95 % interval, if it does."""
     claim = test.claim
     if claim.printed is None or not test.right or claim.expression is None:
         return ""
-    ratio = quotient(*(evidence.term(side) for side in claim.sides(test.right)))
-    low, high = gain(ratio).interval()
+    left, right = (evaluator.term(side) for side in claim.sides(test.right))
+    low, high = gain(quotient(left, right)).interval()
     if low <= claim.printed <= high or isnan(low + high):
         return ""
     limit = f"at most {high:.2g}" if claim.printed > high else f"at least {low:.2g}"
     return f"{limit} % (95 %), printed {claim.printed:g}"
 
 
-def _of_steps(weakest: _Test, zs: list[float]) -> str:
+def _tests_at_steps(weakest: _Test, zs: list[float]) -> str:
     """Describe the weakest of tests at many steps, and how many are significant."""
-    steps = weakest.claim.expression and weakest.claim.expression.steps
-    surely = sum(rules.decided(z) > 0 for z in zs)
+    expression = weakest.claim.expression
+    steps = expression.steps if expression else None
     where = f"at step {steps.first}; " if steps else ""
-    return f"{where}{surely} of {len(zs)} comparisons hold by themselves"
+    holding = sum(rules.decided(z) > 0 for z in zs)
+    return f"{where}{holding} of {len(zs)} comparisons hold by themselves"
 
 
-def _loses_more(expressions: Evaluator, claim: Claim, right: str) -> str:
+def _loses_more(evaluator: Evaluator, claim: Claim, right: str) -> str:
     """Explain why a filter with a smaller error is no better: it loses more of the same runs."""
-    a, b = (expressions.runs.get((label, "lost")) for label in (claim.left, right))
+    lost_left = evaluator.runs.get((claim.left, "lost"))
+    lost_right = evaluator.runs.get((right, "lost"))
     # Only a claim that the left side is better is affected.
-    better = ">" if claim.expression and claim.expression.family[0].more_is_better else "<"
-    filters = sum(metric == "lost" for _, metric in expressions.runs)
-    if claim.relation != better or a is None or b is None:
+    more_is_better = claim.expression is not None and claim.expression.family[0].more_is_better
+    better = ">" if more_is_better else "<"
+    if claim.relation != better or lost_left is None or lost_right is None:
         return ""
-    if not rules.loses_more(a, b, filters):
+    filters = sum(metric == "lost" for _, metric in evaluator.runs)
+    if not rules.loses_more(lost_left, lost_right, filters):
         return ""
-    mine = counted(int((a > 0).sum()), "run")
-    return f"{claim.left} loses {mine}, {right} {int((b > 0).sum())}"
+    number_left = counted(int((lost_left > 0).sum()), "run")
+    number_right = int((lost_right > 0).sum())
+    return f"{claim.left} loses {number_left}, {right} {number_right}"
 
 
 def no_results(row: PublishedNumber | Claim, evidence: Evaluator | None) -> str:
@@ -221,12 +279,18 @@ def noted(*notes: str) -> str:
     return "; ".join(filter(None, notes))
 
 
-def evidence_at(results: Results, text: str) -> Evaluator | None:
-    """Return the measures at the point that a published row names, None if it has no results."""
-    point = point_of(results, text)
+def evidence_at(results: Results, picked_point: str) -> Evaluator | None:
+    """Return the measures at the point that a published row names, None if it has no results.
+
+    ``picked_point`` is written ``path=value; path=value``.
+    """
+    point = point_of(results, picked_point)
     return None if point is None else Evaluator(results, point)
 
 
-def point_of(results: Results, text: str) -> GridPoint | None:
+def point_of(results: Results, picked_point: str) -> GridPoint | None:
     """Find the point that ``path=value; path=value`` picks; the first with results if it is empty."""
-    return next((point for point in results.points() if picks(text, point)), None)
+    for point in results.points():
+        if picks(picked_point, point):
+            return point
+    return None

@@ -7,11 +7,10 @@ agrees with it, and fails if no part of it does. A printed number differs if it 
 """
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import replace
-from itertools import chain
 from math import inf, isnan, nan
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from trackbench.atomic_files import ensure_folder, remove, within, write_csv
 from trackbench.config.published import Claim, Published, PublishedNumber
@@ -26,8 +25,8 @@ from trackbench.statistics.rules import UNDECIDED
 SCATTER = 2.0
 """Factor by which a ratio of two filters' times may differ on another machine or at another time."""
 HEADER = [
-    *("statement", "verdict", "measured", "low", "high", "wanted_low", "wanted_high"),
-    *("filters", "operations", "paper", "source", "note"),
+    *["statement", "verdict", "measured", "low", "high", "wanted_low", "wanted_high"],
+    *["filters", "operations", "paper", "source", "note"],
 ]
 LEGEND = (
     "CPU times are of the machine that ran the experiment. A ratio is decided only beyond a factor "
@@ -69,51 +68,82 @@ def _is_of_time(row: PublishedNumber | Claim) -> bool:
 
 def time_verdicts(results: Results) -> list[TimeVerdict]:
     """Compare the measured CPU times with the published numbers, then with the claims."""
-    published = results.published
-    rows: list[PublishedNumber | Claim] = [*published.numbers, *published.claims]
-    verdicts = (_verdicts(results, row) for row in rows if _is_of_time(row))
-    return list(chain.from_iterable(verdicts))
+    verdicts: list[TimeVerdict] = []
+    for number in results.published.numbers:
+        if _is_of_time(number):
+            verdicts += _judge_number(results, number)
+    for claim in results.published.claims:
+        if _is_of_time(claim):
+            verdicts.append(_judge_claim(results, claim))
+    return verdicts
 
 
-def _verdicts(results: Results, row: PublishedNumber | Claim) -> Iterator[TimeVerdict]:
-    """Judge a number for each of its labels; a claim by the filter that it is weakest against."""
-    other = row.expression.other if row.expression else ""
-    if not isinstance(row, Claim):
-        yield from (_verdict(results, row, left, other) for left in row.labels or [""])
-        return
-    verdicts = [_verdict(results, row, row.left, right) for right in row.rights or [other]]
-    # A claim has the worst verdict of its comparisons.
-    order = ("fails", UNDECIDED, "holds")
-    yield min(verdicts, key=lambda verdict: order.index(verdict.word))
+def _judge_number(results: Results, number: PublishedNumber) -> list[TimeVerdict]:
+    """Judge a number for each of its labels."""
+    other = number.expression.other if number.expression else ""
+    return [_judge(results, number, label, other) for label in number.labels or [""]]
 
 
-def _verdict(results: Results, row: PublishedNumber | Claim, left: str, right: str) -> TimeVerdict:
-    point, wanted = point_of(results, row.point), _wanted(row)
-    # Each filter's repeats and operations; of a folder without measured times none.
-    records = results.columns("timing", point).records() if point is not None else ()
-    stored = {record["filter"]: record for record in records}
-    labels, seconds, operations = [label for label in (left, right) if label], [], []
-    for label in (b for b in labels if b in stored):
-        seconds.append(repeats_of(stored[label]))
-        words = (f"{stored[label].get(n, '-')} {n}" for n in ("likelihoods", "covariances"))
-        operations.append(f"{label} {', '.join(words)}")
-    value, low, high, word = nan, nan, nan, UNDECIDED
-    lengths = {len(s) for s in seconds}
-    if wanted and len(seconds) == len(labels) > 0 and len(lengths) == 1 and lengths.pop() > 1:
-        # Ratio (or seconds) of each repeat: median and rank interval, widened by SCATTER.
+def _judge_claim(results: Results, claim: Claim) -> TimeVerdict:
+    """Judge a claim: it has the worst verdict of its comparisons."""
+    other = claim.expression.other if claim.expression else ""
+    verdicts = [_judge(results, claim, claim.left, right) for right in claim.rights or [other]]
+    worst_first = ("fails", UNDECIDED, "holds")
+    return min(verdicts, key=lambda verdict: worst_first.index(verdict.word))
+
+
+def _judge(results: Results, row: PublishedNumber | Claim, left: str, right: str) -> TimeVerdict:
+    """Judge the ratio of the times of two filters; the time of the left one if ``right`` is empty."""
+    # Step 1: each filter's repeats and operations; of a folder without measured times none.
+    point = point_of(results, row.point)
+    timing: dict[str, dict[str, Any]] = {}
+    if point is not None:
+        for record in results.columns("timing", point).records():
+            timing[record["filter"]] = record
+    labels = [label for label in (left, right) if label]
+    seconds = []
+    operations = []
+    for label in labels:
+        if label in timing:
+            record = timing[label]
+            seconds.append(repeats_of(record))
+            counts = [f"{record.get(name, '-')} {name}" for name in _OPERATIONS]
+            operations.append(f"{label} {', '.join(counts)}")
+    # Step 2: the ratio (or the seconds) of each repeat: median and rank interval, widened by SCATTER.
+    wanted = _wanted_range(row)
+    value = nan
+    low = nan
+    high = nan
+    word = UNDECIDED
+    all_timed = len(seconds) == len(labels) > 0
+    repeats = {len(times) for times in seconds}
+    if wanted is not None and all_timed and len(repeats) == 1 and max(repeats) > 1:
         ratios = seconds[0] / (seconds[1] if right else 1.0)
-        value, (low, high) = median(ratios).value, interval("median", ratios)
+        value = median(ratios).value
+        low, high = interval("median", ratios)
         word = _word(row, low / SCATTER, high * SCATTER, *wanted)
-    ends = wanted or (nan, nan)
-    return TimeVerdict(row, word, value, low, high, ends, " / ".join(labels), "; ".join(operations))
+    return TimeVerdict(
+        row=row,
+        word=word,
+        measured=value,
+        low=low,
+        high=high,
+        wanted=wanted or (nan, nan),
+        filters=" / ".join(labels),
+        operations="; ".join(operations),
+    )
 
 
-def _wanted(row: PublishedNumber | Claim) -> tuple[float, float] | None:
+_OPERATIONS = ("likelihoods", "covariances")
+"""Columns of timing.csv that count a filter's operations."""
+
+
+def _wanted_range(row: PublishedNumber | Claim) -> tuple[float, float] | None:
     """Find the ends of the ratios, or of the seconds, that a row speaks of; None of what is no ratio."""
     relation = row.expression.relation if row.expression else ""
     if not all(m.is_cpu_time for m in row.expressions):
         return None
-    if not isinstance(row, Claim):
+    if isinstance(row, PublishedNumber):
         if isinstance(row.value, str) or relation not in ("", "ratio", "gain"):
             return None
         # A gain of p percent is a ratio of 1 - p / 100.
@@ -123,58 +153,88 @@ def _wanted(row: PublishedNumber | Claim) -> tuple[float, float] | None:
         return None
     if row.relation == "~":
         return row.factor * (1.0 - row.tolerance), row.factor * (1.0 + row.tolerance)
-    return (0.0, row.factor) if row.relation == "<" else (row.factor, inf)
+    if row.relation == "<":
+        return 0.0, row.factor
+    return row.factor, inf
 
 
 def _word(row: PublishedNumber | Claim, low: float, high: float, least: float, most: float) -> str:
+    """Return the verdict by the widened interval, ``low`` to ``high``.
+
+    The ratio has to be in the range ``least`` to ``most``.
+    """
     if isnan(low):
         return UNDECIDED
-    outside = high <= least or low >= most
-    if not isinstance(row, Claim):
-        return UNDECIDED if row.chosen else "differs" if outside else "compatible"
-    if outside:
+    is_outside = high <= least or low >= most
+    is_inside = least <= low and high <= most
+    if isinstance(row, PublishedNumber):
+        if row.chosen:
+            return UNDECIDED
+        return "differs" if is_outside else "compatible"
+    if is_outside:
         return "fails"
-    return "holds" if least <= low and high <= most else UNDECIDED
+    return "holds" if is_inside else UNDECIDED
 
 
 def write_time_verdicts(results: Results) -> None:
-    """Write them, or take away an old file if nothing is published about times."""
-    verdicts, path = time_verdicts(results), results.target / TIME_VERDICTS
+    """Write the verdicts on times, or remove an old file if nothing is published about times."""
+    verdicts = time_verdicts(results)
+    path = results.target / TIME_VERDICTS
     if not verdicts:
         remove(path)
         return
     ensure_folder(within(results.target, "run"))
     rows = []
-    for v in verdicts:
-        cells = [v.statement, v.word, v.measured, v.low, v.high, *v.wanted]
-        rows.append([*cells, v.filters, v.operations, v.row.paper, v.row.source, v.row.note])
+    for verdict in verdicts:
+        published = verdict.row
+        rows.append(
+            [
+                *[verdict.statement, verdict.word, verdict.measured, verdict.low, verdict.high],
+                *verdict.wanted,
+                *[verdict.filters, verdict.operations],
+                *[published.paper, published.source, published.note],
+            ]
+        )
     write_csv(path, HEADER, rows)
 
 
 def time_tables(verdicts: Iterable[TimeVerdict]) -> list[TextTable]:
-    """Return a table of them; none if there is none."""
+    """Return a table of the verdicts on times; none if there is no verdict."""
     heads = ["Statement", "Verdict", "Filters", "Time, ratio", "95 %", "Published", "Operations"]
     table = TextTable("CPU times, on this machine", [*heads, "Source"], notes=[LEGEND])
-    for v in verdicts:
-        source = f"{v.row.paper}, {v.row.source}".rstrip(", ")
-        cells = [v.statement, v.word, v.filters, _number(v.measured), _ends(v.low, v.high)]
-        cells += [_ends(*v.wanted), v.operations, source]
-        table.rows.append([Text(c, v.measured if i == 3 else None) for i, c in enumerate(cells)])
+    for verdict in verdicts:
+        table.rows.append(
+            [
+                Text(verdict.statement),
+                Text(verdict.word),
+                Text(verdict.filters),
+                Text(_number(verdict.measured), verdict.measured),
+                Text(_range(verdict.low, verdict.high)),
+                Text(_range(*verdict.wanted)),
+                Text(verdict.operations),
+                Text(f"{verdict.row.paper}, {verdict.row.source}".rstrip(", ")),
+            ]
+        )
     return [table] if table.rows else []
 
 
 def time_line(results: Results) -> list[str]:
-    """Return one line on these verdicts; none if there is none."""
+    """Return one line on the verdicts on times; none if there is no verdict."""
     words = Counter(verdict.word for verdict in time_verdicts(results))
+    if not words:
+        return []
     counts = ", ".join(f"{number} {word}" for word, number in words.items())
-    return [f"CPU times, on this machine: {counts}; {TIME_VERDICTS} has them"] if counts else []
+    return [f"CPU times, on this machine: {counts}; {TIME_VERDICTS} has them"]
 
 
-def _ends(low: float, high: float) -> str:
+def _range(low: float, high: float) -> str:
+    """Write ``0.8 to 1.2``, ``< 2`` from zero, ``> 2`` to infinity."""
     if low == high:
         return _number(low)
-    if low == 0.0 or high == inf:
-        return f"< {_number(high)}" if low == 0.0 else f"> {_number(low)}"
+    if low == 0.0:
+        return f"< {_number(high)}"
+    if high == inf:
+        return f"> {_number(low)}"
     return f"{_number(low)} to {_number(high)}"
 
 

@@ -1,18 +1,13 @@
-"""The verdicts as files, and notes on the inconclusive ones.
-
-The files are comparison.csv, comparison.md and claims.csv; paired.csv has the pairs.
-"""
+"""The verdicts as files: comparison.csv, comparison.md and claims.csv; paired.csv has the pairs."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from itertools import chain
 from math import isfinite, isnan
 from typing import Any, NamedTuple
 
 from trackbench.atomic_files import remove, write_csv, write_text
 from trackbench.config.published import PublishedNumber
 from trackbench.errors import counted
-from trackbench.report.findings.phrases import run_count
 from trackbench.report.paired import COLUMNS
 from trackbench.report.results import Results
 from trackbench.report.table import Text, TextTable, rounded
@@ -21,24 +16,24 @@ from trackbench.report.verdicts.cpu_times import time_verdicts, write_time_verdi
 from trackbench.report.verdicts.numbers import Compared, Ranked, Reproduced, Verdicts
 from trackbench.results.folder_contents import DIGITS, TIME_VERDICTS
 from trackbench.statistics.rules import (
-    DECIDED,
     HOW_DECIDED,
     MEANINGS,
     UNDECIDED,
     Verdict,
-    runs_that_decide,
 )
 
 _VERBS = ("agrees", "differs", "holds", "fails")
 
 
 class Tally(NamedTuple):
-    """So many verdicts of one word: ``18``, ``differs``, ``differ``, ``(3 fragile)``."""
+    """Number of verdicts of one word."""
 
     number: int
     word: str
     verb: str
+    """the word in a sentence, such as "differ" of several"""
     fragile: int
+    """number of these verdicts that are fragile"""
 
 
 class Bar(NamedTuple):
@@ -50,36 +45,50 @@ class Bar(NamedTuple):
     @property
     def words(self) -> str:
         """Bar as a line: ``11 claims: 10 agree (2 fragile), 1 differs``."""
-        parts = (
-            f"{p.number} {p.verb}{f' ({p.fragile} fragile)' * bool(p.fragile)}" for p in self.parts
-        )
-        return f"{self.title}: {', '.join(parts)}"
+        texts = []
+        for tally in self.parts:
+            text = f"{tally.number} {tally.verb}"
+            if tally.fragile:
+                text += f" ({tally.fragile} fragile)"
+            texts.append(text)
+        return f"{self.title}: {', '.join(texts)}"
 
 
-def parts(verdicts: Iterable[Compared | ClaimVerdict]) -> list[Tally]:
-    """Return the parts in a fixed order, without those of which there is none."""
+_WORDS = ("equal", "agrees", "compatible", "differs", "holds", "fails", UNDECIDED)
+"""Words of verdicts, in the order in which they are counted."""
+
+
+def tallies(verdicts: Iterable[Compared | ClaimVerdict]) -> list[Tally]:
+    """Count the verdicts of each word, in a fixed order, without words of which there is none."""
     rows = list(verdicts)
     numbers = Counter(row.verdict.word for row in rows)
     fragile = Counter(row.verdict.word for row in rows if row.verdict.fragile)
-    tallies = []
-    for word in ("equal", "agrees", "compatible", "differs", "holds", "fails", UNDECIDED):
-        if n := numbers[word]:
-            verb = word.removesuffix("s") if n > 1 and word in _VERBS else word
-            tallies.append(Tally(n, word, verb, fragile[word]))
-    return tallies
+    found = []
+    for word in _WORDS:
+        number = numbers[word]
+        if number:
+            verb = word.removesuffix("s") if number > 1 and word in _VERBS else word
+            found.append(Tally(number=number, word=word, verb=verb, fragile=fragile[word]))
+    return found
 
 
 def bars(comparison: Verdicts) -> list[Bar]:
     """Return a bar of the numbers, one of the words on a bias, one of the claims, without empty ones."""
-    best, claims = [number.best for number in comparison.numbers], comparison.claims
     # Words on a bias are counted apart from numbers.
-    words = [row for row in best if isinstance(row.published.value, str)]
-    numbers = [row for row in best if not isinstance(row.published.value, str)]
+    words = []
+    numbers = []
+    for reproduced in comparison.numbers:
+        row = reproduced.best
+        if isinstance(row.published.value, str):
+            words.append(row)
+        else:
+            numbers.append(row)
+    claims = comparison.claims
     margin = " on a bias, by a margin chosen here"
     every = [
-        Bar(counted(len(numbers), "published number"), parts(numbers)),
-        Bar(counted(len(words), "published word") + margin, parts(words)),
-        Bar(counted(len(claims), "claim"), parts(claims)),
+        Bar(counted(len(numbers), "published number"), tallies(numbers)),
+        Bar(counted(len(words), "published word") + margin, tallies(words)),
+        Bar(counted(len(claims), "claim"), tallies(claims)),
     ]
     return [bar for bar in every if bar.parts]
 
@@ -97,14 +106,15 @@ FILES = ("comparison.csv", "comparison.md", "claims.csv")
 
 
 def write_comparison(results: Results, comparison: Verdicts) -> None:
-    """Write the verdicts, or take away old ones if nothing is published about the experiment."""
+    """Write the verdicts, or remove old ones if nothing is published about the experiment."""
     folder = results.target
     write_time_verdicts(results)
     if not (comparison.rows or comparison.claims or comparison.left_out):
         for name in FILES:
             remove(folder / name)
         return
-    numbers, claims = number_rows(comparison), claim_rows(comparison)
+    numbers = number_rows(comparison)
+    claims = claim_rows(comparison)
     write_csv(folder / "comparison.csv", NUMBER_HEADER, (row.values() for row in numbers))
     write_csv(folder / "claims.csv", CLAIM_HEADER, (row.values() for row in claims))
     write_text(folder / "comparison.md", markdown(results, comparison))
@@ -120,29 +130,57 @@ def write_paired(results: Results) -> None:
 
 def number_rows(comparison: Verdicts) -> list[dict[str, object]]:
     """Return rows of comparison.csv: every reading of every number, the best ones marked."""
-    rows: list[dict[str, object]] = []
     # A number counts by its best reading; every reading is a row.
     best = {id(number.best) for number in comparison.numbers}
+    rows: list[dict[str, object]] = []
     for compared in comparison.rows:
-        p, m, verdict = compared.published, compared.measured, compared.verdict
-        cells = [
-            *[p.table, p.filter, p.metric, p.value, m.value, m.stderr, verdict.z],
-            *[verdict.word, compared.note, p.paper, p.row, compared.label],
-            *[str(p.expression or ""), m.runs, "" if p.runs is None else p.runs],
-            *[_parts(verdict), _yes(verdict.fragile), _yes(id(compared) in best)],
-        ]
-        rows.append(dict(zip(NUMBER_HEADER, cells, strict=True)))
+        published = compared.published
+        measured = compared.measured
+        verdict = compared.verdict
+        rows.append(
+            {
+                "table": published.table,
+                "filter": published.filter,
+                "metric": published.metric,
+                "published": published.value,
+                "measured": measured.value,
+                "stderr": measured.stderr,
+                "z": verdict.z,
+                "verdict": verdict.word,
+                "note": compared.note,
+                "paper": published.paper,
+                "row": published.row,
+                "label": compared.label,
+                "expression": str(published.expression or ""),
+                "runs": measured.runs,
+                "published_runs": "" if published.runs is None else published.runs,
+                "z_without_batch": _z_of_parts(verdict),
+                "fragile": _yes(verdict.fragile),
+                "best": _yes(id(compared) in best),
+            }
+        )
     return rows
 
 
 def claim_rows(comparison: Verdicts) -> list[dict[str, object]]:
     """Return rows of claims.csv."""
-    rows = []
+    rows: list[dict[str, object]] = []
     for judged in comparison.claims:
-        verdict, claim = judged.verdict, judged.claim
-        cells = [claim.claim, verdict.word, verdict.z, _yes(judged.paired), judged.note]
-        cells += [claim.paper, claim.source, _parts(verdict), _yes(verdict.fragile)]
-        rows.append(dict(zip(CLAIM_HEADER, cells, strict=True)))
+        claim = judged.claim
+        verdict = judged.verdict
+        rows.append(
+            {
+                "claim": claim.claim,
+                "verdict": verdict.word,
+                "z": verdict.z,
+                "paired": _yes(judged.paired),
+                "note": judged.note,
+                "paper": claim.paper,
+                "source": claim.source,
+                "z_without_batch": _z_of_parts(verdict),
+                "fragile": _yes(verdict.fragile),
+            }
+        )
     return rows
 
 
@@ -166,72 +204,84 @@ def summary_lines(comparison: Verdicts) -> list[str]:
 def markdown(results: Results, comparison: Verdicts) -> str:
     """Return counts, published numbers per table, rank agreement, claims."""
     counts = "\n".join(f"- {line}" for line in summary_lines(comparison))
-    parts = [f"# Published and measured: {results.title}", counts]
-    parts += [table.markdown().rstrip() for table in verdict_tables(comparison)]
-    times = f"Verdicts on CPU times stand in {TIME_VERDICTS}: they depend on the machine."
-    return "\n\n".join([*parts, *([times] if time_verdicts(results) else [])]) + "\n"
+    paragraphs = [f"# Published and measured: {results.title}", counts]
+    paragraphs += [table.markdown().rstrip() for table in verdict_tables(comparison)]
+    if time_verdicts(results):
+        times = f"Verdicts on CPU times stand in {TIME_VERDICTS}: they depend on the machine."
+        paragraphs.append(times)
+    return "\n\n".join(paragraphs) + "\n"
 
 
-def _explained(table: TextTable, verdicts: Sequence[Verdict]) -> TextTable:
+def _add_meanings(table: TextTable, verdicts: Sequence[Verdict]) -> None:
     """Add a line of meaning for each word that occurs in a table of verdicts."""
     words = {verdict.word for verdict in verdicts}
-    lines = {word: meaning for word, meaning in MEANINGS.items() if word in words}
+    meanings = {word: meaning for word, meaning in MEANINGS.items() if word in words}
     if words & {"differs", "holds", "fails"}:
-        lines["significant"] = HOW_DECIDED
+        meanings["significant"] = HOW_DECIDED
     if any(verdict.fragile for verdict in verdicts):
         what = "another seed, one run fewer or three far ones more could change the verdict"
-        lines["fragile"] = what
-    table.notes += [f"{word}: {meaning}." for word, meaning in lines.items()]
-    return table
+        meanings["fragile"] = what
+    table.notes += [f"{word}: {meaning}." for word, meaning in meanings.items()]
 
 
 def verdict_tables(comparison: Verdicts) -> list[TextTable]:
     """Return numbers per published table, agreement of orders, claims, numbers left out."""
     left_out = TextTable("Left out", ["Table", "Filter", "Metric", "Published", "Why"])
-    for p in comparison.left_out:
-        cells = f"{p.paper}, {p.table}", p.filter, _place(p), printed(p), p.note
-        left_out.rows.append([*map(Text, cells)])
+    for number in comparison.left_out:
+        table = f"{number.paper}, {number.table}"
+        cells = [table, number.filter, _place(number), printed(number), number.note]
+        left_out.rows.append([Text(cell) for cell in cells])
     others = [_rank_table(comparison.ranks), _claim_table(comparison.claims), left_out]
     return [*_number_tables(comparison), *(table for table in others if table.rows)]
 
 
 def _number_tables(comparison: Verdicts) -> list[TextTable]:
     """Tabulate verdicts per published table, and of those with several readings all of them."""
-    places: dict[str, list[Reproduced]] = {}
+    numbers_by_table: dict[str, list[Reproduced]] = {}
     for number in comparison.numbers:
         published = number.best.published
-        places.setdefault(f"{published.paper}, {published.table}", []).append(number)
+        name = f"{published.paper}, {published.table}"
+        numbers_by_table.setdefault(name, []).append(number)
     tables = []
-    for place, numbers in places.items():
-        best = [_row(number.best, number.readings) for number in numbers]
-        table = TextTable(f"{place}: published and measured", _HEADS, best)
-        tables.append(_explained(table, [number.best.verdict for number in numbers]))
+    for name, numbers in numbers_by_table.items():
+        best = [_number_row(number.best, number.readings) for number in numbers]
+        table = TextTable(f"{name}: published and measured", _HEADS, best)
+        _add_meanings(table, [number.best.verdict for number in numbers])
+        tables.append(table)
         # A search's row stands for many readings: only the rows themselves are listed.
-        several = (number.rows for number in numbers if len(number.rows) > 1)
-        readings = list(chain.from_iterable(several))
+        readings: list[Compared] = []
+        for number in numbers:
+            if len(number.rows) > 1:
+                readings += number.rows
         if readings:
-            table = TextTable(
-                f"{place}: every reading", _HEADS, [_row(row, row.tried) for row in readings]
-            )
-            tables.append(_explained(table, [row.verdict for row in readings]))
+            rows = [_number_row(row, row.tried) for row in readings]
+            table = TextTable(f"{name}: every reading", _HEADS, rows)
+            _add_meanings(table, [row.verdict for row in readings])
+            tables.append(table)
     return tables
 
 
 _HEADS = ["Filter", "Metric", "Verdict", "Published", "Measured", "z", "z without a batch", "Note"]
 
 
-def _row(row: Compared, readings: int = 1) -> list[Text]:
-    p, verdict = row.published, row.verdict
-    name = row.label if row.label.startswith(p.filter) else f"{p.filter}: {row.label}"
-    tried = f" (best of {readings})" if readings > 1 else ""
+def _number_row(row: Compared, readings: int = 1) -> list[Text]:
+    """Write a row of a table of numbers; ``readings`` is of how many the row is the best."""
+    published = row.published
+    name = published.filter
+    if row.label:
+        has_filter = row.label.startswith(published.filter)
+        name = row.label if has_filter else f"{published.filter}: {row.label}"
+    if readings > 1:
+        name += f" (best of {readings})"
+    printed_number = None if isinstance(published.value, str) else published.value
     return [
-        Text((name if row.label else p.filter) + tried),
-        Text(_place(p)),
-        Text(verdict.word),
-        Text(printed(p), None if isinstance(p.value, str) else p.value),
-        Text(_measured(row), row.measured.value),
-        Text(_z(verdict.z), verdict.z),
-        Text(_parts(verdict)),
+        Text(name),
+        Text(_place(published)),
+        Text(row.verdict.word),
+        Text(printed(published), printed_number),
+        Text(_measured_text(row), row.measured.value),
+        Text(_z(row.verdict.z), row.verdict.z),
+        Text(_z_of_parts(row.verdict)),
         Text(_note(row)),
     ]
 
@@ -240,32 +290,50 @@ def _note(row: Compared | ClaimVerdict) -> str:
     return noted("fragile" if row.verdict.fragile else "", row.note)
 
 
-def _parts(verdict: Verdict) -> str:
+def _z_of_parts(verdict: Verdict) -> str:
+    """Write z without each batch of runs in turn."""
     return "; ".join(_z(z) for z in verdict.parts)
 
 
 def _claim_table(claims: list[ClaimVerdict]) -> TextTable:
+    """Tabulate the verdicts on claims."""
     title = "Claims (z: standard errors in the claim's favor, weakest comparison)"
     heads = ["Claim", "Verdict", "z", "z without a batch", "Paired", "Weakest comparison; note"]
     table = TextTable(title, [*heads, "Source"])
     for row in claims:
-        source, z = f"{row.claim.paper}, {row.claim.source}".rstrip(", "), row.verdict.z
-        cells = [row.claim.claim, row.verdict.word, _z(z), _parts(row.verdict), _yes(row.paired)]
-        cells += [_note(row), source]
-        table.rows.append([Text(c, z if i == 2 else None) for i, c in enumerate(cells)])
-    return _explained(table, [row.verdict for row in claims])
+        z = row.verdict.z
+        table.rows.append(
+            [
+                Text(row.claim.claim),
+                Text(row.verdict.word),
+                Text(_z(z), z),
+                Text(_z_of_parts(row.verdict)),
+                Text(_yes(row.paired)),
+                Text(_note(row)),
+                Text(f"{row.claim.paper}, {row.claim.source}".rstrip(", ")),
+            ]
+        )
+    _add_meanings(table, [row.verdict for row in claims])
+    return table
 
 
 def _rank_table(ranks: list[Ranked]) -> TextTable:
     heads = ["Table", "Column", "Filters", "Kendall's tau"]
     table = TextTable("Order of the filters, published against measured (1: the same)", heads)
-    for r in ranks:
-        cells = [Text(f"{r.paper}, {r.table}"), Text(r.metric), Text(str(r.filters), r.filters)]
-        table.rows.append([*cells, Text(f"{r.tau:+.2f}", r.tau)])
+    for rank in ranks:
+        table.rows.append(
+            [
+                Text(f"{rank.paper}, {rank.table}"),
+                Text(rank.metric),
+                Text(str(rank.filters), rank.filters),
+                Text(f"{rank.tau:+.2f}", rank.tau),
+            ]
+        )
     return table
 
 
 def _place(number: PublishedNumber) -> str:
+    """Name the metric of a published number, and the row of its table if it has one."""
     return f"{number.metric}, {number.row}" if number.row else number.metric
 
 
@@ -276,7 +344,8 @@ def printed(number: PublishedNumber) -> str:
     return f"{number.value:.{number.digits}f}"
 
 
-def _measured(row: Compared) -> str:
+def _measured_text(row: Compared) -> str:
+    """Write what is measured for a number: with its error, in words, or with all digits if equal."""
     value, stderr = row.measured.estimate
     if isnan(value):
         return "all runs lost" if row.measured.lost else "–"
@@ -289,46 +358,7 @@ def _measured(row: Compared) -> str:
 
 
 def _z(z: float) -> str:
+    """Write z with its sign and one decimal, a large one without decimals."""
     if isnan(z):
         return "–"
     return f"{z:+.1f}" if abs(z) < 100 else f"{z:+.0f}"
-
-
-_MOST_REASONS = 5
-"""Longer lists are cut; comparison.md has all verdicts."""
-
-
-def reasons(comparison: Verdicts, runs: int) -> list[str]:
-    """Explain why numbers and claims are inconclusive, a line each; ``runs`` of each filter."""
-    lines = []
-    rows: list[Compared | ClaimVerdict] = [number.best for number in comparison.numbers]
-    for row in [*rows, *comparison.claims]:
-        if row.verdict.word == UNDECIDED:
-            name = row.claim.claim if isinstance(row, ClaimVerdict) else ""
-            if isinstance(row, Compared):
-                of = row.published
-                name = ", ".join(filter(None, (of.filter, of.metric, of.row)))
-            lines.append(f"inconclusive: {name}: {_reason(row, runs)}")
-    more = len(lines) - _MOST_REASONS
-    if more < 2:
-        return lines
-    return [*lines[:_MOST_REASONS], f"inconclusive: {more} more: comparison.md"]
-
-
-def _reason(row: Compared | ClaimVerdict, runs: int) -> str:
-    verdict, z = row.verdict, abs(row.verdict.z)
-    if not isfinite(z) or (isinstance(row, Compared) and row.published.chosen):
-        return row.note or "no standard error"
-    if isnan(verdict.needed):
-        return f"neither within its margin nor beyond it by {DECIDED:g} standard errors"
-    if verdict.is_short:
-        text = f"{z:.2f} standard errors, and {verdict.needed:g} decide"
-        if not verdict.has_sign:
-            return f"{text}; no sign of a difference"
-        more = run_count(runs_that_decide(runs, z, verdict.needed))
-        what = f"{more} runs" if runs > 1 else f"a recording {more} times as long"
-        return f"{text}; a difference as large as measured needs about {what}"
-    part = verdict.weak_part
-    if part is None:
-        return row.note
-    return f"{z:.1f} standard errors over all runs, but {abs(part):.1f} without one batch of them"

@@ -7,7 +7,6 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
-from itertools import chain
 from math import floor, inf, isfinite, isnan, log10, nan
 from typing import Any, NamedTuple
 
@@ -39,9 +38,11 @@ class Compared(NamedTuple):
 
     published: PublishedNumber
     label: str
+    """filter that is measured; empty if none is"""
     measured: RunEstimate
     verdict: Verdict
     note: str
+    """reasons for the verdict"""
     tried: int = 1
     """readings of which this one is the best"""
 
@@ -64,7 +65,7 @@ class Reproduced(NamedTuple):
     @property
     def best(self) -> Compared:
         """Reading that gives the number its verdict."""
-        return min(self.rows, key=_rank)
+        return min(self.rows, key=_sort_key)
 
     @property
     def readings(self) -> int:
@@ -83,50 +84,70 @@ class Verdicts:
     """printed numbers that no filter here measures: without a verdict"""
 
     def __repr__(self) -> str:
-        numbers, claims = counted(len(self.numbers), "number"), counted(len(self.claims), "claim")
+        numbers = counted(len(self.numbers), "number")
+        claims = counted(len(self.claims), "claim")
         return f"<Verdicts on {numbers} and {claims}>"
 
     @cached_property
     def numbers(self) -> list[Reproduced]:
         """Verdict for each published number, however many readings of it were tried."""
-        readings: dict[tuple[str, ...], list[Compared]] = defaultdict(list)
         # Rows that are printed at one place are readings of one number.
+        rows_by_place: dict[tuple[str, ...], list[Compared]] = defaultdict(list)
         for row in self.rows:
-            readings[row.published.printed_at].append(row)
-        return [Reproduced(rows) for rows in readings.values()]
+            rows_by_place[row.published.printed_at].append(row)
+        return [Reproduced(rows) for rows in rows_by_place.values()]
 
 
-def _rank(row: Compared) -> tuple[int, float]:
-    """Sort the best verdict first; of equal ones the nearest value."""
-    printed, value = row.published.value, row.measured.value
-    off = abs(value - printed) if not isinstance(printed, str) and isfinite(value) else inf
+def _sort_key(row: Compared) -> tuple[int, float]:
+    """Return a key that sorts the best verdict first; of equal ones the nearest value."""
+    printed = row.published.value
+    value = row.measured.value
+    off = inf
+    if not isinstance(printed, str) and isfinite(value):
+        off = abs(value - printed)
     return NUMBER_WORDS.index(row.verdict.word), off
 
 
 def compare(results: Results) -> Verdicts:
-    """Hold the results against what is published about the experiment."""
-    published, at = without_times(results.published), cache(partial(evidence_at, results))
-    left_out = [number for number in published.numbers if not number.labels]
-    measured = [number for number in published.numbers if number.labels]
-    readings = (_readings(number, at(number.point)) for number in measured)
-    rows = list(chain.from_iterable(readings))
-    claims = [judge(claim, at(claim.point)) for claim in published.claims]
-    every_row = [*rows, *_best_of_searches(results)]
-    return Verdicts(every_row, claims, list(rank_agreement(rows)), left_out)
+    """Compare the results with what is published about the experiment.
+
+    Parameters
+    ----------
+    results : results folder, whose config names the published files
+
+    Returns
+    -------
+    Verdicts on numbers and claims, without those about CPU times.
+    """
+    published = without_times(results.published)
+    evidence_of = cache(partial(evidence_at, results))
+    # Step 1: every reading of each number that a filter here measures.
+    rows: list[Compared] = []
+    left_out = []
+    for number in published.numbers:
+        if number.labels:
+            rows += _compare_readings(number, evidence_of(number.point))
+        else:
+            left_out.append(number)
+    # Step 2: claims, numbers of searched papers, orders of the filters.
+    claims = [judge(claim, evidence_of(claim.point)) for claim in published.claims]
+    searched = list(_best_of_searches(results))
+    ranks = list(rank_agreement(rows))
+    return Verdicts(rows=[*rows, *searched], claims=claims, ranks=ranks, left_out=left_out)
 
 
 def _best_of_searches(results: Results) -> Iterator[Compared]:
     """Yield each number of a searched paper under the best of all its readings."""
     evidence: dict[tuple[str, ...], Evaluator] = {}
     for readings in searched_numbers(results):
-        rows = list[Compared]()
+        rows: list[Compared] = []
         for number, point in readings:
             values = tuple(map(str, point.values()))
             if values not in evidence:
                 evidence[values] = Evaluator(results, point)
-            for row in _readings(number, evidence[values]):
-                is_measured = row.measured.lost or not isnan(row.measured.value)
-                rows += [row] if is_measured else []
+            for row in _compare_readings(number, evidence[values]):
+                if row.measured.lost or not isnan(row.measured.value):
+                    rows.append(row)
         if rows:
             best = Reproduced(rows).best
             note = noted(f"best of {len(rows)} readings searched", best.note)
@@ -135,59 +156,88 @@ def _best_of_searches(results: Results) -> Iterator[Compared]:
 
 def rank_agreement(rows: list[Compared]) -> Iterator[Ranked]:
     """Yield Kendall's tau of published and measured order, per column of three or more filters."""
+    # Step 1: collect the columns of the published tables.
     columns: dict[tuple[str, str, str, str], list[Compared]] = defaultdict(list)
-    # Collect the columns of the published tables.
     for row in rows:
-        if isfinite(row.measured.value) and not isinstance(row.published.value, str):
-            p = row.published
-            columns[p.paper, p.table, p.row, p.metric].append(row)
-    for (paper, table, part, metric), column in columns.items():
-        # Skip columns of one or two filters, and those in which a filter has several readings.
-        if len(column) < 3 or len({r.published.filter for r in column}) < len(column):
+        published = row.published
+        if isfinite(row.measured.value) and not isinstance(published.value, str):
+            key = (published.paper, published.table, published.row, published.metric)
+            columns[key].append(row)
+    # Step 2: compare the orders, except of columns in which a filter has several readings.
+    for (paper, table, table_row, metric), column in columns.items():
+        filters = {row.published.filter for row in column}
+        if len(column) < 3 or len(filters) < len(column):
             continue
-        order = kendall([r.published.value for r in column], [r.measured.value for r in column])
-        heading = f"{metric}, {part}" if part else metric
-        yield Ranked(paper, table, heading, len(column), order)
+        published_values = [row.published.value for row in column]
+        measured_values = [row.measured.value for row in column]
+        yield Ranked(
+            paper=paper,
+            table=table,
+            metric=f"{metric}, {table_row}" if table_row else metric,
+            filters=len(column),
+            tau=kendall(published_values, measured_values),
+        )
 
 
 def kendall(a: Sequence[Any], b: Sequence[Any]) -> float:
     """Return Kendall's tau-b of two orders; NaN if one is constant (Kendall 1945, Biometrika 33)."""
-    x, y = (np.sign(np.subtract.outer(values, values)) for values in (a, b))
-    untied = [np.count_nonzero(signs) / 2 for signs in (x, y)]
-    if not all(untied):
+    signs_a = np.sign(np.subtract.outer(a, a))
+    signs_b = np.sign(np.subtract.outer(b, b))
+    untied_a = np.count_nonzero(signs_a) / 2
+    untied_b = np.count_nonzero(signs_b) / 2
+    if not untied_a or not untied_b:
         return nan
     # tau_b = sum over pairs of sign(da) sign(db) / sqrt(untied pairs of a, times those of b)
-    tau = np.sum(x * y) / 2 / np.sqrt(untied[0]) / np.sqrt(untied[1])
+    tau = np.sum(signs_a * signs_b) / 2 / np.sqrt(untied_a) / np.sqrt(untied_b)
     return float(np.clip(tau, -1.0, 1.0))
 
 
-def _readings(number: PublishedNumber, evidence: Evaluator | None) -> Iterator[Compared]:
+def _compare_readings(number: PublishedNumber, evidence: Evaluator | None) -> Iterator[Compared]:
+    """Yield a published number compared with what each of its labels measures.
+
+    ``evidence`` has the measures at the number's point; None if there are no results.
+    """
     if evidence is None or not number.expression:
         why = no_results(number, evidence) or NOT_MEASURED
-        note = noted(why, number.reading, number.note)
-        yield Compared(number, "", MISSING, Verdict(UNDECIDED, nan), note)
+        yield Compared(
+            published=number,
+            label="",
+            measured=MISSING,
+            verdict=Verdict(UNDECIDED, nan),
+            note=noted(why, number.reading, number.note),
+        )
         return
     for label in number.labels:
-        measured = evidence.term(number.expression.of(label))
-        exact = None if measured.lost else evidence.exact(number.expression.of(label))
+        m = number.expression.of(label)
+        # Step 1: the measured number, in the paper's unit.
+        measured = evidence.term(m)
+        exact = None if measured.lost else evidence.exact(m)
         if number.factor != 1.0:
             measured = measured.scaled(number.factor * measured.value, number.factor)
-        judged = number
+        # Step 2: of a linear filter the exact number in its place.
+        judged_number = number
         if exact is not None:
             if number.variance is None:  # the paper's error is that of our runs, scaled to its own
-                judged = replace(number, variance=measured.stderr**2 * measured.runs)
-            measured = RunEstimate(number.factor * exact, 0.0, None, measured.runs)
-        verdict = _verdict(judged, measured, label, evidence.results)
-        reasons = [
+                variance = measured.stderr**2 * measured.runs
+                judged_number = replace(number, variance=variance)
+            measured = RunEstimate(
+                value=number.factor * exact, stderr=0.0, influences=None, runs=measured.runs
+            )
+        # Step 3: the verdict, with its reasons.
+        verdict = _verdict(judged_number, measured, label, evidence.results)
+        is_missing = isnan(measured.value) and not measured.lost
+        has_all_stored_digits = verdict.word == "agrees" and isnan(verdict.z)
+        note = noted(
             "differs by less than 10 %" if _is_near(number, measured, verdict) else "",
-            NOT_MEASURED if isnan(measured.value) and not measured.lost else "",
+            NOT_MEASURED if is_missing else "",
             measured.losses,
-            FEWER_STORED if verdict.word == "agrees" and isnan(verdict.z) else "",
+            FEWER_STORED if has_all_stored_digits else "",
             "" if exact is None else "exact, without runs",
             f"chosen for this number: {number.chosen}" if number.chosen else "",
-        ]
-        note = noted(*reasons, number.reading, number.note)
-        yield Compared(number, label, measured, verdict, note)
+            number.reading,
+            number.note,
+        )
+        yield Compared(published=number, label=label, measured=measured, verdict=verdict, note=note)
 
 
 def _is_near(number: PublishedNumber, measured: RunEstimate, verdict: Verdict) -> bool:
@@ -205,15 +255,19 @@ def _verdict(
     It `agrees` if it has all digits that are stored, and more are printed.
     """
     value = measured.value
-    if label in results.deterministic and not isinstance(number.value, str) and isfinite(value):
-        digits = results.digits_of(label)
-        rounding = number.factor * _half_unit(value / number.factor, digits)
-        if abs(rules.difference(number, value)) > rounding:
-            return Verdict("differs", nan)
-        return Verdict("equal" if number.significant_digits <= digits else "agrees", nan)
-    return rules.number_verdict(number, measured, measured.parts(results.batches))
+    is_number = not isinstance(number.value, str) and isfinite(value)
+    if label not in results.deterministic or not is_number:
+        return rules.number_verdict(number, measured, measured.parts(results.batches))
+    digits = results.digits_of(label)
+    rounding = number.factor * _half_unit(value / number.factor, digits)
+    if abs(rules.difference(number, value)) > rounding:
+        return Verdict("differs", nan)
+    return Verdict("equal" if number.significant_digits <= digits else "agrees", nan)
 
 
 def _half_unit(value: float, digits: int) -> float:
     """Return half a unit of the last one of so many significant digits; 0 for 0."""
-    return 0.5 * 10.0 ** (floor(log10(abs(value))) + 1 - digits) if value else 0.0
+    if not value:
+        return 0.0
+    exponent = floor(log10(abs(value)))
+    return 0.5 * 10.0 ** (exponent + 1 - digits)

@@ -29,7 +29,7 @@ class SearchedReading(NamedTuple):
 
 def searched_numbers(results: Results) -> Iterator[list[SearchedReading]]:
     """Yield for each printed number every reading of it that a `readings` table searches."""
-    seen = set[tuple[str, ...]]()
+    yielded_places = set[tuple[str, ...]]()
     for keys in (results.config.get("tables") or {}).values():
         if keys.get("kind") != "readings":
             continue
@@ -38,7 +38,7 @@ def searched_numbers(results: Results) -> Iterator[list[SearchedReading]]:
         published = without_times(read_published(results.folder, paths, keys["of"]))
         rows_by_place: dict[tuple[str, ...], list[PublishedNumber]] = {}
         for number in published.numbers:
-            if number.printed_at not in seen:
+            if number.printed_at not in yielded_places:
                 fitted = _fitted_setting(number, keys.get("chosen") or {})
                 row = replace(number, chosen=fitted or number.chosen)
                 rows_by_place.setdefault(number.printed_at, []).append(row)
@@ -46,7 +46,7 @@ def searched_numbers(results: Results) -> Iterator[list[SearchedReading]]:
         for place, rows in rows_by_place.items():
             readings = _readings(results, rows, keys.get("statistics") or [""])
             if readings:
-                seen.add(place)
+                yielded_places.add(place)
                 yield readings
 
 
@@ -59,9 +59,17 @@ def _fitted_setting(number: PublishedNumber, chosen: dict[str, str]) -> str:
 def _readings(
     results: Results, rows: list[PublishedNumber], statistics: list[str]
 ) -> list[SearchedReading]:
-    """Return a number's readings: each expression of each label at each point."""
-    variants = dict.fromkeys(with_statistic(row, name) for row in rows for name in statistics)
-    numbers = [replace(row, label=label) for row in variants for label in row.labels]
+    """Return a number's readings: each expression of each label at each point.
+
+    ``rows`` are the published rows of the number, ``statistics`` those that a printed error may be.
+    """
+    variants: dict[PublishedNumber, None] = {}
+    for row in rows:
+        for name in statistics:
+            variants[with_statistic(row, name)] = None
+    numbers: list[PublishedNumber] = []
+    for row in variants:
+        numbers += [replace(row, label=label) for label in row.labels]
     readings = []
     for number in numbers:
         if number.expression is None:
@@ -78,54 +86,82 @@ def _readings(
             words = [f"{head} {value}" for head, value in zip(heads, values, strict=True)]
             if len(variants) > 1:
                 words.append(str(number.expression))
-            readings.append(SearchedReading(replace(number, reading=", ".join(words)), point))
+            reading = replace(number, reading=", ".join(words))
+            readings.append(SearchedReading(number=reading, point=point))
     return readings
 
 
 def searched_points(
     results: Results, labels: list[str]
 ) -> tuple[list[str], list[tuple[list[str], dict[str, Any]]]]:
-    """Return paths that concern these filters, and one point for each combination of their values."""
+    """Return the distinct points of the grid for these filters.
+
+    Returns
+    -------
+    Headings of the paths that concern these filters, and for each combination of the paths' values these
+    as texts, with one point that has them.
+    """
     paths = [path for path in results.grid if _concerns(results, path, labels)]
-    points: dict[tuple[str, ...], dict[str, Any]] = {}
     # Points that differ in other paths only are one reading: the first stands for it.
+    points: dict[tuple[str, ...], dict[str, Any]] = {}
     for point in results.points():
-        points.setdefault(tuple(phrases.number(point[path]) for path in paths), point)
-    keys = [split_path(results.source, single_paths(path)[0]) for path in paths]
+        values = tuple(phrases.number(point[path]) for path in paths)
+        points.setdefault(values, point)
     # A column is called by the last word of its key, by two words if that is ambiguous.
-    last = [where[-1] for where in keys]
-    heads = [".".join(map(str, k[-1 if last.count(k[-1]) == 1 else -2 :])) for k in keys]
-    return heads, [(list(shown), p) for shown, p in points.items()]
+    keys_of_paths = [split_path(results.source, single_paths(path)[0]) for path in paths]
+    last_words = [keys[-1] for keys in keys_of_paths]
+    heads = []
+    for keys in keys_of_paths:
+        words = keys[-1:] if last_words.count(keys[-1]) == 1 else keys[-2:]
+        heads.append(".".join(map(str, words)))
+    return heads, [(list(values), point) for values, point in points.items()]
 
 
 def _concerns(results: Results, path: str, labels: list[str]) -> bool:
-    keys = [split_path(results.source, single) for single in single_paths(path)]
-    return any(where[0] == "scenario" or where[1] in labels for where in keys)
+    """Test whether a path of the grid varies the scenario, or one of these filters."""
+    for single_path in single_paths(path):
+        keys = split_path(results.source, single_path)
+        if keys[0] == "scenario" or keys[1] in labels:
+            return True
+    return False
 
 
 def ways_to_measure(
     numbers: list[PublishedNumber], statistics: tuple[str, ...] = ()
 ) -> tuple[list[str], list[tuple[list[str], list[PublishedNumber]]]]:
-    """Return heads and rows: each way to measure the printed numbers, one row per number.
+    """Return each way to measure the printed numbers.
 
     A printed number with rows of several expressions is measured by one of them at a time, the same for
-    all numbers of its printed metric.
+    all numbers of its printed metric. ``statistics`` are those that a printed error may be.
+
+    Returns
+    -------
+    Headings, and for each way the texts under them and one row per number.
     """
-    rows: dict[tuple[str, ...], list[Measure]] = {}
-    for n in numbers:
-        assert n.expression is not None
-        rows.setdefault((n.paper, n.table, n.row, n.filter, n.metric), []).append(n.expression)
-    # Printed metrics that are measured by several expressions.
-    several = {at[-1]: dict.fromkeys(ms) for at, ms in rows.items() if len(set(ms)) > 1}
+    # Step 1: printed metrics that are measured by several expressions.
+    measures_by_place: dict[tuple[str, ...], list[Measure]] = {}
+    for number in numbers:
+        assert number.expression is not None
+        place = (number.paper, number.table, number.row, number.filter, number.metric)
+        measures_by_place.setdefault(place, []).append(number.expression)
+    alternatives: dict[str, list[Measure]] = {}
+    for (*_, printed_metric), measures in measures_by_place.items():
+        if len(set(measures)) > 1:
+            alternatives[printed_metric] = list(dict.fromkeys(measures))
+    # Step 2: every combination of a statistic and one expression for each of these metrics.
     ways = []
-    # Every combination of a statistic and one expression for each of these metrics.
-    for statistic, *taken in itertools.product(statistics or ("",), *several.values()):
-        chosen = dict(zip(several, taken, strict=True))
-        selected = [n for n in numbers if n.expression == chosen.get(n.metric, n.expression)]
-        words = [statistic] if statistic else []
-        words += [m.name if _is_average(m) else str(m) for m in taken]
-        ways.append((words, [with_statistic(n, statistic) for n in selected]))
-    return [*(["statistic"] if statistics else []), *several], ways
+    for statistic in statistics or ("",):
+        for taken in itertools.product(*alternatives.values()):
+            measure_by_metric = dict(zip(alternatives, taken, strict=True))
+            rows = []
+            for number in numbers:
+                if number.expression == measure_by_metric.get(number.metric, number.expression):
+                    rows.append(with_statistic(number, statistic))
+            words = [statistic] if statistic else []
+            words += [m.name if _is_average(m) else str(m) for m in taken]
+            ways.append((words, rows))
+    heads = ["statistic"] if statistics else []
+    return [*heads, *alternatives], ways
 
 
 def with_statistic(number: PublishedNumber, statistic: str) -> PublishedNumber:

@@ -12,9 +12,10 @@ from trackbench.config.published import PublishedNumber
 from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.results import Results
-from trackbench.report.tables.reading_search import (
+from trackbench.report.tables.readings import (
     Distance,
     Number,
+    RankedReading,
     _notes,
     distance,
 )
@@ -266,15 +267,16 @@ def test_a_gain_is_that_of_its_column(results: Results) -> None:
     assert rms == pytest.approx(100 * (1 - np.sqrt((apf**2).mean() / (pf**2).mean())))
 
 
-def reading(value: float, near: int, off: np.ndarray) -> Distance:
-    return Distance(RunEstimate(value, mean(off).stderr, off, len(off)), near)
+def reading(name: str, value: float, near: int, off: np.ndarray) -> RankedReading:
+    estimate = RunEstimate(value, mean(off).stderr, off, len(off))
+    return RankedReading([name], Distance(estimate, near), filter_distances=[])
 
 
 def test_the_reading_that_meets_most_numbers_is_named_beside_the_nearest() -> None:
     """One number far off makes a reading with all others at the printed ones the farther one."""
     found = [
-        (["100"], reading(0.2, 1, np.full(4, 0.2))),
-        (["200"], reading(0.3, 3, np.full(4, 0.3))),
+        reading("100", 0.2, 1, np.full(4, 0.2)),
+        reading("200", 0.3, 3, np.full(4, 0.3)),
     ]
     assert _notes(["scans"], found, 4)[-1] == "Most numbers within 10 %: scans 200; 3 of 4."
     assert len(_notes(["scans"], found[:1], 4)) == 2
@@ -285,5 +287,5 @@ def test_readings_differ_by_the_rule_for_filters(rng: np.random.Generator) -> No
     noise = [0.1 * rng.standard_normal(200) for _ in range(10)]
     for runs, alike in ((200, 1), (4, 10)):
         offs = [x[:runs] - x[:runs].mean() for x in noise]
-        found = [([str(i)], reading(0.2 + 0.1 * (i > 0), 1, x)) for i, x in enumerate(offs)]
+        found = [reading(str(i), 0.2 + 0.1 * (i > 0), 1, x) for i, x in enumerate(offs)]
         assert _notes(["scans"], found, 4)[1].endswith(f"itself counted: {alike}.")

@@ -1,0 +1,52 @@
+"""Reasons why published numbers and claims are inconclusive, a line each."""
+
+from math import isfinite, isnan
+
+from trackbench.report.findings.phrases import run_count
+from trackbench.report.verdicts.claims import ClaimVerdict
+from trackbench.report.verdicts.numbers import Compared, Verdicts
+from trackbench.statistics.rules import DECIDED, UNDECIDED, runs_that_decide
+
+_MOST_REASONS = 5
+"""Lines of a list, which is cut if it is longer; comparison.md has all verdicts."""
+
+
+def reasons(comparison: Verdicts, runs: int) -> list[str]:
+    """Explain why numbers and claims are inconclusive, a line each; ``runs`` of each filter."""
+    lines = []
+    for number in comparison.numbers:
+        row = number.best
+        if row.verdict.word == UNDECIDED:
+            published = row.published
+            words = (published.filter, published.metric, published.row)
+            name = ", ".join(filter(None, words))
+            lines.append(f"inconclusive: {name}: {_reason(row, runs)}")
+    for claim in comparison.claims:
+        if claim.verdict.word == UNDECIDED:
+            lines.append(f"inconclusive: {claim.claim.claim}: {_reason(claim, runs)}")
+    more = len(lines) - _MOST_REASONS
+    if more < 2:
+        return lines
+    return [*lines[:_MOST_REASONS], f"inconclusive: {more} more: comparison.md"]
+
+
+def _reason(row: Compared | ClaimVerdict, runs: int) -> str:
+    """Explain why a number or a claim is inconclusive; ``runs`` of each filter."""
+    verdict = row.verdict
+    z = abs(verdict.z)
+    is_chosen = isinstance(row, Compared) and bool(row.published.chosen)
+    if not isfinite(z) or is_chosen:
+        return row.note or "no standard error"
+    if isnan(verdict.needed):
+        return f"neither within its margin nor beyond it by {DECIDED:g} standard errors"
+    if verdict.is_short:
+        text = f"{z:.2f} standard errors, and {verdict.needed:g} decide"
+        if not verdict.has_sign:
+            return f"{text}; no sign of a difference"
+        more = run_count(runs_that_decide(runs, z, verdict.needed))
+        what = f"{more} runs" if runs > 1 else f"a recording {more} times as long"
+        return f"{text}; a difference as large as measured needs about {what}"
+    part = verdict.weak_part
+    if part is None:
+        return row.note
+    return f"{z:.1f} standard errors over all runs, but {abs(part):.1f} without one batch of them"
