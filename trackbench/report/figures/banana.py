@@ -69,7 +69,7 @@ class Banana(FigureKind):
             ax.xaxis.set_major_locator(MaxNLocator(few, steps=[1, 2, 5, 10]))
             ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
         axes[0][0].set_ylabel("Along it, less the range (m)")
-        return style.finished(figure, self.title)
+        return style.add_title_and_legend(figure, self.title)
 
 
 @register("figures", "posterior")
@@ -119,7 +119,7 @@ class PosteriorEllipses(FigureKind):
         ax.set_xlabel("Across the line of sight (km)")
         ax.set_ylabel("Along it (m)")
         ax.set_ylim(-self.half_height_m, self.half_height_m)
-        return style.finished(figure, self.title)
+        return style.add_title_and_legend(figure, self.title)
 
     def _panel(
         self, ax: Axes, tracks: dict[str, Array], results: Results, scenario: dict[str, Any]

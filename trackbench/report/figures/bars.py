@@ -53,8 +53,8 @@ class Bars(FigureKind):
         lines = {self.floor: style.FLOOR, self.baseline: style.BASELINE}
         labels = [b for b in results.chosen(self.filters) if b not in lines]
         height = 0.9 + 0.26 * len(labels)
-        figure, axes = style.panels(len(points), 1, height, sharex=True, sharey=True)
-        heads = style.headings([phrases.heading(point) for point in points])
+        figure, axes = style.make_panels(len(points), 1, height, sharex=True, sharey=True)
+        heads = style.wrap_headings([phrases.heading(point) for point in points])
         for (ax,), point, head in zip(axes, points, heads, strict=True):
             expressions = Evaluator(results, point)
             self._bars(ax, results, expressions, labels)
@@ -72,7 +72,7 @@ class Bars(FigureKind):
         # The first filter is on top.
         axes[0][0].set_yticks(range(len(labels)), [style.wrap_label(b) for b in labels])
         axes[0][0].invert_yaxis()
-        return style.finished(figure, self.title, len(results.points()))
+        return style.add_title_and_legend(figure, self.title, len(results.points()))
 
     def _bars(self, ax: Axes, results: Results, expressions: Evaluator, labels: list[str]) -> None:
         look: LineStyle = {"fmt": "o", "markersize": 4, "capsize": 3}

@@ -90,7 +90,7 @@ class CalibrationFigure(FigureKind):
             ax.set_title(f"{head}\n{ax.get_title()}".strip())
         for ax in axes[-1]:
             ax.set_xlabel("Rank of the truth")
-        style.title(figure, self.title, len(every))
+        style.set_title(figure, self.title, len(every))
         return figure
 
 

@@ -14,7 +14,7 @@ from trackbench.report.figures.over_time import OverTime
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import named
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import style
+from trackbench.report.plotting import filter_lines, style
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.results import Results
 from trackbench.report.tables.consistency import degrees_of
@@ -116,8 +116,8 @@ class Bias(OverTime):
                 lines = list(self.lines(results, point, metric))
                 for i, (rows, look) in enumerate(lines):
                     k, value, stderr = self.series(rows)
-                    if style.filter_line(ax, k, value, look):
-                        style.error_band(ax, k, value, stderr, look, i, len(lines))
+                    if filter_lines.draw_filter_line(ax, k, value, look):
+                        filter_lines.draw_error_band(ax, k, value, stderr, look, i, len(lines))
                 if self.linear_within is not None:
                     ax.set_yscale("symlog", linthresh=self.linear_within)
         for ax, head in zip(panels[0][0], self.rows, strict=True):
@@ -168,5 +168,5 @@ class Dots(FigureKind):
         axes[0][0].invert_yaxis()
         for ax, head in zip(axes[-1], self.columns, strict=True):
             ax.set_xlabel(head)
-        style.title(figure, self.title, len(results.points()))
+        style.set_title(figure, self.title, len(results.points()))
         return figure

@@ -26,7 +26,7 @@ from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import joined
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import scales, style
+from trackbench.report.plotting import filter_lines, scales, style
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.results import Results, points_of, scenes
 from trackbench.results.point_facts import GridPoint
@@ -83,14 +83,14 @@ class AccuracyVsCost(FigureKind):
         """Return one panel per scene."""
         every = scenes(results)
         drawn = every[: style.MOST_PANELS]
-        figure, axes = style.panels(len(drawn), 1, 4.2, sharey=True)
-        heads = style.headings([phrases.heading(scene) for scene in drawn])
+        figure, axes = style.make_panels(len(drawn), 1, 4.2, sharey=True)
+        heads = style.wrap_headings([phrases.heading(scene) for scene in drawn])
         for (ax,), scene, head in zip(axes, drawn, heads, strict=True):
             self._panel(ax, results, scene)
             ax.set_title(head)
             ax.set_xlabel(COST)
         axes[0][0].set_ylabel(self.y_label or str(self.metric))
-        return style.finished(figure, self.title, len(every))
+        return style.add_title_and_legend(figure, self.title, len(every))
 
     def _panel(self, ax: Axes, results: Results, scene: GridPoint) -> None:
         drawn = self._curves(results, scene)
@@ -127,7 +127,7 @@ class AccuracyVsCost(FigureKind):
         x, y = _values(curve.spots)
         ax.plot(x[0], y[0], markersize=3.5, label=curve.name, **look)
         bars = {"elinewidth": 0.8, "capsize": 1.5, "xerr": 2.0 * x[1]}
-        style.error_bars(ax, x[0], y[0], y[1], curve.name, look["color"], **bars)
+        filter_lines.draw_error_bars(ax, x[0], y[0], y[1], curve.name, look["color"], **bars)
         for spot in curve.spots if not curve.is_fixed else ():
             place = (MICRO * spot.cost.value, spot.error.value)
             ax.annotate(phrases.number(spot.size), place, (2.5, 2.5), textcoords="offset points",

@@ -53,7 +53,7 @@ class CriticalDifference(FigureKind):
             words = f"Mean rank of {self.metric} over {values.shape[1]} runs (1: the {best})"
             words += f", critical difference {critical:.2f}{': ' if where else ''}{where}"
             ax.set_title(style.wrapped(words), pad=14)
-        style.title(figure, self.title, len(results.points()))
+        style.set_title(figure, self.title, len(results.points()))
         return figure
 
 

@@ -106,7 +106,7 @@ class HeatMap(FigureKind):
             # Clipped: zero has the color of the least positive value.
             norm = LogNorm(finite[finite > 0.0].min(), finite.max(), clip=True)
         shown = dict(list(panels.items())[: style.MOST_PANELS])
-        figure, axes = style.panels(len(shown), 1, 1.2 + 0.28 * len(levels), sharey=True)
+        figure, axes = style.make_panels(len(shown), 1, 1.2 + 0.28 * len(levels), sharey=True)
         cell_in = (sheet().width_in - 2.0) / min(len(shown), sheet().across) / len(columns)
         for (ax,), (name, values) in zip(axes, shown.items(), strict=True):
             image = ax.imshow(values, aspect="auto", cmap="viridis", norm=norm)
@@ -118,7 +118,7 @@ class HeatMap(FigureKind):
                 write_cells(ax, values, "{:.3g}".format, image)
         axes[0][0].set_ylabel(y)
         figure.colorbar(image, ax=list(axes[:, 0]), label=self.bar_label or str(self.metric))
-        style.title(figure, self.title)
+        style.set_title(figure, self.title)
         return figure
 
     def _pairs(self, results: Results, labels: list[str]) -> Figure:
@@ -139,7 +139,7 @@ class HeatMap(FigureKind):
             for text in ax.texts:
                 text.set_in_layout(False)
         ax.set(xlabel="less that of this filter", ylabel=f"{self.metric.name} of this filter")
-        style.title(figure, self.title)
+        style.set_title(figure, self.title)
         figure.colorbar(image, ax=ax, extend="both", label="z (blue: left is smaller)")
         return figure
 

@@ -11,7 +11,7 @@ from trackbench.evaluation.predictive_scores import LAGS
 from trackbench.field_types import Count
 from trackbench.registry import register
 from trackbench.report.figures.over_time import Curves, OverTime
-from trackbench.report.plotting import style
+from trackbench.report.plotting import filter_lines, style
 from trackbench.report.plotting.style import Figure
 from trackbench.report.results import Results
 from trackbench.report.tables.consistency import autocorrelation_band
@@ -109,7 +109,7 @@ class Autocorrelation(Curves):
                 if (label, "innovations") in runs:
                     value = [_mean(runs.get((label, f"autocorrelation_{lag}"))) for lag in lags]
                     look = {"label": label, "marker": "o", "markersize": 3, **look}
-                    style.filter_line(ax, lags, np.array(value), look)
+                    filter_lines.draw_filter_line(ax, lags, np.array(value), look)
                     widths.append(autocorrelation_band(runs[label, "innovations"]))
             if widths and min(widths) < np.inf:
                 ax.axhspan(-min(widths), min(widths), label="95 % band", **style.BAND)

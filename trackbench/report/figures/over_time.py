@@ -12,7 +12,7 @@ from trackbench.field_types import Count
 from trackbench.registry import register
 from trackbench.report.findings import phrases
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import scales, style
+from trackbench.report.plotting import filter_lines, scales, style
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.results import Results
 from trackbench.results.frames import Columns
@@ -64,10 +64,10 @@ class Curves(FigureKind):
         height = 3.2 if rows == 1 else 2.4 * rows
         if len(points) > 4:
             height *= 0.75
-        figure, axes = style.panels(
+        figure, axes = style.make_panels(
             len(points), rows, height, sharex=rows > 1, sharey=rows == 1, **layout
         )
-        heads = style.headings([phrases.heading(point) for point in points])
+        heads = style.wrap_headings([phrases.heading(point) for point in points])
         for column, head in zip(axes, heads, strict=True):
             column[0].set_title(head)
             column[-1].set_xlabel(self.x_name)
@@ -75,7 +75,7 @@ class Curves(FigureKind):
                 ax.set_yscale("log")
         if self.y_label:
             axes[0][0].set_ylabel(self.y_label)
-        style.title(figure, self.title, len(results.points()))
+        style.set_title(figure, self.title, len(results.points()))
         return figure, [(list(column), p) for column, p in zip(axes, points, strict=True)]
 
     def lines(
@@ -151,7 +151,9 @@ class OverTime(Curves):
         if not titles:
             figure, panels = self.panels(results, rows, **layout)
             return figure, [(axes, point, "") for axes, point in panels]
-        figure, panels = style.panels(len(titles), 1, 1.9, balanced=True, sharex=True, sharey=True)
+        figure, panels = style.make_panels(
+            len(titles), 1, 1.9, balanced=True, sharex=True, sharey=True
+        )
         across = panels[0][0].get_gridspec().ncols
         for i, ((ax,), label) in enumerate(zip(panels, titles, strict=True)):
             ax.set_title(style.wrapped(label, across))
@@ -161,7 +163,7 @@ class OverTime(Curves):
             if self.log:
                 ax.set_yscale("log")
         figure.supylabel(self.y_label)
-        style.title(figure, self.title)
+        style.set_title(figure, self.title)
         point = results.points()[0]
         return figure, [([ax], point, label) for (ax,), label in zip(panels, titles, strict=True)]
 
@@ -173,11 +175,13 @@ class OverTime(Curves):
         inside &= at <= (np.inf if last is None else last)
         if inside.any():
             x = rows[self.x][inside]
-            ax.axvspan(x.min(), x.max(), label=fault["name"], **style.fault(number))
+            ax.axvspan(x.min(), x.max(), label=fault["name"], **style.fault_look(number))
 
     def series(self, rows: Columns) -> tuple[Array, ...]:
         """Return abscissas, values and standard errors, with NaN in gaps of the steps."""
-        return style.with_gaps(rows["step"], *(rows[c] for c in (self.x, "value", "stderr")))
+        return filter_lines.insert_gaps(
+            rows["step"], *(rows[c] for c in (self.x, "value", "stderr"))
+        )
 
     def curve(
         self,
@@ -196,9 +200,11 @@ class OverTime(Curves):
         x, y, *_ = line
         label = look["label"]
         if label in titles and label != title:
-            style.gray_line(ax, x, y, steps)
+            filter_lines.draw_gray_line(ax, x, y, steps)
             return False
-        return style.filter_line(ax, x, y, look | {"linestyle": "-"} if label == title else look)
+        return filter_lines.draw_filter_line(
+            ax, x, y, look | {"linestyle": "-"} if label == title else look
+        )
 
 
 @register("figures", "rmse-vs-time")
@@ -234,7 +240,7 @@ class RmseVsTime(OverTime):
                 if self.log and scales.has_logarithm(value):
                     value = scales.without_rounding(value)  # as the error of a known first state
                 if self.curve(ax, (k, value), look, title, titles):
-                    style.error_band(ax, k, value, stderr, look, i, number, self.log)
+                    filter_lines.draw_error_band(ax, k, value, stderr, look, i, number, self.log)
         return self.finish(figure, titles)
 
 
@@ -317,13 +323,13 @@ class EstimatesOfOneRun(OverTime):
         for label, look in self.labels(results):
             if f"mean/{label}" in tracks:
                 mean = tracks[f"mean/{label}"][c, :, run]
-                errors = style.with_gaps(steps[scored], k[scored], (mean - truth)[scored])
+                errors = filter_lines.insert_gaps(steps[scored], k[scored], (mean - truth)[scored])
                 largest[label] = errors[1]
                 for ax in axes:
                     line = errors if ax in below else (k, mean)
                     self.curve(ax, line, {"label": label, **look}, title, titles)
         if not titles:
-            scales.cut(axes, largest)
+            filter_lines.cut_dwarfing_lines(axes, largest)
 
 
 def _without_jumps(tracks: dict[str, Array], c: int, run: int) -> dict[str, Array]:

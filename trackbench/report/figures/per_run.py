@@ -9,7 +9,7 @@ from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import OfRun, measure
 from trackbench.registry import register
 from trackbench.report.figures.over_time import Curves
-from trackbench.report.plotting import style
+from trackbench.report.plotting import filter_lines, style
 from trackbench.report.plotting.style import Figure
 from trackbench.report.results import Results
 
@@ -52,10 +52,10 @@ class RmsePerRun(Curves):
                 values = runs.get((label, str(self.metric)), np.empty(0))
                 look = look | {"label": label}
                 if self.form == "sorted":
-                    style.filter_line(ax, *_in_order(values), look)
+                    filter_lines.draw_filter_line(ax, *_in_order(values), look)
                     continue
                 number = np.arange(1, len(values) + 1)
-                style.filter_line(ax, number, values, look | {"linewidth": 0.8})
+                filter_lines.draw_filter_line(ax, number, values, look | {"linewidth": 0.8})
         return self.finish(figure)
 
 

@@ -15,7 +15,7 @@ from trackbench.registry import register
 from trackbench.report.findings.phrases import listed, named
 from trackbench.report.findings.ranking import rankings
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import style
+from trackbench.report.plotting import filter_lines, style
 from trackbench.report.plotting.page_formats import sheet
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.results import Results
@@ -123,7 +123,7 @@ class Track(FigureKind):
             ax.locator_params(nbins=5)
             ax.set_title(style.wrap_label(label))
         axes[0][0].set_ylabel(f"y ({unit})")
-        return style.finished(figure, self.title)
+        return style.add_title_and_legend(figure, self.title)
 
     def _best(self, results: Results) -> list[str]:
         """Choose the best filters of the first ranking, else the first ones."""
@@ -233,12 +233,12 @@ class MeanAndStd(FigureKind):
                 for label in labels:
                     curve, look = chosen.where(filter=label), results.line_style(label)
                     look = look | {"linewidth": 0.8, "label": label}
-                    style.filter_line(ax, curve["time"], sign * curve["value"], look)
+                    filter_lines.draw_filter_line(ax, curve["time"], sign * curve["value"], look)
                 ax.set_ylabel(words.format(quantity))
         for ax in axes[1]:
             ax.set_xlabel("Time (s)")
             ax.set_ylim(bottom=0)
-        return style.finished(figure, self.title)
+        return style.add_title_and_legend(figure, self.title)
 
 
 _RUNS = 20  # whose paths are drawn
@@ -256,7 +256,7 @@ def draw_scene(experiment: Experiment) -> Figure:
             figure = _in_the_plane(scenario, data.truth, data.measurements)
         else:
             figure = _over_time(scenario, data.truth, data.measurements)
-        return style.lay_out(style.finished(figure, experiment.settings.name))
+        return style.lay_out(style.add_title_and_legend(figure, experiment.settings.name))
 
 
 def _in_the_plane(scenario: Scenario, truth: Array, z: Array) -> Figure:

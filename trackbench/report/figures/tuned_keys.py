@@ -39,7 +39,7 @@ class TuningFigure(FigureKind):
         for ax, axis in zip(panels, axes, strict=False):
             _panel(ax, results.tuning[self.filter], axis)
         figure.supylabel(words_of(results.config["tuning"]["metric"]))
-        style.title(figure, self.title or style.wrap_label(self.filter, 80))
+        style.set_title(figure, self.title or style.wrap_label(self.filter, 80))
         return figure
 
 
