@@ -188,8 +188,8 @@ class _View:
         s = np.sin(azimuth)
         return cls(target=target, rotation=np.array([[c, s], [-s, c]]))
 
-    def seen(self, positions: Array) -> Array:
-        """Return positions (2, n) in these coordinates."""
+    def transform(self, positions: Array) -> Array:
+        """Return positions (2, n) along and across the line of sight."""
         return np.asarray(self.rotation @ (positions - self.target[:, None]))
 
     def ellipse_of(self, gaussian: Gaussian) -> Array:
@@ -205,8 +205,8 @@ def _draw_measurement(ax: Axes, z: Array, view: _View, sensor: dict[str, Any]) -
     azimuths = z[1] + half_width * np.linspace(-1.0, 1.0, 201)
     near_ranges = np.full(201, z[0] - 2.0 * sensor["sigma_range"])
     far_ranges = np.full(201, z[0] + 2.0 * sensor["sigma_range"])
-    near_along, near_across = view.seen(position(near_ranges, azimuths))
-    far_along, _ = view.seen(position(far_ranges, azimuths))
+    near_along, near_across = view.transform(position(near_ranges, azimuths))
+    far_along, _ = view.transform(position(far_ranges, azimuths))
     ax.fill_between(
         1e-3 * near_across,
         near_along,

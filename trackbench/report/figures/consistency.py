@@ -33,7 +33,7 @@ class Anees(OverTime):
     metric: OfStep = measure("anees")
     """metric of per_step.csv: anees, or that of a part of the state as anees_position"""
     n_x: Count | None = None
-    """number of components of the state, or of the part; default: this number; any other is rejected"""
+    """number of components of the state, or of the part; default: counted; a wrong number is rejected"""
     level: OpenShare = 0.95
     """probability of the chi-square band"""
 

@@ -65,7 +65,18 @@ class Curves(FigureKind):
     ) -> Iterator[tuple[str, LineStyle]]:
         """Yield each label to draw with its line style; the baseline and the floor last.
 
-        ``exact`` includes filters without runs, such as a bound.
+        Parameters
+        ----------
+        results
+            The results folder.
+        exact
+            Whether labels of exact errors are drawn, too, if ``filters`` names no labels.
+
+        Yields
+        ------
+        label : str
+        look : dict
+            Color and dash, as keyword arguments of matplotlib's ``Axes.plot``.
         """
         references = {self.baseline: style.BASELINE, self.floor: style.FLOOR}
         for label in results.chosen(self.filters, exact):
@@ -83,10 +94,23 @@ class Curves(FigureKind):
     def make_panels(
         self, results: Results, rows: int = 1, **layout: Any
     ) -> tuple[Figure, list[Panel]]:
-        """Return a figure with an empty panel per grid point.
+        """Return a figure with an empty panel per grid point, of 12 points at most.
 
-        Each panel has ``rows`` axes. Axes of one row share their vertical axis. Further arguments are
-        those of matplotlib's ``Figure.subplots``.
+        Parameters
+        ----------
+        results
+            The results folder.
+        rows
+            Number of axes below each other in each panel. A single row shares its vertical axis, several
+            rows share their horizontal axis.
+        **layout
+            Further arguments of matplotlib's ``Figure.subplots``, such as ``height_ratios``.
+
+        Returns
+        -------
+        figure : matplotlib.figure.Figure
+        panels : list of Panel
+            Their titles are empty, as all filters share a panel.
         """
         points = results.points()[: style.MOST_PANELS]
         height = 3.2 if rows == 1 else 2.4 * rows
@@ -112,7 +136,22 @@ class Curves(FigureKind):
     def metric_series(
         self, results: Results, point: GridPoint, metric: Measure
     ) -> Iterator[MetricSeries]:
-        """Yield each label's series of a metric at a grid point, and its line style."""
+        """Yield each label's series of a metric at a grid point, and its line style.
+
+        Parameters
+        ----------
+        results
+            The results folder.
+        point
+            One of ``results.points()``.
+        metric
+            Metric of per_step.csv.
+
+        Yields
+        ------
+        series : MetricSeries
+            Its rows are empty if the filter has no such metric.
+        """
         rows = results.columns("per_step", point).where(metric=str(metric))
         for label, look in self.labels_and_looks(results, exact=True):
             yield MetricSeries(rows=rows.where(filter=label), look={"label": label, **look})
@@ -120,8 +159,20 @@ class Curves(FigureKind):
     def with_vertical_axis(self, metric: Measure, curves: Sequence[Array]) -> Self:
         """Return the figure with its vertical axis labeled, logarithmic if one curve dwarfs the rest.
 
-        ``curves`` are the values of all lines. An axis that shows a negative number is linear, and one
-        with a label of its own as asked for.
+        An axis that shows a negative number is linear. An axis with a ``y_label`` is logarithmic only if
+        ``log`` is set.
+
+        Parameters
+        ----------
+        metric
+            Metric that is drawn; it gives the default label with its unit.
+        curves
+            Values of all lines, arrays (n,).
+
+        Returns
+        -------
+        figure : Curves
+            A copy with the keys ``y_label`` and ``log`` set.
         """
         can_be_logarithmic = scales.has_logarithm(np.concatenate([np.empty(0), *curves]))
         is_wanted = self.log or (not self.y_label and scales.one_dwarfs(curves))
