@@ -67,7 +67,7 @@ class Bars(FigureKind):
             ax.set_title(heading)
             ax.set_xlabel(self.x_label or str(self.metric))
             if self.log:
-                scales.log_scale(ax.xaxis)
+                scales.set_possible_log_scale(ax.xaxis)
             ax.grid(visible=False, axis="y")
         # The first filter is on top.
         axes[0][0].set_yticks(range(len(labels)), [style.wrap_label(label) for label in labels])

@@ -131,9 +131,9 @@ class AccuracyVsCost(FigureKind):
         least = self._floor_value(results, scene, floor)
         if np.isfinite(least):
             ax.axhline(least, label=floor, **style.FLOOR)
-        scales.plain_log_axis(ax.xaxis)
+        scales.set_plain_log_scale(ax.xaxis)
         if self.log:
-            scales.plain_log_axis(ax.yaxis)
+            scales.set_plain_log_scale(ax.yaxis)
 
     def _floor(self, results: Results) -> str:
         """Return the label of the floor; the reference if no floor is named."""

@@ -183,7 +183,7 @@ class Curves(FigureKind):
         """Return the figure with legible vertical axes and a legend of all labels but the ``titles``."""
         for ax in figure.axes:
             if self.log:
-                scales.plain_log_axis(ax.yaxis)
+                scales.set_plain_log_scale(ax.yaxis)
             elif not (scales.drawn_values(ax.yaxis) < 0.0).any():
                 ax.set_ylim(bottom=0)
         style.legend_outside(figure, titles)
@@ -193,7 +193,7 @@ class Curves(FigureKind):
         """Leave only those vertical axes logarithmic that can show what is drawn."""
         for ax in figure.axes:
             if ax.get_yscale() == "log":
-                scales.log_scale(ax.yaxis)
+                scales.set_possible_log_scale(ax.yaxis)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -393,9 +393,12 @@ class EstimatesOfOneRun(OverTime):
             if not arrays:  # every filter failed here
                 continue
             facts = results.facts(panel.point)
-            if facts.components[component] in (facts.angles or ()):
-                arrays = _without_jumps(arrays, component, self.run - 1)
-            self._draw_panel(panel, results, arrays, titles)
+            is_angle = facts.components[component] in (facts.angles or ())
+            if is_angle:
+                continued = _without_jumps(arrays, component, self.run - 1)
+                self._draw_panel(panel, results, continued, titles)
+            else:
+                self._draw_panel(panel, results, arrays, titles)
         # Step 3: labels of the vertical axes.
         name, unit = results.facts(panels[0].point).component(component)
         y_label = self.y_label

@@ -115,9 +115,9 @@ class RmseVsParameter(FigureKind):
                 bars = {"capsize": 1.5, "elinewidth": 0.8}
                 _draw_estimates(ax, estimates, look, bars, marked_by, marker_size=5)
         if log_x:
-            scales.log_axis_with_zero(ax, np.unique(parameters))
+            scales.set_log_scale_with_zero(ax, np.unique(parameters))
         if self.log_y:
-            scales.plain_log_axis(ax.yaxis, most=np.inf)
+            scales.set_plain_log_scale(ax.yaxis, most=np.inf)
         has_horizontal_lines_alone = not len(scales.drawn_values(ax.xaxis))
         if has_horizontal_lines_alone and len(np.unique(x)) > 1:
             ax.set_xlim(x.min(), x.max())
@@ -316,7 +316,7 @@ class SweepFigure(FigureKind):
             elif scales.spans(values, _WIDE_X):
                 ax.set_xscale("log")
             if scales.spans(heights, _WIDE):
-                scales.plain_log_axis(ax.yaxis, most=np.inf)
+                scales.set_plain_log_scale(ax.yaxis, most=np.inf)
             ax.set(xlabel=results.axis(path), ylabel=y_label)
         return style.add_title_and_legend(figure, self.title)
 

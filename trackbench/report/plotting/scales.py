@@ -56,7 +56,7 @@ def places_with_zero(values: Array) -> Array:
     return np.where(values > 0.0, values, _ZERO * positive.min())
 
 
-def log_axis_with_zero(ax: Axes, values: Array) -> None:
+def set_log_scale_with_zero(ax: Axes, values: Array) -> None:
     """Make the horizontal axis logarithmic; of ascending numbers (n,) the first may be zero."""
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
@@ -118,8 +118,8 @@ def _caps_of_error_bars(ax: Axes) -> list[Any]:
     return caps
 
 
-def log_scale(axis: Any) -> bool:
-    """Make an axis logarithmic if what is drawn has logarithms, else linear; return which."""
+def set_possible_log_scale(axis: Any) -> bool:
+    """Make an axis logarithmic if the drawn values allow it, else linear; return whether it is."""
     is_logarithmic = has_logarithm(drawn_values(axis))
     scale = "log" if is_logarithmic else "linear"
     if axis.get_scale() != scale:
@@ -130,14 +130,14 @@ def log_scale(axis: Any) -> bool:
     return is_logarithmic
 
 
-def plain_log_axis(axis: Axis, most: float = 100.0) -> None:
+def set_plain_log_scale(axis: Axis, most: float = 100.0) -> None:
     """Make an axis logarithmic if it can be, with plain numbers: 200 instead of 2 x 10^2.
 
     Numbers are plain where the axis spans at most the factor ``most``.
     """
     from matplotlib.ticker import FuncFormatter, LogLocator
 
-    if not log_scale(axis):
+    if not set_possible_log_scale(axis):
         return
     low, high = axis.get_view_interval()
     if high > min(most, _LABELED) * low:
