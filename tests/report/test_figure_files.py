@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from trackbench.report.plotting import style
-from trackbench.report.plotting.canvas import in_letters
-from trackbench.report.plotting.style import FORMATS, saved
+from trackbench.report.plotting.canvas import raise_digits_of_ticks
+from trackbench.report.plotting.style import FORMATS, matplotlib_file
 
 
 def figure() -> Any:
@@ -20,7 +20,7 @@ def figure() -> Any:
     axes[0, 0].set_title("costs $5, no formula: $x^$")
     axes[1, 1].set_aspect(0.2)
     style.legend_outside(drawn)
-    style.title(drawn, "A title")
+    style.set_title(drawn, "A title")
     return drawn
 
 
@@ -32,14 +32,14 @@ def _house() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def svg(_house: None) -> bytes:
-    return saved(figure(), "svg")
+    return matplotlib_file(figure(), "svg")
 
 
 def test_the_svg_is_what_matplotlib_saves(svg: bytes) -> None:
     by_itself, out = figure(), io.BytesIO()
     for text in by_itself.findobj(lambda artist: "$5" in getattr(artist, "get_text", str)()):
         text.set_parse_math(False)
-    in_letters(by_itself)
+    raise_digits_of_ticks(by_itself)
     by_itself.savefig(out, format="svg", metadata=FORMATS["svg"], dpi=150)
     assert out.getvalue() == svg
 
@@ -47,10 +47,10 @@ def test_the_svg_is_what_matplotlib_saves(svg: bytes) -> None:
 @pytest.mark.parametrize("before", ["png", "pdf"])
 def test_the_svg_does_not_hang_on_what_was_saved_before(before: str, svg: bytes) -> None:
     drawn = figure()
-    saved(drawn, before)
-    assert saved(drawn, "svg") == svg
+    matplotlib_file(drawn, before)
+    assert matplotlib_file(drawn, "svg") == svg
     style.close(drawn)
 
 
 def test_equal_figures_are_equal_files() -> None:
-    assert saved(figure(), "png") == saved(figure(), "png")
+    assert matplotlib_file(figure(), "png") == matplotlib_file(figure(), "png")

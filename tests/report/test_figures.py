@@ -15,7 +15,7 @@ from trackbench.report.expressions import Evaluator
 from trackbench.report.figures.bars import Bars
 from trackbench.report.figures.critical_difference import cliques
 from trackbench.report.figures.over_time import EstimatesOfOneRun, RmseVsTime
-from trackbench.report.figures.per_run import RmsePerRun, _in_order
+from trackbench.report.figures.per_run import RmsePerRun, _sort_over_shares
 from trackbench.report.figures.track import Track
 from trackbench.report.findings import phrases
 from trackbench.report.plotting import style
@@ -48,7 +48,7 @@ def test_only_draws_a_figure_by_name_or_by_kind(folder):
 
 def test_floor_and_baseline_have_a_look_of_their_own(made):
     spec = Results(made).parts("figures")["time"]
-    looks = dict(spec.labels(Results(made)))
+    looks = dict(spec.labels_and_looks(Results(made)))
     assert looks["Exact"] == style.FLOOR
     assert looks["No data"] == style.BASELINE
     assert looks["PF"] == style.line(0)
@@ -98,12 +98,13 @@ def test_a_dollar_or_a_long_label_is_only_text():
 def test_a_filter_looks_the_same_in_every_figure(made):
     results = Results(made)
     looks = [
-        dict(spec.labels(results)) for spec in map(results.parts("figures").get, ("time", "runs"))
+        dict(spec.labels_and_looks(results))
+        for spec in map(results.parts("figures").get, ("time", "runs"))
     ]
     assert looks[0]["PF"] == looks[1]["PF"] == results.line_style("PF")
-    assert RmseVsTime(filters=("No data",)).labels(results).__next__()[1] == results.line_style(
-        "No data"
-    )
+    assert RmseVsTime(filters=("No data",)).labels_and_looks(results).__next__()[
+        1
+    ] == results.line_style("No data")
 
 
 def test_eight_filters_differ_in_gray_and_more_in_color_and_dash():
@@ -140,8 +141,8 @@ def test_a_run_stands_at_the_share_of_runs_that_do_no_worse(made):
     assert (value[0], value[-1], share[-1]) == (runs.min(), runs.max(), 100.0)
     np.testing.assert_allclose([np.mean(runs <= v) for v in value], 0.01 * share)
     style.close(figure)
-    assert _in_order(np.array([3.0, np.nan, 1.0]))[1].tolist()[:2] == [1.0, 3.0]
-    assert np.isnan(_in_order(np.array([3.0, np.nan, 1.0]))[1][2])
+    assert _sort_over_shares(np.array([3.0, np.nan, 1.0]))[1].tolist()[:2] == [1.0, 3.0]
+    assert np.isnan(_sort_over_shares(np.array([3.0, np.nan, 1.0]))[1][2])
 
 
 def test_a_caption_names_the_diamonds_where_there_are_any(made):

@@ -12,7 +12,7 @@ from trackbench.report.figures.over_time import EstimatesOfOneRun, RmseVsTime
 from trackbench.report.html.index_page import thumbnail
 from trackbench.report.html.svg import outline
 from trackbench.report.plotting import style
-from trackbench.report.plotting.svg_file import compact
+from trackbench.report.plotting.svg_file import compact_paths
 from trackbench.report.render import draw_figure
 from trackbench.report.results import Results
 
@@ -91,13 +91,13 @@ def test_clip_paths_have_numbers_whatever_their_last_digits():
         return f'{clips}<clipPath id="{first}"/><clipPath id="{second}"/><text>p0123456789</text>'
 
     expected = drawing("clip1", "clip2")
-    assert compact(drawing("p0123456789", "pabcdefabcd")) == expected
-    assert compact(drawing("pfedcbafedc", "p9876543210")) == expected
+    assert compact_paths(drawing("p0123456789", "pabcdefabcd")) == expected
+    assert compact_paths(drawing("pfedcbafedc", "p9876543210")) == expected
 
 
 def test_outline_reads_what_compact_writes():
     d = "M 1.5 2 L -3 4.25 L -3.001 4.25 z M 7 8 L 7 -0.5"
-    (path,) = ET.fromstring(compact(f'<a><b d="{d}"/></a>'))
+    (path,) = ET.fromstring(compact_paths(f'<a><b d="{d}"/></a>'))
     (first, closed), (second, open_) = outline(path.get("d"))
     assert (first, closed) == ([(1.5, 2.0), (-3.0, 4.25), (-3.0, 4.25)], True)
     assert (second, open_) == ([(7.0, 8.0), (7.0, -0.5)], False)

@@ -14,7 +14,7 @@ from trackbench.evaluation.metric_expression import measured
 from trackbench.report.figures.consistency import Anees
 from trackbench.report.figures.innovations import Nis
 from trackbench.report.figures.over_time import EstimatesOfOneRun, OverTime, RmseVsTime
-from trackbench.report.plotting import style
+from trackbench.report.plotting import filter_lines, style
 from trackbench.report.render import draw_figure
 from trackbench.report.results import Results
 
@@ -133,23 +133,23 @@ def test_the_page_reads_a_panel_of_its_own_filter_only(many: Results) -> None:
 def test_gray_lines_are_means_over_windows() -> None:
     figure, ax = style.subplots()
     x = np.arange(250.0)
-    style.gray_line(ax, x, np.where(x == 100.0, np.nan, 2.0 * x))
+    filter_lines.draw_gray_line(ax, x, np.where(x == 100.0, np.nan, 2.0 * x))
     drawn = ax.lines[0].get_xydata()
     assert len(drawn) == 84
     assert drawn[0].tolist() == [1.0, 2.0]
     assert drawn[-1].tolist() == [249.0, 498.0]
     assert np.isnan(drawn[33, 1])  # the window with the gap
     assert np.isfinite(np.delete(drawn, 33, axis=0)).all()
-    style.gray_line(ax, x[:0], x[:0])
+    filter_lines.draw_gray_line(ax, x[:0], x[:0])
     style.close(figure)
 
 
 def test_a_gap_is_wider_than_three_usual_distances() -> None:
     steps = np.array([1, 2, 3, 6, 7, 11, 12])
-    (shown,) = style.with_gaps(steps, steps)
+    (shown,) = filter_lines.insert_gaps(steps, steps)
     np.testing.assert_array_equal(shown, [1, 2, 3, 6, 7, np.nan, 11, 12])
     for few in (steps[:0], steps[:1], 10 * np.arange(5)):
-        np.testing.assert_array_equal(style.with_gaps(few, few)[0], few)
+        np.testing.assert_array_equal(filter_lines.insert_gaps(few, few)[0], few)
 
 
 @pytest.mark.parametrize("kind", [RmseVsTime(metric=RMSE), EstimatesOfOneRun()])

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from trackbench import api
 from trackbench.errors import UserError
 from trackbench.report.html.svg import inline
-from trackbench.report.plotting.style import saved
+from trackbench.report.plotting.style import matplotlib_file
 from trackbench.report.results import Results
 
 RESULTS = Path(__file__).parents[2] / "results"
@@ -158,7 +158,7 @@ def test_all_that_matplotlib_draws_stays():
     axes.imshow(np.eye(2), extent=(0, 1, 0, 1))
     axes.tripcolor([0, 1, 0], [0, 0, 1], [1.0, 2.0, 3.0], shading="gouraud")
     axes.annotate("$x^2$ a", (0, 0), arrowprops={"arrowstyle": "->"}, bbox={"boxstyle": "round"})
-    content = saved(figure, "svg")
+    content = matplotlib_file(figure, "svg")
     before, after = ET.fromstring(content), ET.fromstring(inline(content, "one", "t"))
     gone = {f"{SVG}style", f"{SVG}metadata"}
     parts = [e for e in before.iter() if e.tag in gone]

@@ -18,7 +18,7 @@ from trackbench.report.figures.over_time import EstimatesOfOneRun, RmseVsTime
 from trackbench.report.figures.per_run import RmsePerRun
 from trackbench.report.figures.sweep import RmseVsParameter
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import scales, style
+from trackbench.report.plotting import filter_lines, scales, style
 from trackbench.report.render import draw_figure
 from trackbench.report.results import Results
 from trackbench.report.table import rounded
@@ -188,13 +188,13 @@ def test_a_diverged_line_is_cut_off_and_marked_where_it_leaves() -> None:
     for label, error in errors.items():
         axes.plot(k, 5.0 + error, label=label)
         below.plot(k, error, label=label)
-    scales.cut([axes, below], errors)
+    filter_lines.cut_dwarfing_lines([axes, below], errors)
     assert axes.get_ylim() == pytest.approx((3 - 0.2, 7 + 0.2))
     mark = below.lines[-1]
     assert (mark.get_marker(), mark.get_xdata().tolist()) == ("^", [2.0])
     assert 2.0 < mark.get_ydata()[0] < below.get_ylim()[1]
     # Of two filters neither is cut: which one is right is not known.
-    scales.cut([axes], {"A": errors["A"], "C": errors["C"]})
+    filter_lines.cut_dwarfing_lines([axes], {"A": errors["A"], "C": errors["C"]})
     assert len(axes.lines) == 4
 
 
@@ -203,7 +203,7 @@ def test_a_logarithmic_axis_of_any_span_has_labels(decades: int) -> None:
     figure = Figure()
     ax = figure.add_subplot()
     ax.plot([1.0, 2.0], [10.0**-decades, 5.0])
-    scales.plain_log_axis(ax.yaxis, most=np.inf)
+    scales.set_plain_log_scale(ax.yaxis, most=np.inf)
     figure.draw_without_rendering()
     low, high = ax.get_ylim()
     inside = [tick for tick in ax.yaxis.get_major_ticks() if low <= tick.get_loc() <= high]

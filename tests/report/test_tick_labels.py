@@ -8,9 +8,9 @@ from matplotlib import font_manager
 from matplotlib.ft2font import FT2Font
 
 from trackbench.report.plotting import style
-from trackbench.report.plotting.canvas import power_of_ten, spelt
+from trackbench.report.plotting.canvas import power_of_ten, raise_digits
 from trackbench.report.plotting.page_formats import COLUMN, PAGE, SCREEN, drawing_for
-from trackbench.report.plotting.style import saved, spell_out
+from trackbench.report.plotting.style import matplotlib_file, spell_out_texts
 
 SPANS = [(1e-3, 40.0), (0.2, 0.9), (2e4, 7e4), (3e-12, 2e9), (5.0, 31.0)]
 
@@ -42,7 +42,7 @@ def value(label: str) -> float:
 @pytest.mark.parametrize("span", SPANS, ids=str)
 def test_the_same_ticks_say_the_same_numbers(span: tuple[float, float]) -> None:
     formulas, letters = figure(*span), figure(*span)
-    spell_out(letters)
+    spell_out_texts(letters)
     said, meant = labels(letters), labels(formulas)
     assert [bool(label) for label in said] == [bool(label) for label in meant]
     assert any(said)
@@ -52,14 +52,14 @@ def test_the_same_ticks_say_the_same_numbers(span: tuple[float, float]) -> None:
 
 def test_an_axis_of_both_signs_says_zero_and_minus() -> None:
     drawn = figure(-50.0, 50.0, "symlog")
-    spell_out(drawn)
+    spell_out_texts(drawn)
     assert {"−10¹", "0", "10¹"} <= set(labels(drawn))
 
 
 def test_a_formula_that_is_no_power_stays_one() -> None:
-    assert spelt(r"$\mathdefault{10^{2.50}}$") == r"$\mathdefault{10^{2.50}}$"
-    assert spelt(r"$\sqrt{2}$") == r"$\sqrt{2}$"
-    assert spelt("100") == "100"
+    assert raise_digits(r"$\mathdefault{10^{2.50}}$") == r"$\mathdefault{10^{2.50}}$"
+    assert raise_digits(r"$\sqrt{2}$") == r"$\sqrt{2}$"
+    assert raise_digits("100") == "100"
 
 
 def test_the_house_font_has_every_letter() -> None:
@@ -72,7 +72,7 @@ def test_the_house_font_has_every_letter() -> None:
 def test_in_a_paper_whose_font_has_no_raised_digits_they_stay_formulas(sheet: Any) -> None:
     with drawing_for(sheet):
         drawn = figure(1e-3, 40.0)
-        spell_out(drawn)
+        spell_out_texts(drawn)
         said = [label for label in labels(drawn) if label]
         assert len(said) > 1
         assert all(label.startswith("$") for label in said)
@@ -83,4 +83,4 @@ def test_in_a_paper_whose_font_has_no_raised_digits_they_stay_formulas(sheet: An
 def test_the_picture_says_them_as_text() -> None:
     drawn = figure(1e-3, 40.0)
     with style.rc_context():
-        assert ">10⁻²</text>" in saved(drawn, "svg").decode()
+        assert ">10⁻²</text>" in matplotlib_file(drawn, "svg").decode()

@@ -1,4 +1,4 @@
-"""Imports of a drawing process, made before it is needed."""
+"""Imports of a process that draws figures, made before the process is needed."""
 
 import gc
 
@@ -11,6 +11,9 @@ from trackbench.report.plotting import canvas
 from trackbench.report.verdicts import numbers
 
 __all__ = ["backend_svg", "canvas", "numbers", "paired", "pd", "render"]
-kinds("figures")
-gc.set_threshold(50_000)  # as in `__main__`
-gc.freeze()  # a process that is forked from here need not look it through, and so copy its pages
+kinds("figures")  # imports the figure kinds
+# As in `__main__`.
+gc.set_threshold(50_000)
+# Processes are forked from this one. The garbage collector leaves out what exists now: it would write to
+# these objects, and each process would copy their memory.
+gc.freeze()

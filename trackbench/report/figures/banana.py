@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.random import Generator
 
 from trackbench.config.dump import as_config
 from trackbench.config.experiment import Point
@@ -42,34 +43,49 @@ class Banana(FigureKind):
 
     def draw(self, results: Results) -> Figure:
         """Return a panel per range."""
-        from matplotlib.ticker import FuncFormatter, MaxNLocator
-
         figure, axes = style.subplots(1, len(self.ranges_km), 2.9, squeeze=False)
         rng = block_stream(results.config["seed"], 0)
         for ax, range_km in zip(axes[0], self.ranges_km, strict=True):
-            variances = self.sigma_range**2, (1e-3 * self.sigma_azimuth_mrad) ** 2
-            z = Polar(np.array([1e3 * range_km]), np.array([0.0]), *variances)
-            r = z.r + self.sigma_range * rng.standard_normal(self.samples)
-            a = 1e-3 * self.sigma_azimuth_mrad * rng.standard_normal(self.samples)
-            along, across = position(r, a)
-            ax.plot(
-                1e-3 * across, along - z.r, ".", markersize=1.2, color="#999999", label="Samples",
-                rasterized=True,
-            )  # fmt: skip
-            for i, conversion in enumerate(self.conversions):
-                converted = convert(conversion, z)
-                mean = converted.mean[:, 0] - [z.r[0], 0.0]
-                look = {"label": f"{conversion.upper()}, 1 and 2 σ", **style.line(i)}
-                for deviations in (1, 2):
-                    along, across = ellipse(mean, converted.cov[..., 0], deviations)
-                    ax.plot(1e-3 * across, along, **look)
-            ax.set_title(f"{range_km:g} km")
-            ax.set_xlabel(style.wrapped("Across the line of sight (km)", len(self.ranges_km)))
-            few = 4 if len(self.ranges_km) < 4 else 2
-            ax.xaxis.set_major_locator(MaxNLocator(few, steps=[1, 2, 5, 10]))
-            ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+            self._draw_panel(ax, range_km, rng)
         axes[0][0].set_ylabel("Along it, less the range (m)")
-        return style.finished(figure, self.title)
+        return style.add_title_and_legend(figure, self.title)
+
+    def _draw_panel(self, ax: Axes, range_km: float, rng: Generator) -> None:
+        """Draw samples of the target, and ellipses of each conversion of the measurement."""
+        from matplotlib.ticker import FuncFormatter, MaxNLocator
+
+        sigma_azimuth = 1e-3 * self.sigma_azimuth_mrad
+        measurement = Polar(
+            np.array([1e3 * range_km]), np.array([0.0]), self.sigma_range**2, sigma_azimuth**2
+        )
+        # Step 1: samples of the position; the line of sight is the first axis.
+        ranges = measurement.r + self.sigma_range * rng.standard_normal(self.samples)
+        azimuths = sigma_azimuth * rng.standard_normal(self.samples)
+        along, across = position(ranges, azimuths)
+        ax.plot(
+            1e-3 * across,
+            along - measurement.r,
+            ".",
+            markersize=1.2,
+            color="#999999",
+            label="Samples",
+            rasterized=True,
+        )
+        # Step 2: ellipses of one and two standard deviations.
+        for number, conversion in enumerate(self.conversions):
+            converted = convert(conversion, measurement)
+            mean = converted.mean[:, 0] - [measurement.r[0], 0.0]
+            look = {"label": f"{conversion.upper()}, 1 and 2 σ", **style.line(number)}
+            for deviations in (1, 2):
+                along, across = ellipse(mean, converted.cov[..., 0], deviations)
+                ax.plot(1e-3 * across, along, **look)
+        # Step 3: labels.
+        panels = len(self.ranges_km)
+        ax.set_title(f"{range_km:g} km")
+        ax.set_xlabel(style.wrapped("Across the line of sight (km)", panels))
+        most_ticks = 4 if panels < 4 else 2
+        ax.xaxis.set_major_locator(MaxNLocator(most_ticks, steps=[1, 2, 5, 10]))
+        ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
 
 
 @register("figures", "posterior")
@@ -101,12 +117,13 @@ class PosteriorEllipses(FigureKind):
         scenario = as_config(point.scenario, str)
         if _kind(scenario) != "tracking" or _kind(scenario["sensor"]) != "range-azimuth":
             return {"": "there is no range and azimuth to show"}
-        driven_by = _kind(scenario["target"].get("motion"))
-        if self.predicted is not None and driven_by != "cwna":
+        motion = _kind(scenario["target"].get("motion"))
+        if self.predicted is not None and motion != "cwna":
             return {"predicted": "the motion is not white noise acceleration"}
-        first, last = point.scenario.steps[1], point.scenario.steps[-1]
-        if not first <= self.step <= last:
-            return {"step": f"{self.step} is not one of the steps {first} to {last}"}
+        first_measured = point.scenario.steps[1]
+        last = point.scenario.steps[-1]
+        if not first_measured <= self.step <= last:
+            return {"step": f"{self.step} is not one of the steps {first_measured} to {last}"}
         return {}
 
     def draw(self, results: Results) -> Figure:
@@ -115,64 +132,109 @@ class PosteriorEllipses(FigureKind):
         point = results.grid_points[self.point - 1]
         tracks = results.tracks(point)
         if tracks:  # not every filter failed here
-            self._panel(ax, tracks, results, results.facts(point).scenario)
+            self._draw_panel(ax, tracks, results, results.facts(point).scenario)
         ax.set_xlabel("Across the line of sight (km)")
         ax.set_ylabel("Along it (m)")
         ax.set_ylim(-self.half_height_m, self.half_height_m)
-        return style.finished(figure, self.title)
+        return style.add_title_and_legend(figure, self.title)
 
-    def _panel(
+    def _draw_panel(
         self, ax: Axes, tracks: dict[str, Array], results: Results, scenario: dict[str, Any]
     ) -> None:
-        k, m = int(np.flatnonzero(tracks["steps"] == self.step)[0]), self.run - 1
-        truth = tracks["truth"][[0, 2], k, m]
-        z = tracks["measurements"][:, k - 1, m]
-        a = np.arctan2(truth[1], truth[0])
-        frame = np.array([[np.cos(a), np.sin(a)], [-np.sin(a), np.cos(a)]])
-        self._arc(ax, z, truth, frame, scenario)
+        """Draw measurement, prediction and posteriors, seen from the true target."""
+        k = int(np.flatnonzero(tracks["steps"] == self.step)[0])
+        run = self.run - 1
+        view = _View.toward(tracks["truth"][[0, 2], k, run])
+        _draw_measurement(ax, tracks["measurements"][:, k - 1, run], view, scenario["sensor"])
         if f"cov/{self.predicted}" in tracks:
-            before = [tracks[f"{part}/{self.predicted}"][..., k - 1, m] for part in ("mean", "cov")]
-            region = predicted_position(Gaussian(*before), scenario)
-            along, across = ellipse(
-                frame @ (region.mean - truth), frame @ region.cov @ frame.T, 2.0
+            posterior_before = Gaussian(
+                tracks[f"mean/{self.predicted}"][..., k - 1, run],
+                tracks[f"cov/{self.predicted}"][..., k - 1, run],
             )
-            ax.fill(1e-3 * across, along, color="#c9b26b", alpha=0.35, lw=0, label="Predicted, 2 σ")
+            prediction = predicted_position(posterior_before, scenario)
+            along, across = view.ellipse_of(prediction)
+            ax.fill(
+                1e-3 * across,
+                along,
+                color="#c9b26b",
+                alpha=0.35,
+                lw=0,
+                label="Predicted, 2 σ",
+            )
         ax.plot(0.0, 0.0, "k+", label="Target")
         for label in results.chosen(self.filters):
             if f"cov/{label}" not in tracks:
                 continue
-            mean = tracks[f"mean/{label}"][[0, 2], k, m]
-            cov = tracks[f"cov/{label}"][np.ix_([0, 2], [0, 2])][..., k, m]
-            along, across = ellipse(frame @ (mean - truth), frame @ cov @ frame.T, 2.0)
+            mean = tracks[f"mean/{label}"][[0, 2], k, run]
+            cov = tracks[f"cov/{label}"][np.ix_([0, 2], [0, 2])][..., k, run]
+            along, across = view.ellipse_of(Gaussian(mean, cov))
             ax.plot(1e-3 * across, along, label=f"{label}, 2 σ", **results.line_style(label))
 
-    def _arc(self, ax: Any, z: Array, truth: Array, frame: Array, scenario: Any) -> None:
-        sensor, edges = scenario["sensor"], []
-        azimuths = z[1] + 2e-3 * sensor["sigma_azimuth_mrad"] * np.linspace(-1.0, 1.0, 201)
-        for side in (-2.0, 2.0):
-            ranges = np.full(201, z[0] + side * sensor["sigma_range"])
-            edges.append(frame @ (position(ranges, azimuths) - truth[:, None]))
-        ax.fill_between(
-            1e-3 * edges[0][1], edges[0][0], edges[1][0], color="#999999", alpha=0.6, lw=0.8,
-            label="Measurement, 2 σ",
-        )  # fmt: skip
+
+@dataclass(frozen=True, kw_only=True)
+class _View:
+    """Coordinates along and across the line of sight, with the true target as origin."""
+
+    target: Array
+    """position (2,), m"""
+    rotation: Array
+    """from x and y to along and across, (2, 2)"""
+
+    @classmethod
+    def toward(cls, target: Array) -> "_View":
+        """Return the view from the origin toward a target (2,)."""
+        azimuth = np.arctan2(target[1], target[0])
+        c = np.cos(azimuth)
+        s = np.sin(azimuth)
+        return cls(target=target, rotation=np.array([[c, s], [-s, c]]))
+
+    def transform(self, positions: Array) -> Array:
+        """Return positions (2, n) along and across the line of sight."""
+        return np.asarray(self.rotation @ (positions - self.target[:, None]))
+
+    def ellipse_of(self, gaussian: Gaussian) -> Array:
+        """Return the 2-sigma ellipse (2, 201) of a position in these coordinates."""
+        mean = self.rotation @ (gaussian.mean - self.target)
+        cov = self.rotation @ gaussian.cov @ self.rotation.T
+        return ellipse(mean, cov, 2.0)
 
 
-def _kind(part: Any) -> str | None:
-    """Read the kind of a part in plain data; None of several sensors, and of none."""
-    return part.get("kind") if isinstance(part, dict) else None
+def _draw_measurement(ax: Axes, z: Array, view: _View, sensor: dict[str, Any]) -> None:
+    """Draw the region within two standard deviations of a range and azimuth (2,)."""
+    half_width = 2e-3 * sensor["sigma_azimuth_mrad"]
+    azimuths = z[1] + half_width * np.linspace(-1.0, 1.0, 201)
+    near_ranges = np.full(201, z[0] - 2.0 * sensor["sigma_range"])
+    far_ranges = np.full(201, z[0] + 2.0 * sensor["sigma_range"])
+    near_along, near_across = view.transform(position(near_ranges, azimuths))
+    far_along, _ = view.transform(position(far_ranges, azimuths))
+    ax.fill_between(
+        1e-3 * near_across,
+        near_along,
+        far_along,
+        color="#999999",
+        alpha=0.6,
+        lw=0.8,
+        label="Measurement, 2 σ",
+    )
 
 
-def predicted_position(before: Gaussian, scenario: dict[str, Any]) -> Gaussian:
+def _kind(component: Any) -> str | None:
+    """Read the kind of a component in plain data; None of several sensors, and of none."""
+    if not isinstance(component, dict):
+        return None
+    return component.get("kind")
+
+
+def predicted_position(posterior: Gaussian, scenario: dict[str, Any]) -> Gaussian:
     """Return the position (2,) one scan after a state (4,), under the scenario's motion."""
     motion = WhiteAcceleration(q=scenario["target"]["motion"]["q"]).sampled(scenario["T"])
-    moved = motion.transition(before.mean, 0)
-    cov = motion.F @ before.cov @ motion.F.T + moved.cov
+    moved = motion.transition(posterior.mean, 0)
+    cov = motion.F @ posterior.cov @ motion.F.T + moved.cov
     return Gaussian(moved.mean[0::2], cov[0::2, 0::2])
 
 
 def ellipse(mean: Array, cov: Array, deviations: float) -> Array:
-    """Return points (2, 201) of the curve of constant density that many standard deviations out."""
+    """Return points (2, 201) of the curve of constant density, ``deviations`` sigma from the mean."""
     angle = np.linspace(0.0, 2.0 * np.pi, 201)
     circle = np.stack([np.cos(angle), np.sin(angle)])
     return np.asarray(mean[:, None] + deviations * _root(cov) @ circle)

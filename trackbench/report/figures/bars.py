@@ -4,8 +4,6 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import ClassVar
 
-import numpy as np
-
 from trackbench.evaluation.metric_expression import Expression, measure
 from trackbench.field_types import OpenShare
 from trackbench.registry import register
@@ -32,7 +30,7 @@ class Bars(FigureKind):
     metric: Expression = measure("mean(rmse)")
     """what is drawn: a metric of summary.csv, or any expression such as `rmse@20`"""
     level: OpenShare = 0.95
-    """of the intervals"""
+    """probability of the confidence intervals"""
     x_label: str = ""
     """label of the axis, with its unit; default: the metric"""
     log: bool = False
@@ -44,58 +42,89 @@ class Bars(FigureKind):
 
     def default_caption(self, results: Results) -> str:
         """Return what the diamonds are, if there are any."""
-        is_published = any(n.expression == self.metric for n in results.published.numbers)
-        return "Diamonds are the numbers that were published." if is_published else ""
+        is_published = any(number.expression == self.metric for number in results.published.numbers)
+        if not is_published:
+            return ""
+        return "Diamonds are the numbers that were published."
 
     def draw(self, results: Results) -> Figure:
         """Return a row per filter, a panel per point of the grid."""
         points = results.points()[: style.MOST_PANELS]
-        lines = {self.floor: style.FLOOR, self.baseline: style.BASELINE}
-        labels = [b for b in results.chosen(self.filters) if b not in lines]
+        references = {self.floor: style.FLOOR, self.baseline: style.BASELINE}
+        labels = [label for label in results.chosen(self.filters) if label not in references]
         height = 0.9 + 0.26 * len(labels)
-        figure, axes = style.panels(len(points), 1, height, sharex=True, sharey=True)
-        heads = style.headings([phrases.heading(point) for point in points])
-        for (ax,), point, head in zip(axes, points, heads, strict=True):
+        figure, axes = style.make_panels(len(points), 1, height, sharex=True, sharey=True)
+        headings = style.wrap_headings([phrases.heading(point) for point in points])
+        for (ax,), point, heading in zip(axes, points, headings, strict=True):
             expressions = Evaluator(results, point)
-            self._bars(ax, results, expressions, labels)
+            self._draw_measured(ax, results, expressions, labels)
             # Floor and baseline are lines through all bars.
-            for label, look in lines.items():
+            for label, look in references.items():
                 if label in results.labels:
                     value = expressions.term(self.metric.of(str(label))).value
                     ax.axvline(value, label=label, **look)
-            self._published(ax, results, point, labels)
-            ax.set_title(head)
+            self._draw_published(ax, results, point, labels)
+            ax.set_title(heading)
             ax.set_xlabel(self.x_label or str(self.metric))
             if self.log:
-                scales.log_scale(ax.xaxis)
+                scales.set_possible_log_scale(ax.xaxis)
             ax.grid(visible=False, axis="y")
         # The first filter is on top.
-        axes[0][0].set_yticks(range(len(labels)), [style.wrap_label(b) for b in labels])
+        axes[0][0].set_yticks(range(len(labels)), [style.wrap_label(label) for label in labels])
         axes[0][0].invert_yaxis()
-        return style.finished(figure, self.title, len(results.points()))
+        return style.add_title_and_legend(figure, self.title, len(results.points()))
 
-    def _bars(self, ax: Axes, results: Results, expressions: Evaluator, labels: list[str]) -> None:
+    def _draw_measured(
+        self, ax: Axes, results: Results, expressions: Evaluator, labels: list[str]
+    ) -> None:
+        """Draw a dot with its confidence interval for each filter."""
         look: LineStyle = {"fmt": "o", "markersize": 4, "capsize": 3}
-        for i, label in enumerate(labels):
-            m = self.metric.of(label)
-            term, values = expressions.term(m), expressions.values(m)
-            value = term.value
-            if values is not None:
-                low, high = interval(m.statistic, values, level=self.level)
-            else:
-                low, high = (x if isfinite(x) else value for x in term.interval(self.level))
-            if np.isfinite(value):
-                off = [[max(value - low, 0.0)], [max(high - value, 0.0)]]
+        for row, label in enumerate(labels):
+            value, low, high = self._estimate(expressions, label)
+            if isfinite(value):
+                below = max(value - low, 0.0)
+                above = max(high - value, 0.0)
                 color = results.line_style(label)["color"]
-                ax.errorbar(value, i, xerr=off, color=color, **look)
-        words = f"Measured, {100 * self.level:g} %"
-        ax.errorbar([], [], xerr=[], color=style.ANY, label=words, **look)
+                ax.errorbar(value, row, xerr=[[below], [above]], color=color, **look)
+        legend_text = f"Measured, {100 * self.level:g} %"
+        ax.errorbar([], [], xerr=[], color=style.ANY, label=legend_text, **look)
 
-    def _published(self, ax: Axes, results: Results, point: GridPoint, labels: list[str]) -> None:
-        look: LineStyle = {"marker": "D", "linestyle": "", "markerfacecolor": "none"}
+    def _estimate(self, expressions: Evaluator, label: str) -> tuple[float, float, float]:
+        """Return a filter's value and the ends of its confidence interval.
+
+        An end that is unknown is the value itself.
+        """
+        metric = self.metric.of(label)
+        term = expressions.term(metric)
+        values_of_runs = expressions.values(metric)
+        if values_of_runs is not None:
+            low, high = interval(metric.statistic, values_of_runs, level=self.level)
+            return term.value, low, high
+        low, high = term.interval(self.level)
+        if not isfinite(low):
+            low = term.value
+        if not isfinite(high):
+            high = term.value
+        return term.value, low, high
+
+    def _draw_published(
+        self, ax: Axes, results: Results, point: GridPoint, labels: list[str]
+    ) -> None:
+        """Draw a diamond for each published number of the metric at this point of the grid."""
         for number in results.published.numbers:
-            matches = number.expression == self.metric and point_of(results, number.point) == point
-            for label in number.labels if matches else ():
-                if label in labels and not isinstance(number.value, str):
-                    ax.plot(number.value, labels.index(label), color="black",
-                            markersize=5, label="Published", **look)  # fmt: skip
+            if number.expression != self.metric or isinstance(number.value, str):
+                continue
+            if point_of(results, number.point) != point:
+                continue
+            for label in number.labels:
+                if label in labels:
+                    ax.plot(
+                        number.value,
+                        labels.index(label),
+                        marker="D",
+                        linestyle="",
+                        color="black",
+                        markerfacecolor="none",
+                        markersize=5,
+                        label="Published",
+                    )

@@ -18,7 +18,7 @@ from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import joined, named, percent, verb
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style, svg_file
-from trackbench.report.plotting.style import Axes, Figure
+from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.results import Results
 from trackbench.report.tables.calibration import (
     check_rank,
@@ -30,9 +30,14 @@ from trackbench.report.tables.calibration import (
 )
 from trackbench.results.point_facts import GridPoint
 
-_ALPHA, _LEAST_P = 0.01, 1e-4
+_ALPHA = 0.01
+"""Level of the tests of a caption, for all of them together."""
+_LEAST_P = 1e-4
+"""Least p-value that is written as a number."""
 _LEVELS = 101
+"""Number of levels at which a coverage at a step is drawn."""
 _NORMAL_95 = 1.959963984540054
+"""Half-width of the 95 % interval of a standard normal."""
 
 
 @register("figures", "calibration")
@@ -40,9 +45,10 @@ _NORMAL_95 = 1.959963984540054
 class CalibrationFigure(FigureKind):
     """Rank histograms: in which tenth of a filter's distribution the truth is; flat if calibrated.
 
-    A filter that is too certain has a U, one that is not certain enough a hump, one with a bias a slope
+    An overconfident filter has a U, an underconfident filter has a hump, and a bias shows as a slope
     (Talts et al. 2018, section 4.2). The gray band has 95 % of the bars of a calibrated filter, each by
-    itself: binomial at a step, by the spread of the runs' own histograms over all steps.
+    itself. It is binomial at a step. Over all steps it follows from the spread of the runs' own
+    histograms.
     """
 
     columns: dict[str, OfRank]
@@ -61,52 +67,78 @@ class CalibrationFigure(FigureKind):
     def default_caption(self, results: Results) -> str:
         """Return which ranks are uniform, as far as the runs show, and which are not."""
         point = results.points()[0]
-        ranks = []
-        for label, (head, m) in product(results.chosen(self.filters), self.columns.items()):
-            ranks.append((label, head, histogram(results, point, label, m)))
-        verdict = judge_histograms(ranks, _ALPHA)
-        parts = {"flat but for chance": verdict.good, "not flat": list(verdict.bad)}
-        words = [f"{joined(map(named, b))} {verb(b)} {what}" for what, b in parts.items() if b]
+        histograms = []
+        for label in results.chosen(self.filters):
+            for heading, metric in self.columns.items():
+                histograms.append((label, heading, histogram(results, point, label, metric)))
+        verdict = judge_histograms(histograms, _ALPHA)
+        sentences = []
+        if verdict.good:
+            sentences.append(_say_of_ranks(verdict.good, "flat but for chance"))
+        if verdict.bad:
+            sentences.append(_say_of_ranks(list(verdict.bad), "not flat"))
+        if not sentences:
+            return ""
         where = f"At {phrases.heading(point)}: " if point else ""
         tests = f"({verdict.tests} tests, {_ALPHA:g} for all of them)"
-        return f"{where}{'; '.join(words)} {tests}." if words else ""
+        return f"{where}{'; '.join(sentences)} {tests}."
 
     def draw(self, results: Results) -> Figure:
         """Return a row of panels per filter (and point of the grid), a column per PIT."""
         every = list(product(results.points(), results.chosen(self.filters)))
-        rows = every[: style.MOST_PANELS]
-        shape, height = (len(rows), len(self.columns)), 1.25 * len(rows) + 0.6
-        figure, axes = style.subplots(*shape, height, sharex=True, squeeze=False)
-        for line, (point, label) in zip(axes, rows, strict=True):
-            for ax, m in zip(line, self.columns.values(), strict=True):
-                ranks = histogram(results, point, label, m)
-                if not ranks.runs:
-                    ax.set_axis_off()
+        shown = every[: style.MOST_PANELS]
+        height = 1.25 * len(shown) + 0.6
+        figure, axes = style.subplots(
+            len(shown), len(self.columns), height, sharex=True, squeeze=False
+        )
+        for row, (point, label) in zip(axes, shown, strict=True):
+            color = results.line_style(label)["color"]
+            for ax, metric in zip(row, self.columns.values(), strict=True):
+                ranks = histogram(results, point, label, metric)
+                if ranks.runs:
+                    _draw_histogram(ax, ranks, color, over_steps=not metric.steps)
                 else:
-                    _bars(ax, ranks, results.line_style(label)["color"], over_steps=not m.steps)
-            head = ", ".join(filter(None, [label, phrases.heading(point)]))
-            line[0].set_ylabel(style.wrap_label(head, 16))
-        for ax, head in zip(axes[0], self.columns, strict=True):
-            ax.set_title(f"{head}\n{ax.get_title()}".strip())
+                    ax.set_axis_off()
+            row_label = ", ".join(filter(None, [label, phrases.heading(point)]))
+            row[0].set_ylabel(style.wrap_label(row_label, 16))
+        for ax, heading in zip(axes[0], self.columns, strict=True):
+            p_value = ax.get_title()
+            ax.set_title(f"{heading}\n{p_value}".strip())
         for ax in axes[-1]:
             ax.set_xlabel("Rank of the truth")
-        style.title(figure, self.title, len(every))
+        style.set_title(figure, self.title, len(every))
         return figure
 
 
-def _bars(ax: Axes, ranks: Histogram, color: str, over_steps: bool) -> None:
-    """Draw ten bars about their common expectation, the band, the p-value."""
-    edges, level = np.arange(TENTHS + 1) / TENTHS, 1.0 / TENTHS
-    at_step = np.full(TENTHS, np.sqrt(level * (1.0 - level) / ranks.runs))
-    width = _NORMAL_95 * (ranks.stderr if over_steps else at_step)
+def _say_of_ranks(labels: list[str], adjective: str) -> str:
+    """Return such as ``KF and EKF are flat but for chance``."""
+    return f"{joined(map(named, labels))} {verb(labels)} {adjective}"
+
+
+def _draw_histogram(ax: Axes, ranks: Histogram, color: str, over_steps: bool) -> None:
+    """Draw ten bars about their common expectation, the band, the p-value.
+
+    ``over_steps``: the ranks are those of all steps of the runs, which depend on each other.
+    """
+    edges = np.arange(TENTHS + 1) / TENTHS
+    level = 1.0 / TENTHS
+    stderr = ranks.stderr
+    if not over_steps:  # independent runs: binomial
+        stderr = np.full(TENTHS, np.sqrt(level * (1.0 - level) / ranks.runs))
+    width = _NORMAL_95 * stderr
     ax.bar(edges[:-1], ranks.shares, 1.0 / TENTHS, align="edge", color=color, alpha=0.6, lw=0)
-    low, high = (np.append(level + s * width, level + s * width[-1]) for s in (-1.0, 1.0))
+    # The last step of the band ends at the last edge.
+    low = np.append(level - width, level - width[-1])
+    high = np.append(level + width, level + width[-1])
     ax.fill_between(edges, low, high, step="post", color="black", alpha=0.25, lw=0, zorder=3)
     ax.axhline(level, color="black", linewidth=0.6, zorder=3)
     ax.set_xlim(0.0, 1.0)
     highest = max(float(ranks.shares.max()), float(high.max()))
     ax.set_ylim(0.0, max(2.0 * level, 1.1 * highest))
-    ax.set_title(f"p = {ranks.p:.2g}" if ranks.p > _LEAST_P else f"p < {_LEAST_P:g}")
+    if ranks.p > _LEAST_P:
+        ax.set_title(f"p = {ranks.p:.2g}")
+    else:
+        ax.set_title(f"p < {_LEAST_P:g}")
 
 
 @register("figures", "reliability")
@@ -114,9 +146,10 @@ def _bars(ax: Axes, ranks: Histogram, color: str, over_steps: bool) -> None:
 class Reliability(Curves):
     """Share of truths within the regions of each level; on the diagonal if calibrated.
 
-    Of `pit_nees` regions of the whole state, of a component its central intervals. The gray band holds
-    the whole line of a calibrated filter in 95 % (Kolmogorov's distance, Stephens 1970); over all steps,
-    where there is no such band, bars are two standard errors by the runs.
+    The regions of `pit_nees` are those of the whole state, and those of a component are its central
+    intervals. The gray band contains the whole line of a calibrated filter with 95 % probability
+    (Kolmogorov's distance, Stephens 1970). Over all steps there is no such band; instead bars are two
+    standard errors by the runs.
     """
 
     metric: OfRank = measure("pit_nees@last")
@@ -137,32 +170,34 @@ class Reliability(Curves):
 
     def default_caption(self, results: Results) -> str:
         """Return the coverage of the 90 % region."""
-        point, parts = results.points()[0], []
-        for label, _ in self.labels(results):
-            level, share, _, runs = _coverage(results, point, label, self.metric)
-            if runs:
-                parts.append(f"{named(label)} {percent(float(np.interp(0.9, level, share)))}")
+        point = results.points()[0]
+        shares = []
+        for label, _ in self.labels_and_looks(results):
+            coverage = _count_coverage(results, point, label, self.metric)
+            if coverage.runs:
+                share = float(np.interp(0.9, coverage.level, coverage.share))
+                shares.append(f"{named(label)} {percent(share)}")
+        if not shares:
+            return ""
         where = f" at {phrases.heading(point)}" if point else ""
-        what = f"In the region of 90 %{where} are, of the truths"
-        return f"{what}: {', '.join(parts)}." if parts else ""
+        return f"In the region of 90 %{where} are, of the truths: {', '.join(shares)}."
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter."""
-        figure, panels = self.panels(results)
-        for (ax,), point in panels:
+        figure, panels = self.make_panels(results)
+        for panel in panels:
+            (ax,) = panel.axes
             ax.plot([0, 1], [0, 1], color="black", linewidth=0.6)
-            most = 0
-            for label, look in self.labels(results):
-                level, share, error, runs = _coverage(results, point, label, self.metric)
-                if runs:
-                    ax.plot(level, share, label=label, **look)
-                    svg_file.set_stderr(ax, label, error)
-                    low, high = share - 2 * error, share + 2 * error
-                    ax.vlines(level, low, high, color=look["color"], label=f"_{label}")
-                    most = max(most, runs)
-            if most and self.metric.steps:
-                width = kolmogorov_band(most, self.level)
-                name, ends = f"{100 * self.level:g} % band", np.array([0.0, 1.0])
+            most_runs = 0
+            for label, look in self.labels_and_looks(results):
+                coverage = _count_coverage(results, panel.point, label, self.metric)
+                if coverage.runs:
+                    _draw_coverage(ax, coverage, label, look)
+                    most_runs = max(most_runs, coverage.runs)
+            if most_runs and self.metric.steps:
+                width = kolmogorov_band(most_runs, self.level)
+                ends = np.array([0.0, 1.0])
+                name = f"{100 * self.level:g} % band"
                 ax.fill_between(ends, ends - width, ends + width, label=name, **style.BAND)
             ax.set(xlim=(0, 1), ylim=(0, 1), aspect="equal")
         self.keep_possible_scales(figure)
@@ -170,24 +205,63 @@ class Reliability(Curves):
         return figure
 
 
-def _coverage(
-    results: Results, point: GridPoint, label: str, m: Measure
-) -> tuple[Array, Array, Array, int]:
-    """Count truths within: levels, shares, standard errors (zero at a step), number of runs."""
-    central = m.family[1] != "nees"
-    if m.steps:
-        values = pits(results, point, label, m)
-        values = values[~np.isnan(values)]
-        within = np.sort(np.abs(2.0 * values - 1.0) if central else values)
-        level = np.linspace(0.0, 1.0, _LEVELS)
-        share = np.searchsorted(within, level, side="right") / max(len(within), 1)
-        return level, share, np.zeros(_LEVELS), len(within)
-    shares = shares_of_runs(results, point, label, m)
-    if central:  # the two tenths in the middle, and ever more on either side
-        shares = shares[TENTHS // 2 - 1 :: -1] + shares[TENTHS // 2 :]
-    shares = shares[:, ~np.isnan(shares).any(axis=0)]
-    inside = np.vstack([np.zeros_like(shares[:1]), np.cumsum(shares, axis=0)])
-    runs = shares.shape[1]
-    error = inside.std(axis=1, ddof=1) / np.sqrt(runs) if runs > 1 else np.zeros(len(inside))
-    level = np.linspace(0.0, 1.0, len(inside))
-    return level, inside.mean(axis=1) if runs else np.zeros(len(inside)), error, runs
+@dataclass(frozen=True, kw_only=True)
+class _Coverage:
+    """Share of truths within the regions of each level: arrays (n,), and the number of runs."""
+
+    level: Array
+    share: Array
+    stderr: Array
+    """zero for ranks at a step, which have the band of the whole line"""
+    runs: int
+
+
+def _draw_coverage(ax: Axes, coverage: _Coverage, label: str, look: LineStyle) -> None:
+    """Draw a filter's line with two standard errors."""
+    ax.plot(coverage.level, coverage.share, label=label, **look)
+    svg_file.set_stderr(ax, label, coverage.stderr)
+    low = coverage.share - 2 * coverage.stderr
+    high = coverage.share + 2 * coverage.stderr
+    ax.vlines(coverage.level, low, high, color=look["color"], label=f"_{label}")
+
+
+def _count_coverage(results: Results, point: GridPoint, label: str, metric: Measure) -> _Coverage:
+    """Count the truths within a filter's regions: of the whole state, or central intervals."""
+    is_central = metric.family[1] != "nees"
+    if metric.steps:
+        return _coverage_at_step(pits(results, point, label, metric), is_central)
+    return _coverage_over_steps(shares_of_runs(results, point, label, metric), is_central)
+
+
+def _coverage_at_step(ranks: Array, is_central: bool) -> _Coverage:
+    """Count coverage from the ranks of the truth (M,) at a step; NaN for a run without a rank."""
+    known = ranks[~np.isnan(ranks)]
+    # A truth is within the region of each level from this one on.
+    least_levels = np.abs(2.0 * known - 1.0) if is_central else known
+    level = np.linspace(0.0, 1.0, _LEVELS)
+    number_within = np.searchsorted(np.sort(least_levels), level, side="right")
+    return _Coverage(
+        level=level,
+        share=number_within / max(len(known), 1),
+        stderr=np.zeros(_LEVELS),
+        runs=len(known),
+    )
+
+
+def _coverage_over_steps(shares: Array, is_central: bool) -> _Coverage:
+    """Count coverage from the shares of each run's ranks in each tenth, (TENTHS, M)."""
+    if is_central:
+        # The first interval is the two tenths in the middle. Each further one has one more per side.
+        middle = TENTHS // 2
+        shares = shares[middle - 1 :: -1] + shares[middle:]
+    known = shares[:, ~np.isnan(shares).any(axis=0)]
+    within = np.vstack([np.zeros_like(known[:1]), np.cumsum(known, axis=0)])
+    levels = len(within)
+    runs = known.shape[1]
+    share = np.zeros(levels)
+    stderr = np.zeros(levels)
+    if runs:
+        share = within.mean(axis=1)
+    if runs > 1:
+        stderr = within.std(axis=1, ddof=1) / np.sqrt(runs)
+    return _Coverage(level=np.linspace(0.0, 1.0, levels), share=share, stderr=stderr, runs=runs)

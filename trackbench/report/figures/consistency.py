@@ -1,6 +1,6 @@
 """Figure kinds of consistency and bias: `anees`, `bias`, `dots`."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,11 +10,11 @@ from trackbench.evaluation.consistency_and_calibration import sizes
 from trackbench.evaluation.metric_expression import OfStep, OfSummary, measure
 from trackbench.field_types import Count, OpenShare, Positive
 from trackbench.registry import register
-from trackbench.report.figures.over_time import OverTime
+from trackbench.report.figures.over_time import MetricSeries, OverTime
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import named
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import style
+from trackbench.report.plotting import filter_lines, style
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.results import Results
 from trackbench.report.tables.consistency import degrees_of
@@ -33,7 +33,7 @@ class Anees(OverTime):
     metric: OfStep = measure("anees")
     """metric of per_step.csv: anees, or that of a part of the state as anees_position"""
     n_x: Count | None = None
-    """number of components of the state, or of the part; default: what it is, and no other is right"""
+    """number of components of the state, or of the part; default: counted; a wrong number is rejected"""
     level: OpenShare = 0.95
     """probability of the chi-square band"""
 
@@ -42,59 +42,86 @@ class Anees(OverTime):
         for point in points:
             n = sizes(point.scenario).get(self.metric.family[1])
             if self.n_x is not None and n is not None and self.n_x != n:
-                what = f"{self.n_x} components, and `{self.metric}` is of {n}"
-                return {"n_x": f"{what}; leave the key out"}
+                problem = f"{self.n_x} components, and `{self.metric}` is of {n}; leave the key out"
+                return {"n_x": problem}
         return {}
 
     def default_caption(self, results: Results) -> str:
         """Return how often each filter is inside the band."""
-        point, parts = results.points()[0], []
-        for rows, look in self.lines(results, point, self.metric):
-            if len(rows) and look["label"] not in results.exact:
-                number = self._degrees(results, point, look["label"])
-                bands = {m: anees_band(1, m, self.level) for m in set(number.values())}
-                low, high = np.array([bands[number[k]] for k in rows["step"].tolist()]).T
-                inside = (low <= rows["value"]) & (rows["value"] <= high)
-                parts.append((float(inside.mean()), look["label"]))
-        parts.sort(reverse=True)
-        shares = [f"{named(label)} {100 * share:.0f} %" for share, label in parts]
+        point = results.points()[0]
+        shares: list[tuple[float, str]] = []
+        for series in self.metric_series(results, point, self.metric):
+            label = series.look["label"]
+            if len(series.rows) and label not in results.exact:
+                shares.append((self._share_in_band(results, point, series), label))
+        if not shares:
+            return ""
+        shares.sort(reverse=True)
+        texts = [f"{named(label)} {100 * share:.0f} %" for share, label in shares]
         where = f" at {phrases.heading(point)}" if point else ""
-        what = f"Of the steps{where} so many are in the {100 * self.level:g} % band: "
-        return f"{what}{', '.join(shares)}. Above it a filter is overconfident." if shares else ""
+        beginning = f"Of the steps{where} so many are in the {100 * self.level:g} % band: "
+        return f"{beginning}{', '.join(texts)}. Above it a filter is overconfident."
+
+    def _share_in_band(self, results: Results, point: GridPoint, series: MetricSeries) -> float:
+        """Return the share of a filter's steps at which the metric is in the band."""
+        degrees = self._degrees_by_step(results, point, series.look["label"])
+        bands = self._bands(degrees.values())
+        steps = series.rows["step"].tolist()
+        low, high = np.array([bands[degrees[step]] for step in steps]).T
+        value = series.rows["value"]
+        is_inside = (low <= value) & (value <= high)
+        return float(is_inside.mean())
+
+    def _bands(self, degrees: Iterable[float]) -> dict[float, tuple[float, float]]:
+        """Return the band of a consistent filter for each number of degrees of freedom."""
+        return {number: anees_band(1, number, self.level) for number in set(degrees)}
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter; between the gray lines a consistent filter stays."""
-        titles = self.panel_titles(results, self.steps_of(results, self.metric))
-        figure, panels = self.panels_over_time(results, titles)
-        for (ax,), point, title in panels:
-            number, at = dict[int, float](), dict[int, float]()
-            for rows, look in self.lines(results, point, self.metric):
-                if len(rows):
-                    self.curve(ax, self.series(rows), look, title, titles)
-                    at |= zip(rows["step"].tolist(), rows[self.x].tolist(), strict=True)
-                    for k, m in self._degrees(results, point, look["label"]).items():
-                        number[k] = max(m, number.get(k, 0.0))
-            self._band(ax, at, number)
+        titles = self.panel_titles(results, self.count_steps(results, self.metric))
+        figure, panels = self.make_panels_over_time(results, titles)
+        for panel in panels:
+            (ax,) = panel.axes
+            x_by_step: dict[int, float] = {}
+            degrees_by_step: dict[int, float] = {}
+            for series in self.metric_series(results, panel.point, self.metric):
+                rows = series.rows
+                if not len(rows):
+                    continue
+                x, value, _ = self.series_with_gaps(rows)
+                self.draw_curve(ax, x, value, series.look, panel.title, titles)
+                x_by_step |= zip(rows["step"].tolist(), rows[self.x].tolist(), strict=True)
+                # The band is that of the filter with most runs.
+                degrees = self._degrees_by_step(results, panel.point, series.look["label"])
+                for step, number in degrees.items():
+                    degrees_by_step[step] = max(number, degrees_by_step.get(step, 0.0))
+            self._draw_band(ax, x_by_step, degrees_by_step)
         return self.finish(figure, titles)
 
-    def _band(self, ax: Axes, at: dict[int, float], number: dict[int, float]) -> None:
-        """Draw the band of so many degrees of freedom by step: straight where all are equal."""
-        look = {"label": f"{100 * self.level:g} % band", **style.BAND}
-        bands = {m: anees_band(1, m, self.level) for m in set(number.values()) or {1.0}}
-        if len(bands) == 1:
-            ax.axhspan(*bands.popitem()[1], **look)
-            return
-        steps = sorted(number)
-        low, high = np.array([bands[number[k]] for k in steps]).T
-        ax.fill_between([at[k] for k in steps], low, high, **look)
+    def _draw_band(
+        self, ax: Axes, x_by_step: dict[int, float], degrees_by_step: dict[int, float]
+    ) -> None:
+        """Draw the band of a consistent filter: straight where all degrees of freedom are equal.
 
-    def _degrees(self, results: Results, point: GridPoint, label: str) -> dict[int, float]:
+        Both arguments are by step: the place on the horizontal axis, and the degrees of freedom.
+        """
+        look = {"label": f"{100 * self.level:g} % band", **style.BAND}
+        bands = self._bands(degrees_by_step.values() or [1.0])
+        if len(bands) == 1:
+            ((low, high),) = bands.values()
+            ax.axhspan(low, high, **look)
+            return
+        steps = sorted(degrees_by_step)
+        lows, highs = np.array([bands[degrees_by_step[step]] for step in steps]).T
+        ax.fill_between([x_by_step[step] for step in steps], lows, highs, **look)
+
+    def _degrees_by_step(self, results: Results, point: GridPoint, label: str) -> dict[int, float]:
         """Count the degrees of freedom of a filter's metric over its runs, by step."""
         rows = results.columns("per_step", point).where(filter=label)
-        n = results.facts(point).sizes[self.metric.family[1]]
-        number = degrees_of(rows, str(self.metric), n)
+        components = results.facts(point).sizes[self.metric.family[1]]
+        degrees = degrees_of(rows, str(self.metric), components)
         steps = rows.where(metric=str(self.metric))["step"].tolist()
-        return dict(zip(steps, number.tolist(), strict=True))
+        return dict(zip(steps, degrees.tolist(), strict=True))
 
 
 @register("figures", "bias")
@@ -109,22 +136,27 @@ class Bias(OverTime):
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter."""
-        figure, panels = self.panels(results, len(self.rows))
-        for axes, point in panels:
-            for ax, metric in zip(axes, self.rows.values(), strict=True):
-                ax.axhline(0.0, color="black", linewidth=0.6)
-                lines = list(self.lines(results, point, metric))
-                for i, (rows, look) in enumerate(lines):
-                    k, value, stderr = self.series(rows)
-                    if style.filter_line(ax, k, value, look):
-                        style.error_band(ax, k, value, stderr, look, i, len(lines))
-                if self.linear_within is not None:
-                    ax.set_yscale("symlog", linthresh=self.linear_within)
-        for ax, head in zip(panels[0][0], self.rows, strict=True):
-            ax.set_ylabel(head)
+        figure, panels = self.make_panels(results, len(self.rows))
+        for panel in panels:
+            for ax, metric in zip(panel.axes, self.rows.values(), strict=True):
+                self._draw_metric(ax, results, panel.point, metric)
+        for ax, y_label in zip(panels[0].axes, self.rows, strict=True):
+            ax.set_ylabel(y_label)
         self.keep_possible_scales(figure)
         style.legend_outside(figure)
         return figure
+
+    def _draw_metric(self, ax: Axes, results: Results, point: GridPoint, metric: OfStep) -> None:
+        """Draw a line with two standard errors per filter, and a line at zero."""
+        ax.axhline(0.0, color="black", linewidth=0.6)
+        every = list(self.metric_series(results, point, metric))
+        for place, series in enumerate(every):
+            look = series.look
+            x, value, stderr = self.series_with_gaps(series.rows)
+            if filter_lines.draw_filter_line(ax, x, value, look):
+                filter_lines.draw_error_band(ax, x, value, stderr, look, place, len(every))
+        if self.linear_within is not None:
+            ax.set_yscale("symlog", linthresh=self.linear_within)
 
 
 @register("figures", "dots")
@@ -144,29 +176,40 @@ class Dots(FigureKind):
         points = results.points()[: style.MOST_PANELS]
         labels = results.chosen(self.filters, exact=True)
         height = (0.6 + 0.2 * len(labels)) * len(points) + 0.5
-        shape = len(points), len(self.columns)
-        figure, axes = style.subplots(*shape, height, sharey=True, squeeze=False)
-        for row, point in zip(axes, points, strict=True):
-            rows = results.columns("summary", point)
-            row[len(row) // 2].set_title(phrases.heading(point))
-            for ax, metric in zip(row, map(str, self.columns.values()), strict=True):
-                mine = rows.where(metric=metric).tuples(["filter", "value", "stderr"])
-                estimates = {label: estimate for label, *estimate in mine}
-                for i, label in enumerate(labels):
-                    look = {
-                        "color": results.line_style(label)["color"],
-                        "marker": "o",
-                        "capsize": 2,
-                    }
-                    value, stderr = estimates.get(label, (np.nan, np.nan))
-                    ax.errorbar(value, i, xerr=2 * np.nan_to_num(stderr), markersize=3.5, **look)
-                if metric in self.expected:
-                    ax.axvline(self.expected[metric], color="black", linewidth=0.6)
-                ax.locator_params(axis="x", nbins=2)
-                ax.ticklabel_format(axis="x", scilimits=(-2, 4))
-            row[0].set_yticks(range(len(labels)), map(style.wrap_label, labels))
+        figure, axes = style.subplots(
+            len(points), len(self.columns), height, sharey=True, squeeze=False
+        )
+        for panels, point in zip(axes, points, strict=True):
+            panels[len(panels) // 2].set_title(phrases.heading(point))
+            for ax, metric in zip(panels, self.columns.values(), strict=True):
+                self._draw_metric(ax, results, point, str(metric), labels)
+            panels[0].set_yticks(range(len(labels)), map(style.wrap_label, labels))
         axes[0][0].invert_yaxis()
-        for ax, head in zip(axes[-1], self.columns, strict=True):
-            ax.set_xlabel(head)
-        style.title(figure, self.title, len(results.points()))
+        for ax, x_label in zip(axes[-1], self.columns, strict=True):
+            ax.set_xlabel(x_label)
+        style.set_title(figure, self.title, len(results.points()))
         return figure
+
+    def _draw_metric(
+        self, ax: Axes, results: Results, point: GridPoint, metric: str, labels: list[str]
+    ) -> None:
+        """Draw a dot with two standard errors per filter, and a line at the expected value."""
+        rows = results.columns("summary", point).where(metric=metric)
+        estimates: dict[str, tuple[float, float]] = {}
+        for label, value, stderr in rows.tuples(["filter", "value", "stderr"]):
+            estimates[label] = (value, stderr)
+        for place, label in enumerate(labels):
+            value, stderr = estimates.get(label, (np.nan, np.nan))
+            ax.errorbar(
+                value,
+                place,
+                xerr=2 * np.nan_to_num(stderr),
+                color=results.line_style(label)["color"],
+                marker="o",
+                markersize=3.5,
+                capsize=2,
+            )
+        if metric in self.expected:
+            ax.axvline(self.expected[metric], color="black", linewidth=0.6)
+        ax.locator_params(axis="x", nbins=2)
+        ax.ticklabel_format(axis="x", scilimits=(-2, 4))

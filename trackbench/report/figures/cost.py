@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain
 from typing import ClassVar
 
 import numpy as np
@@ -26,7 +25,7 @@ from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import joined
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import scales, style
+from trackbench.report.plotting import filter_lines, scales, style
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.results import Results, points_of, scenes
 from trackbench.results.point_facts import GridPoint
@@ -62,84 +61,160 @@ class AccuracyVsCost(FigureKind):
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
         """Require a grid over which a filter varies."""
-        labels = [b for b in points[0].filters if self.filters is None or b in self.filters]
-        most = max(labels, key=lambda b: len(own_sizes(points, b, self.along)), default="")
-        return cost_conflicts(points, self.metric, self.along, {"along": most})
+        shown_labels = [
+            label for label in points[0].filters if self.filters is None or label in self.filters
+        ]
+        most_varied = max(
+            shown_labels,
+            key=lambda label: len(own_sizes(points, label, self.along)),
+            default="",
+        )
+        return cost_conflicts(points, self.metric, self.along, {"along": most_varied})
 
     def default_caption(self, results: Results) -> str:
         """Return the filters on the front."""
         scene = scenes(results)[0]
         every = self._curves(results, scene)
-        best = [id(spot) for spot in self._front(every)]
+        identities_on_front = {id(spot) for spot in self._front(every)}
         names = []
         for curve in every:
-            sizes = [phrases.number(spot.size) for spot in curve.spots if id(spot) in best]
-            size = f" with {self.along} = {joined(sizes)}" if sizes and not curve.is_fixed else ""
-            names += [f"{curve.name}{size}"] if sizes else []
+            spots = [spot for spot in curve.spots if id(spot) in identities_on_front]
+            if not spots:
+                continue
+            name = curve.name
+            if not curve.is_fixed:
+                name += (
+                    f" with {self.along} = {joined(phrases.number(spot.size) for spot in spots)}"
+                )
+            names.append(name)
+        if not names:
+            return ""
         where = f" at {phrases.heading(scene)}" if scene else ""
-        return f"On the front{where}: {'; '.join(names)}." if names else ""
+        return f"On the front{where}: {'; '.join(names)}."
 
     def draw(self, results: Results) -> Figure:
         """Return one panel per scene."""
         every = scenes(results)
         drawn = every[: style.MOST_PANELS]
-        figure, axes = style.panels(len(drawn), 1, 4.2, sharey=True)
-        heads = style.headings([phrases.heading(scene) for scene in drawn])
-        for (ax,), scene, head in zip(axes, drawn, heads, strict=True):
-            self._panel(ax, results, scene)
-            ax.set_title(head)
+        figure, axes = style.make_panels(len(drawn), 1, 4.2, sharey=True)
+        headings = style.wrap_headings([phrases.heading(scene) for scene in drawn])
+        for (ax,), scene, heading in zip(axes, drawn, headings, strict=True):
+            self._draw_panel(ax, results, scene)
+            ax.set_title(heading)
             ax.set_xlabel(COST)
         axes[0][0].set_ylabel(self.y_label or str(self.metric))
-        return style.finished(figure, self.title, len(every))
+        return style.add_title_and_legend(figure, self.title, len(every))
 
-    def _panel(self, ax: Axes, results: Results, scene: GridPoint) -> None:
+    def _draw_panel(self, ax: Axes, results: Results, scene: GridPoint) -> None:
+        """Draw the filters' curves, the front and the floor of one scene."""
         drawn = self._curves(results, scene)
-        marks: dict[str, int] = {}
+        # Step 1: curves; those of one filter have a marker each.
+        curves_by_label: dict[str, int] = {}
         for curve in drawn:
-            mark = marks[curve.label] = marks.get(curve.label, -1) + 1
-            look = results.line_style(curve.label) | {"marker": _MARKERS[mark % len(_MARKERS)]}
-            self._curve(ax, curve, look)
-        spots = _spots(drawn)
-        x, y = _values(self._front(drawn))
-        dearest = [MICRO * max(spot.cost.value for spot in spots)] if spots else []
-        ax.step([*x[0], *dearest], [*y[0], *y[0, -1:]], where="post", label="Front", **_FRONT)
-        # Of a bound, which has no runs, summary.csv has the value.
-        floor, expressions = self._floor(results), Evaluator(results, points_of(results, scene)[0])
-        stored = expressions.stored.get((floor, str(self.metric)))
-        least = (stored or expressions.term(self.metric.of(floor))).value
+            number = curves_by_label.get(curve.label, 0)
+            curves_by_label[curve.label] = number + 1
+            marker = _MARKERS[number % len(_MARKERS)]
+            look = results.line_style(curve.label) | {"marker": marker}
+            _draw_curve(ax, curve, look)
+        # Step 2: the front, which goes on to the largest CPU time.
+        front_values = _values_of(self._front(drawn))
+        times = list(front_values.time)
+        errors = list(front_values.error)
+        all_times = [spot.cost.value for spot in _spots_of(drawn)]
+        if all_times:
+            times.append(MICRO * max(all_times))
+        if errors:
+            errors.append(errors[-1])
+        ax.step(times, errors, where="post", label="Front", **_FRONT)
+        # Step 3: the floor.
+        floor = self._floor(results)
+        least = self._floor_value(results, scene, floor)
         if np.isfinite(least):
             ax.axhline(least, label=floor, **style.FLOOR)
-        scales.plain_log_axis(ax.xaxis)
+        scales.set_plain_log_scale(ax.xaxis)
         if self.log:
-            scales.plain_log_axis(ax.yaxis)
+            scales.set_plain_log_scale(ax.yaxis)
 
     def _floor(self, results: Results) -> str:
+        """Return the label of the floor; the reference if no floor is named."""
         return self.floor or str(results.config.get("reference"))
 
+    def _floor_value(self, results: Results, scene: GridPoint, floor: str) -> float:
+        """Return the floor's metric at the first point of the scene."""
+        expressions = Evaluator(results, points_of(results, scene)[0])
+        # A bound has no runs: its value is in summary.csv.
+        stored = expressions.stored.get((floor, str(self.metric)))
+        if stored is not None:
+            return stored.value
+        return expressions.term(self.metric.of(floor)).value
+
     def _curves(self, results: Results, scene: GridPoint) -> list[Curve]:
-        labels = [b for b in compared_labels(results, self.filters) if b != self._floor(results)]
+        """Return the shown filters over their sizes, without the floor."""
+        floor = self._floor(results)
+        labels = [label for label in compared_labels(results, self.filters) if label != floor]
         return curves(results, scene, labels, self.metric, self.along)
 
     def _front(self, every: Sequence[Curve]) -> list[Spot]:
-        return list(front(_spots(every), self.metric.family[0].more_is_better))
-
-    def _curve(self, ax: Axes, curve: Curve, look: LineStyle) -> None:
-        x, y = _values(curve.spots)
-        ax.plot(x[0], y[0], markersize=3.5, label=curve.name, **look)
-        bars = {"elinewidth": 0.8, "capsize": 1.5, "xerr": 2.0 * x[1]}
-        style.error_bars(ax, x[0], y[0], y[1], curve.name, look["color"], **bars)
-        for spot in curve.spots if not curve.is_fixed else ():
-            place = (MICRO * spot.cost.value, spot.error.value)
-            ax.annotate(phrases.number(spot.size), place, (2.5, 2.5), textcoords="offset points",
-                        fontsize=6, color=look["color"])  # fmt: skip
+        """Return the points of all curves that no other point betters at the same time or less."""
+        return list(front(_spots_of(every), self.metric.family[0].more_is_better))
 
 
-def _spots(every: Sequence[Curve]) -> list[Spot]:
-    return list(chain.from_iterable(curve.spots for curve in every))
+def _draw_curve(ax: Axes, curve: Curve, look: LineStyle) -> None:
+    """Draw a filter's points with bars of two standard errors, and its sizes beside them."""
+    values = _values_of(curve.spots)
+    ax.plot(values.time, values.error, markersize=3.5, label=curve.name, **look)
+    filter_lines.draw_error_bars(
+        ax,
+        values.time,
+        values.error,
+        values.error_stderr,
+        curve.name,
+        look["color"],
+        elinewidth=0.8,
+        capsize=1.5,
+        xerr=2.0 * values.time_stderr,
+    )
+    if curve.is_fixed:
+        return
+    for spot in curve.spots:
+        ax.annotate(
+            phrases.number(spot.size),
+            (MICRO * spot.cost.value, spot.error.value),
+            (2.5, 2.5),
+            textcoords="offset points",
+            fontsize=6,
+            color=look["color"],
+        )
 
 
-def _values(spots: Sequence[Spot]) -> tuple[Array, Array]:
-    """Return CPU times (µs) and errors, each with standard errors (2, n); none is nothing."""
-    estimates = np.array([[spot.cost.estimate, spot.error.estimate] for spot in spots])
-    times, errors = np.nan_to_num(estimates.reshape(-1, 2, 2).transpose(1, 2, 0))
-    return MICRO * times, errors
+def _spots_of(every: Sequence[Curve]) -> list[Spot]:
+    """Return the points of all curves, curve by curve."""
+    spots: list[Spot] = []
+    for curve in every:
+        spots += curve.spots
+    return spots
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Values:
+    """CPU times per step (µs) and errors with their standard errors: arrays (n,)."""
+
+    time: Array
+    time_stderr: Array
+    error: Array
+    error_stderr: Array
+
+
+def _values_of(spots: Sequence[Spot]) -> _Values:
+    """Return times and errors of a curve's points; a number that is missing is zero."""
+    return _Values(
+        time=MICRO * _numbers([spot.cost.value for spot in spots]),
+        time_stderr=MICRO * _numbers([spot.cost.stderr for spot in spots]),
+        error=_numbers([spot.error.value for spot in spots]),
+        error_stderr=_numbers([spot.error.stderr for spot in spots]),
+    )
+
+
+def _numbers(values: list[float]) -> Array:
+    """Return the values as an array (n,), with zero for NaN."""
+    return np.nan_to_num(np.array(values, dtype=float))

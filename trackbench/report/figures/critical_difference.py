@@ -13,6 +13,7 @@ from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.results import Results
+from trackbench.results.point_facts import GridPoint
 
 
 @register("figures", "critical-difference")
@@ -34,35 +35,47 @@ class CriticalDifference(FigureKind):
         """Return a panel per point of the grid, one below the other."""
         points = results.points()[: style.MOST_PANELS]
         labels = results.chosen(self.filters)
-        height = len(points) * (1.0 + 0.2 * ((len(labels) + 1) // 2) + 0.14 * len(labels) / 2)
+        rows = (len(labels) + 1) // 2
+        height = len(points) * (1.0 + 0.2 * rows + 0.14 * len(labels) / 2)
         figure, axes = style.subplots(len(points), 1, height, squeeze=False)
         for ax, point in zip(axes[:, 0], points, strict=True):
-            runs = results.runs(point)
-            ranked = [b for b in labels if (b, str(self.metric)) in runs]
-            if len(ranked) < 2:
-                ax.set_axis_off()
-                continue
-            larger = self.metric.family[0].more_is_better
-            best, sign = ("largest", -1.0) if larger else ("smallest", 1.0)
-            # Mean ranks, and the groups of filters closer than the critical difference.
-            values = sign * np.stack([runs[b, str(self.metric)] for b in ranked])
-            mean = mean_ranks(values)
-            critical = critical_difference(len(ranked), values.shape[1], self.alpha)
-            _panel(ax, ranked, mean, cliques(mean, critical))
-            where = phrases.heading(point)
-            words = f"Mean rank of {self.metric} over {values.shape[1]} runs (1: the {best})"
-            words += f", critical difference {critical:.2f}{': ' if where else ''}{where}"
-            ax.set_title(style.wrapped(words), pad=14)
-        style.title(figure, self.title, len(results.points()))
+            self._draw_panel(ax, results, point, labels)
+        style.set_title(figure, self.title, len(results.points()))
         return figure
+
+    def _draw_panel(self, ax: Axes, results: Results, point: GridPoint, labels: list[str]) -> None:
+        """Rank the filters at a point of the grid, and draw the ranks."""
+        metric = str(self.metric)
+        runs = results.runs(point)
+        ranked = [label for label in labels if (label, metric) in runs]
+        if len(ranked) < 2:
+            ax.set_axis_off()
+            return
+        # Step 1: mean ranks, where the smallest value is best.
+        values = np.stack([runs[label, metric] for label in ranked])
+        best = "smallest"
+        if self.metric.family[0].more_is_better:
+            values = -values
+            best = "largest"
+        mean = mean_ranks(values)
+        # Step 2: groups of filters that are closer than the critical difference.
+        number_of_runs = values.shape[1]
+        critical = critical_difference(len(ranked), number_of_runs, self.alpha)
+        _draw_ranks(ax, ranked, mean, cliques(mean, critical))
+        title = f"Mean rank of {self.metric} over {number_of_runs} runs (1: the {best}), "
+        title += f"critical difference {critical:.2f}"
+        where = phrases.heading(point)
+        if where:
+            title += f": {where}"
+        ax.set_title(style.wrapped(title), pad=14)
 
 
 def mean_ranks(values: Array) -> Array:
     """Return mean ranks (k,) of k filters from values (k, M); NaN is worst, ties share."""
-    worst = np.where(np.isnan(values), np.inf, values)
-    better = [np.sum(worst < row, axis=0) for row in worst]
-    equal = [np.sum(worst == row, axis=0) for row in worst]  # with itself
-    return np.mean(np.array(better) + 0.5 * (np.array(equal) + 1), axis=1)
+    values = np.where(np.isnan(values), np.inf, values)
+    better = np.array([np.sum(values < row, axis=0) for row in values])
+    equal = np.array([np.sum(values == row, axis=0) for row in values])  # with itself
+    return np.mean(better + 0.5 * (equal + 1), axis=1)
 
 
 def critical_difference(k: int, runs: int, alpha: float) -> float:
@@ -74,19 +87,24 @@ def critical_difference(k: int, runs: int, alpha: float) -> float:
 def range_quantile(level: float, k: int) -> float:
     """Return the quantile of the range of k standard normals: the studentized range of infinite freedom.
 
-    Its distribution function (Tippett 1925, Biometrika 17, 364) by quadrature, inverted by bisection:
-    scipy's takes half a second to import.
+    The distribution function (Tippett 1925, Biometrika 17, 364) is computed by quadrature, and inverted
+    by bisection. scipy has the quantile, too, but takes half a second to import.
     """
     from scipy.special import ndtr
 
+    # The integral over z from -9 to 9.
     nodes, weights = np.polynomial.legendre.leggauss(200)
     z = 9.0 * nodes
     density = 9.0 * weights * np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi)
-    low, high = 0.0, 20.0
+    low = 0.0
+    high = 20.0
     for _ in range(60):
-        q = 0.5 * (low + high)
-        below = k * np.sum(density * (ndtr(z) - ndtr(z - q)) ** (k - 1))
-        low, high = (q, high) if below < level else (low, q)
+        middle = 0.5 * (low + high)
+        probability = k * np.sum(density * (ndtr(z) - ndtr(z - middle)) ** (k - 1))
+        if probability < level:
+            low = middle
+        else:
+            high = middle
     return high
 
 
@@ -101,23 +119,39 @@ def cliques(mean: Array, critical: float) -> list[tuple[float, float]]:
     return groups
 
 
-def _panel(ax: Axes, labels: list[str], mean: Array, groups: list[tuple[float, float]]) -> None:
-    """Draw ranks on the upper axis, labels left and right below it, bars for the groups."""
+def _draw_ranks(
+    ax: Axes, labels: list[str], mean: Array, groups: list[tuple[float, float]]
+) -> None:
+    """Draw ranks on the upper axis, labels left and right below it, bars for the groups.
+
+    ``mean`` has the mean rank of each label, ``groups`` the first and last mean rank of each group.
+    """
     k = len(labels)
-    order = np.argsort(mean)
     half = (k + 1) // 2
-    start = 0.5 + 0.35 * len(groups)
-    for i, (low, high) in enumerate(groups):
-        ax.plot([low - 0.03, high + 0.03], [0.4 + 0.35 * i] * 2, color="black", linewidth=3)
-    for place, index in enumerate(order):
-        left = place < half
-        depth = start + (place if left else k - 1 - place) + 0.5
-        side = 0.6 if left else k + 0.4
-        ax.plot([mean[index]] * 2 + [side], [0, depth, depth], color="#444444", linewidth=0.8)
-        text = style.wrap_label(f"{labels[index]} ({mean[index]:.2f})", 30)
-        ax.text(side + (-0.1 if left else 0.1), depth, text, fontsize=8, va="center",
-                ha="right" if left else "left")  # fmt: skip
-    ax.set(xlim=(1 - 0.28 * k, k + 0.28 * k), ylim=(start + half + 0.3, 0))
+    top_of_labels = 0.5 + 0.35 * len(groups)
+    # Step 1: bars for the groups.
+    for place, (low, high) in enumerate(groups):
+        depth = 0.4 + 0.35 * place
+        ax.plot([low - 0.03, high + 0.03], [depth, depth], color="black", linewidth=3)
+    # Step 2: a line from each rank to its label; the better half is on the left.
+    for place, index in enumerate(np.argsort(mean)):
+        rank = mean[index]
+        if place < half:
+            row = place
+            side = 0.6
+            text_place = side - 0.1
+            alignment = "right"
+        else:
+            row = k - 1 - place
+            side = k + 0.4
+            text_place = side + 0.1
+            alignment = "left"
+        depth = top_of_labels + row + 0.5
+        ax.plot([rank, rank, side], [0, depth, depth], color="#444444", linewidth=0.8)
+        text = style.wrap_label(f"{labels[index]} ({rank:.2f})", 30)
+        ax.text(text_place, depth, text, fontsize=8, va="center", ha=alignment)
+    # Step 3: the upper axis alone.
+    ax.set(xlim=(1 - 0.28 * k, k + 0.28 * k), ylim=(top_of_labels + half + 0.3, 0))
     ax.set_xticks(range(1, k + 1))
     ax.xaxis.tick_top()
     ax.spines[["left", "bottom"]].set_visible(False)

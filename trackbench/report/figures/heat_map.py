@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -19,13 +18,16 @@ from trackbench.report.paired import Pair
 from trackbench.report.plotting import style
 from trackbench.report.plotting.page_formats import sheet
 from trackbench.report.plotting.scales import has_logarithm
-from trackbench.report.plotting.style import Axes, Figure, LineStyle
+from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.results import Results, missing_paths, points_of
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import rules
 from trackbench.statistics.estimates import MISSING
 
-_LETTER_IN, _DIGIT_IN = 0.075, 0.05  # widths of the ticks' and of the cells' letters
+_LETTER_IN = 0.075
+"""Width of a letter of a tick's label."""
+_DIGIT_IN = 0.05
+"""Width of a digit in a cell."""
 
 
 @register("figures", "heat-map")
@@ -55,99 +57,151 @@ class HeatMap(FigureKind):
         if results.grid:
             return ""
         pairs = self._shown_pairs(results)
-        alike = sum(p.word not in ("better", "worse") for p in pairs)
-        words = "Blue: the filter on the left has the smaller one, in standard errors of the difference."
+        alike = sum(pair.word not in ("better", "worse") for pair in pairs)
+        blue = "Blue: the filter on the left has the smaller one"
+        unit = "in standard errors of the difference"
         count = f"{alike} of {counted(len(pairs), 'pair')} do not differ significantly"
-        return f"{words} {count} (at {100 * rules.LEVEL:g} % over all pairs)."
+        return f"{blue}, {unit}. {count} (at {100 * rules.LEVEL:g} % over all pairs)."
 
     def _shown_pairs(self, results: Results) -> list[Pair]:
+        """Return the compared pairs of shown filters in the figure's metric."""
         labels = results.chosen(self.filters)
-        every = chain.from_iterable(pairs for _, pairs in results.pairs)
-        pairs = [p for p in every if measured(p.metric).metric == self.metric.name]
-        return [p for p in pairs if {p.filter_a, p.filter_b} <= {*labels}]
+        shown = []
+        for _, pairs in results.pairs:
+            for pair in pairs:
+                is_of_metric = measured(pair.metric).metric == self.metric.name
+                if is_of_metric and pair.filter_a in labels and pair.filter_b in labels:
+                    shown.append(pair)
+        return shown
 
     def draw(self, results: Results) -> Figure:
         """Return one panel; with two paths, one per filter."""
-        labels = results.chosen(self.filters)
         if not results.grid:
-            return self._pairs(results, labels)
-        x = self.x or results.grid[0]
-        points = results.points()
-        columns = list(dict.fromkeys(point[x] for point in points))
+            return self._draw_pairs(results)
         if self.y is None:
-            rows = [self._row(results, x, columns, {}, label) for label in labels]
-            names = [style.wrap_label(b) for b in labels]
-            return self._panels(results.axis(x), columns, "", names, {"": np.array(rows)})
-        levels = list(dict.fromkeys(point[self.y] for point in points))
-        panels = {}
+            return self._draw_filters_over_path(results)
+        return self._draw_paths(results, self.y)
+
+    def _draw_filters_over_path(self, results: Results) -> Figure:
+        """Draw one panel with a row per filter, over one path of the grid."""
+        labels = results.chosen(self.filters)
+        x_path = self.x or results.grid[0]
+        columns = _values_of_path(results, x_path)
+        rows = []
         for label in labels:
-            rows = [self._row(results, x, columns, {self.y: r}, label) for r in levels]
-            panels[label] = np.array(rows)
-        return self._panels(results.axis(x), columns, results.axis(self.y), levels, panels)
+            rows.append([self._value(results, {x_path: x}, label) for x in columns])
+        row_names = [style.wrap_label(label) for label in labels]
+        return self._draw_panels(
+            {"": np.array(rows)}, columns, row_names, results.axis(x_path), y_label=""
+        )
 
-    def _row(
-        self, results: Results, x: str, columns: list[Any], rest: GridPoint, label: str
-    ) -> list[float]:
-        cells = []
-        for value in columns:
-            points = points_of(results, {x: value, **rest})
-            term = Evaluator(results, points[0]).term(self.metric.of(label)) if points else MISSING
-            cells.append(term.value)
-        return cells
+    def _draw_paths(self, results: Results, y_path: str) -> Figure:
+        """Draw a panel per filter over two paths of the grid."""
+        x_path = self.x or results.grid[0]
+        columns = _values_of_path(results, x_path)
+        levels = _values_of_path(results, y_path)
+        fields = {}
+        for label in results.chosen(self.filters):
+            rows = []
+            for y in levels:
+                rows.append([self._value(results, {x_path: x, y_path: y}, label) for x in columns])
+            fields[label] = np.array(rows)
+        row_names = [phrases.number(level) for level in levels]
+        x_label = results.axis(x_path)
+        return self._draw_panels(fields, columns, row_names, x_label, results.axis(y_path))
 
-    def _panels(
-        self, x: str, columns: list[Any], y: str, levels: list[Any], panels: dict[str, Array]
+    def _value(self, results: Results, path_values: GridPoint, label: str) -> float:
+        """Return a filter's metric at the first point with these values; NaN if there is none."""
+        points = points_of(results, path_values)
+        if not points:
+            return MISSING.value
+        return Evaluator(results, points[0]).term(self.metric.of(label)).value
+
+    def _draw_panels(
+        self,
+        fields: dict[str, Array],
+        columns: list[Any],
+        row_names: list[str],
+        x_label: str,
+        y_label: str,
     ) -> Figure:
-        from matplotlib.colors import LogNorm, Normalize
+        """Draw the metric (rows, columns) of each panel on one color scale.
 
-        finite = np.concatenate([a[np.isfinite(a)] for a in panels.values()])
-        norm = Normalize(*((finite.min(), finite.max()) if len(finite) else (1, 2)))
-        if self.log and has_logarithm(finite):
-            # Clipped: zero has the color of the least positive value.
-            norm = LogNorm(finite[finite > 0.0].min(), finite.max(), clip=True)
-        shown = dict(list(panels.items())[: style.MOST_PANELS])
-        figure, axes = style.panels(len(shown), 1, 1.2 + 0.28 * len(levels), sharey=True)
-        cell_in = (sheet().width_in - 2.0) / min(len(shown), sheet().across) / len(columns)
-        for (ax,), (name, values) in zip(axes, shown.items(), strict=True):
+        ``fields`` has the values of each panel by its title, ``columns`` the values of the horizontal
+        path, and ``row_names`` the labels of the rows.
+        """
+        norm = self._color_scale(list(fields.values()))
+        drawn = dict(list(fields.items())[: style.MOST_PANELS])
+        height = 1.2 + 0.28 * len(row_names)
+        figure, axes = style.make_panels(len(drawn), 1, height, sharey=True)
+        across = min(len(drawn), sheet().across)
+        cell_in = (sheet().width_in - 2.0) / across / len(columns)
+        column_names = [phrases.number(value) for value in columns]
+        for (ax,), (title, values) in zip(axes, drawn.items(), strict=True):
             image = ax.imshow(values, aspect="auto", cmap="viridis", norm=norm)
-            names = [phrases.number(c) for c in columns]
-            _ticks(ax, names, [phrases.number(v) for v in levels], cell_in)
-            ax.set_title(style.wrap_label(name))
-            ax.set_xlabel(x)
+            _set_ticks(ax, column_names, row_names, cell_in)
+            ax.set_title(style.wrap_label(title))
+            ax.set_xlabel(x_label)
             if _has_room(values, "{:.3g}".format, cell_in):
                 write_cells(ax, values, "{:.3g}".format, image)
-        axes[0][0].set_ylabel(y)
+        axes[0][0].set_ylabel(y_label)
         figure.colorbar(image, ax=list(axes[:, 0]), label=self.bar_label or str(self.metric))
-        style.title(figure, self.title)
+        style.set_title(figure, self.title)
         return figure
 
-    def _pairs(self, results: Results, labels: list[str]) -> Figure:
+    def _color_scale(self, fields: list[Array]) -> Any:
+        """Return matplotlib's norm of all finite values; logarithmic if wanted and possible."""
+        from matplotlib.colors import LogNorm, Normalize
+
+        finite = np.concatenate([values[np.isfinite(values)] for values in fields])
+        if self.log and has_logarithm(finite):
+            # Clipped: zero has the color of the least positive value.
+            return LogNorm(finite[finite > 0.0].min(), finite.max(), clip=True)
+        if len(finite):
+            return Normalize(finite.min(), finite.max())
+        return Normalize(1, 2)
+
+    def _draw_pairs(self, results: Results) -> Figure:
+        """Draw the paired z of every two filters."""
+        labels = results.chosen(self.filters)
         z = np.full((len(labels), len(labels)), np.nan)
         for pair in self._shown_pairs(results):
-            i, j = labels.index(pair.filter_a), labels.index(pair.filter_b)
-            z[i, j], z[j, i] = pair.comparison.z, -pair.comparison.z
+            a = labels.index(pair.filter_a)
+            b = labels.index(pair.filter_b)
+            z[a, b] = pair.comparison.z
+            z[b, a] = -pair.comparison.z
         figure, ax = style.subplots(height_in=2.0 + 0.32 * len(labels))
         image = ax.imshow(z, aspect="auto", cmap="RdBu_r", vmin=-10, vmax=10)
-        names = [style.wrap_label(b) for b in labels]
-        _ticks(ax, names, names, np.inf)
+        names = [style.wrap_label(label) for label in labels]
+        _set_ticks(ax, names, names, np.inf)
         ax.tick_params(axis="x", rotation=45)
         for tick in ax.get_xticklabels():
             tick.set_ha("right")
-        if _has_room(z, _z_text, (sheet().width_in - 2.5) / len(labels)):
+        cell_in = (sheet().width_in - 2.5) / len(labels)
+        if _has_room(z, _z_text, cell_in):
             write_cells(ax, z, _z_text, image)
             # Texts within the axes do not change the layout, which would measure each of them.
             for text in ax.texts:
                 text.set_in_layout(False)
         ax.set(xlabel="less that of this filter", ylabel=f"{self.metric.name} of this filter")
-        style.title(figure, self.title)
+        style.set_title(figure, self.title)
         figure.colorbar(image, ax=ax, extend="both", label="z (blue: left is smaller)")
         return figure
 
 
-def _ticks(ax: Axes, columns: list[str], rows: list[str], cell_in: float) -> None:
-    """Turn labels upright where the columns are too narrow."""
-    upright = max(map(len, columns)) * _LETTER_IN > cell_in
-    ax.set_xticks(range(len(columns)), columns, rotation=90 if upright else 0)
+def _values_of_path(results: Results, path: str) -> list[Any]:
+    """Return the values of a path of the grid, in order."""
+    return list(dict.fromkeys(point[path] for point in results.points()))
+
+
+def _set_ticks(ax: Axes, columns: list[str], rows: list[str], cell_in: float) -> None:
+    """Label columns and rows; labels of columns that are too narrow for them stand upright.
+
+    ``cell_in`` is the width of a column in inches.
+    """
+    longest = max(len(name) for name in columns)
+    has_room = longest * _LETTER_IN <= cell_in
+    ax.set_xticks(range(len(columns)), columns, rotation=0 if has_room else 90)
     ax.set_yticks(range(len(rows)), rows)
     ax.grid(visible=False)
     ax.spines[:].set_visible(False)
@@ -155,21 +209,37 @@ def _ticks(ax: Axes, columns: list[str], rows: list[str], cell_in: float) -> Non
 
 
 def _z_text(z: float) -> str:
-    return f"{z:+.1f}" if abs(z) < 100 else f"{z:+.0f}"
+    """Write a z with its sign, and with a digit after the point if there is room."""
+    if abs(z) < 100:
+        return f"{z:+.1f}"
+    return f"{z:+.0f}"
 
 
-def _has_room(values: Array, text: Callable[[float], str], cell_in: float) -> bool:
-    return max(len(text(value)) for value in values.flat) * _DIGIT_IN <= cell_in
+def _has_room(values: Array, write: Callable[[float], str], cell_in: float) -> bool:
+    """Return whether all values, as ``write`` writes them, have room in cells of this width."""
+    longest = max(len(write(value)) for value in values.flat)
+    return longest * _DIGIT_IN <= cell_in
 
 
 def write_cells(
-    ax: Axes, values: Array, text: Callable[[float], str], image: Any, size: float = 6.5
+    ax: Axes, values: Array, write: Callable[[float], str], image: Any, size: float = 6.5
 ) -> None:
-    """Write the finite values (rows, columns) into the cells, black or white."""
+    """Write the finite values (rows, columns) into the cells, in black, or white on dark colors.
+
+    ``write`` turns a value into text, ``image`` is the drawn map, and ``size`` is that of the letters.
+    """
     colors = image.cmap(image.norm(values))
-    for (i, j), value in np.ndenumerate(values):
-        if np.isfinite(value):
-            r, g, b, _ = colors[i, j]
-            dark = 0.299 * r + 0.587 * g + 0.114 * b < 0.5
-            look: LineStyle = {"fontsize": size, "color": "white" if dark else "black"}
-            ax.text(j, i, text(value), ha="center", va="center", **look)
+    for (row, column), value in np.ndenumerate(values):
+        if not np.isfinite(value):
+            continue
+        red, green, blue, _ = colors[row, column]
+        brightness = 0.299 * red + 0.587 * green + 0.114 * blue
+        ax.text(
+            column,
+            row,
+            write(value),
+            ha="center",
+            va="center",
+            fontsize=size,
+            color="white" if brightness < 0.5 else "black",
+        )

@@ -1,7 +1,7 @@
 """Figure kinds of innovations: `nis` over time and `autocorrelation` by lag, with their bands."""
 
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -10,14 +10,15 @@ from trackbench.evaluation.metric_expression import measured
 from trackbench.evaluation.predictive_scores import LAGS
 from trackbench.field_types import Count
 from trackbench.registry import register
-from trackbench.report.figures.over_time import Curves, OverTime
-from trackbench.report.plotting import style
-from trackbench.report.plotting.style import Figure
+from trackbench.report.figures.over_time import Curves, OverTime, Panel
+from trackbench.report.plotting import filter_lines, style
+from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.results import Results
 from trackbench.report.tables.consistency import autocorrelation_band
 from trackbench.statistics.intervals import AcceptedNis, anees_band
 
-_ENOUGH = 60  # measured components whose average is worth a point
+_ENOUGH = 60
+"""Measured components whose average is worth a point."""
 
 
 @register("figures", "nis")
@@ -25,10 +26,10 @@ _ENOUGH = 60  # measured components whose average is worth a point
 class Nis(OverTime):
     """Normalized innovation squared over the number of components, with a consistent filter's band.
 
-    Averages over runs and over successive steps, so many that each is of some components; the gray band
-    has 95 % of them (Bar-Shalom, Li & Kirubarajan 2001, section 5.4.2). Each gate
-    has a lower band of its own, as what it accepts has a smaller NIS. More than 5 filters over more than
-    150 steps have a panel each, with the other filters in gray.
+    A point is the average over the runs and over successive steps. The gray band has 95 % of the points
+    of a consistent filter (Bar-Shalom, Li & Kirubarajan 2001, section 5.4.2). Each gate has a lower band
+    of its own, because the measurements that it accepts have a smaller NIS. More than 5 filters over
+    more than 150 steps have a panel each, with the other filters in gray.
     """
 
     requires: ClassVar[dict[str, str]] = {"anis": "per_step", "innovations": "per_step"}
@@ -38,55 +39,101 @@ class Nis(OverTime):
     log: bool = True
     """logarithmic vertical axis"""
     over: Count | None = None
-    """steps that are averaged together; default: as many as measure 60 components"""
+    """number of steps that are averaged together; default: as many as have 60 measured components"""
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter."""
-        titles = self.panel_titles(results, self.steps_of(results, measured("anis")))
-        figure, panels = self.panels_over_time(results, titles)
-        for (ax,), point, title in panels:
-            bands: dict[AcceptedNis | None, tuple[Array, Array]] = {}
-            looks: dict[AcceptedNis | None, dict[str, Any]] = {None: style.BAND}
-            every = (self.lines(results, point, measured(m)) for m in ("anis", "innovations"))
-            for (rows, look), (numbers, _) in zip(*every, strict=True):
-                if len(rows):
-                    count = numbers["value"] * numbers["runs"]
-                    over = self.over or max(1, round(_ENOUGH / float(count.mean())))
-                    k, value, number = _averages(rows[self.x], rows["value"], count, over)
-                    dotted = look | {"marker": "o", "markersize": 2}
-                    self.curve(ax, (k, value), dotted, title, titles, over)
-                    accepted = results.facts(point).accepted_nis(look["label"])
-                    band = bands.get(accepted, (np.empty(0), np.empty(0)))
-                    # The band of a gate has the color of its first filter.
-                    of_gate = {"color": look.get("color"), "alpha": 0.15, "linewidth": 0.0}
-                    looks.setdefault(accepted, of_gate)
-                    bands[accepted] = max(band, (k, number), key=lambda b: len(b[0]))
-            for accepted, (k, number) in bands.items():
-                if accepted is None:
-                    limits = [anees_band(1, round(n)) for n in number]
-                    name = "95 % band"
-                else:
-                    limits = [accepted.band(round(n)) for n in number]
-                    name = f"95 % band, gate {accepted.gate:g}"
-                low, high = np.array(limits).T
-                ax.fill_between(k, low, high, label=name, **looks[accepted])
-            ax.axhline(1.0, color="black", linewidth=0.6)
+        titles = self.panel_titles(results, self.count_steps(results, measured("anis")))
+        figure, panels = self.make_panels_over_time(results, titles)
+        for panel in panels:
+            self._draw_panel(panel, results, titles)
         return self.finish(figure, titles)
 
+    def _draw_panel(self, panel: Panel, results: Results, titles: list[str]) -> None:
+        """Draw averages of each filter, and a band for each gate."""
+        (ax,) = panel.axes
+        facts = results.facts(panel.point)
+        every_nis = self.metric_series(results, panel.point, measured("anis"))
+        every_innovations = self.metric_series(results, panel.point, measured("innovations"))
+        bands: dict[AcceptedNis | None, _Band] = {}  # by gate
+        for nis, innovations in zip(every_nis, every_innovations, strict=True):
+            if not len(nis.rows):
+                continue
+            # Step 1: the line of the filter.
+            components = innovations.rows["value"] * innovations.rows["runs"]
+            steps = self.over or max(1, round(_ENOUGH / float(components.mean())))
+            averages = _average_steps(nis.rows[self.x], nis.rows["value"], components, steps)
+            dotted = nis.look | {"marker": "o", "markersize": 2}
+            x = averages.x
+            self.draw_curve(ax, x, averages.value, dotted, panel.title, titles, steps)
+            # Step 2: the band of its gate, as long as the longest line of a filter with this gate.
+            gate = facts.accepted_nis(nis.look["label"])
+            if gate not in bands:
+                bands[gate] = _Band(averages=averages, look=_band_look(gate, nis.look))
+            elif len(x) > len(bands[gate].averages.x):
+                bands[gate] = replace(bands[gate], averages=averages)
+        for gate, band in bands.items():
+            _draw_band(ax, gate, band)
+        ax.axhline(1.0, color="black", linewidth=0.6)
 
-def _averages(k: Array, value: Array, count: Array, over: int) -> tuple[Array, Array, Array]:
-    """Average so many successive steps: middle step, average, number of components."""
-    ends = range(0, len(k) - over + 1, over) if len(k) >= over else [0]
-    parts = [slice(i, i + over) for i in ends]
-    numbers = np.array([count[p].sum() for p in parts])
-    averages = np.array([(value[p] * count[p]).sum() for p in parts]) / numbers
-    return np.array([k[p].mean() for p in parts]), averages, numbers
+
+@dataclass(frozen=True, kw_only=True)
+class _Averages:
+    """Averages over successive steps: arrays (n,)."""
+
+    x: Array
+    """middle of the steps on the horizontal axis"""
+    value: Array
+    """average over the measured components"""
+    components: Array
+    """number of measured components"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Band:
+    """Band in which the averages of a consistent filter are."""
+
+    averages: _Averages
+    look: style.LineStyle
+
+
+def _average_steps(x: Array, value: Array, components: Array, steps: int) -> _Averages:
+    """Average the values (T,) of so many successive steps, weighted by their measured components (T,).
+
+    A last window of fewer steps is left out, unless it is the only one.
+    """
+    last_start = max(len(x) - steps, 0)
+    windows = [slice(start, start + steps) for start in range(0, last_start + 1, steps)]
+    sums = np.array([(value[window] * components[window]).sum() for window in windows])
+    numbers = np.array([components[window].sum() for window in windows])
+    middles = np.array([x[window].mean() for window in windows])
+    return _Averages(x=middles, value=sums / numbers, components=numbers)
+
+
+def _band_look(gate: AcceptedNis | None, filter_look: style.LineStyle) -> style.LineStyle:
+    """Return the look of a band; the band of a gate has the color of its first filter."""
+    if gate is None:
+        return style.BAND
+    return {"color": filter_look.get("color"), "alpha": 0.15, "linewidth": 0.0}
+
+
+def _draw_band(ax: Axes, gate: AcceptedNis | None, band: _Band) -> None:
+    """Draw the 95 % band of what a gate accepts; without a gate that of all measurements."""
+    numbers = [round(number) for number in band.averages.components]
+    if gate is None:
+        limits = [anees_band(1, number) for number in numbers]
+        label = "95 % band"
+    else:
+        limits = [gate.band(number) for number in numbers]
+        label = f"95 % band, gate {gate.gate:g}"
+    low, high = np.array(limits).T
+    ax.fill_between(band.averages.x, low, high, label=label, **band.look)
 
 
 @register("figures", "autocorrelation")
 @dataclass(frozen=True, kw_only=True)
 class Autocorrelation(Curves):
-    """Autocorrelation of whitened innovations by lag, in measurements; white ones stay in the band."""
+    """Autocorrelation of whitened innovations by lag, in measurements; white ones are in the band."""
 
     requires: ClassVar[dict[str, str]] = {
         "innovations": "per_run",
@@ -100,26 +147,36 @@ class Autocorrelation(Curves):
 
     def draw(self, results: Results) -> Figure:
         """Draw a point per lag, one line per filter, and the band 1.96 / sqrt(number)."""
-        figure, panels = self.panels(results)
+        figure, panels = self.make_panels(results)
         lags = np.arange(1, LAGS + 1)
-        for (ax,), point in panels:
+        for panel in panels:
+            (ax,) = panel.axes
             ax.axhline(0.0, color="black", linewidth=0.6)
-            runs, widths = results.runs(point), []
-            for label, look in self.labels(results):
-                if (label, "innovations") in runs:
-                    value = [_mean(runs.get((label, f"autocorrelation_{lag}"))) for lag in lags]
-                    look = {"label": label, "marker": "o", "markersize": 3, **look}
-                    style.filter_line(ax, lags, np.array(value), look)
-                    widths.append(autocorrelation_band(runs[label, "innovations"]))
-            if widths and min(widths) < np.inf:
-                ax.axhspan(-min(widths), min(widths), label="95 % band", **style.BAND)
+            runs = results.runs(panel.point)
+            widths: list[float] = []
+            for label, line_style in self.labels_and_looks(results):
+                if (label, "innovations") not in runs:
+                    continue
+                values = [
+                    _mean_over_runs(runs.get((label, f"autocorrelation_{lag}"))) for lag in lags
+                ]
+                look = {"label": label, "marker": "o", "markersize": 3, **line_style}
+                filter_lines.draw_filter_line(ax, lags, np.array(values), look)
+                widths.append(autocorrelation_band(runs[label, "innovations"]))
+            width = min(widths, default=np.inf)
+            if width < np.inf:
+                ax.axhspan(-width, width, label="95 % band", **style.BAND)
             ax.set_xticks(lags)
         self.keep_possible_scales(figure)
         style.legend_outside(figure)
         return figure
 
 
-def _mean(values: Array | None) -> float:
-    """Average the runs that have a value."""
-    known = np.empty(0) if values is None else values[~np.isnan(values)]
-    return float(known.mean()) if len(known) else np.nan
+def _mean_over_runs(values: Array | None) -> float:
+    """Average the runs' values (M,) that are known; NaN if there is none."""
+    if values is None:
+        return np.nan
+    known = values[~np.isnan(values)]
+    if not len(known):
+        return np.nan
+    return float(known.mean())

@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 
@@ -12,14 +12,33 @@ from trackbench.field_types import Count
 from trackbench.registry import register
 from trackbench.report.findings import phrases
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import scales, style
-from trackbench.report.plotting.style import Axes, Figure
+from trackbench.report.plotting import filter_lines, scales, style
+from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.results import Results
 from trackbench.results.frames import Columns
 from trackbench.results.point_facts import GridPoint
 
-_MOST_CURVES, _MOST_STEPS = 5, 150
-"""Most filters, or most steps, that are drawn in one panel."""
+_MOST_CURVES = 5
+"""Largest number of filters that are drawn in one panel if they have many steps."""
+_MOST_STEPS = 150
+"""Largest number of steps that are drawn in one panel if there are many filters."""
+
+
+class Panel(NamedTuple):
+    """Axes below each other that show one grid point, or one filter at the first grid point."""
+
+    axes: list[Axes]
+    point: GridPoint
+    title: str
+    """label of the filter that has the panel to itself; empty if all filters share the panel"""
+
+
+class MetricSeries(NamedTuple):
+    """Rows of per_step.csv with a metric of one filter at one grid point, and the filter's look."""
+
+    rows: Columns
+    look: LineStyle
+    """color and dash, and the filter's ``label``"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,12 +60,28 @@ class Curves(FigureKind):
     baseline: str | None = None
     """label of the filter that every other should beat: drawn gray and dotted"""
 
-    def labels(self, results: Results, exact: bool = False) -> Iterator[tuple[str, GridPoint]]:
-        """Yield each label to draw with its line style; the floor and the baseline last."""
+    def labels_and_looks(
+        self, results: Results, exact: bool = False
+    ) -> Iterator[tuple[str, LineStyle]]:
+        """Yield each label to draw with its line style; the baseline and the floor last.
+
+        Parameters
+        ----------
+        results
+            The results folder.
+        exact
+            Whether labels of exact errors are drawn, too, if ``filters`` names no labels.
+
+        Yields
+        ------
+        label : str
+        look : dict
+            Color and dash, as keyword arguments of matplotlib's ``Axes.plot``.
+        """
         references = {self.baseline: style.BASELINE, self.floor: style.FLOOR}
-        drawn = results.chosen(self.filters, exact)
-        for label in (b for b in drawn if b not in references):
-            yield label, results.line_style(label)
+        for label in results.chosen(self.filters, exact):
+            if label not in references:
+                yield label, results.line_style(label)
         for name, look in references.items():
             if name in results.labels:
                 yield str(name), look
@@ -56,50 +91,99 @@ class Curves(FigureKind):
         """Label of the horizontal axis."""
         return self.x_label
 
-    def panels(
+    def make_panels(
         self, results: Results, rows: int = 1, **layout: Any
-    ) -> tuple[Figure, list[tuple[list[Axes], dict[str, Any]]]]:
-        """Return a column of panels per grid point; those of one row share their vertical axis."""
+    ) -> tuple[Figure, list[Panel]]:
+        """Return a figure with an empty panel per grid point, of 12 points at most.
+
+        Parameters
+        ----------
+        results
+            The results folder.
+        rows
+            Number of axes below each other in each panel. A single row shares its vertical axis, several
+            rows share their horizontal axis.
+        **layout
+            Further arguments of matplotlib's ``Figure.subplots``, such as ``height_ratios``.
+
+        Returns
+        -------
+        figure : matplotlib.figure.Figure
+        panels : list of Panel
+            Their titles are empty, as all filters share a panel.
+        """
         points = results.points()[: style.MOST_PANELS]
         height = 3.2 if rows == 1 else 2.4 * rows
         if len(points) > 4:
             height *= 0.75
-        figure, axes = style.panels(
+        figure, axes = style.make_panels(
             len(points), rows, height, sharex=rows > 1, sharey=rows == 1, **layout
         )
-        heads = style.headings([phrases.heading(point) for point in points])
-        for column, head in zip(axes, heads, strict=True):
-            column[0].set_title(head)
+        headings = style.wrap_headings([phrases.heading(point) for point in points])
+        panels = []
+        for column, point, heading in zip(axes, points, headings, strict=True):
+            column[0].set_title(heading)
             column[-1].set_xlabel(self.x_name)
-            for ax in column if self.log else ():
-                ax.set_yscale("log")
+            if self.log:
+                for ax in column:
+                    ax.set_yscale("log")
+            panels.append(Panel(axes=list(column), point=point, title=""))
         if self.y_label:
             axes[0][0].set_ylabel(self.y_label)
-        style.title(figure, self.title, len(results.points()))
-        return figure, [(list(column), p) for column, p in zip(axes, points, strict=True)]
+        style.set_title(figure, self.title, len(results.points()))
+        return figure, panels
 
-    def lines(
+    def metric_series(
         self, results: Results, point: GridPoint, metric: Measure
-    ) -> Iterator[tuple[Columns, dict[str, Any]]]:
-        """Yield each label's series of a metric at a grid point, and its line style."""
-        rows = results.columns("per_step", point).where(metric=str(metric))
-        for label, look in self.labels(results, exact=True):
-            yield rows.where(filter=label), {"label": label, **look}
+    ) -> Iterator[MetricSeries]:
+        """Yield each label's series of a metric at a grid point, and its line style.
 
-    def with_axis(self, metric: Measure, curves: Sequence[Array]) -> Self:
+        Parameters
+        ----------
+        results
+            The results folder.
+        point
+            One of ``results.points()``.
+        metric
+            Metric of per_step.csv.
+
+        Yields
+        ------
+        series : MetricSeries
+            Its rows are empty if the filter has no such metric.
+        """
+        rows = results.columns("per_step", point).where(metric=str(metric))
+        for label, look in self.labels_and_looks(results, exact=True):
+            yield MetricSeries(rows=rows.where(filter=label), look={"label": label, **look})
+
+    def with_vertical_axis(self, metric: Measure, curves: Sequence[Array]) -> Self:
         """Return the figure with its vertical axis labeled, logarithmic if one curve dwarfs the rest.
 
-        An axis that shows a negative number is linear, and one with a label of its own as asked for.
+        An axis that shows a negative number is linear. An axis with a ``y_label`` is logarithmic only if
+        ``log`` is set.
+
+        Parameters
+        ----------
+        metric
+            Metric that is drawn; it gives the default label with its unit.
+        curves
+            Values of all lines, arrays (n,).
+
+        Returns
+        -------
+        figure : Curves
+            A copy with the keys ``y_label`` and ``log`` set.
         """
-        fits = scales.has_logarithm(np.concatenate([np.empty(0), *curves]))
-        log = fits and (self.log or (not self.y_label and scales.one_dwarfs(curves)))
-        return replace(self, y_label=self.y_label or phrases.axis_of(metric), log=log)
+        can_be_logarithmic = scales.has_logarithm(np.concatenate([np.empty(0), *curves]))
+        is_wanted = self.log or (not self.y_label and scales.one_dwarfs(curves))
+        y_label = self.y_label or phrases.axis_of(metric)
+        return replace(self, y_label=y_label, log=can_be_logarithmic and is_wanted)
 
     def finish(self, figure: Figure, titles: Collection[str] = ()) -> Figure:
         """Return the figure with legible vertical axes and a legend of all labels but the ``titles``."""
         for ax in figure.axes:
             if self.log:
-                scales.plain_log_axis(ax.yaxis)
+                scales.set_plain_log_scale(ax.yaxis)
             elif not (scales.drawn_values(ax.yaxis) < 0.0).any():
                 ax.set_ylim(bottom=0)
         style.legend_outside(figure, titles)
@@ -109,7 +193,7 @@ class Curves(FigureKind):
         """Leave only those vertical axes logarithmic that can show what is drawn."""
         for ax in figure.axes:
             if ax.get_yscale() == "log":
-                scales.log_scale(ax.yaxis)
+                scales.set_possible_log_scale(ax.yaxis)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,7 +206,9 @@ class OverTime(Curves):
     @property
     def x_name(self) -> str:
         """Label of the horizontal axis."""
-        return self.x_label or {"step": "Step k", "time": "Time (s)"}[self.x]
+        if self.x_label:
+            return self.x_label
+        return {"step": "Step k", "time": "Time (s)"}[self.x]
 
     def panel_titles(self, results: Results, steps: Mapping[str, int]) -> list[str]:
         """Return the labels that get a panel each; an empty list if all share one panel.
@@ -132,73 +218,89 @@ class OverTime(Curves):
         """
         references = (self.floor, self.baseline, *results.exact)
         filters = [label for label in steps if steps[label] and label not in references]
-        crowded = len(filters) > _MOST_CURVES and max(steps.values()) > _MOST_STEPS
-        return filters if crowded and len(results.points()) == 1 else []
+        is_crowded = len(filters) > _MOST_CURVES and max(steps.values()) > _MOST_STEPS
+        if is_crowded and len(results.points()) == 1:
+            return filters
+        return []
 
-    def steps_of(self, results: Results, metric: OfStep) -> dict[str, int]:
+    def count_steps(self, results: Results, metric: OfStep) -> dict[str, int]:
         """Return how many steps of the first point have the metric, by label."""
-        lines = self.lines(results, results.points()[0], metric)
-        return {look["label"]: len(rows) for rows, look in lines}
+        first_point = results.points()[0]
+        every = self.metric_series(results, first_point, metric)
+        return {series.look["label"]: len(series.rows) for series in every}
 
-    def panels_over_time(
+    def make_panels_over_time(
         self, results: Results, titles: Sequence[str], rows: int = 1, **layout: Any
-    ) -> tuple[Figure, list[tuple[list[Axes], GridPoint, str]]]:
-        """Return a figure and its empty panels, each with axes, grid point and title.
+    ) -> tuple[Figure, list[Panel]]:
+        """Return a figure with an empty panel for each title, of the first grid point.
 
-        There is a panel for each title, of the first grid point. Without titles each grid point has a
-        column of ``rows`` panels, and the title is empty.
+        Without titles each grid point has a panel of ``rows`` axes, as in `make_panels`.
         """
         if not titles:
-            figure, panels = self.panels(results, rows, **layout)
-            return figure, [(axes, point, "") for axes, point in panels]
-        figure, panels = style.panels(len(titles), 1, 1.9, balanced=True, sharex=True, sharey=True)
-        across = panels[0][0].get_gridspec().ncols
-        for i, ((ax,), label) in enumerate(zip(panels, titles, strict=True)):
+            return self.make_panels(results, rows, **layout)
+        figure, axes = style.make_panels(
+            len(titles), 1, 1.9, balanced=True, sharex=True, sharey=True
+        )
+        point = results.points()[0]
+        across = axes[0][0].get_gridspec().ncols
+        panels = []
+        for place, ((ax,), label) in enumerate(zip(axes, titles, strict=True)):
             ax.set_title(style.wrapped(label, across))
-            if i + across >= len(titles):  # no panel is below
+            is_lowest = place + across >= len(titles)
+            if is_lowest:
                 ax.set_xlabel(self.x_name)
                 ax.tick_params(labelbottom=True)
             if self.log:
                 ax.set_yscale("log")
+            panels.append(Panel(axes=[ax], point=point, title=label))
         figure.supylabel(self.y_label)
-        style.title(figure, self.title)
-        point = results.points()[0]
-        return figure, [([ax], point, label) for (ax,), label in zip(panels, titles, strict=True)]
+        style.set_title(figure, self.title)
+        return figure, panels
 
-    def shade(self, ax: Axes, rows: Columns, fault: Mapping[str, Any], number: int) -> None:
-        """Shade the steps of a fault among those of some rows, each fault in a color of its own."""
-        first, last = fault["steps"] or (fault["from"], fault["to"])
-        at = rows["time" if fault["steps"] is None else "step"]
-        inside = at >= (-np.inf if first is None else first)
-        inside &= at <= (np.inf if last is None else last)
-        if inside.any():
-            x = rows[self.x][inside]
-            ax.axvspan(x.min(), x.max(), label=fault["name"], **style.fault(number))
+    def shade_fault(self, ax: Axes, rows: Columns, fault: Mapping[str, Any], number: int) -> None:
+        """Shade the steps of a fault among those of the rows, in the color of the fault's ``number``."""
+        if fault["steps"] is not None:
+            first, last = fault["steps"]
+            steps_or_times = rows["step"]
+        else:
+            first = fault["from"]
+            last = fault["to"]
+            steps_or_times = rows["time"]
+        is_faulty = np.ones(len(rows), dtype=bool)
+        if first is not None:
+            is_faulty &= steps_or_times >= first
+        if last is not None:
+            is_faulty &= steps_or_times <= last
+        if is_faulty.any():
+            x = rows[self.x][is_faulty]
+            ax.axvspan(x.min(), x.max(), label=fault["name"], **style.fault_look(number))
 
-    def series(self, rows: Columns) -> tuple[Array, ...]:
-        """Return abscissas, values and standard errors, with NaN in gaps of the steps."""
-        return style.with_gaps(rows["step"], *(rows[c] for c in (self.x, "value", "stderr")))
+    def series_with_gaps(self, rows: Columns) -> tuple[Array, ...]:
+        """Return abscissas, values and standard errors (n,), with NaN in gaps of the steps."""
+        return filter_lines.insert_gaps(rows["step"], rows[self.x], rows["value"], rows["stderr"])
 
-    def curve(
+    def draw_curve(
         self,
         ax: Axes,
-        line: Sequence[Array],
-        look: style.LineStyle,
+        x: Array,
+        value: Array,
+        look: LineStyle,
         title: str,
         titles: Collection[str],
         steps: int = 1,
     ) -> bool:
-        """Draw the line ``x, y`` of the filter ``look["label"]``; return whether it is in its own look.
+        """Draw the line of the filter ``look["label"]``; return whether it is in its own look.
 
-        It is gray if the filter is one of the ``titles`` but not ``title``, that of this panel. Each
-        value is that of so many ``steps``.
+        The line is gray if the filter has a panel of its own (it is one of the ``titles``), which is not
+        this one (its ``title``). ``steps`` is the number of steps of which each value is the mean.
         """
-        x, y, *_ = line
         label = look["label"]
-        if label in titles and label != title:
-            style.gray_line(ax, x, y, steps)
+        if label == title:
+            return filter_lines.draw_filter_line(ax, x, value, look | {"linestyle": "-"})
+        if label in titles:
+            filter_lines.draw_gray_line(ax, x, value, steps)
             return False
-        return style.filter_line(ax, x, y, look | {"linestyle": "-"} if label == title else look)
+        return filter_lines.draw_filter_line(ax, x, value, look)
 
 
 @register("figures", "rmse-vs-time")
@@ -218,23 +320,31 @@ class RmseVsTime(OverTime):
         """Return one line per filter."""
         curves: list[Array] = []
         for point in results.points()[: style.MOST_PANELS]:
-            curves += [rows["value"] for rows, _ in self.lines(results, point, self.metric)]
-        return self.with_axis(self.metric, curves)._drawn(results)
+            every = self.metric_series(results, point, self.metric)
+            curves += [series.rows["value"] for series in every]
+        return self.with_vertical_axis(self.metric, curves)._draw_curves(results)
 
-    def _drawn(self, results: Results) -> Figure:
-        titles = self.panel_titles(results, self.steps_of(results, self.metric))
-        figure, panels = self.panels_over_time(results, titles)
-        for (ax,), point, title in panels:
-            lines = list(self.lines(results, point, self.metric))
-            number = 1 if titles else len(lines)
-            for i, fault in enumerate(results.facts(point).scenario.get("faults", ())):
-                self.shade(ax, lines[0][0], fault, i)
-            for i, (rows, look) in enumerate(lines):
-                k, value, stderr = self.series(rows)
+    def _draw_curves(self, results: Results) -> Figure:
+        """Draw the figure, whose vertical axis is determined."""
+        titles = self.panel_titles(results, self.count_steps(results, self.metric))
+        figure, panels = self.make_panels_over_time(results, titles)
+        for panel in panels:
+            (ax,) = panel.axes
+            every = list(self.metric_series(results, panel.point, self.metric))
+            lines_with_errors = 1 if titles else len(every)
+            faults = results.facts(panel.point).scenario.get("faults", ())
+            for number, fault in enumerate(faults):
+                self.shade_fault(ax, every[0].rows, fault, number)
+            for place, series in enumerate(every):
+                look = series.look
+                k, value, stderr = self.series_with_gaps(series.rows)
                 if self.log and scales.has_logarithm(value):
-                    value = scales.without_rounding(value)  # as the error of a known first state
-                if self.curve(ax, (k, value), look, title, titles):
-                    style.error_band(ax, k, value, stderr, look, i, number, self.log)
+                    # The error of a known first state is only rounding.
+                    value = scales.without_rounding(value)
+                if self.draw_curve(ax, k, value, look, panel.title, titles):
+                    filter_lines.draw_error_band(
+                        ax, k, value, stderr, look, place, lines_with_errors, self.log
+                    )
         return self.finish(figure, titles)
 
 
@@ -265,79 +375,127 @@ class EstimatesOfOneRun(OverTime):
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter over the truth's points; errors only where there is a truth."""
-        tracks = [results.tracks(p) for p in results.points()[: style.MOST_PANELS]]
-        c, run = self.component - 1, self.run - 1
-        known = any(np.isfinite(t["truth"][c, :, run]).any() for t in tracks if t)
-        shown = [label for label, _ in self.labels(results) if f"mean/{label}" in tracks[0]]
-        steps = {label: len(tracks[0]["steps"]) for label in shown}
-        titles = self.panel_titles(results, steps)
-        layout = {"height_ratios": [3, 2] * -(-len(tracks) // 4)} if known else {}
-        figure, panels = self.panels_over_time(results, titles, 2 if known else 1, **layout)
-        for (axes, point, title), arrays in zip(panels, tracks * max(len(titles), 1), strict=True):
-            if arrays:  # not every filter failed here
-                facts = results.facts(point)
-                is_angle = facts.components[c] in (facts.angles or ())
-                curves = _without_jumps(arrays, c, run) if is_angle else arrays
-                self._panel(axes, results, curves, c, run, title, titles)
-        name, unit = results.facts(panels[0][1]).component(c)
-        label = self.y_label or (phrases.in_unit(name, unit) if unit else "")
-        error = phrases.in_unit("Estimate - truth", unit)
-        if known and titles:
-            figure.supylabel(f"{label}\n{error}".lstrip())
+        component = self.component - 1
+        tracks = [results.tracks(point) for point in results.points()[: style.MOST_PANELS]]
+        has_truth = any(self._has_truth(arrays) for arrays in tracks)
+        titles = self._panel_titles(results, tracks[0])
+        # Step 1: empty panels; with a truth each has axes for estimates, and below for errors.
+        if has_truth:
+            blocks = -(-len(tracks) // 4)
+            figure, panels = self.make_panels_over_time(
+                results, titles, 2, height_ratios=[3, 2] * blocks
+            )
         else:
-            panels[0][0][0].set_ylabel(label)
-        if known and not titles:
-            panels[0][0][1].set_ylabel(error)
+            figure, panels = self.make_panels_over_time(results, titles, 1)
+        # Step 2: lines. Panels of single filters all show the first point's tracks.
+        tracks_of_panels = tracks * len(titles) if titles else tracks
+        for panel, arrays in zip(panels, tracks_of_panels, strict=True):
+            if not arrays:  # every filter failed here
+                continue
+            facts = results.facts(panel.point)
+            is_angle = facts.components[component] in (facts.angles or ())
+            if is_angle:
+                continued = _without_jumps(arrays, component, self.run - 1)
+                self._draw_panel(panel, results, continued, titles)
+            else:
+                self._draw_panel(panel, results, arrays, titles)
+        # Step 3: labels of the vertical axes.
+        name, unit = results.facts(panels[0].point).component(component)
+        y_label = self.y_label
+        if not y_label and unit:
+            y_label = phrases.in_unit(name, unit)
+        error_label = phrases.in_unit("Estimate - truth", unit)
+        if has_truth and titles:
+            figure.supylabel(f"{y_label}\n{error_label}".lstrip())
+        else:
+            panels[0].axes[0].set_ylabel(y_label)
+        if has_truth and not titles:
+            panels[0].axes[1].set_ylabel(error_label)
             figure.align_ylabels()
         self.keep_possible_scales(figure)
         style.legend_outside(figure, titles)
         return figure
 
-    def _panel(
-        self,
-        axes: list[Axes],
-        results: Results,
-        tracks: dict[str, Array],
-        c: int,
-        run: int,
-        title: str,
-        titles: list[str],
+    def _has_truth(self, arrays: dict[str, Array]) -> bool:
+        """Return whether the shown run has a known truth in a grid point's tracks."""
+        if not arrays:
+            return False
+        return bool(np.isfinite(arrays["truth"][self.component - 1, :, self.run - 1]).any())
+
+    def _panel_titles(self, results: Results, arrays: dict[str, Array]) -> list[str]:
+        """Return the labels that get a panel each, by the tracks of the first grid point."""
+        steps: dict[str, int] = {}
+        for label, _ in self.labels_and_looks(results):
+            if f"mean/{label}" in arrays:
+                steps[label] = len(arrays["steps"])
+        return self.panel_titles(results, steps)
+
+    def _draw_panel(
+        self, panel: Panel, results: Results, arrays: dict[str, Array], titles: list[str]
     ) -> None:
-        k, truth = tracks[f"{self.x}s"], tracks["truth"][c, :, run]
-        steps, scored = tracks["steps"], np.isfinite(truth)
-        known = scored.any()
-        # A filter's own panel has its errors only, next to which its estimates would all look alike.
-        below = axes if title and known else axes[1:]
-        if known and axes[0] not in below:
-            axes[0].plot(k, truth, label="Truth", marker="o", markersize=2.5, **style.TRUTH)
-        for ax in below:
+        """Draw truth, estimates and errors into a panel from the tracks of its grid point."""
+        component = self.component - 1
+        run = self.run - 1
+        k = arrays[f"{self.x}s"]
+        steps = arrays["steps"]
+        truth = arrays["truth"][component, :, run]
+        is_known = np.isfinite(truth)
+        has_truth = is_known.any()
+        if panel.title and has_truth:
+            # A filter's own panel has its errors only: its estimates would look like all others.
+            estimate_axes: list[Axes] = []
+            error_axes = panel.axes
+        else:
+            estimate_axes = panel.axes[:1]
+            error_axes = panel.axes[1:]
+        # Step 1: the truth, which is zero where errors are drawn.
+        if has_truth:
+            for ax in estimate_axes:
+                ax.plot(k, truth, label="Truth", marker="o", markersize=2.5, **style.TRUTH)
+        for ax in error_axes:
             ax.set_yscale("linear")
             ax.axhline(0.0, **style.TRUTH | {"linewidth": 0.8})
-        largest: dict[str, Array] = {}
-        for label, look in self.labels(results):
-            if f"mean/{label}" in tracks:
-                mean = tracks[f"mean/{label}"][c, :, run]
-                errors = style.with_gaps(steps[scored], k[scored], (mean - truth)[scored])
-                largest[label] = errors[1]
-                for ax in axes:
-                    line = errors if ax in below else (k, mean)
-                    self.curve(ax, line, {"label": label, **look}, title, titles)
+        # Step 2: lines of the filters.
+        errors: dict[str, Array] = {}
+        for label, look in self.labels_and_looks(results):
+            if f"mean/{label}" not in arrays:
+                continue
+            mean = arrays[f"mean/{label}"][component, :, run]
+            known_k, error = filter_lines.insert_gaps(
+                steps[is_known], k[is_known], (mean - truth)[is_known]
+            )
+            errors[label] = error
+            line_look = {"label": label, **look}
+            for ax in estimate_axes:
+                self.draw_curve(ax, k, mean, line_look, panel.title, titles)
+            for ax in error_axes:
+                self.draw_curve(ax, known_k, error, line_look, panel.title, titles)
         if not titles:
-            scales.cut(axes, largest)
+            filter_lines.cut_dwarfing_lines(panel.axes, errors)
 
 
-def _without_jumps(tracks: dict[str, Array], c: int, run: int) -> dict[str, Array]:
+def _without_jumps(tracks: dict[str, Array], component: int, run: int) -> dict[str, Array]:
     """Return the tracks, with the angle of one run continued where it jumps by a turn."""
-    out = dict(tracks)
-    for name in ("truth", *(name for name in tracks if name.startswith("mean/"))):
-        rows = np.array(tracks[name])
-        angle, truth = rows[c, :, run], out["truth"][c, :, run]
-        known = np.isfinite(angle)
-        angle[known] = np.unwrap(angle[known])
-        both = known & np.isfinite(truth)
-        if name != "truth" and both.any():
-            # Shift the whole estimate by so many turns that most of it is near the truth.
-            turns = np.round(np.median((angle - truth)[both]) / (2.0 * np.pi))
-            angle -= 2.0 * np.pi * turns
-        out[name] = rows
-    return out
+    continued = dict(tracks)
+    continued["truth"] = _continue_angle(tracks["truth"], component, run)
+    truth = continued["truth"][component, :, run]
+    for name in tracks:
+        if name.startswith("mean/"):
+            means = _continue_angle(tracks[name], component, run)
+            differences = means[component, :, run] - truth
+            known = differences[np.isfinite(differences)]
+            if len(known):
+                # Shift the whole estimate by so many turns that most of it is near the truth.
+                turns = np.round(np.median(known) / (2.0 * np.pi))
+                means[component, :, run] -= 2.0 * np.pi * turns
+            continued[name] = means
+    return continued
+
+
+def _continue_angle(states: Array, component: int, run: int) -> Array:
+    """Return a copy of states (n, T + 1, runs) in which an angle of one run has no jumps by a turn."""
+    continued = np.array(states)
+    angle = continued[component, :, run]
+    is_known = np.isfinite(angle)
+    angle[is_known] = np.unwrap(angle[is_known])
+    return continued

@@ -9,11 +9,12 @@ from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import OfRun, measure
 from trackbench.registry import register
 from trackbench.report.figures.over_time import Curves
-from trackbench.report.plotting import style
+from trackbench.report.plotting import filter_lines, style
 from trackbench.report.plotting.style import Figure
 from trackbench.report.results import Results
 
-_MOST = 200  # points of a line over the share of runs
+_MOST_POINTS = 200
+"""Points of a line over the share of runs."""
 
 
 @register("figures", "rmse-per-run")
@@ -21,8 +22,8 @@ _MOST = 200  # points of a line over the share of runs
 class RmsePerRun(Curves):
     """A metric in every run: each filter's runs in order, which is its distribution.
 
-    At a share of 90 % is what 90 % of a filter's runs do not exceed; lost runs have no number and stand
-    last, so that the line ends before 100 %.
+    At a share of 90 % the line has the value that 90 % of a filter's runs do not exceed. Lost runs have
+    no number and stand last, so that the line ends before 100 %.
     """
 
     metric: OfRun = measure("rmse")
@@ -34,35 +35,51 @@ class RmsePerRun(Curves):
     @property
     def x_name(self) -> str:
         """Label of the horizontal axis."""
-        return self.x_label or {"sorted": "Share of runs (%)", "runs": "Run m"}[self.form]
+        if self.x_label:
+            return self.x_label
+        return {"sorted": "Share of runs (%)", "runs": "Run m"}[self.form]
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter."""
         if not self.y_label:
-            curves: list[Array] = []
-            keys = [(label, str(self.metric)) for label, _ in self.labels(results)]
-            for point in results.points()[: style.MOST_PANELS]:
-                runs = results.runs(point)
-                curves += [runs[key] for key in keys if key in runs]
-            return self.with_axis(self.metric, curves).draw(results)
-        figure, panels = self.panels(results)
-        for (ax,), point in panels:
-            runs = results.runs(point)
-            for label, look in self.labels(results):
+            return self.with_vertical_axis(self.metric, self._all_values(results)).draw(results)
+        figure, panels = self.make_panels(results)
+        for panel in panels:
+            (ax,) = panel.axes
+            runs = results.runs(panel.point)
+            for label, line_style in self.labels_and_looks(results):
                 values = runs.get((label, str(self.metric)), np.empty(0))
-                look = look | {"label": label}
+                look = line_style | {"label": label}
                 if self.form == "sorted":
-                    style.filter_line(ax, *_in_order(values), look)
-                    continue
-                number = np.arange(1, len(values) + 1)
-                style.filter_line(ax, number, values, look | {"linewidth": 0.8})
+                    shares, ranked = _sort_over_shares(values)
+                    filter_lines.draw_filter_line(ax, shares, ranked, look)
+                else:
+                    run_numbers = np.arange(1, len(values) + 1)
+                    thin_look = look | {"linewidth": 0.8}
+                    filter_lines.draw_filter_line(ax, run_numbers, values, thin_look)
         return self.finish(figure)
 
+    def _all_values(self, results: Results) -> list[Array]:
+        """Return the metric of every shown filter at every shown grid point, in each run (M,)."""
+        every: list[Array] = []
+        for point in results.points()[: style.MOST_PANELS]:
+            runs = results.runs(point)
+            for label, _ in self.labels_and_looks(results):
+                key = (label, str(self.metric))
+                if key in runs:
+                    every.append(runs[key])
+        return every
 
-def _in_order(values: Array) -> tuple[Array, Array]:
-    """Sort values over percentages of runs; NaN for lost runs."""
+
+def _sort_over_shares(values: Array) -> tuple[Array, Array]:
+    """Return percentages of runs and sorted values (n,) from the runs' values (M,).
+
+    NaN, the value of a lost run, is last. At most 200 of the runs are returned.
+    """
     if not len(values):
         return values, values
     ranked = np.sort(values)
-    places = np.unique(np.linspace(0, len(ranked) - 1, min(_MOST, len(ranked))).round().astype(int))
-    return 100.0 * (places + 1) / len(ranked), ranked[places]
+    number = min(_MOST_POINTS, len(ranked))
+    places = np.unique(np.linspace(0, len(ranked) - 1, number).round().astype(int))
+    shares = 100.0 * (places + 1) / len(ranked)
+    return shares, ranked[places]

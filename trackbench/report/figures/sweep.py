@@ -17,7 +17,7 @@ from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import head_of, named, rounded
 from trackbench.report.findings.ranking import ranking_metrics
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import scales, style
+from trackbench.report.plotting import filter_lines, scales, style
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.results import Results, missing_paths
 from trackbench.results.frames import Columns
@@ -28,10 +28,9 @@ from trackbench.results.frames import Columns
 class RmseVsParameter(FigureKind):
     """A metric of summary.csv against a grid parameter, a line per filter, each best value marked.
 
-    Linked paths with equal values are one parameter.
-    Of a key of the scenario, which changes the problem, no value is the best.
-    Bars are two standard errors. A filter that the parameter does not touch is a horizontal line. Zero
-    on a logarithmic axis stands at the left, apart.
+    Linked paths with equal values are one parameter. A parameter of the scenario changes the problem, so
+    no value of it is marked. Bars are two standard errors. A filter that does not depend on the
+    parameter is a horizontal line. Zero on a logarithmic axis stands at the left, apart.
     """
 
     parameter: str | None = None
@@ -53,127 +52,199 @@ class RmseVsParameter(FigureKind):
         """Reject an axis that is no path of the grid, and values that are no numbers."""
         path = self.parameter or next(iter(points[0].values), "")
         problems = missing_paths(points, parameter=path)
-        for value in [] if problems else [point.values[path] for point in points]:
+        if problems:
+            return problems
+        for point in points:
+            value = point.values[path]
             if _common_number(value) is None:
                 what = f"{value!r} in the grid of {path} is no number"
                 if len(single_paths(path)) > 1:
                     what += ": give the linked paths equal values, or show these in a table"
                 return {"parameter": what}
-        return problems
+        return {}
 
     def default_caption(self, results: Results) -> str:
         """Return where each filter is best."""
-        path, shown = self._shown(results)
+        path = self._path(results)
+        if is_of_scenario(path):
+            return ""
+        all_rows = self._rows(results, path)
         name, unit = phrases.quantity(path)
         parts = []
-        for label in results.chosen(self.filters) if not is_of_scenario(path) else ():
-            rows = shown.where(filter=label)
+        for label in results.chosen(self.filters):
+            rows = all_rows.where(filter=label)
             rows = rows.chosen(np.isfinite(rows["value"]))
-            x, y = _abscissas(results, path, rows), rows["value"]
-            if len(y) and np.ptp(y) > 0.0:
-                best = best_place(y, self.metric)
-                number = rounded(float(y[best]), 3)
-                parts.append(f"{named(label)} {number} at {x[best]:g} {unit}".rstrip())
-        return f"Best over {name}: {', '.join(parts)}." if parts else ""
+            values = rows["value"]
+            if len(values) and np.ptp(values) > 0.0:
+                best = best_place(values, self.metric)
+                parameter = _parameter_values(results, path, rows)[best]
+                number = rounded(float(values[best]), 3)
+                parts.append(f"{named(label)} {number} at {parameter:g} {unit}".rstrip())
+        if not parts:
+            return ""
+        return f"Best over {name}: {', '.join(parts)}."
 
-    def _shown(self, results: Results) -> tuple[str, Columns]:
-        """Choose the horizontal axis's path and rows of summary.csv at the other paths' first values."""
-        path = self.parameter or results.grid[0]
+    def _path(self, results: Results) -> str:
+        """Return the path of the grid that is the horizontal axis."""
+        return self.parameter or results.grid[0]
+
+    def _rows(self, results: Results, path: str) -> Columns:
+        """Return the metric's rows of summary.csv at the first values of all paths but ``path``."""
         first_values = {p: v for p, v in results.points()[0].items() if p != path}
-        return path, results.columns("summary", first_values).where(metric=str(self.metric))
+        return results.columns("summary", first_values).where(metric=str(self.metric))
 
     def draw(self, results: Results) -> Figure:
         """Return one panel; other paths of the grid are held at their first values."""
-        path, shown = self._shown(results)
+        path = self._path(results)
+        rows = self._rows(results, path)
+        parameters = _parameter_values(results, path, rows)
+        log_x = self.log_x and scales.has_logarithm(parameters)
+        x = scales.places_with_zero(parameters) if log_x else parameters
+        y = rows["value"]
+        stderr = rows["stderr"]
+        ascending = np.argsort(x, kind="stable")
+        marked_by = None if is_of_scenario(path) else self.metric
         figure, ax = style.subplots(1, 1, 3.6)
-        x, y, stderr = _abscissas(results, path, shown), shown["value"], shown["stderr"]
-        log_x = self.log_x and scales.has_logarithm(x)
-        places = scales.moved_zero(x) if log_x else x
-        order = np.argsort(places, kind="stable")
-        marked = None if is_of_scenario(path) else self.metric
         for label in results.chosen(self.filters):
-            rows, look = order[shown["filter"][order] == label], results.line_style(label)
-            if len(rows) and np.ptp(y[rows]) == 0.0:
-                ax.axhline(y[rows[0]], label=label, **look | {"linewidth": 0.9})
+            chosen = ascending[rows["filter"][ascending] == label]
+            look = {"label": label, **results.line_style(label)}
+            if len(chosen) and np.ptp(y[chosen]) == 0.0:
+                ax.axhline(y[chosen[0]], **look | {"linewidth": 0.9})
             else:
-                estimates = places[rows], y[rows], stderr[rows]
-                _line(ax, estimates, label, look, marked, 5, capsize=1.5, elinewidth=0.8)
+                estimates = _Estimates(x=x[chosen], value=y[chosen], stderr=stderr[chosen])
+                bars = {"capsize": 1.5, "elinewidth": 0.8}
+                _draw_estimates(ax, estimates, look, bars, marked_by, marker_size=5)
         if log_x:
-            scales.log_axis_with_zero(ax, np.unique(x))
+            scales.set_log_scale_with_zero(ax, np.unique(parameters))
         if self.log_y:
-            scales.plain_log_axis(ax.yaxis, most=np.inf)
+            scales.set_plain_log_scale(ax.yaxis, most=np.inf)
         has_horizontal_lines_alone = not len(scales.drawn_values(ax.xaxis))
-        if has_horizontal_lines_alone and len(np.unique(places)) > 1:
-            ax.set_xlim(places.min(), places.max())
+        if has_horizontal_lines_alone and len(np.unique(x)) > 1:
+            ax.set_xlim(x.min(), x.max())
         ax.set_xlabel(self.x_label or results.axis(path))
         ax.set_ylabel(self.y_label or phrases.axis_of(self.metric))
-        return style.finished(figure, self.title)
+        return style.add_title_and_legend(figure, self.title)
 
 
-def _line(
+@dataclass(frozen=True, kw_only=True)
+class _Estimates:
+    """A filter's estimates over a parameter: arrays (n,)."""
+
+    x: Array
+    """places on the horizontal axis"""
+    value: Array
+    stderr: Array
+
+
+def _draw_estimates(
     ax: Axes,
-    estimates: Sequence[Array] | Array,
-    label: str,
+    estimates: _Estimates,
     look: LineStyle,
-    metric: Measure | None,
-    size: float,
-    **bars: Any,
+    bars: LineStyle,
+    marked_by: Measure | None,
+    marker_size: float,
 ) -> None:
-    """Draw a filter's values and standard errors over x; mark the best value by ``metric``, if any."""
-    x, y, stderr = estimates
-    if not style.filter_line(ax, x, y, {"label": label, **look}):
+    """Draw a filter's line with error bars, and mark the best value by a metric.
+
+    ``look`` has the line's label. ``bars`` is the look of the error bars. No value is marked if the
+    metric ``marked_by`` is None.
+    """
+    x = estimates.x
+    y = estimates.value
+    if not filter_lines.draw_filter_line(ax, x, y, look):
         return
-    style.error_bars(ax, x, y, stderr, label, look["color"], **bars)
-    if metric is not None:
-        best, color = best_place(y, metric), look["color"]
-        ax.plot(x[best], y[best], "o", color=color, markersize=size, zorder=3, label=f"_{label}")
+    label = look["label"]
+    color = look["color"]
+    filter_lines.draw_error_bars(ax, x, y, estimates.stderr, label, color, **bars)
+    if marked_by is not None:
+        best = best_place(y, marked_by)
+        ax.plot(
+            x[best],
+            y[best],
+            "o",
+            color=color,
+            markersize=marker_size,
+            zorder=3,
+            label=f"_{label}",
+        )
 
 
 def _common_number(value: object) -> float | None:
-    """Take the number of a grid value; of linked paths the one that all of them have."""
+    """Return the number of a grid value; of linked paths the number that all of them have."""
     values = value if isinstance(value, list) else [value]
-    first = values[0] if values and is_number(values[0]) else None
-    return first if all(other == first for other in values) else None
+    if not values or not is_number(values[0]):
+        return None
+    first: float = values[0]
+    if any(other != first for other in values):
+        return None
+    return first
 
 
-def _abscissas(results: Results, path: str, rows: Columns) -> Array:
-    """Convert a path's values in rows of a file, which has lists as texts, to numbers (n,)."""
-    given = {str(point[path]): _common_number(point[path]) for point in results.grid_points}
-    return np.array([given.get(str(value), value) for value in rows[path]], dtype=float)
+def _parameter_values(results: Results, path: str, rows: Columns) -> Array:
+    """Return a path's values in rows of a file, which has lists as texts, as numbers (n,)."""
+    numbers = {str(point[path]): _common_number(point[path]) for point in results.grid_points}
+    return np.array([numbers.get(str(value), value) for value in rows[path]], dtype=float)
 
 
 def best_place(values: Array, metric: Measure) -> int:
-    """Return the place of the best among numbers, NaN where there is none."""
+    """Return the place of the best among numbers (n,), which may have NaN."""
     better = metric.family[0].better
     if better == "higher":
         return int(np.nanargmax(values))
-    ideal = {"one": 1.0, "zero": 0.0}.get(better)
-    return int(np.nanargmin(values if ideal is None else np.abs(values - ideal)))
+    if better == "one":
+        return int(np.nanargmin(np.abs(values - 1.0)))
+    if better == "zero":
+        return int(np.nanargmin(np.abs(values)))
+    return int(np.nanargmin(values))
 
 
 _ROW_IN = 2.6
+"""Height of a row of panels."""
+_EXTRA_IN = 0.6
+"""Height of titles and labels beside the rows."""
 _MOST_ERRORS = 2
-_MOST_TEXT = 8  # values along an axis up to which a heat map says its numbers
-_WIDE, _WIDE_X = 10.0, 50.0
-"""Ratio of the largest to the least value from which on an axis is logarithmic."""
-_FEW = 3  # filters that are not varied and drawn all
+"""Number of errors that are shown by default."""
+_MOST_TEXT = 8
+"""Values along an axis up to which a heat map shows its numbers."""
+_WIDE = 10.0
+"""Ratio of the largest to the least metric from which on the vertical axis is logarithmic."""
+_WIDE_X = 50.0
+"""Ratio of the largest to the least parameter from which on the horizontal axis is logarithmic."""
+_MOST_LEVELS = 3
+"""Filters that are not varied and are all drawn; of more only the best is drawn."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _SectionPoint:
+    """A filter's metric at one combination of the shown paths' values."""
+
+    path_values: tuple[Any, ...]
+    """values of the shown paths, in their order"""
+    value: float
+    stderr: float
 
 
 class _Section:
     """summary.csv where all paths but the shown ones have their first values."""
 
     def __init__(self, results: Results, paths: Sequence[str]) -> None:
-        self.results, self.paths = results, paths
-        points = results.points()
-        first_values = {p: v for p, v in points[0].items() if p not in paths}
+        self.results = results
+        self.paths = paths
+        first_point = results.points()[0]
+        first_values = {path: v for path, v in first_point.items() if path not in paths}
         self._rows = results.columns("summary", first_values)
         self.values = {path: list(dict.fromkeys(self._rows[path].tolist())) for path in paths}
+        """values of each shown path, in order"""
 
-    def of(self, label: str, metric: Measure) -> list[tuple[Any, ...]]:
-        """Return values of the paths, value and standard error where there is a number."""
+    def points_of(self, label: str, metric: Measure) -> list[_SectionPoint]:
+        """Return the points at which a filter's metric has a number."""
         rows = self._rows.where(filter=label, metric=str(metric))
-        every = rows.tuples([*self.paths, "value", "stderr"])
-        return [row for row in every if np.isfinite(row[-2])]
+        points = []
+        for *path_values, value, stderr in rows.tuples([*self.paths, "value", "stderr"]):
+            if np.isfinite(value):
+                point = _SectionPoint(path_values=tuple(path_values), value=value, stderr=stderr)
+                points.append(point)
+        return points
 
 
 @register("figures", "sweep")
@@ -181,11 +252,11 @@ class _Section:
 class SweepFigure(FigureKind):
     """Metrics of summary.csv over one path of the grid, a panel each; the first one over two paths.
 
-    Over one path: the filters that it varies, the best of each marked, bars of two standard errors; of
-    filters that it leaves as they are a level, if they are many the best one's only. Over two paths: a
-    heat map for each filter that they vary, the best framed. Other paths keep their first values, and
-    filters that only they vary are left out. Over a key of the scenario, which changes the problem, no
-    value is marked the best.
+    Over one path: the filters that it varies, the best value of each marked, with bars of two standard
+    errors. A filter that the path leaves as it is is a horizontal line; of more than three such filters
+    only the best is drawn. Over two paths: a heat map for each filter that they vary, the best value
+    framed. Other paths keep their first values, and filters that only they vary are left out. A key of
+    the scenario changes the problem, so that no value is marked the best.
     """
 
     paths: tuple[str, ...]
@@ -199,132 +270,197 @@ class SweepFigure(FigureKind):
         """Reject other than one or two paths of the grid."""
         if not 1 <= len(self.paths) <= 2:
             return {"paths": f"{len(self.paths)} paths; name one or two"}
-        return next(filter(None, (missing_paths(points, paths=p) for p in self.paths)), {})
+        for path in self.paths:
+            problems = missing_paths(points, paths=path)
+            if problems:
+                return problems
+        return {}
 
     def default_caption(self, results: Results) -> str:
         """Return where each filter is best by the first metric."""
-        section, metrics = _Section(results, self.paths), list(self._metrics(results).values())
+        metrics = list(self._metrics(results).values())
+        if not metrics or self._changes_problem():
+            return ""
+        metric = metrics[0]
+        section = _Section(results, self.paths)
         parts = []
-        changes_problem = any(map(is_of_scenario, self.paths))
-        for label in self._labels(results)[1] if metrics and not changes_problem else ():
-            rows = section.of(label, metrics[0])
-            if rows:
-                best = rows[best_place(np.array([row[-2] for row in rows]), metrics[0])]
-                at = phrases.heading(dict(zip(self.paths, best, strict=False)))
-                parts.append(f"{named(label)} {rounded(best[-2], 3)} at {at}")
-        return f"Best: {'; '.join(parts)}." if parts else ""
+        for label in self._varied_labels(results):
+            points = section.points_of(label, metric)
+            if points:
+                best = points[best_place(np.array([point.value for point in points]), metric)]
+                where = phrases.heading(dict(zip(self.paths, best.path_values, strict=False)))
+                parts.append(f"{named(label)} {rounded(best.value, 3)} at {where}")
+        if not parts:
+            return ""
+        return f"Best: {'; '.join(parts)}."
 
     def draw(self, results: Results) -> Figure:
         """Return panels of metrics, or of filters."""
-        section, (labels, varied) = _Section(results, self.paths), self._labels(results)
+        section = _Section(results, self.paths)
         if len(self.paths) == 2:
-            return self._heat_maps(section, varied)
-        return self._lines(section, labels, varied)
+            return self._draw_heat_maps(section)
+        return self._draw_lines(section)
 
-    def _lines(self, section: _Section, labels: list[str], varied: list[str]) -> Figure:
-        path, metrics = self.paths[0], self._metrics(section.results)
-        figure, axes = style.panel_grid(len(metrics), _ROW_IN, 0.6)
+    def _draw_lines(self, section: _Section) -> Figure:
+        """Draw a panel per metric over the one path."""
+        results = section.results
+        path = self.paths[0]
+        metrics = self._metrics(results)
         values = section.values[path]
-        numeric = all(map(is_number, values))
-        for ax, (words, metric) in zip(axes, metrics.items(), strict=False):
-            marked = None if is_of_scenario(path) else metric
-            heights: list[float] = []
-            for label in _drawn(section, labels, varied, metric):
-                rows, look = section.of(label, metric), section.results.line_style(label)
-                heights += [float(row[-2]) for row in rows]
-                if rows and label not in varied:
-                    ax.axhline(rows[0][-2], label=label, **look | {"linewidth": 0.9})
-                elif rows:
-                    x, y, stderr = zip(*rows, strict=True)
-                    places = x if numeric else [values.index(value) for value in x]
-                    estimates = np.array([places, y, stderr], dtype=float)
-                    dotted = look | {"marker": "o", "markersize": 3}
-                    _line(ax, estimates, label, dotted, marked, 6, capsize=2)
-            if not numeric:
-                ax.set_xticks(range(len(values)), [str(v) for v in values])
+        is_numeric = all(map(is_number, values))
+        figure, axes = style.panel_grid(len(metrics), _ROW_IN, _EXTRA_IN)
+        for ax, (y_label, metric) in zip(axes, metrics.items(), strict=False):
+            heights = self._draw_metric(ax, section, metric, is_numeric)
+            if not is_numeric:
+                ax.set_xticks(range(len(values)), [str(value) for value in values])
             elif scales.spans(values, _WIDE_X):
                 ax.set_xscale("log")
             if scales.spans(heights, _WIDE):
-                scales.plain_log_axis(ax.yaxis, most=np.inf)
-            ax.set(xlabel=section.results.axis(path), ylabel=words)
-        return style.finished(figure, self.title)
+                scales.set_plain_log_scale(ax.yaxis, most=np.inf)
+            ax.set(xlabel=results.axis(path), ylabel=y_label)
+        return style.add_title_and_legend(figure, self.title)
 
-    def _heat_maps(self, section: _Section, labels: list[str]) -> Figure:
-        """Draw a panel per filter, on one color scale; the best value is framed."""
-        (x, y), metrics = self.paths, self._metrics(section.results)
-        words, metric = next(iter(metrics.items()), ("", measured("mean(rmse)")))
-        # Fields of the filters that have any number, and their common color scale.
-        across, down = section.values[x], section.values[y]
-        fields: dict[str, Array] = {}
-        for label in labels:
-            values = np.full((len(down), len(across)), np.nan)
-            for a, b, value, _ in section.of(label, metric):
-                values[down.index(b), across.index(a)] = value
-            if np.isfinite(values).any():
-                fields[label] = values
-        figure, axes = style.panel_grid(len(fields), _ROW_IN, 0.6)
-        finite = np.concatenate([f[np.isfinite(f)] for f in fields.values()] or [np.zeros(1)])
+    def _draw_metric(
+        self, ax: Axes, section: _Section, metric: Measure, is_numeric: bool
+    ) -> list[float]:
+        """Draw a metric of each filter over the path; return all its values.
+
+        If the values of the path are no numbers, they stand at 0, 1, 2, ...
+        """
+        values = section.values[self.paths[0]]
+        varied = self._varied_labels(section.results)
+        marked_by = None if self._changes_problem() else metric
+        heights: list[float] = []
+        for label in self._labels_to_draw(section, metric):
+            points = section.points_of(label, metric)
+            heights += [float(point.value) for point in points]
+            look = {"label": label, **section.results.line_style(label)}
+            if points and label not in varied:
+                ax.axhline(points[0].value, **look | {"linewidth": 0.9})
+            elif points:
+                x = [point.path_values[0] for point in points]
+                if not is_numeric:
+                    x = [values.index(value) for value in x]
+                estimates = _Estimates(
+                    x=np.array(x, dtype=float),
+                    value=np.array([point.value for point in points], dtype=float),
+                    stderr=np.array([point.stderr for point in points], dtype=float),
+                )
+                dotted = look | {"marker": "o", "markersize": 3}
+                _draw_estimates(ax, estimates, dotted, {"capsize": 2}, marked_by, marker_size=6)
+        return heights
+
+    def _draw_heat_maps(self, section: _Section) -> Figure:
+        """Draw a panel per filter over the two paths, on one color scale; the best value is framed."""
+        results = section.results
+        x_path, y_path = self.paths
+        metrics = self._metrics(results)
+        bar_label, metric = next(iter(metrics.items()), ("", measured("mean(rmse)")))
+        fields = self._fields(section, metric)
+        finite_values = [values[np.isfinite(values)] for values in fields.values()] or [np.zeros(1)]
+        least = min(values.min() for values in finite_values)
+        greatest = max(values.max() for values in finite_values)
+        figure, axes = style.panel_grid(len(fields), _ROW_IN, _EXTRA_IN)
         for ax, (label, values) in zip(axes, fields.items(), strict=False):
-            ends = {"vmin": finite.min(), "vmax": finite.max()}
-            image = ax.imshow(values, origin="lower", aspect="auto", **ends)
-            ax.set_xticks(range(len(across)), [phrases.number(v) for v in across])
-            ax.set_yticks(range(len(down)), [phrases.number(v) for v in down])
+            image = ax.imshow(values, origin="lower", aspect="auto", vmin=least, vmax=greatest)
+            columns = [phrases.number(value) for value in section.values[x_path]]
+            rows = [phrases.number(value) for value in section.values[y_path]]
+            ax.set_xticks(range(len(columns)), columns)
+            ax.set_yticks(range(len(rows)), rows)
             ax.set_title(style.wrap_label(label))
             ax.grid(visible=False)
-            if max(values.shape) <= (_MOST_TEXT if len(axes) == 1 else _MOST_TEXT // 2):
+            most_text = _MOST_TEXT if len(axes) == 1 else _MOST_TEXT // 2
+            if max(values.shape) <= most_text:
                 write_cells(ax, values, "{:.3g}".format, image, 8)
-            # Frame the best value, unless the points are different scenarios.
-            if not any(map(is_of_scenario, section.paths)):
-                _frame(ax, np.unravel_index(best_place(values.ravel(), metric), values.shape))
-        figure.supxlabel(section.results.axis(x))
-        figure.supylabel(section.results.axis(y))
-        style.title(figure, self.title)
+            if not self._changes_problem():
+                best = best_place(values.ravel(), metric)
+                row, column = np.unravel_index(best, values.shape)
+                _outline_cell(ax, int(row), int(column))
+        figure.supxlabel(results.axis(x_path))
+        figure.supylabel(results.axis(y_path))
+        style.set_title(figure, self.title)
         if fields:
-            figure.colorbar(image, ax=axes, label=words)
+            figure.colorbar(image, ax=axes, label=bar_label)
         return figure
 
+    def _fields(self, section: _Section, metric: Measure) -> dict[str, Array]:
+        """Return the metric over both paths, (values of the second, values of the first), by label.
+
+        Only varied filters with any number have a field. NaN stands where a filter has no number.
+        """
+        x_path, y_path = self.paths
+        columns = section.values[x_path]
+        rows = section.values[y_path]
+        fields: dict[str, Array] = {}
+        for label in self._varied_labels(section.results):
+            values = np.full((len(rows), len(columns)), np.nan)
+            for point in section.points_of(label, metric):
+                x, y = point.path_values
+                values[rows.index(y), columns.index(x)] = point.value
+            if np.isfinite(values).any():
+                fields[label] = values
+        return fields
+
     def _metrics(self, results: Results) -> dict[str, Measure]:
+        """Return the metrics to draw, by the label of their axis."""
         return self.metrics or shown_metrics(results)
 
-    def _labels(self, results: Results) -> tuple[list[str], list[str]]:
-        """Choose the filters that are shown, and those of them that these paths vary."""
+    def _changes_problem(self) -> bool:
+        """Return whether a path is of the scenario, so that its values are different problems."""
+        return any(is_of_scenario(path) for path in self.paths)
+
+    def _varied_labels(self, results: Results) -> list[str]:
+        """Return the chosen filters that the shown paths vary."""
         chosen = results.chosen(self.filters)
-        varied = [b for b in chosen if _vary(results, self.paths, b)]
-        return [b for b in chosen if b in varied or not _vary(results, results.grid, b)], varied
+        return [label for label in chosen if _is_varied(results, self.paths, label)]
+
+    def _labels_to_draw(self, section: _Section, metric: Measure) -> list[str]:
+        """Return the filters that the path varies, and those that no path varies; of many the best."""
+        results = section.results
+        chosen = results.chosen(self.filters)
+        varied = self._varied_labels(results)
+        levels: dict[str, float] = {}
+        for label in chosen:
+            if not _is_varied(results, results.grid, label):
+                points = section.points_of(label, metric)
+                if points:
+                    levels[label] = points[0].value
+        if len(levels) > _MOST_LEVELS:
+            best = list(levels)[best_place(np.array(list(levels.values())), metric)]
+            levels = {best: levels[best]}
+        return [label for label in chosen if label in varied or label in levels]
 
 
 def shown_metrics(results: Results) -> dict[str, Measure]:
     """Return the axis label and metric: the first errors over the whole run and ANEES, or log scores."""
     stored = set(results.columns("summary")["metric"])
-    ranked = [measured(f"mean({name})") for name in ranking_metrics(results)[:_MOST_ERRORS]]
-    consistency = [measured(name) for name in ("anees", "mean(anis)") if name in stored]
-    chosen = [m for m in (*ranked, *consistency[:1]) if str(m) in stored]
-    return {"ANEES" if str(m) == "anees" else head_of("mean", m): m for m in chosen}
+    metrics = [measured(f"mean({name})") for name in ranking_metrics(results)[:_MOST_ERRORS]]
+    if "anees" in stored:
+        metrics.append(measured("anees"))
+    elif "mean(anis)" in stored:
+        metrics.append(measured("mean(anis)"))
+    by_label: dict[str, Measure] = {}
+    for metric in metrics:
+        if str(metric) == "anees":
+            by_label["ANEES"] = metric
+        elif str(metric) in stored:
+            by_label[head_of("mean", metric)] = metric
+    return by_label
 
 
-def _vary(results: Results, paths: Sequence[str], label: str) -> bool:
+def _is_varied(results: Results, paths: Sequence[str], label: str) -> bool:
+    """Return whether one of the paths changes the filter or its problem."""
     filters = results.config["filters"]
     return any(is_of_scenario(path) or label in filters_of(path, filters) for path in paths)
 
 
-def _drawn(section: _Section, labels: list[str], varied: list[str], metric: Measure) -> list[str]:
-    """Choose the filters that vary and those that do not; of many the best."""
-    levels = {}
-    for label in labels:
-        rows = section.of(label, metric)
-        if rows and label not in varied:
-            levels[label] = rows[0][-2]
-    if len(levels) <= _FEW:
-        return [b for b in labels if b in varied or b in levels]
-    best = [*levels][best_place(np.array([*levels.values()]), metric)]
-    return [b for b in labels if b in varied or b == best]
-
-
-def _frame(ax: Axes, at: tuple[Any, ...]) -> None:
+def _outline_cell(ax: Axes, row: int, column: int) -> None:
+    """Draw a frame around a cell of a heat map."""
     from matplotlib.patches import Rectangle
 
-    corner = at[1] - 0.5, at[0] - 0.5
-    look: LineStyle = {"edgecolor": style.COLORS[1], "linewidth": 2, "zorder": 5}
-    frame = Rectangle(corner, 1, 1, fill=False, **look)
+    lower_left = (column - 0.5, row - 0.5)
+    frame = Rectangle(
+        lower_left, 1, 1, fill=False, edgecolor=style.COLORS[1], linewidth=2, zorder=5
+    )
     frame.set_clip_on(False)
     ax.add_patch(frame)

@@ -1,8 +1,8 @@
 """Figure kinds of a target in the plane: `track` and `mean-and-std`; the scene of `check --picture`."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -15,16 +15,18 @@ from trackbench.registry import register
 from trackbench.report.findings.phrases import listed, named
 from trackbench.report.findings.ranking import rankings
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import style
+from trackbench.report.plotting import filter_lines, style
 from trackbench.report.plotting.page_formats import sheet
-from trackbench.report.plotting.style import Axes, Figure
+from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.results import Results
 from trackbench.results.tracks import measured_positions, sensor_paths
 from trackbench.scenarios.base import Scenario
 
 _AXES = ("x", "y")
 _LONG_M = 2000.0
-_FAR = 4.0  # times as long as the tracks: a picture with a sensor so far away shows no track
+"""Extent of tracks from which on axes are in km."""
+_FAR = 4.0
+"""Extent, as a multiple of that of the tracks, beyond which a picture with a sensor shows no track."""
 
 
 @register("figures", "track")
@@ -61,7 +63,9 @@ class Track(FigureKind):
     @property
     def shown_runs(self) -> int:
         """Runs whose tracks must be kept."""
-        return self.runs if self.filters else 1  # of the best, the first run's
+        if self.filters:
+            return self.runs
+        return 1  # the best filters are drawn in the first run
 
     @property
     def shown_components(self) -> tuple[int, ...]:
@@ -78,118 +82,220 @@ class Track(FigureKind):
         if len(self.filters) > 1:
             return ""
         runs = min(self.shown_runs, results.config["runs"])
-        of = "the first run" if runs == 1 else f"the first {runs} runs"
-        labels = [*map(named, self.filters or self._best(results))]
-        whose = f", with the estimates of {listed(labels)}" if labels else ""
-        return f"The target in the plane in {of}{whose}."
+        which_runs = "the first run" if runs == 1 else f"the first {runs} runs"
+        labels = [named(label) for label in self.filters or self._best_filters(results)]
+        estimates = f", with the estimates of {listed(labels)}" if labels else ""
+        return f"The target in the plane in {which_runs}{estimates}."
 
     def draw(self, results: Results) -> Figure:
         """Return a panel per filter, equal scales."""
-        panels = max(len(self.filters), 1)
-        # of the first point where not every filter failed
+        # The first point where not every filter failed.
         point = next(filter(results.tracks, results.grid_points))
-        turning, tracks = results.facts(point).spans, results.tracks(point)
-        truth = tracks["truth"][list(self.components), :, 0]
-        in_plane = self.measurements and self.components == (0, 2)
-        measured = tracks["seen"][:2, :, 0] if in_plane and "seen" in tracks else np.empty((2, 0))
-        estimates = {b: tracks[f"mean/{b}"][list(self.components), :, : self.runs]
-                     for b in self.filters or self._best(results) if f"mean/{b}" in tracks}  # fmt: skip
-        first = truth, measured, *(mean[..., 0] for mean in estimates.values())
-        paths = {n.partition("/")[2]: x for n, x in tracks.items() if n.startswith("sensor/")}
-        sensors = {n: x for n, x in paths.items() if in_plane and _is_near(x, first)}
-        first += tuple(sensors.values())
-        metres, unit = plane_unit(*first)
-        width, height = _size(panels, *(xy / metres for xy in first))
-        shared = {"sharex": True, "sharey": True}
-        figure, axes = style.subplots(1, panels, height, width, squeeze=False, **shared)
-        for i, ax in enumerate(axes[0]):
-            label = self.filters[i] if self.filters else ""
-            if measured.size:
-                ax.plot(*(measured / metres), ".", color="#bbbbbb", markersize=2.0,
-                        label="Measurements, first run", rasterized=True, zorder=0)  # fmt: skip
-            if label in estimates:
-                self._estimates(ax, estimates[label] / metres, results.line_style(label)["color"])
-            for rank, (name, mean) in enumerate(estimates.items() if not self.filters else ()):
-                look = results.line_style(name)
-                # The best lies on top. A solid line that would hide an equal one lies below.
-                equal = [np.allclose(mean, x, equal_nan=True) for x in estimates.values()]
-                level = len(equal) if sum(equal) > 1 and look["linestyle"] == "-" else rank
-                ax.plot(*(mean[..., 0] / metres), label=name, **look, zorder=1.9 - 0.1 * level)
-            draw_truth(ax, truth / metres, tracks["times"], turning, thin=bool(estimates))
-            for number, path in sensors.items():
-                draw_sensor(ax, path / metres, f"Sensor {number}" if len(paths) > 1 else "Sensor")
+        scene = self._read_scene(results, results.tracks(point))
+        every = [scene.truth, scene.measured, *scene.sensors.values()]
+        every += [estimate[..., 0] for estimate in scene.estimates.values()]
+        metres, unit = plane_unit(*every)
+        panels = max(len(self.filters), 1)
+        width, height = _fit_figure(panels, *(xy / metres for xy in every))
+        figure, axes = style.subplots(
+            1, panels, height, width, squeeze=False, sharex=True, sharey=True
+        )
+        turning = results.facts(point).spans
+        for place, ax in enumerate(axes[0]):
+            label = self.filters[place] if self.filters else ""
+            self._draw_panel(ax, results, scene, label, metres, turning)
             ax.set_aspect("equal")
             ax.set_xlabel(f"x ({unit})")
             ax.locator_params(nbins=5)
             ax.set_title(style.wrap_label(label))
         axes[0][0].set_ylabel(f"y ({unit})")
-        return style.finished(figure, self.title)
+        return style.add_title_and_legend(figure, self.title)
 
-    def _best(self, results: Results) -> list[str]:
+    def _read_scene(self, results: Results, tracks: dict[str, Array]) -> "_Scene":
+        """Read the tracks of a grid point: those of sensors only if they are near the target."""
+        components = list(self.components)
+        truth = tracks["truth"][components, :, 0]
+        estimates: dict[str, Array] = {}
+        for label in self.filters or self._best_filters(results):
+            if f"mean/{label}" in tracks:
+                estimates[label] = tracks[f"mean/{label}"][components, :, : self.runs]
+        measured = np.empty((2, 0))
+        sensors: dict[str, Array] = {}
+        all_sensors = [name for name in tracks if name.startswith("sensor/")]
+        if self.measurements and self.components == (0, 2):
+            if "seen" in tracks:
+                measured = tracks["seen"][:2, :, 0]
+            first_run = [truth, measured, *(estimate[..., 0] for estimate in estimates.values())]
+            for name in all_sensors:
+                if _is_near(tracks[name], first_run):
+                    sensors[name.removeprefix("sensor/")] = tracks[name]
+        return _Scene(
+            truth=truth,
+            times=tracks["times"],
+            measured=measured,
+            estimates=estimates,
+            sensors=sensors,
+            has_many_sensors=len(all_sensors) > 1,
+        )
+
+    def _draw_panel(
+        self,
+        ax: Axes,
+        results: Results,
+        scene: "_Scene",
+        label: str,
+        metres: float,
+        turning: Iterable[Sequence[float]],
+    ) -> None:
+        """Draw the scene with the estimates of one filter, or with those of the best (no ``label``).
+
+        ``metres`` is the unit of the axes, and ``turning`` has the spans of maneuvers in seconds.
+        """
+        if scene.measured.size:
+            x, y = scene.measured / metres
+            ax.plot(
+                x,
+                y,
+                ".",
+                color="#bbbbbb",
+                markersize=2.0,
+                label="Measurements, first run",
+                rasterized=True,
+                zorder=0,
+            )
+        if label in scene.estimates:
+            color = results.line_style(label)["color"]
+            self._draw_runs(ax, scene.estimates[label] / metres, color)
+        if not self.filters:
+            _draw_best(ax, results, scene.estimates, metres)
+        truth = scene.truth / metres
+        draw_truth(ax, truth, scene.times, turning, is_thin=bool(scene.estimates))
+        for number, path in scene.sensors.items():
+            name = f"Sensor {number}" if scene.has_many_sensors else "Sensor"
+            draw_sensor(ax, path / metres, name)
+
+    def _best_filters(self, results: Results) -> list[str]:
         """Choose the best filters of the first ranking, else the first ones."""
+        labels: list[str] = []
         every = rankings(results)
-        ranked = [c.label for c in every[0].order] if every else []
-        return (ranked or results.filters)[: self.best]
+        if every:
+            labels = [contender.label for contender in every[0].order]
+        return (labels or results.filters)[: self.best]
 
-    def _estimates(self, ax: Axes, xy: Array, color: str) -> None:
-        x, y = xy
-        shown = x.shape[1]
-        name = f"Estimates, {shown} runs" if shown > 1 else "Estimate"
-        opacity = min(1.0, max(0.15, 2.0 / shown))
+    def _draw_runs(self, ax: Axes, estimates: Array, color: str) -> None:
+        """Draw a filter's estimates (2, T, runs) over each other."""
+        x, y = estimates
+        runs = x.shape[1]
+        opacity = min(1.0, max(0.15, 2.0 / runs))
         ax.plot(x, y, color=color, linewidth=0.6, alpha=opacity, rasterized=True)
-        alone = len(self.filters) == 1
-        ax.plot([], [], color=color if alone else style.ANY, linewidth=1.0, label=name)
+        name = f"Estimates, {runs} runs" if runs > 1 else "Estimate"
+        legend_color = color if len(self.filters) == 1 else style.ANY
+        ax.plot([], [], color=legend_color, linewidth=1.0, label=name)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Scene:
+    """Tracks in the plane at one grid point, in meters, with T steps."""
+
+    truth: Array
+    """true positions in the first run, (2, T)"""
+    times: Array
+    """times of the steps, (T,), s"""
+    measured: Array
+    """measured positions in the first run, (2, T - 1); (2, 0) if none are drawn"""
+    estimates: dict[str, Array]
+    """estimated positions by label, (2, T, runs)"""
+    sensors: dict[str, Array]
+    """paths of the sensors near the target, by number, (2, T)"""
+    has_many_sensors: bool
+    """whether sensors need their number, although only those near the target are drawn"""
+
+
+def _draw_best(ax: Axes, results: Results, estimates: Mapping[str, Array], metres: float) -> None:
+    """Draw the first run's estimates (2, T, runs) of the best filters, the best on top.
+
+    A solid line that would hide an equal line lies below all.
+    """
+    for rank, (label, estimate) in enumerate(estimates.items()):
+        look = results.line_style(label)
+        equal = [
+            np.allclose(estimate, other, equal_nan=True) for other in estimates.values()
+        ]  # with itself
+        level = rank
+        if sum(equal) > 1 and look["linestyle"] == "-":
+            level = len(estimates)
+        x, y = estimate[..., 0] / metres
+        ax.plot(x, y, label=label, **look, zorder=1.9 - 0.1 * level)
 
 
 def plane_unit(*tracks: Array) -> tuple[float, str]:
     """Return metres per unit of the axes and its name: km for tracks (2, T) of 2 km or more."""
+    points = _known_points(tracks)
+    if points.size and np.ptp(points, axis=1).max() >= _LONG_M:
+        return 1000.0, "km"
+    return 1.0, "m"
+
+
+def _known_points(tracks: Sequence[Array]) -> Array:
+    """Return the points (2, n) of all tracks (2, T) whose two coordinates are known."""
     points = np.concatenate(tracks, axis=1)
-    points = points[:, np.isfinite(points).all(axis=0)]
-    long = points.size and np.ptp(points, axis=1).max() >= _LONG_M
-    return (1000.0, "km") if long else (1.0, "m")
+    return points[:, np.isfinite(points).all(axis=0)]
 
 
-def _is_near(path: Array, tracks: Iterable[Array]) -> bool:
-    """Test whether a sensor's path (2, T) leaves the tracks (2, T) a quarter of the picture."""
-    points = np.concatenate([*tracks], axis=1)
-    points = points[:, np.isfinite(points).all(axis=0)]
+def _is_near(path: Array, tracks: Sequence[Array]) -> bool:
+    """Return whether a picture with a sensor's path (2, T) leaves the tracks (2, T) a quarter of it."""
+    points = _known_points(tracks)
     if not points.size:
         return False
-    both = np.concatenate([points, path], axis=1)
-    return bool(np.ptp(both, axis=1).max() <= _FAR * np.ptp(points, axis=1).max())
+    with_path = np.concatenate([points, path], axis=1)
+    extent = np.ptp(points, axis=1).max()
+    return bool(np.ptp(with_path, axis=1).max() <= _FAR * extent)
 
 
 def draw_sensor(ax: Axes, path: Array, name: str) -> None:
     """Draw a sensor where it begins, and its path (2, T)."""
-    ax.plot(*path, color=style.COLORS[1], linewidth=1.0)
-    ax.plot(*path[:, :1], "^", color=style.COLORS[1], markersize=8, label=name)
+    x, y = path
+    ax.plot(x, y, color=style.COLORS[1], linewidth=1.0)
+    ax.plot(x[:1], y[:1], "^", color=style.COLORS[1], markersize=8, label=name)
 
 
-def _size(panels: int, *tracks: Array) -> tuple[float, float]:
-    """Size a figure, in, whose panels fit these tracks (2, T): width and height."""
-    points = np.concatenate(tracks, axis=1)
-    points = points[:, np.isfinite(points).all(axis=0)]
-    wide, high = np.ptp(points, axis=1) if points.size else (1.0, 1.0)
-    room = sheet().width_in / panels - 0.8  # beside the ticks
-    shape = float(np.clip(high / max(wide, 1e-9), 0.15, 10.0))
-    panel = min(room, 4.0 / shape)
-    return max(panels * (panel + 0.8), 3.4), panel * shape + 1.3
+def _fit_figure(panels: int, *tracks: Array) -> tuple[float, float]:
+    """Return width and height, in, of a figure whose panels fit these tracks (2, T)."""
+    points = _known_points(tracks)
+    track_width = 1.0
+    track_height = 1.0
+    if points.size:
+        track_width, track_height = np.ptp(points, axis=1)
+    ticks_in = 0.8  # beside each panel
+    room = sheet().width_in / panels - ticks_in
+    ratio = float(np.clip(track_height / max(track_width, 1e-9), 0.15, 10.0))
+    panel_width = min(room, 4.0 / ratio)
+    width = max(panels * (panel_width + ticks_in), 3.4)
+    return width, panel_width * ratio + 1.3
 
 
 def draw_truth(
-    ax: Axes, xy: Array, times: Array, turning: Iterable[Sequence[float]], thin: bool
+    ax: Axes, path: Array, times: Array, turning: Iterable[Sequence[float]], is_thin: bool
 ) -> None:
-    """Draw the true path (2, T), its start, and the spans in which it turns."""
-    width = 0.7 if thin else 1.4
-    known = np.isfinite(xy).all(axis=0)
-    if not known.any():
+    """Draw the true path (2, T), its start, and the spans in which it turns.
+
+    ``times`` (T,) are those of the path, and ``turning`` has first and last time of each span.
+    """
+    is_known = np.isfinite(path).all(axis=0)
+    if not is_known.any():
         return
-    points = {} if known.all() else {"marker": ".", "markersize": 2.0}  # one alone makes no line
-    ax.plot(*xy, label="Truth", **style.TRUTH | {"linewidth": width} | points)
+    x, y = path
+    look = style.TRUTH | {"linewidth": 0.7 if is_thin else 1.4}
+    if not is_known.all():
+        # A known point between unknown ones makes no line.
+        look |= {"marker": ".", "markersize": 2.0}
+    ax.plot(x, y, label="Truth", **look)
     for start, end in turning:
         during = (times >= start) & (times <= end)
-        ax.plot(*xy[:, during], label="Maneuvers", color=style.MANEUVER, linewidth=6, zorder=0.5)
-    ax.plot(*xy[:, known][:, 0], "o", color="black", markersize=4, label="Start")
+        maneuver_look: LineStyle = {"color": style.MANEUVER, "linewidth": 6, "zorder": 0.5}
+        ax.plot(x[during], y[during], label="Maneuvers", **maneuver_look)
+    first_known = np.flatnonzero(is_known)[0]
+    ax.plot(x[first_known], y[first_known], "o", color="black", markersize=4, label="Start")
 
 
 @register("figures", "mean-and-std")
@@ -223,27 +329,49 @@ class MeanAndStd(FigureKind):
         point = results.points()[0]
         frame = results.columns("per_step", point)
         labels = results.chosen(self.filters, exact=True)
-        rows = (("bias", -1.0, "Mean error of {} (m)"), ("std", 1.0, "Std. deviation of {} (m)"))
-        for (metric, sign, words), row in zip(rows, axes, strict=True):
+        for statistic, row in zip(_STATISTICS, axes, strict=True):
             for quantity, ax in zip(_AXES, row, strict=True):
                 for start, end in results.facts(point).spans:
-                    ax.axvspan(start, end, color=style.MANEUVER, alpha=0.5, lw=0, zorder=0,
-                               label="Maneuvers")  # fmt: skip
-                chosen = frame.where(metric=f"{metric}_{quantity}")
+                    ax.axvspan(
+                        start,
+                        end,
+                        color=style.MANEUVER,
+                        alpha=0.5,
+                        lw=0,
+                        zorder=0,
+                        label="Maneuvers",
+                    )
+                rows = frame.where(metric=f"{statistic.metric}_{quantity}")
                 for label in labels:
-                    curve, look = chosen.where(filter=label), results.line_style(label)
-                    look = look | {"linewidth": 0.8, "label": label}
-                    style.filter_line(ax, curve["time"], sign * curve["value"], look)
-                ax.set_ylabel(words.format(quantity))
+                    curve = rows.where(filter=label)
+                    value = statistic.sign * curve["value"]
+                    look = results.line_style(label) | {"linewidth": 0.8, "label": label}
+                    filter_lines.draw_filter_line(ax, curve["time"], value, look)
+                ax.set_ylabel(statistic.axis_label.format(quantity))
         for ax in axes[1]:
             ax.set_xlabel("Time (s)")
             ax.set_ylim(bottom=0)
-        return style.finished(figure, self.title)
+        return style.add_title_and_legend(figure, self.title)
 
 
-_RUNS = 20  # whose paths are drawn
-_MARKS = 8  # times along the path
-_MOST_ROWS = 6  # components, of states and of measurements, in a picture over time
+class _Statistic(NamedTuple):
+    """A statistic of per_step.csv that a row of panels shows for x and y."""
+
+    metric: str
+    sign: float
+    axis_label: str
+
+
+_STATISTICS = (
+    _Statistic(metric="bias", sign=-1.0, axis_label="Mean error of {} (m)"),
+    _Statistic(metric="std", sign=1.0, axis_label="Std. deviation of {} (m)"),
+)
+_RUNS = 20
+"""Runs whose paths are drawn."""
+_MARKS = 8
+"""Times that are marked along the path."""
+_MOST_ROWS = 6
+"""Components, of states and of measurements each, in a picture over time."""
 
 
 def draw_scene(experiment: Experiment) -> Figure:
@@ -253,35 +381,50 @@ def draw_scene(experiment: Experiment) -> Figure:
     data = simulate(scenario, experiment.settings.seed, 0, runs)
     with style.rc_context():
         if scenario.components[:4] == position_velocity_names(2):
-            figure = _in_the_plane(scenario, data.truth, data.measurements)
+            figure = _draw_scene_in_plane(scenario, data.truth, data.measurements)
         else:
-            figure = _over_time(scenario, data.truth, data.measurements)
-        return style.lay_out(style.finished(figure, experiment.settings.name))
+            figure = _draw_scene_over_time(scenario, data.truth, data.measurements)
+        style.add_title_and_legend(figure, experiment.settings.name)
+        return style.lay_out(figure)
 
 
-def _in_the_plane(scenario: Scenario, truth: Array, z: Array) -> Figure:
+def _draw_scene_in_plane(scenario: Scenario, truth: Array, measurements: Array) -> Figure:
+    """Draw paths and measurements in the plane, and the speed over time, from simulated runs.
+
+    ``truth`` (n_x, T + 1, runs) and ``measurements`` (n_z, T, runs).
+    """
     figure, (plane, speed) = style.subplots(1, 2, 4.0, width_ratios=(2, 1))
-    paths, times = truth[[0, 2]], scenario.times
-    measured = measured_positions(scenario, z[..., :1])
-    sites = sensor_paths(scenario)
-    metres, unit = plane_unit(paths.reshape(2, -1), *(site for _, site in sites))
+    paths = truth[[0, 2]]
+    times = scenario.times
+    sensors = sensor_paths(scenario)
+    metres, unit = plane_unit(paths.reshape(2, -1), *(path for _, path in sensors))
     # Step 1: paths of all runs, measurements of the first.
-    same = bool(np.all((paths == paths[..., :1]) | np.isnan(paths)))
-    if not same:
-        plane.plot(*(paths / metres), color="#bbbbbb", linewidth=0.5, zorder=0)
+    are_equal = bool(np.all((paths == paths[..., :1]) | np.isnan(paths)))
+    if not are_equal:
+        x, y = paths / metres
+        plane.plot(x, y, color="#bbbbbb", linewidth=0.5, zorder=0)
         plane.plot([], [], color="#bbbbbb", label=f"Truth of {paths.shape[-1]} runs")
+    measured = measured_positions(scenario, measurements[..., :1])
     if measured is not None:
-        dots = {"color": "#5599cc", "markersize": 2.5, "label": "Measurements, first run"}
-        plane.plot(*(measured[:2, :, 0] / metres), ".", zorder=0.2, **dots)
-    draw_truth(plane, paths[..., 0] / metres, times, scenario.spans, thin=False)
+        look: LineStyle = {
+            "color": "#5599cc",
+            "markersize": 2.5,
+            "label": "Measurements, first run",
+        }
+        plane.plot(*(measured[:2, :, 0] / metres), ".", zorder=0.2, **look)
+    first_path = paths[..., 0] / metres
+    draw_truth(plane, first_path, times, scenario.spans, is_thin=False)
     # Step 2: times along the path.
-    for i in np.linspace(0, len(times) - 1, _MARKS).astype(int):
-        x, y = paths[:, i, 0] / metres
+    for place in np.linspace(0, len(times) - 1, _MARKS).astype(int):
+        x, y = first_path[:, place]
         plane.plot(x, y, ".", color="black", markersize=5)
-        plane.annotate(f"{times[i]:g} s", (x, y), (4, 4), textcoords="offset points", fontsize=7)
+        plane.annotate(
+            f"{times[place]:g} s", (x, y), (4, 4), textcoords="offset points", fontsize=7
+        )
     # Step 3: sensors, and the way of those that move.
-    for number, site in sites:
-        draw_sensor(plane, site / metres, f"Sensor {number}" if len(sites) > 1 else "Sensor")
+    for number, path in sensors:
+        name = f"Sensor {number}" if len(sensors) > 1 else "Sensor"
+        draw_sensor(plane, path / metres, name)
     plane.set_aspect("equal", adjustable="datalim")
     plane.set_xlabel(f"x ({unit})")
     plane.set_ylabel(f"y ({unit})")
@@ -295,20 +438,27 @@ def _in_the_plane(scenario: Scenario, truth: Array, z: Array) -> Figure:
     return figure
 
 
-def _over_time(scenario: Scenario, truth: Array, z: Array) -> Figure:
-    rows = [(name, scenario.times, x) for name, x in zip(scenario.components, truth, strict=False)]
-    sensor = scenario.true_sensor
-    measured = [(n, scenario.times[1:], x) for n, x in zip(sensor.components, z, strict=True)]
-    rows = rows[:_MOST_ROWS]
-    number, height = len(rows) + min(len(measured), _MOST_ROWS), 1.1 * (len(rows) + len(measured))
-    figure, axes = style.subplots(number, 1, height, sharex=True)
+def _draw_scene_over_time(scenario: Scenario, truth: Array, measurements: Array) -> Figure:
+    """Draw each component of states and measurements of simulated runs over time.
+
+    ``truth`` (n_x, T + 1, runs) and ``measurements`` (n_z, T, runs).
+    """
+    states = list(zip(scenario.components, truth, strict=False))[:_MOST_ROWS]
+    measured = list(zip(scenario.true_sensor.components, measurements, strict=True))
+    shown_measured = measured[:_MOST_ROWS]
+    height = 1.1 * (len(states) + len(measured))
+    figure, axes = style.subplots(len(states) + len(shown_measured), 1, height, sharex=True)
     panels: list[Axes] = list(np.atleast_1d(axes))
-    for ax, (name, times, x) in zip(panels, rows, strict=False):
-        ax.plot(times, x, color="#bbbbbb", linewidth=0.5, label="_")
-        ax.plot(times, x[:, 0], color="black", linewidth=1.2, label="Truth, first run")
+    state_panels = panels[: len(states)]
+    measured_panels = panels[len(states) :]
+    for ax, (name, values) in zip(state_panels, states, strict=True):
+        ax.plot(scenario.times, values, color="#bbbbbb", linewidth=0.5, label="_")
+        first_run = values[:, 0]
+        ax.plot(scenario.times, first_run, color="black", linewidth=1.2, label="Truth, first run")
         ax.set_ylabel(name)
-    for ax, (name, times, x) in zip(panels[len(rows) :], measured, strict=False):
-        ax.plot(times, x[:, 0], ".", color="#5599cc", markersize=3, label="Measurements, first run")
+    for ax, (name, values) in zip(measured_panels, shown_measured, strict=True):
+        look: LineStyle = {"color": "#5599cc", "markersize": 3, "label": "Measurements, first run"}
+        ax.plot(scenario.times[1:], values[:, 0], ".", **look)
         ax.set_ylabel(f"{name} (meas.)")
     panels[-1].set_xlabel("Time (s)")
     return figure

@@ -14,8 +14,10 @@ from trackbench.report.results import Results
 from trackbench.report.tables.tuning import words_of
 from trackbench.tuning.search import Record
 
-_ABROAD = 3.0  # of the best half's spread: trials further up are off the page
-_BARS = 4.0  # standard errors of the best that the page shows at least
+_SPREADS = 3.0
+"""Spreads of the best half of the trials above their median, up to which the axis shows trials."""
+_BARS = 4.0
+"""Standard errors above the best trial that the axis shows at least."""
 
 
 @register("figures", "tuning")
@@ -23,7 +25,7 @@ _BARS = 4.0  # standard errors of the best that the page shows at least
 class TuningFigure(FigureKind):
     """Every trial of a filter over each of its keys; the best, and what is within its standard error.
 
-    Trials in which runs were lost are crosses. Triangles are far above the page.
+    Trials in which runs were lost are crosses. Triangles stand for trials far above the axis.
     """
 
     label_keys: ClassVar[tuple[str, ...]] = ("filter",)
@@ -34,35 +36,57 @@ class TuningFigure(FigureKind):
     def draw(self, results: Results) -> Figure:
         """Return a panel per key."""
         record = results.tuning.get(self.filter)
-        axes = record.axes if record is not None else ()
+        axes = () if record is None else record.axes
         figure, panels = style.panel_grid(len(axes), 2.4, 0.5)
         for ax, axis in zip(panels, axes, strict=False):
-            _panel(ax, results.tuning[self.filter], axis)
+            _draw_panel(ax, results.tuning[self.filter], axis)
         figure.supylabel(words_of(results.config["tuning"]["metric"]))
-        style.title(figure, self.title or style.wrap_label(self.filter, 80))
+        style.set_title(figure, self.title or style.wrap_label(self.filter, 80))
         return figure
 
 
-def _panel(ax: Axes, record: Record, axis: Axis) -> None:
-    def x(value: object) -> float:
-        return float(axis.choices.index(value) if axis.choices else value)  # type: ignore[arg-type]
+def _draw_panel(ax: Axes, record: Record, axis: Axis) -> None:
+    """Draw the objective of a filter's trials over one of its keys."""
 
-    best, near = record.best, record.within(axis)
-    trials = [t for t in record.trials if isfinite(t.objective)]
-    top, band = _top([t.objective for t in trials], best.stderr), style.COLORS[4]
-    ax.axhspan(best.objective, best.objective + best.stderr, color=band, alpha=0.35, linewidth=0)
-    if near and not axis.choices:
-        ax.axvspan(x(near[0]), x(near[-1]), color=band, alpha=0.2, linewidth=0)
-    line = sorted((x(t.values[axis.key]), min(t.objective, top)) for t in record.beside(axis))
+    def place(value: Any) -> float:
+        """Return the place of a key's value on the horizontal axis."""
+        if axis.choices:
+            return float(axis.choices.index(value))
+        return float(value)
+
+    best = record.best
+    trials = [trial for trial in record.trials if isfinite(trial.objective)]
+    top = _limit_of_axis([trial.objective for trial in trials], best.stderr)
+    # Step 1: what is within a standard error of the best: objectives, and values of the key.
+    color = style.COLORS[4]
+    ax.axhspan(best.objective, best.objective + best.stderr, color=color, alpha=0.35, linewidth=0)
+    near_values = record.within(axis)
+    if near_values and not axis.choices:
+        first = place(near_values[0])
+        last = place(near_values[-1])
+        ax.axvspan(first, last, color=color, alpha=0.2, linewidth=0)
+    # Step 2: a line through the trials that differ from the best in this key alone.
     if not axis.choices:
-        ax.plot(*zip(*line, strict=True), color=style.COLORS[0], linewidth=0.6, alpha=0.6)
-    for t in trials:
-        marker = "^" if t.objective > top else "x" if t.lost else "o"
-        height = min(t.objective, top)
-        ax.plot(x(t.values[axis.key]), height, marker, color=style.COLORS[0], markersize=3.5)
+        line = [
+            (place(trial.values[axis.key]), min(trial.objective, top))
+            for trial in record.beside(axis)
+        ]
+        ax.plot(*zip(*sorted(line), strict=True), color=style.COLORS[0], linewidth=0.6, alpha=0.6)
+    # Step 3: all trials, and the best with its standard error.
+    for trial in trials:
+        height = min(trial.objective, top)
+        marker = "o"
+        if trial.objective > top:
+            marker = "^"
+        elif trial.lost:
+            marker = "x"
+        ax.plot(
+            place(trial.values[axis.key]), height, marker, color=style.COLORS[0], markersize=3.5
+        )
     if isfinite(best.objective):
         look: Any = {"fmt": "D", "color": style.COLORS[1], "capsize": 2, "zorder": 4}
-        ax.errorbar(x(best.values[axis.key]), best.objective, best.stderr, **look)
+        ax.errorbar(place(best.values[axis.key]), best.objective, best.stderr, **look)
+    # Step 4: the horizontal axis.
     if axis.log:
         ax.set_xscale("log")
     if axis.choices:
@@ -73,11 +97,15 @@ def _panel(ax: Axes, record: Record, axis: Axis) -> None:
     ax.set_xlabel(style.wrap_label(axis.key, 40))
 
 
-def _top(objectives: list[float], stderr: float) -> float:
-    """Limit the axis so that trials near the best stay distinguishable."""
-    ranked = sorted(objectives)
-    if not ranked:
+def _limit_of_axis(objectives: list[float], stderr: float) -> float:
+    """Limit the vertical axis so that trials near the best stay distinguishable.
+
+    ``stderr`` is the standard error of the best trial.
+    """
+    if not objectives:
         return 0.0
+    ranked = sorted(objectives)
+    least = ranked[0]
     middle = ranked[len(ranked) // 2]
-    near = max(middle + _ABROAD * (middle - ranked[0]), ranked[0] + _BARS * stderr)
-    return min(ranked[-1], near)
+    limit = max(middle + _SPREADS * (middle - least), least + _BARS * stderr)
+    return min(ranked[-1], limit)

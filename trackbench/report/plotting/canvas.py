@@ -16,6 +16,7 @@ from matplotlib.ticker import Formatter, LogFormatterMathtext
 from trackbench.report.plotting.page_formats import sheet
 
 _DPI = 150
+"""Resolution of a figure in a notebook."""
 
 
 class Canvas(Figure):
@@ -26,15 +27,16 @@ class Canvas(Figure):
         FigureCanvasAgg(self)
 
     def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
-        """Return the picture, and its size on the page in pixels, which are 1/100 in."""
-        return png(self), {"width": round(100 * self.get_figwidth())}
+        """Return the PNG file, and the width on the page in pixels, which are 1/100 in."""
+        width = round(100 * self.get_figwidth())
+        return png(self), {"width": width}
 
 
 def png(figure: Figure) -> bytes:
-    """Return a figure for a screen."""
-    out = io.BytesIO()
-    figure.savefig(out, format="png", metadata={"Software": None}, dpi=_DPI)
-    return out.getvalue()
+    """Return a figure for a screen, as the content of a PNG file."""
+    file = io.BytesIO()
+    figure.savefig(file, format="png", metadata={"Software": None}, dpi=_DPI)
+    return file.getvalue()
 
 
 _FORMULA = re.compile(r"\$\\mathdefault\{(.*)\}\$")
@@ -43,46 +45,51 @@ _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def power_of_ten(exponent: int) -> str:
-    """Return a label as those of logarithmic axes are."""
+    """Return a power of ten as logarithmic axes write it: in letters if the font can, else a formula."""
     formula = rf"$\mathdefault{{10^{{{exponent}}}}}$"
-    return spelt(formula) if sheet().has_raised_digits else formula
+    if sheet().has_raised_digits:
+        return raise_digits(formula)
+    return formula
 
 
-def in_letters(figure: Figure) -> None:
+def raise_digits_of_ticks(figure: Figure) -> None:
     """Write the powers on logarithmic axes as raised digits, which the font must have."""
     for ax in figure.axes:
         for axis in (ax.xaxis, ax.yaxis):
-            major, minor = axis.get_major_formatter(), axis.get_minor_formatter()
+            major = axis.get_major_formatter()
             if isinstance(major, LogFormatterMathtext):
-                axis.set_major_formatter(_Letters(major))
+                axis.set_major_formatter(_RaisedDigitsFormatter(major))
+            minor = axis.get_minor_formatter()
             if isinstance(minor, LogFormatterMathtext):
-                axis.set_minor_formatter(_Letters(minor))
+                axis.set_minor_formatter(_RaisedDigitsFormatter(minor))
 
 
-class _Letters(Formatter):
+class _RaisedDigitsFormatter(Formatter):
     """Formatter that writes another formatter's powers of ten in raised digits."""
 
-    def __init__(self, formulas: Formatter) -> None:
-        self._formulas = formulas
+    def __init__(self, formatter: Formatter) -> None:
+        self._formatter = formatter
 
     def __call__(self, x: float, pos: int | None = None) -> str:
-        return spelt(self._formulas(x, pos))
+        return raise_digits(self._formatter(x, pos))
 
-    def set_locs(
-        self, locs: Sequence[float]
-    ) -> None:  # by which some ticks are left without a label
-        self._formulas.set_locs(locs)  # type: ignore[arg-type]
+    def set_locs(self, locs: Sequence[float]) -> None:
+        # The other formatter needs them: it leaves some ticks without a label.
+        self._formatter.set_locs(locs)  # type: ignore[arg-type]
 
     def set_axis(self, axis: Axis | Any) -> None:
         super().set_axis(axis)
-        self._formulas.set_axis(axis)
+        self._formatter.set_axis(axis)
 
 
-def spelt(formula: str) -> str:
-    r"""Return ``$\mathdefault{2\times10^{-3}}$`` as 2×10⁻³; what is more than that stays a formula."""
+def raise_digits(formula: str) -> str:
+    r"""Return ``$\mathdefault{2\times10^{-3}}$`` as 2×10⁻³; any other formula stays as it is."""
     match = _FORMULA.fullmatch(formula)
     if match is None:
         return formula
     text = match[1].replace(r"\times", "×")
     text = _POWER.sub(lambda power: power[1].translate(_RAISED), text)
-    return formula if re.search(r"[\\^{}]", text) else text.replace("-", "−")
+    is_still_formula = re.search(r"[\\^{}]", text) is not None
+    if is_still_formula:
+        return formula
+    return text.replace("-", "−")

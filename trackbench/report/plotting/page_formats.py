@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 Style: TypeAlias = Literal["screen", "paper"]
-"""For the report, or for LaTeX."""
+"""Purpose of figures: ``screen`` for the report, ``paper`` for LaTeX."""
 
 
 @dataclass(frozen=True)
@@ -19,35 +19,55 @@ class Sheet:
     """Format of a page: inches, panels side by side, font size."""
 
     name: str
-    """what it is; nothing of a screen"""
+    """name of the format in file names; empty for the screen"""
     width_in: float
+    """width of a figure, in inches"""
     across: int
-    """panels beside each other at most"""
+    """largest number of panels beside each other"""
     heights: float
-    """what the heights of figures are multiplied by"""
+    """factor by which the heights of figures are multiplied"""
     titled: bool
-    """whether figures say their titles; in a paper the caption does"""
+    """whether figures show their titles; in a paper the caption does"""
     letters: tuple[tuple[str, Any], ...]
-    """matplotlib's settings of text"""
+    """matplotlib's settings of text, by name"""
     has_raised_digits: bool = False
-    """whether the letters have them all"""
+    """whether the font has all raised digits"""
     has_wider: bool = False
-    """whether there is another for what has no room here"""
+    """whether a wider format exists for figures that have no room here"""
 
     @property
     def ending(self) -> str:
         """Ending of the file names."""
-        return f"-{self.name}" if self.name else ""
+        if not self.name:
+            return ""
+        return f"-{self.name}"
 
 
-def _letters(points: float, smaller: float, **more: Any) -> tuple[tuple[str, Any], ...]:
-    large = ("axes.titlesize", "axes.labelsize", "figure.titlesize", "figure.labelsize")
-    sizes = dict.fromkeys(("font.size", *large), points)
-    return tuple((sizes | {"legend.fontsize": smaller} | more).items())
+def _text_settings(
+    points: float, legend_points: float, **fonts: Any
+) -> tuple[tuple[str, Any], ...]:
+    """Return matplotlib's settings for letters of these sizes in points, and these fonts."""
+    sizes = {
+        "font.size": points,
+        "axes.titlesize": points,
+        "axes.labelsize": points,
+        "figure.titlesize": points,
+        "figure.labelsize": points,
+        "legend.fontsize": legend_points,
+    }
+    return tuple((sizes | fonts).items())
 
 
-_TIMES = {"font.family": "STIXGeneral", "mathtext.fontset": "stix"}
-_IN_PAPER = _letters(8, 8, **_TIMES)
+_SCREEN_TEXT = _text_settings(
+    points=9,
+    legend_points=8,
+    **{"font.family": "DejaVu Sans", "mathtext.fontset": "dejavusans"},
+)
+_PAPER_TEXT = _text_settings(
+    points=8,
+    legend_points=8,
+    **{"font.family": "STIXGeneral", "mathtext.fontset": "stix"},
+)
 
 SCREEN = Sheet(
     name="",
@@ -55,12 +75,28 @@ SCREEN = Sheet(
     across=4,
     heights=1.0,
     titled=True,
-    letters=_letters(9, 8, **{"font.family": "DejaVu Sans", "mathtext.fontset": "dejavusans"}),
+    letters=_SCREEN_TEXT,
     has_raised_digits=True,
 )
-COLUMN = Sheet("column", 3.5, 2, 0.75, False, _IN_PAPER, has_wider=True)
-PAGE = Sheet("page", 7.2, 4, 1.0, False, _IN_PAPER)
+COLUMN = Sheet(
+    name="column",
+    width_in=3.5,
+    across=2,
+    heights=0.75,
+    titled=False,
+    letters=_PAPER_TEXT,
+    has_wider=True,
+)
+PAGE = Sheet(
+    name="page",
+    width_in=7.2,
+    across=4,
+    heights=1.0,
+    titled=False,
+    letters=_PAPER_TEXT,
+)
 SHEETS: dict[Style, tuple[Sheet, ...]] = {"screen": (SCREEN,), "paper": (COLUMN, PAGE)}
+"""Formats in which each figure is written; a paper's figure may need the wider one."""
 
 _SHEET: ContextVar[Sheet] = ContextVar("sheet", default=SCREEN)
 
@@ -71,16 +107,19 @@ def sheet() -> Sheet:
 
 
 def is_crowded(figure: "Figure") -> bool:
-    """Return whether so many panels stand beside each other that the figure is left to a wider sheet."""
-    specs = [ax.get_subplotspec() for ax in figure.axes]
-    most = max((s.get_gridspec().ncols for s in specs if s is not None), default=0)
-    return sheet().has_wider and most > sheet().across
+    """Return whether the figure has too many panels side by side, and a wider format exists."""
+    column_counts = [0]
+    for ax in figure.axes:
+        spec = ax.get_subplotspec()
+        if spec is not None:
+            column_counts.append(spec.get_gridspec().ncols)
+    return sheet().has_wider and max(column_counts) > sheet().across
 
 
 @contextmanager
-def drawing_for(chosen: Sheet) -> Iterator[None]:
-    """Draw for this sheet."""
-    token = _SHEET.set(chosen)
+def drawing_for(page_format: Sheet) -> Iterator[None]:
+    """Draw figures in this page format within the block."""
+    token = _SHEET.set(page_format)
     try:
         yield
     finally:

@@ -1,0 +1,164 @@
+"""Lines of filters: bands and bars of errors, gaps, gray lines, lines that leave the axis."""
+
+from collections.abc import Mapping, Sequence
+from statistics import median
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.report.plotting import svg_file
+from trackbench.report.plotting.scales import DWARFED, line_coordinates
+from trackbench.report.plotting.style import SPREAD, Axes, LineStyle
+
+if TYPE_CHECKING:
+    from matplotlib.lines import Line2D
+else:
+    Line2D = Any
+
+_MOST_BANDS = 3
+"""Number of filters up to which errors are bands; errors of more filters are bars."""
+_BARS = 12
+"""Bars along a line."""
+_GRAY: LineStyle = {"color": "#c4c4c4", "linewidth": 0.8, "zorder": 1.5}
+"""Look of a line that belongs to another panel."""
+_GRAY_POINTS = 100
+"""Largest number of points of a gray line."""
+_GAP = 3.0
+"""Largest distance of two steps that a line spans, as a multiple of their median distance."""
+
+
+def draw_filter_line(ax: Axes, x: Any, value: Array, look: LineStyle) -> bool:
+    """Draw a filter's line; return whether it has any value.
+
+    A filter that lost all its runs has none, and no line in the legend.
+    """
+    has_value = bool(np.isfinite(value).any())
+    if has_value:
+        ax.plot(x, value, **look)
+    return has_value
+
+
+def draw_error_band(
+    ax: Axes,
+    x: Array,
+    value: Array,
+    stderr: Array,
+    look: LineStyle,
+    place: int,
+    places: int,
+    log: bool = False,
+) -> None:
+    """Draw two standard errors around a filter's line, and explain them in legend and page.
+
+    ``place`` is the number of the line, from 0, among ``places`` lines of the panel. The errors of up to
+    three lines are bands. More bands would lie over each other to a gray, so the errors of more lines
+    are bars at some of the x, and no two lines have their bars at equal x. On a logarithmic axis
+    (``log``) no band or bar reaches below a tenth of the value.
+    """
+    svg_file.set_stderr(ax, look["label"], stderr)
+    low = value - 2 * stderr
+    high = value + 2 * stderr
+    if log:
+        low = np.maximum(low, 0.1 * value)
+    color = look["color"]
+    label = f"_{look['label']}"
+    if places <= _MOST_BANDS:
+        ax.fill_between(x, low, high, alpha=0.15, lw=0, color=color, label=label)
+        ax.fill_between([], [], [], color="#888888", alpha=0.4, lw=0, label=SPREAD)
+    else:
+        period = max(1, len(x) // _BARS)
+        chosen = slice(place * period // places, None, period)
+        ax.vlines(x[chosen], low[chosen], high[chosen], linewidth=1.0, color=color, label=label)
+        ax.plot([], [], linestyle="", color="#888888", marker="|", markersize=8, label=SPREAD)
+
+
+def draw_error_bars(
+    ax: Axes, x: Array, value: Array, stderr: Array, label: str, color: str, **look: Any
+) -> None:
+    """Draw two standard errors as a bar at each point of the line ``label``, for the page too."""
+    svg_file.set_stderr(ax, label, stderr)
+    ax.errorbar(x, value, 2.0 * stderr, fmt="none", color=color, label=f"_{label}", **look)
+
+
+def insert_gaps(steps: Array, *series: Array) -> tuple[Array, ...]:
+    """Return each series (n,) with a NaN inserted in every gap between the steps (n,).
+
+    A gap is wider than three times the median distance of successive steps.
+    """
+    distances = np.diff(steps)
+    if not len(distances):
+        return tuple(np.array(values, dtype=float) for values in series)
+    is_gap = distances > _GAP * np.median(distances)
+    places = np.flatnonzero(is_gap) + 1
+    return tuple(np.insert(np.asarray(values, dtype=float), places, np.nan) for values in series)
+
+
+def draw_gray_line(ax: Axes, x: Array, value: Array, steps: int = 1) -> None:
+    """Draw the line of another panel's filter behind, as means over windows of successive values.
+
+    ``steps`` is the number of steps of which each value is the mean.
+    """
+    if not len(x):
+        return
+    length = -(-len(x) // _GRAY_POINTS)  # values in a window
+    starts = np.arange(0, len(x), length)
+    lengths = np.diff([*starts, len(x)])
+    mean_x = np.add.reduceat(x, starts) / lengths
+    mean_value = np.add.reduceat(value, starts) / lengths  # NaN, a gap, if the window has a NaN
+    ax.plot(mean_x, mean_value, label="_gray", **_GRAY)
+    label = "Other filters"
+    if length * steps > 1:
+        label += f", means over {length * steps} steps"
+    ax.plot([], [], label=label, **_GRAY)
+
+
+def cut_dwarfing_lines(axes: Sequence[Axes], errors: Mapping[str, Array]) -> None:
+    """Cut off lines that would flatten the others; a mark shows where each leaves the vertical axis.
+
+    ``errors`` are those of each filter, by label. A filter's line is cut if its largest error dwarfs the
+    median filter's.
+    """
+    largest: dict[str, float] = {}
+    for label, values in errors.items():
+        if np.isfinite(values).any():
+            largest[label] = float(np.nanmax(np.abs(values)))
+    if not largest:
+        return
+    limit = DWARFED * median(largest.values())
+    for ax in axes:
+        dwarfing = [line for line in ax.lines if largest.get(str(line.get_label()), 0.0) > limit]
+        if not dwarfing:
+            continue
+        # Step 1: the vertical axis shows the other lines, with a margin.
+        heights = [line_coordinates(line)[1] for line in ax.lines if line not in dwarfing]
+        least = np.nanmin(np.concatenate(heights))
+        greatest = np.nanmax(np.concatenate(heights))
+        margin = 0.05 * (greatest - least)
+        bottom = least - margin
+        top = greatest + margin
+        ax.set_ylim(bottom, top)
+        # Step 2: a triangle stands where a line first leaves the axis.
+        for line in dwarfing:
+            _mark_first_exit(ax, line, bottom, top)
+
+
+def _mark_first_exit(ax: Axes, line: Line2D, bottom: float, top: float) -> None:
+    """Draw a triangle at the edge of the axis where the line is first beyond ``bottom`` or ``top``."""
+    x, y = line_coordinates(line)
+    first_outside = np.flatnonzero((y < bottom) | (y > top))[:1]
+    inset = 0.03 * (top - bottom)
+    if (y[first_outside] > top).any():
+        marker = "^"
+        height = top - inset
+    else:
+        marker = "v"
+        height = bottom + inset
+    ax.plot(
+        x[first_outside],
+        np.full(len(first_outside), height),
+        marker=marker,
+        color=line.get_color(),
+        linestyle="none",
+        label="_cut",
+    )
