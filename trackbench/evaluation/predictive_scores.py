@@ -33,8 +33,9 @@ from trackbench.evaluation.consistency_and_calibration import side_by_side
 from trackbench.evaluation.validate_output import checked_numbers
 from trackbench.extension_points import foreign_parts
 from trackbench.filters.base import AnyFilter, Steps, has_likelihood
+from trackbench.filters.ukf import predicted_innovation
 from trackbench.models.base import Model
-from trackbench.models.gaussian_steps import SensorOfSteps, predicted_innovation
+from trackbench.models.sensors.many_steps import SensorOfSteps
 
 Kind = Literal["score", "prediction"]
 """What is wanted: the filters' own log-likelihoods; all that a prediction of each measurement tells."""

@@ -12,9 +12,8 @@ from trackbench.core.conversions import Conversion, Polar, convert
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.kalman import Updated
 from trackbench.filters.base import Filter
-from trackbench.filters.kf import GaussianFilter
+from trackbench.filters.gaussian import MODEL_NOISE, GaussianFilter, extended_prediction
 from trackbench.models.base import Model, Scene
-from trackbench.models.gaussian_steps import MODEL_NOISE, extended_prediction
 from trackbench.models.priors import Convertible, TwoPoint
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.registry import register

@@ -16,8 +16,9 @@ from trackbench.core.particles import Mass, Particles
 from trackbench.core.sums import dot, total
 from trackbench.field_types import Count, NonNegative, Positive
 from trackbench.filters.base import Filter
+from trackbench.filters.ekf import extended_step
+from trackbench.filters.gaussian import MODEL_NOISE
 from trackbench.models.base import Model, angle_rows
-from trackbench.models.gaussian_steps import MODEL_NOISE, extended_step
 from trackbench.models.priors import TwoPoint, two_point_difference
 from trackbench.models.sensors.base import ScaledNoise
 from trackbench.models.sensors.range_azimuth import RangeAzimuth

@@ -25,14 +25,10 @@ from trackbench.core.random_streams import Streams
 from trackbench.core.unscented import Unscented
 from trackbench.field_types import Finite, NonNegative, Positive, Share
 from trackbench.filters.base import Filter
+from trackbench.filters.gaussian import AssumedNoise, idle_noise_mean
 from trackbench.filters.particle_base import PFState
+from trackbench.filters.ukf import augmented_step, spread_conflicts
 from trackbench.models.base import GammaMotion, Model, NormalMotion, Scene, log_likelihood
-from trackbench.models.gaussian_steps import (
-    AssumedNoise,
-    augmented_step,
-    idle_noise_mean,
-    spread_conflicts,
-)
 
 TransitionReading = Literal["model", "increment"]
 
