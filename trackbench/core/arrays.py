@@ -155,7 +155,8 @@ class Seal:
     def __init__(self, *wholes: Any) -> None:
         self._memory: dict[int, tuple[bytes, bytearray]] = {}
         self._attributes: list[tuple[dict[str, Any], dict[str, Any]]] = []
-        waiting, visited = [*wholes], set[int]()
+        waiting = [*wholes]
+        visited = set[int]()
         # Walk through all parts, each of them once.
         while waiting:
             part = waiting.pop()
@@ -251,7 +252,8 @@ class LatestResults(Generic[T]):
     """
 
     def __init__(self, function: Callable[..., T], size: int) -> None:
-        self._function, self.size = function, size
+        self._function = function
+        self.size = size
         self._results: dict[tuple[Hashable, ...], T] = {}
 
     def __call__(self, *key: Hashable) -> T:

@@ -128,7 +128,8 @@ def root_of(state: Gaussian) -> Array:
 
 def per_run_moments(of: Distribution) -> Gaussian:
     """Give each run a covariance of its own (n, n, M), which is read-only if runs share one."""
-    (n, runs), cov = of.mean.shape, of.cov
+    n, runs = of.mean.shape
+    cov = of.cov
     if cov.shape != (n, n, runs):
         cov = np.broadcast_to(with_trailing(cov, 1, leading=2), (n, n, runs))
     return Gaussian(of.mean, cov)
@@ -209,7 +210,8 @@ class Gamma:
         """Evaluate the log-density at v, -inf for v <= 0."""
         # log p(v) = (shape - 1) log v - rate v + log_norm
         if compiled.kernels and v.dtype == np.float64:
-            out, v = np.empty(v.shape), np.ascontiguousarray(v)
+            out = np.empty(v.shape)
+            v = np.ascontiguousarray(v)
             numbers = self.shape - 1.0, self.rate, self._log_norm
             compiled.kernels.gamma_log_density(log_table(), v, out, *numbers)
             return out
@@ -341,6 +343,7 @@ def heavy_tailed_normal(runs: int, N: int, rng: Streams) -> tuple[Array, Array]:
     u = (np.arange(N) + rng.random((runs, N))) * (1.0 / N)
     np.clip(u, _EDGE, 1.0 - _EDGE, out=u)
     # Step 2: x is the logistic quantile of u; the weight is the ratio of the densities at x.
-    log_u, log_rest = log(u), log(1.0 - u)
+    log_u = log(u)
+    log_rest = log(1.0 - u)
     x = _SCALE * (log_u - log_rest)
     return x, float(log(_SCALE)) - 0.5 * LOG_2PI - 0.5 * np.square(x) - log_u - log_rest

@@ -136,7 +136,9 @@ def normal_cdf(z: ArrayLike) -> Array:
     z = np.asarray(z, dtype=float)
     a = np.minimum(np.abs(z), _FAR)
     square = a * a
-    term, series, odd = a, a, 1.0
+    term = a
+    series = a
+    odd = 1.0
     # Add terms until all are below the last bit; further terms change no element that has converged.
     while (term > _HALF_A_BIT * series).any():
         odd += 2.0
@@ -157,10 +159,13 @@ def chi_square_cdf(x: ArrayLike, n: int) -> Array:
     if n % 2:
         root = np.sqrt(near)
         below = 2.0 * normal_cdf(root) - 1.0
-        term, first = 2.0 * normal_density(root) * root, 3
+        term = 2.0 * normal_density(root) * root
+        first = 3
     else:
         above = exp(-0.5 * near)
-        below, term, first = 1.0 - above, 0.5 * near * above, 4
+        below = 1.0 - above
+        term = 0.5 * near * above
+        first = 4
     # Step 2: subtract a term for every two further degrees.
     for divisor in range(first, n + 1, 2):
         below = below - term

@@ -168,15 +168,21 @@ def track(
         (n_z, n_z, T, 1); NIS (T, M). None if there are no C kernels, n > 6, n_z > 2, the covariance
         is per run, a component is missing (NaN) in some of the runs only, or a run diverges.
     """
-    (n_z, T, M), n, missing = z.shape, len(F), np.isnan(z)
+    n_z, T, M = z.shape
+    n = len(F)
+    missing = np.isnan(z)
     if not compiled.kernels or n > 6 or n_z > 2 or prior.cov.ndim > 2:
         return None
     if (missing != missing[..., :1]).any():
         return None
-    means, covs = np.empty((T + 1, n, M)), np.empty((T + 1, n, n))
-    means[0], covs[0] = prior.mean, prior.cov
+    means = np.empty((T + 1, n, M))
+    covs = np.empty((T + 1, n, n))
+    means[0] = prior.mean
+    covs[0] = prior.cov
     # The kernel turns the measurements into innovations.
-    nu, S, nis = np.empty((T, n_z, M)), np.empty((T, n_z, n_z)), np.empty((T, M))
+    nu = np.empty((T, n_z, M))
+    S = np.empty((T, n_z, n_z))
+    nis = np.empty((T, M))
     nu[:] = z.swapaxes(0, 1)
     model = (np.ascontiguousarray(A, dtype=np.float64) for A in (F, Q, H, R))
     compiled.kernels.track(*model, means, covs, S, nu, nis, n, n_z, M)
@@ -197,10 +203,13 @@ def update_roots(m: Array, nu: Array, dx: Array, dz: Array, R: Array) -> tuple[F
     """
     n_z = len(dz)
     # Blocks below each other are transposed blocks beside each other.
-    T, noise = linalg.transpose, linalg.root(R)
+    T = linalg.transpose
+    noise = linalg.root(R)
     columns = linalg.beside(T(dz), T(dx)), linalg.beside(T(noise), np.zeros((n_z, len(dx))))
     L = linalg.triangular(linalg.beside(*map(T, columns)))
-    S_root, G, root = L[:n_z, :n_z], L[n_z:, :n_z], L[n_z:, n_z:]
+    S_root = L[:n_z, :n_z]
+    G = L[n_z:, :n_z]
+    root = L[n_z:, n_z:]
     note("covariances", root, components=2)
     return from_root(m + linalg.matvec(G, linalg.solve_lower(S_root, nu)), root), S_root
 
@@ -259,8 +268,10 @@ def _with_gain(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Array) -> 
 def gain(P: Array, H: Array, R: Array) -> tuple[Array, Array]:
     """Compute ``S = H P H' + R`` and ``K = P H' S^-1``."""
     if compiled.kernels:
-        n_z, n, *batch = len(H), *P.shape[1:]
-        S, K = np.empty((n_z, n_z, *batch)), np.empty((n, n_z, *batch))
+        n_z = len(H)
+        n, *batch = P.shape[1:]
+        S = np.empty((n_z, n_z, *batch))
+        K = np.empty((n, n_z, *batch))
         if compiled.kernels.gain(P, H, R, S, K):
             return S, K
     HP = linalg.matmul(H, P)
@@ -285,9 +296,11 @@ def _joseph(P: Array, K: Array, H: Array, R: Array) -> Array:
 
 def condition(predicted: Gaussian, nu: Array, C: Array, S: Array) -> Gaussian:
     """Condition on nu: mean ``m + K nu``, covariance ``P - K S K'``, ``K = C S^-1``, C = cov(x, z)."""
-    m, P = predicted.mean, predicted.cov
+    m = predicted.mean
+    P = predicted.cov
     if compiled.kernels:
-        mean, cov = np.empty(m.shape), np.empty(P.shape)
+        mean = np.empty(m.shape)
+        cov = np.empty(P.shape)
         if compiled.kernels.condition(m, P, nu, C, S, mean, cov):
             return Gaussian(mean, cov)
     K = _times_inverse(C, S)

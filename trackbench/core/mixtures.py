@@ -149,8 +149,11 @@ def given_later(
     # A component that the motion leaves without noise is given unit noise in every term, which cancels.
     known = np.eye(len(mixed.mean))[..., None] * (linalg.diagonal(mixed.cov) == 0.0)
     mixed, later, *terms = (Gaussian(s.mean, s.cov + known) for s in (mixed, later, *predicted))
-    future, past = linalg.inverse(later.cov), linalg.inverse(mixed.cov)
-    conditioned, logs, proper = [], [], np.ones(later.mean.shape[1], dtype=np.bool_)
+    future = linalg.inverse(later.cov)
+    past = linalg.inverse(mixed.cov)
+    conditioned = []
+    logs = []
+    proper = np.ones(later.mean.shape[1], dtype=np.bool_)
     for p in terms:
         # P = (P_i^-1 + P_later^-1 - P_mixed^-1)^-1, m_i + P (P_later^-1 e_later - P_mixed^-1 e_mixed)
         P = linalg.inverse(linalg.inverse(p.cov) + future - past)
@@ -205,7 +208,8 @@ class GaussianMixture(Symmetric):
         """Draw the part of each state, then the state (n, M, *trailing)."""
         u = rng.random((self.runs, *trailing))
         # Part j has u between the sums of the weights before it and up to it.
-        x, below = self.parts[0].sample(rng, self.runs, *trailing), self.weights[0]
+        x = self.parts[0].sample(rng, self.runs, *trailing)
+        below = self.weights[0]
         for weight, part in zip(self.weights[1:], self.parts[1:], strict=True):
             x = np.where(u >= below, part.sample(rng, self.runs, *trailing), x)
             below = below + weight
@@ -239,11 +243,13 @@ def pad(state: Gaussian, like: Gaussian, shared: Common, unbiased: bool) -> Gaus
     Bar-Shalom et al. 2012), and else are zero. Components that only this state has are dropped.
     """
     source, target = shared
-    m, runs = len(like.mean), state.mean.shape[1]
+    m = len(like.mean)
+    runs = state.mean.shape[1]
     if source == target == tuple(range(m)):
         return state if len(state.mean) == m else Gaussian(state.mean[:m], state.cov[:m, :m])
     # Step 1: copy the shared components.
-    mean, cov = np.zeros((m, runs)), np.zeros((m, m, runs))
+    mean = np.zeros((m, runs))
+    cov = np.zeros((m, m, runs))
     mean[list(target)] = state.mean[list(source)]
     state_cov = with_trailing(state.cov, 1, leading=2)
     cov[_block(target)] = state_cov[_block(source)]

@@ -67,7 +67,8 @@ def independence_moves(
         # Accept with probability min(1, exp(proposed - current)).
         with np.errstate(invalid="ignore"):
             accept = metropolis(proposed - current, 1.0, rng)
-        x, current = choose(accept, trial, x), choose(accept, proposed, current)
+        x = choose(accept, trial, x)
+        current = choose(accept, proposed, current)
     return x
 
 
@@ -112,7 +113,8 @@ def distinct_pairs(runs: int, N: int, rng: Streams) -> tuple[Index, Index]:
 @lru_cache(maxsize=8)
 def _wrap_tables(runs: int, N: int) -> tuple[Index, Index]:
     """Return flat indices of each run's particles twice (2 M N,), and their places in it (M, N)."""
-    i, run = np.arange(N), np.arange(runs)[:, None]
+    i = np.arange(N)
+    run = np.arange(runs)[:, None]
     return (run * N + np.concatenate([i, i])).ravel(), run * (2 * N) + i
 
 

@@ -165,9 +165,11 @@ def _predicted_box(old: Plane | Array, motion: Map, n: int) -> tuple[Box, Array]
     """Lay a box of n by n nodes around the prediction, with the noise's variances on its axes."""
     if isinstance(old, Plane):
         likely = old.within(_DEPTH)
-        moved, mass = motion.f(old.box.nodes[:, likely]), old.mass[likely]
+        moved = motion.f(old.box.nodes[:, likely])
+        mass = old.mass[likely]
     else:
-        moved, mass = motion.f(old[:, None]), np.ones(1)
+        moved = motion.f(old[:, None])
+        mass = np.ones(1)
     # Axes in which the prediction's covariance is one and the noise's diagonal.
     L = linalg.cholesky(_moments(moved, mass).cov + motion.Q)
     whitened = linalg.solve_lower(L, linalg.solve_lower(L, motion.Q).T)

@@ -38,7 +38,8 @@ def distance_in_range(e: Array, P: Array, at: Array) -> tuple[Array, Array | Non
     many degrees of freedom as P has directions with spread; that of an error outside is infinite.
     ``at`` (n, *batch) is the state, next to which a deviation may be rounding.
     """
-    squared, variance = distance(e, P), linalg.diagonal(P)
+    squared = distance(e, P)
+    variance = linalg.diagonal(P)
     pivots = np.square(linalg.diagonal(linalg.cholesky(P)))
     # Step 1: has every direction spread? A quick test, by the largest states.
     largest = np.fmax.reduce(np.abs(at), axis=tuple(range(1, at.ndim)))
@@ -50,7 +51,8 @@ def distance_in_range(e: Array, P: Array, at: Array) -> tuple[Array, Array | Non
     least = np.square(_OF_STATE * at)
     L = _root_without_rounding(with_trailing(P, e.ndim - 1, leading=2), at)
     # Step 3: L y = e; what a row without spread leaves of e must be rounding.
-    y, spread = _whiten(L, e), linalg.diagonal(L) > 0.0
+    y = _whiten(L, e)
+    spread = linalg.diagonal(L) > 0.0
     least = least + linalg.SINGULAR * variance
     inside = spread | (np.square(e - linalg.matvec(L, y)) <= _WITHIN_ROUNDING * least)
     singular = inside.all(axis=0) & np.isfinite(L).all(axis=(0, 1)) & ~(pivots > least).all(axis=0)
@@ -130,7 +132,8 @@ class NormalPosterior(Posterior):
     def within(self, x: Array) -> Array:
         """Return the chi-square distribution function of the normalized error squared."""
         n = len(x)
-        error, P = x - self.state.mean[:n], self.state.cov[:n, :n]
+        error = x - self.state.mean[:n]
+        P = self.state.cov[:n, :n]
         squared, rank = distance_in_range(error, P, x)
         return by_rank(chi_square_cdf, squared, n, rank)
 
@@ -155,7 +158,8 @@ class ParticlePosterior(Posterior):
 
     def below(self, x: Array) -> Array:
         """Sum the weight of the particles below, and half of that at x."""
-        particles, at = self.particles.x[: len(x)], x[..., None]
+        particles = self.particles.x[: len(x)]
+        at = x[..., None]
         return _probability(dot(self.particles.w, (particles < at) + 0.5 * (particles == at)), x)
 
     def within(self, x: Array) -> Array:
@@ -181,22 +185,26 @@ class ParticlePosterior(Posterior):
         If x and N equal particles are draws from one distribution, these are exchangeable.
         """
         x_i = self.particles.x[: len(x)]
-        w, N = self.particles.w, self.places - 1
+        w = self.particles.w
+        N = self.places - 1
         state = Particles(x_i, w).moments()
-        m, P = state.mean, state.cov
+        m = state.mean
+        P = state.cov
         error = x - m
         of_x, rank = distance_in_range(error, P, x)
         with np.errstate(all="ignore"):  # of_x is infinite outside the particles' range
             # Step 1: q = e' P^-1 e and c = e' P^-1 d of each particle by the particles' moments.
             if rank is None:
-                L, whiten = linalg.cholesky(P), linalg.solve_lower
+                L = linalg.cholesky(P)
+                whiten = linalg.solve_lower
             else:
                 L = _root_without_rounding(P, x)
                 whiten = _whiten
                 of_x = np.where(rank == 0, np.nan, of_x)  # all particles are where x is
             e = whiten(L[..., None], x_i - m[..., None])
             d = whiten(L, error)[..., None]
-            q, c = total(e * e, axis=0), total(e * d, axis=0)
+            q = total(e * e, axis=0)
+            c = total(e * d, axis=0)
             # Step 2: add x with weight 1 / (N + 1) to mean and covariance (Sherman-Morrison).
             pooled = q + 1.0 / (N + 1.0) - np.square(1.0 + c) / (N + 1.0 + of_x[:, None])
             # Step 3: remove each particle with its weight from them.
@@ -210,7 +218,8 @@ class ParticlePosterior(Posterior):
         X' may be X: for N equal draws from the truth's law the mean is 1 + 1 / N times that law's score
         (Ferro 2014).
         """
-        particles, at = self.particles.x[: len(x)], x[..., None]
+        particles = self.particles.x[: len(x)]
+        at = x[..., None]
         # Step 1: sort the particles of each component, with their weights.
         order = np.argsort(particles, axis=-1, kind="stable")
         ordered = np.take_along_axis(particles, order, axis=-1)
@@ -272,8 +281,10 @@ class PlanePosterior(Posterior):
         """Sum the mass of the nodes nearer to the mean than x."""
         masses = []
         for plane, at in zip(self.planes, x.T, strict=True):
-            n, normal = len(at), plane.moments
-            mean, cov = normal.mean[:n], normal.cov[:n, :n]
+            n = len(at)
+            normal = plane.moments
+            mean = normal.mean[:n]
+            cov = normal.cov[:n, :n]
             nearer = distance(plane.box.nodes[:n] - mean[:, None], cov) < distance(at - mean, cov)
             masses.append(total(plane.mass * nearer))
         return np.array(masses)

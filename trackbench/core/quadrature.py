@@ -181,7 +181,8 @@ def _push_forward(panel: Panel, x_new: Array, transition: Transition, origins: I
     """Integrate the transition density over one panel of the prior, at x_new (J, M)."""
     if panel.is_point:
         return np.asarray(transition(panel.x)(x_new) * panel.density)
-    n, middle = len(panel.x), len(x_new) // 2
+    n = len(panel.x)
+    middle = len(x_new) // 2
     if middle and n * x_new.size > _MOST_WEIGHTS:
         # Integrate for one half of the new nodes after the other.
         halves = (slice(middle), slice(middle, None))
@@ -196,7 +197,8 @@ def _push_forward(panel: Panel, x_new: Array, transition: Transition, origins: I
     if (start > -1.0).any():
         weights = weights - weights_up_to(start, n)
     # Step 2: sum weight times density times transition, for as many new nodes as fit the cache.
-    integral, size = np.empty_like(x_new), max(1, _AT_ONCE // panel.x.size)
+    integral = np.empty_like(x_new)
+    size = max(1, _AT_ONCE // panel.x.size)
     density_of = transition(panel.x[:, None])  # nodes first: a sum of whole rows
     for i in range(0, len(x_new), size):
         piece = slice(i, i + size)
@@ -273,7 +275,8 @@ def weights_up_to(t: Array, n: int) -> Array:
     integrals = np.concatenate([rows[..., None] + 1.0, P[..., 2:] - P[..., :-2]], axis=-1)
     weights = product(integrals, _rule(n).basis)
     out = np.empty((*t.shape, n))
-    out[~whole], out[whole] = weights[:-1], weights[-1]
+    out[~whole] = weights[:-1]
+    out[whole] = weights[-1]
     return out
 
 

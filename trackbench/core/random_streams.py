@@ -53,7 +53,8 @@ class RunStreams:
     def __init__(
         self, seed: int, runs: Sequence[int], kinds: tuple[int, int] = (_DATA, _TRAINING_DATA)
     ) -> None:
-        self.seed, self.runs = seed, tuple(runs)
+        self.seed = seed
+        self.runs = tuple(runs)
         sequences = (_sequence(seed, run, *kinds) for run in runs)
         self._generators = [Generator(SFC64(sequence)) for sequence in sequences]
         self._waiting: dict[tuple[str, float], Array] = {}
@@ -137,7 +138,8 @@ class SideBySide(_Joined):
     """
 
     def __init__(self, blocks: Sequence[Generator], width: int) -> None:
-        self.blocks, self.width = blocks, width
+        self.blocks = blocks
+        self.width = width
 
     def _join(self, draw: Draw, size: tuple[int, ...]) -> Array:
         size = _shape(size)
@@ -268,8 +270,10 @@ class NoiseGenerator(Generator):
         """Draw Gamma(shape, rate 1) variates; by numpy unless the shape is a small whole number."""
         if args or kwargs or not is_erlang(shape):
             return super().standard_gamma(shape, size, *args, **kwargs)
-        whole, count = int(shape), prod(_shape(size))
-        out, step = np.empty(count), 4 * _QUADS
+        whole = int(shape)
+        count = prod(_shape(size))
+        out = np.empty(count)
+        step = 4 * _QUADS
         if compiled.kernels:
             words = self.bit_generator.random_raw(-(-whole * count // 4))
             compiled.kernels.erlang(exponentials(), words, out, whole)

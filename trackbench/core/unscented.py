@@ -46,10 +46,12 @@ class Unscented:
         SigmaPoints
             Points (n, 2 n + 1, *batch), weights of the mean and of the covariance (2 n + 1,).
         """
-        mean, n = of.mean, len(of.mean)
+        mean = of.mean
+        n = len(of.mean)
         spread = self.spread(n)
         # Step 1: m, then m + columns of the root, then m - columns.
-        root, x = root_of(of), np.empty((n, 2 * n + 1, *mean.shape[1:]))
+        root = root_of(of)
+        x = np.empty((n, 2 * n + 1, *mean.shape[1:]))
         if compiled.kernels and compiled.kernels.sigma_points(
             mean, root, x, float(np.sqrt(spread))
         ):
@@ -71,7 +73,8 @@ class Unscented:
         """
         if len(state.mean) > 1 or not compiled.kernels:
             return None
-        x, scale = np.empty((1, 3, *state.mean.shape[1:])), sqrt(self.spread(3))
+        x = np.empty((1, 3, *state.mean.shape[1:]))
+        scale = sqrt(self.spread(3))
         if not compiled.kernels.scalar_points(state.mean, state.cov, x, scale):
             return None
         return ScalarPoints(x, scale, *_weights(self, 3))
@@ -114,7 +117,8 @@ class GaussHermite:
 
         The mean is the first point, for an even order as one more of weight zero.
         """
-        mean, root = of.mean, root_of(of)
+        mean = of.mean
+        root = root_of(of)
         middle = [((0.0, 0.0),) * len(mean)] * (1 - self.order % 2)
         every = product(self.nodes, repeat=len(mean))
         grid = middle + sorted(every, key=lambda point: any(x for x, _ in point))
@@ -171,15 +175,18 @@ class SigmaPoints(NamedTuple):
 
     def cross(self, a: Array, a_mean: Array, b: Array, b_mean: Array) -> Array:
         """Sum the weighted ``(a - a_mean) (b - b_mean)'`` over points (n, P, *batch)."""
-        batch, arrays = a_mean.shape[1:], (self.cov_weights, a, a_mean, b, b_mean)
+        batch = a_mean.shape[1:]
+        arrays = (self.cov_weights, a, a_mean, b, b_mean)
         alike = (
             a.shape[1:] == b.shape[1:] == (len(self.weights), *batch) and b_mean.shape[1:] == batch
         )
         if compiled.kernels and alike and all(x.dtype == np.float64 for x in arrays):
-            out, sizes = np.empty((len(a), len(b), *batch)), (len(a), len(b))
+            out = np.empty((len(a), len(b), *batch))
+            sizes = (len(a), len(b))
             compiled.kernels.cross(*map(np.ascontiguousarray, arrays), out, *sizes)
             return out
-        a, b = a - a_mean[:, None], b - b_mean[:, None]
+        a = a - a_mean[:, None]
+        b = b - b_mean[:, None]
         return np.stack([_weighted(self.cov_weights, row * b) for row in a])
 
     def moments(self, values: Array, noise: Array | None = None, roots: bool = False) -> Gaussian:
@@ -236,9 +243,12 @@ class ScalarPoints(NamedTuple):
         )
         if compiled.kernels is None or not alike:
             return None
-        mean, nu = np.empty((1, *batch)), np.empty((1, *batch))
-        cov, S = np.empty((1, 1, *batch)), np.empty((1, 1, *batch))
-        h, z = np.ascontiguousarray(h), np.ascontiguousarray(z)
+        mean = np.empty((1, *batch))
+        nu = np.empty((1, *batch))
+        cov = np.empty((1, 1, *batch))
+        S = np.empty((1, 1, *batch))
+        h = np.ascontiguousarray(h)
+        z = np.ascontiguousarray(z)
         arrays = self.weights, self.cov_weights, predicted, h, R, z, mean, cov, nu, S
         return (mean, cov, nu, S) if compiled.kernels.scalar_update(*arrays, self.scale) else None
 
@@ -249,7 +259,8 @@ def _is_float(a: Array, shape: tuple[int, ...]) -> bool:
 
 def _weighted(weights: Array, values: Array) -> Array:
     if compiled.kernels and _is_float(values, (len(values), len(weights), *values.shape[2:])):
-        out, values = np.empty((len(values), *values.shape[2:])), np.ascontiguousarray(values)
+        out = np.empty((len(values), *values.shape[2:]))
+        values = np.ascontiguousarray(values)
         compiled.kernels.weighted(np.ascontiguousarray(weights), values, out, len(values))
         return out
     total = weights[0] * values[:, 0]

@@ -73,7 +73,8 @@ class AlphaBeta(InnovationFilter[Smoothed]):
         """Return K (4, 2[, M]) at the n-th measurement, n () or (M,)."""
         alpha, beta = self.gains(T, sigma)
         K = np.zeros((4, 2, *n.shape))
-        K[0, 0], K[1, 0] = alpha, beta / T
+        K[0, 0] = alpha
+        K[1, 0] = beta / T
         if self.growing:
             # least squares: alpha_n = 2 (2 n - 1) / (n (n + 1)),  beta_n = 6 / (n (n + 1))
             K[0, 0] = np.maximum(alpha, 2.0 * (2 * n - 1) / (n * (n + 1)))
@@ -89,7 +90,8 @@ class AlphaBeta(InnovationFilter[Smoothed]):
     def step(self, model: Model, state: Smoothed, z: Array, k: int, rng: Generator) -> Smoothed:
         """Predict ``x = F x``, update ``x = x + K (z - H x)``; predict only if z is missing."""
         assumed, sensor = cast("tuple[Linear, PositionSensor]", model)
-        motion, H = ConstantVelocity(q=self.q).sampled(assumed.T), sensor.H()
+        motion = ConstantVelocity(q=self.q).sampled(assumed.T)
+        H = sensor.H()
         # x = F x
         predicted = kalman.predict(state.posterior, motion.F, motion.Q)
         nu = z - linalg.matvec(H, predicted.mean)

@@ -148,7 +148,8 @@ class EnKF(SmoothingFilter[Ensemble], EnsembleFilter):
         predicted = model.sensor.innovation(
             model.sensor.measurement(x, k).mean, center.mean[..., None]
         )
-        z_mean, R = mean(predicted), with_trailing(center.cov, 1, leading=2)
+        z_mean = mean(predicted)
+        R = with_trailing(center.cov, 1, leading=2)
         dx, dz = x - mean(x)[..., None], predicted - z_mean[..., None]
         nu = model.sensor.innovation(z, center.mean + z_mean)
         missing = np.isnan(nu)
@@ -179,7 +180,8 @@ class EnKF(SmoothingFilter[Ensemble], EnsembleFilter):
         """Smooth the members of every step by the ensemble RTS smoother (Raanes 2016)."""
 
         def one_back(i: int, later: Array) -> Array:
-            x, predicted = states[i].x, states[i + 1].predicted
+            x = states[i].x
+            predicted = states[i + 1].predicted
             assert predicted is not None
             later = near(later, predicted, angle_rows(model.motion))
             dx, dp = x - mean(x)[..., None], predicted - mean(predicted)[..., None]
@@ -283,12 +285,16 @@ class ExactFlow(EnsembleFilter):
         moved = model.motion.transition(state.x, k).sample(rng)
         x, _ = _together(moved, angle_rows(model.motion))
         predicted = self.estimate(Ensemble(x, state.nis))
-        start, P = predicted.mean, predicted.cov
+        start = predicted.mean
+        P = predicted.cov
         # All particles of a run flow by one affine map of their deviations from the mean, x -> B x + c:
         # dB = A B dt, dc = (A c + b) dt (Euler steps).
         B = np.broadcast_to(with_trailing(np.eye(len(P)), 1, leading=2), P.shape)
-        c, time = np.zeros_like(start), 0.0
-        nis, first, sensor = state.nis, state.innovation, cast(DifferentiableSensor, model.sensor)
+        c = np.zeros_like(start)
+        time = 0.0
+        nis = state.nis
+        first = state.innovation
+        sensor = cast(DifferentiableSensor, model.sensor)
         for length in _step_lengths(self.steps):
             A, b, innovation = _flow(sensor, Gaussian(start, P), c, z, k, time + 0.5 * length)
             nis, first = (nis, first) if time else (innovation.nis, innovation)

@@ -63,7 +63,10 @@ class _Line:
     """A line of each run, after those of the steps before."""
 
     def __init__(self, of_runs: Sequence[str], number: int, time: float, before: "_Line | None"):
-        self.of_runs, self.number, self.time, self.before = of_runs, number, time, before
+        self.of_runs = of_runs
+        self.number = number
+        self.time = time
+        self.before = before
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "_Line":
         return self  # is never changed
@@ -92,7 +95,9 @@ class ProgramRunError(WrongReturnError):
 
     def __init__(self, run: int, step: int, what: str) -> None:
         super().__init__("step", f"run {run}, step {step}: {what}")
-        self.run, self.step, self.what = run, step, what
+        self.run = run
+        self.step = step
+        self.what = what
 
     def after(self, runs: int) -> "ProgramRunError":
         """Count the run from the first of the experiment, of which its block begins at ``runs``."""
@@ -187,7 +192,8 @@ class External(Filter[ProgramState]):
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> ProgramState:
         """Begin each run with the moments of its prior."""
-        prior, lines = per_run_moments(Gaussian(prior.mean, prior.cov)), []
+        prior = per_run_moments(Gaussian(prior.mean, prior.cov))
+        lines = []
         for run, seed in enumerate(run_seeds(rng, prior.mean.shape[1])):
             moments = [prior.mean[:, run], prior.cov[..., run].ravel()]
             lines.append(f"init {seed} 0 {_fields(np.concatenate(moments))}")
@@ -221,7 +227,9 @@ class External(Filter[ProgramState]):
 
     def _answers(self, state: ProgramState, lines: Sequence[_Line]) -> tuple[Array, Array]:
         """Collect the estimates of all runs after each line: mean (n, T, M), covariance (n, n, T, M)."""
-        runs, n, pool = len(lines[0].of_runs), len(state.mean), _pool(self, state.hello)
+        runs = len(lines[0].of_runs)
+        n = len(state.mean)
+        pool = _pool(self, state.hello)
         mean = np.empty((n, len(lines), runs))
         cov = np.full((n, n, len(lines), runs), np.nan)
         for run in range(runs):
@@ -311,7 +319,8 @@ def _step_lines(model: Model, before: _Line, z: Array, k: int) -> Iterator[_Line
     for row in measured_angle_rows(model.sensor):
         z[row] = wrap_angle(z[row])
     for i in range(z.shape[1]):
-        number, length = before.number + 1, step_length(model, k + i)
+        number = before.number + 1
+        length = step_length(model, k + i)
         # A product has no rounding error that grows from step to step.
         time = number * length if hasattr(model.motion, "T") else before.time + length
         fields = (_fields(column) for column in z[:, i].T)
@@ -452,7 +461,8 @@ class _Pool:
     """Programs of one filter, started when they are needed."""
 
     def __init__(self, tracker: External, hello: str) -> None:
-        self._tracker, self._hello = tracker, hello
+        self._tracker = tracker
+        self._hello = hello
         self._copies: dict[int, _Copy] = {}
         self.stamps = _stamps(tracker)
 
@@ -463,7 +473,8 @@ class _Pool:
         for copy in self._copies.values():
             if copy.at == (before, run):
                 return copy
-        tracker, is_short = self._tracker, before is None or before.number < _SHORT
+        tracker = self._tracker
+        is_short = before is None or before.number < _SHORT
         number = 0 if is_short else run % tracker.copies
         if number not in self._copies:
             for word, digest in tracker.digests():

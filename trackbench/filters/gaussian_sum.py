@@ -103,7 +103,8 @@ class GaussianSum(Filter[Mixture]):
     def step(self, model: Model, state: Mixture, z: Array, k: int, rng: Generator) -> Mixture:
         """Update an EKF per component, weigh by the innovations, prune and merge."""
         # Step 1: update an EKF per component, as many at a time as bound the memory of many sensors.
-        size, updated = max(1, _AT_ONCE // len(model.sensor.components) ** 2), []
+        size = max(1, _AT_ONCE // len(model.sensor.components) ** 2)
+        updated = []
         for first in range(0, state.w.shape[-1], size):
             piece = Gaussian(*(a[..., first : first + size] for a in (state.mean, state.cov)))
             after, innovation = extended_step(model, piece, z, k, MODEL_NOISE)
@@ -134,8 +135,10 @@ def _split_azimuths(
     sensor: RangeAzimuth, prior: TwoPoint, one: Array, two: Array, width: float
 ) -> Gaussian:
     """Shift both azimuths by C pairs of nodes, and difference them with the components' deviation."""
-    s, shape = sensor.sigma_azimuth, (prior.first.shape[1], len(one))
-    of_range, of_azimuth = np.square(sensor.sigma_range), np.square(width * s)
+    s = sensor.sigma_azimuth
+    shape = (prior.first.shape[1], len(one))
+    of_range = np.square(sensor.sigma_range)
+    of_azimuth = np.square(width * s)
     scans = (_shifted(prior.first, s * one), _shifted(prior.second, s * two))
     first, second = (ccm(Polar(r, a, of_range, of_azimuth)) for r, a in scans)
     start = two_point_difference(first, second, prior.T, prior.q)

@@ -129,7 +129,8 @@ class Grid(Filter[Resolved]):
             spans = prior.intervals(_PRIOR_REACH)
         else:
             # Else place nodes over a few standard deviations on both sides of the mean.
-            mean, reach = prior.mean[0], _PRIOR_REACH * np.sqrt(prior.cov[0, 0])
+            mean = prior.mean[0]
+            reach = _PRIOR_REACH * np.sqrt(prior.cov[0, 0])
             spans = [(mean - reach, mean + reach)]
         parts = np.linspace(0.0, 1.0, _parts(model.motion) + 1)
         spans = [
@@ -148,7 +149,8 @@ class Grid(Filter[Resolved]):
 
         Raises WrongReturnError if these are too few as well.
         """
-        nodes, old = self.nodes, state
+        nodes = self.nodes
+        old = state
         for doubled in range(_DOUBLINGS + 1):
             # Step 1: condition twice, with n nodes and with n + n / 8 as a check.
             both = zip(old, _counts(nodes), strict=True)
@@ -256,7 +258,8 @@ def _counts(nodes: int) -> tuple[int, int]:
 def _difference(both: Resolved) -> float:
     """Compare means and variances with the check: the largest difference over all runs."""
     ours, check = map(quadrature.moments, both)
-    variance, other = ours.cov[0, 0], check.cov[0, 0]
+    variance = ours.cov[0, 0]
+    other = check.cov[0, 0]
     with np.errstate(invalid="ignore", divide="ignore"):
         means = np.abs(check.mean - ours.mean)[0] / np.sqrt(variance)
         largest = np.maximum(means, np.abs(other - variance) / variance)
@@ -307,7 +310,8 @@ def _support(
     if deviations is not None:
         # Leave out states in the posterior's far tails.
         moments = quadrature.moments(old)
-        mean, span = moments.mean[0], deviations * np.sqrt(moments.cov[0, 0])
+        mean = moments.mean[0]
+        span = deviations * np.sqrt(moments.cov[0, 0])
         low, high = np.maximum(low, mean - span), np.minimum(high, mean + span)
     if isinstance(motion, BoundedMotion):
         return motion.support(low, high, k)

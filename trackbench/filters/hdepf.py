@@ -205,8 +205,10 @@ class EvolutionFilter(ProposalFilter):
         if self.reading.population == "uniform":
             x = lowest + rng.random(x.shape) * (highest - lowest)
         fitness = log_fitness(x)
-        best_x, best_fitness = x, fitness
-        accepted, tried = np.zeros(fitness.shape), np.zeros(fitness.shape)
+        best_x = x
+        best_fitness = fitness
+        accepted = np.zeros(fitness.shape)
+        tried = np.zeros(fitness.shape)
         selection = self.selection
         for _ in range(self.G):
             # Step 2: mutation, h = x_i + F (x_r1 - x_r2) (eq. 10).
@@ -221,13 +223,15 @@ class EvolutionFilter(ProposalFilter):
                 gain = self.reading.compared(trial_fitness) - self.reading.compared(fitness)
             take = selection.accept(gain, rng)
             is_new = (trial != x).any(axis=0)
-            x, fitness = choose(take, trial, x), choose(take, trial_fitness, fitness)
+            x = choose(take, trial, x)
+            fitness = choose(take, trial_fitness, fitness)
             if self.reading.keep_best == "slot":
                 better = fitness > best_fitness
                 best_x = choose(better, x, best_x)
                 best_fitness = choose(better, fitness, best_fitness)
             else:
-                best_x, best_fitness = x, fitness
+                best_x = x
+                best_fitness = fitness
             accepted += take & is_new
             tried += is_new
             # Step 5: cool-down, T <- rho T.

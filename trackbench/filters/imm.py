@@ -314,7 +314,8 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         """Average the models' weights (M,) of the measured components; None without ``robust``."""
         if self.filter.robust is None:
             return None
-        return total(predicted_weights * np.stack(filtered.sensor_weights), axis=0)
+        sensor_weights = [weight for weight in filtered.sensor_weights if weight is not None]
+        return total(predicted_weights * np.stack(sensor_weights), axis=0)
 
     def refused(self, state: ModelBank) -> Mask | None:
         """Return the components (n_z, M) that the gates of all models refused."""

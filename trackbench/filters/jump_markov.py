@@ -136,23 +136,28 @@ class MultipleModelPF(JumpMarkov[PFState], ParticleFilter):
     def step(self, model: Model, state: PFState, z: Array, k: int, rng: Generator) -> PFState:
         """Draw each particle's motion, then its state from that motion; weigh, resample."""
         assert state.mode is not None
-        models, n = self.models(model), len(shared_components(model.motion))
+        models = self.models(model)
+        n = len(shared_components(model.motion))
         # Step 1: draw the motion of each particle by its row of the transition matrix.
-        extra, before = _extra_deviations(models), state.mode
+        extra = _extra_deviations(models)
+        before = state.mode
         mode = _draw_modes(np.array(self.transition).T[:, before], rng)
         # Step 2: draw the components that the motion before did not have; move.
-        x, new = state.particles.x.copy(), np.isnan(extra[:, before])
+        x = state.particles.x.copy()
+        new = np.isnan(extra[:, before])
         x[n:] = np.where(new, _draw_extra(extra, mode, rng), x[n:])
         x = _propagate(models, x, mode, k, rng)
         # Step 3: weigh by the likelihood; angles that differ by whole turns are brought together.
         w, collapsed, evidence = self._weigh(model, state, z, x[:n], k)
         angles = [i for i in angle_rows(models[0].motion) if i < n]
         x = bring_together(Particles(x, w), angles).x
-        weighted, size = Particles(x[:n], w), self._size(state.age + 1)
+        weighted = Particles(x[:n], w)
+        size = self._size(state.age + 1)
         # Step 4: resample states and motions; regularize the particles of each motion by themselves.
         index = resampling.ancestors(w, rng, self.resampling, size)
         spreads = _spreads(models, x, mode, w)
-        x, mode = resampling.select(x, index), resampling.select(mode, index)
+        x = resampling.select(x, index)
+        mode = resampling.select(mode, index)
         for j, (rows, spread) in enumerate(zip(_rows_of(models), spreads, strict=True)):
             kernels = [spread._replace(members=mode == j)]
             x[rows] = jitter_modes(x[rows], kernels, self.kernel, rng, self.bandwidth_scale)
@@ -197,7 +202,8 @@ def _draw_extra(extra: Array, mode: Index, rng: Streams) -> Array:
 
 def _draw_modes(p: Array, rng: Streams) -> Index:
     """Draw numbers (M, N) with probabilities p (r, M, N)."""
-    u, edge = rng.random(p.shape[1:]), np.zeros(p.shape[1:])
+    u = rng.random(p.shape[1:])
+    edge = np.zeros(p.shape[1:])
     mode = np.zeros(p.shape[1:], dtype=np.intp)
     for row in p[:-1]:
         edge += row
@@ -207,7 +213,8 @@ def _draw_modes(p: Array, rng: Streams) -> Index:
 
 def _rows_of(models: list[Model]) -> list[list[int]]:
     """Return the rows of a particle's state that each motion moves."""
-    n, names = len(shared_components(models[0].motion)), _extra_names(models)
+    n = len(shared_components(models[0].motion))
+    names = _extra_names(models)
     rows = []
     for model in models:
         extra = (n + names.index(name) for name in model.motion.components[n:])

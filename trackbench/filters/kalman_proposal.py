@@ -122,7 +122,8 @@ class ProposalFilter(Filter[PFState]):
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Reject process noise without a density."""
-        motion, (_, transition) = scenario.model.motion, self._weight_reading
+        motion = scenario.model.motion
+        _, transition = self._weight_reading
         if isinstance(motion, NormalMotion) and linalg.is_singular(motion.Q):
             return {"": "weighs by the density of the process noise, and this motion's is singular"}
         if transition == "increment" and not isinstance(motion, GammaMotion):
@@ -143,7 +144,8 @@ class ProposalFilter(Filter[PFState]):
             if transition == "model":
                 return lik + prior.log_prob(x)
             # Like the demo, without a cut at zero: v^2 exp(-2 v) grows without bound for v < 0.
-            noise, v = cast(GammaMotion, model.motion).noise, x[0] - origin[0]
+            noise = cast(GammaMotion, model.motion).noise
+            v = x[0] - origin[0]
             return lik + (noise.shape - 1.0) * log(np.abs(v)) - noise.rate * v
 
         return log_target

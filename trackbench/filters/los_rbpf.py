@@ -128,7 +128,8 @@ class LineOfSight(ParticleFilter):
     def init(self, model: Model, prior: Distribution, rng: Generator) -> PFState:
         """Draw the azimuths of both scans; cross speed and range rate follow from the triangle."""
         assert isinstance(prior, TwoPoint)
-        T, variance = prior.T, cast(RangeAzimuth, model.sensor).R[0, 0]
+        T = prior.T
+        variance = cast(RangeAzimuth, model.sensor).R[0, 0]
         r1, r2 = prior.first[0][:, None], prior.second[0][:, None]
         a1, a2, log_w = prior.azimuths(rng, self._size(0))
         # In the frame of the second scan, with d = a2 - a1, the first position is r1 (cos d, -sin d):
@@ -155,13 +156,15 @@ class LineOfSight(ParticleFilter):
         K, S, P = _kalman_gain(P, sensor.R[0, 0], missing)
         # Step 2: log w = log w - nu^2 / (2 S) - (a - theta)^2 / (2 sigma_a^2), nu = z_r - r.
         nu = z[0][:, None] - r
-        half_distance, angle = np.square(nu), arctan2(across, along)
+        half_distance = np.square(nu)
+        angle = arctan2(across, along)
         half_distance *= (0.5 / S)[:, None]
         angle *= angle
         angle *= 0.5 / sensor.R[1, 1]
         half_distance += angle
         if missing.any():
-            nu[missing], half_distance[missing] = 0.0, 0.0
+            nu[missing] = 0.0
+            half_distance[missing] = 0.0
         note("likelihoods", half_distance, components=0)
         log_w = state.log_w - half_distance
         w, collapsed, mass = particles.normalize(log_w)
@@ -207,9 +210,11 @@ class LineOfSight(ParticleFilter):
         new = _from_frame(azimuth, jittered)
         if degenerate.all():
             return state._replace(particles=Particles(new, resampled.w), log_w=log_w)
-        out, every_log_w = Particles(x.copy(), w.copy()), np.zeros_like(w)
+        out = Particles(x.copy(), w.copy())
+        every_log_w = np.zeros_like(w)
         every_log_w += state.log_w
-        out.x[:, degenerate], out.w[degenerate] = new, resampled.w
+        out.x[:, degenerate] = new
+        out.w[degenerate] = resampled.w
         every_log_w[degenerate] = log_w
         return state._replace(particles=out, log_w=every_log_w)
 
@@ -230,9 +235,12 @@ def _propagate(motion: Linear, state: PFState, rng: Generator) -> tuple[Array, A
 
     Noise across the line of sight is drawn; noise along it goes to the covariance.
     """
-    x, P = state.particles.x, state.P
+    x = state.particles.x
+    P = state.P
     assert P is not None
-    T, F, Q = motion.F[0, 1], motion.F[:2, :2], motion.Q[:2, :2]
+    T = motion.F[0, 1]
+    F = motion.F[:2, :2]
+    Q = motion.Q[:2, :2]
     # (w_p, w_v) ~ N(0, Q), divided by r: the noise across is w t = (w / r) (-py, px)
     w_p, w_v = linalg.matvec(linalg.root(Q), rng.standard_normal((2, *x.shape[1:])))
     px, vx, py, vy = x
@@ -316,7 +324,8 @@ def _to_frame(azimuth: Array, x: Array) -> Array:
 
 def _from_frame(azimuth: Array, frame: Array) -> Array:
     """Transform line-of-sight coordinates about an azimuth to states (px, vx, py, vy)."""
-    t, v_c, r, v_r = 0.5 * frame[0], *frame[1:]
+    t = 0.5 * frame[0]
+    v_c, r, v_r = frame[1:]
     # cos d = 2 / (1 + t^2) - 1,  sin d = 2 t / (1 + t^2),  t = tan(d / 2)
     part = 1.0 / (1.0 + t * t)
     c, s = 2.0 * part - 1.0, 2.0 * t * part

@@ -79,7 +79,8 @@ class MPF(ParticleFilter):
         x, C = _propagate(cast(Linear, model.motion), state, rng)
         # Step 3: weigh by the likelihood of the positions.
         w, collapsed, evidence = self._weigh(model, state, z, x, k)
-        weighted, age = Particles(x, w), state.age + 1
+        weighted = Particles(x, w)
+        age = state.age + 1
         moments = weighted.moments()
         # Step 4: resample and regularize; C is the same in all particles.
         resampled, _ = self._resample(weighted, rng, self._size(age))
@@ -104,9 +105,11 @@ class MPF(ParticleFilter):
 
 def _propagate(motion: Linear, state: PFState, rng: Generator) -> tuple[Array, Array]:
     """Move the particles (px, E vx, py, E vy) one step on, and their velocity variance C'."""
-    x, C = state.particles.x, state.P
+    x = state.particles.x
+    C = state.P
     assert C is not None
-    T, Q = motion.F[0, 1], motion.Q
+    T = motion.F[0, 1]
+    Q = motion.Q
     # N = T^2 C + Q11, K = (T C + Q12) / N
     N = T * T * C + Q[0, 0]
     K = (T * C + Q[0, 1]) / N

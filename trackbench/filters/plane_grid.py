@@ -172,7 +172,8 @@ def _map(motion: SampledMotion, state: Gaussian, k: int) -> Map:
 
 def _difference(both: Planes) -> float:
     """Compare with the check: the largest difference, in standard deviations."""
-    ours, check = _moments(both.posteriors), _moments(both.checks)
+    ours = _moments(both.posteriors)
+    check = _moments(both.checks)
     sd = np.sqrt(linalg.diagonal(ours.cov))
     means = np.abs(check.mean - ours.mean) / sd
     covariances = np.abs(check.cov - ours.cov) / (sd[:, None] * sd)

@@ -46,7 +46,8 @@ class Program:
 
         An answer may take ``timeout`` seconds. Raises ProgramError if there is none.
         """
-        self._timeout, self._start_s = timeout, 0.0
+        self._timeout = timeout
+        self._start_s = 0.0
         self._last_s = 0.0  # last reading of the program's clock, which ends with the program
         self._error_lines: list[str] = []
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115 (closed with the program)
@@ -87,7 +88,9 @@ class Program:
                 text = surplus.decode(errors="replace")
                 raise self._broken(f"answers more than one line: {_shown(text)}", 0)
         waiting = memoryview("".join(f"{line}\n" for line in lines).encode())
-        received, answered, unfinished = list[bytes](), 0, 0
+        received = list[bytes]()
+        answered = 0
+        unfinished = 0
         deadline = time.monotonic() + self._timeout
         with selectors.DefaultSelector() as selector:
             selector.register(self._stdout, selectors.EVENT_READ)
@@ -108,7 +111,8 @@ class Program:
                     answered += data.count(b"\n")
                     unfinished += len(data)
                     if b"\n" in data:
-                        deadline, unfinished = time.monotonic() + self._timeout, 0
+                        deadline = time.monotonic() + self._timeout
+                        unfinished = 0
                     if unfinished > _LONGEST:
                         raise self._broken("answers a line that does not end", answered)
         whole = b"".join(received).decode(errors="replace")

@@ -417,7 +417,8 @@ def log_likelihood(sensor: Sensor, z: Array, x: Array, k: int) -> Array:
     # Step 1: innovations nu and their covariance R, by the sensor's fast way for particles if any.
     if x.ndim == 3 and _is_of(type(sensor), NearSensor):
         residual = cast(NearSensor, sensor).residual(z, x, k)
-        nu, R = residual.mean, residual.cov
+        nu = residual.mean
+        R = residual.cov
     else:
         predicted = sensor.measurement(x, k)
         R = predicted.cov

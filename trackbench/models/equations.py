@@ -159,7 +159,8 @@ class Equations:
         parts: Mapping[str, Term],
         T: float | None = None,
     ) -> None:
-        self.components, self.scalars = tuple(components), tuple(scalars)
+        self.components = tuple(components)
+        self.scalars = tuple(scalars)
         self.names: dict[str, Node] = {}
         for i, name in enumerate(components):
             self._add(name, variable(name), "components", i)
@@ -259,14 +260,17 @@ class ArrayProgram:
     """Expressions that fill an array (*shape, *batch) for states x (n_x, *batch)."""
 
     def __init__(self, equations: Equations, nodes: Sequence[Node], shape: tuple[int, ...]) -> None:
-        self.shape, self._equations, self._nodes = shape, equations, nodes
+        self.shape = shape
+        self._equations = equations
+        self._nodes = nodes
         self.constant: Array | None = None
         if all(map(is_constant, nodes)):
             self.constant = fixed(np.array([node.value for node in nodes]).reshape(shape))
         # Numbers are filled in, the others computed.
         self._fixed = [(i, node.value) for i, node in enumerate(nodes) if is_constant(node)]
         self._computed = [i for i, node in enumerate(nodes) if not is_constant(node)]
-        self._size, self._scalars = len(equations.components), equations.scalars
+        self._size = len(equations.components)
+        self._scalars = equations.scalars
         self._program = equations.program(nodes[i] for i in self._computed)
 
     def __call__(self, x: Array, *scalars: float) -> Array:

@@ -37,16 +37,20 @@ def two_point_difference(one: Gaussian, two: Gaussian, T: float | Array, q: floa
     T is a number or each run's own (M,). White acceleration of density q adds q T / 3 per axis to the
     velocity's variance (Bar-Shalom, Li & Kirubarajan 2001, 5.5.3). Covariances are (axes, axes[, M]).
     """
-    n, runs = 2 * len(two.mean), two.mean.shape[1]
+    n = 2 * len(two.mean)
+    runs = two.mean.shape[1]
     if not isinstance(T, float | int):
         # If T differs by run, so do the covariances.
         ones = np.ones(runs)
         one, two = (Gaussian(p.mean, with_trailing(p.cov, 1, leading=2) * ones) for p in (one, two))
     noise = (q * T / 3.0) * with_trailing(np.eye(n // 2), two.cov.ndim - 2, leading=2)
-    mean, cov = np.empty((n, runs)), np.empty((n, n, *two.cov.shape[2:]))
-    p, v = slice(0, n, 2), slice(1, n, 2)
+    mean = np.empty((n, runs))
+    cov = np.empty((n, n, *two.cov.shape[2:]))
+    p = slice(0, n, 2)
+    v = slice(1, n, 2)
     # v = (p2 - p1) / T, so cov(p, v) = P2 / T and cov(v, v) = (P1 + P2) / T^2 + q T / 3 I.
-    mean[p], mean[v] = two.mean, (two.mean - one.mean) / T
+    mean[p] = two.mean
+    mean[v] = (two.mean - one.mean) / T
     cov[p, p] = two.cov
     cov[p, v] = cov[v, p] = two.cov / T
     cov[v, v] = (one.cov + two.cov) / (T * T) + noise
@@ -214,7 +218,8 @@ def augment_prior(prior: Distribution, std: tuple[float, ...]) -> Distribution:
 
 def augment_gaussian(prior: Distribution, std: tuple[float, ...]) -> Gaussian:
     """Extend the moments of the prior: mean (n + m, M), cov (n + m, n + m[, M])."""
-    n, m = len(prior.mean), len(std)
+    n = len(prior.mean)
+    m = len(std)
     mean = np.concatenate([prior.mean, np.zeros((m, *prior.mean.shape[1:]))])
     # P = [P 0; 0 diag(s^2)]
     cov = np.zeros((n + m, n + m, *prior.cov.shape[2:]))

@@ -82,7 +82,8 @@ class Detector:
 
     def conflicts(self, T: float, duration: float) -> dict[str, str]:
         """Return reasons, by key, why durations do not fit into a scenario of so many seconds."""
-        window, out = self.window(T) * T, {}
+        window = self.window(T) * T
+        out = {}
         if window > duration:
             out["detector.window_s"] = f"{window:g} s is longer than the run of {duration:g} s"
         if self.min_window(T) * T > window:
@@ -163,16 +164,19 @@ def tail(eta: float, gamma: float) -> float:
         return 1.0
     with localcontext() as context:
         context.prec = 50 + int(2.5 / (1.0 - gamma))
-        g, half = Decimal(gamma), Decimal(eta) / 2
+        g = Decimal(gamma)
+        half = Decimal(eta) / 2
         smallest = Decimal(10) ** -context.prec
         # Step 1: A_0 = 1 / prod_{i >= 1} (1 - gamma^i).
-        product, power = Decimal(1), g
+        product = Decimal(1)
+        power = g
         while power > smallest:
             product *= 1 - power
             power *= g
         A = 1 / product
         # Step 2: add A_j exp(-eta / (2 gamma^j)), with A_j / A_{j-1} = 1 / (1 - gamma^-j).
-        total, power = Decimal(0), Decimal(1)
+        total = Decimal(0)
+        power = Decimal(1)
         while True:
             term = A * (-half / power).exp()
             total += term

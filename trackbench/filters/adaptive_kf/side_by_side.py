@@ -54,7 +54,8 @@ class _PerRun:
     """Attributes and methods of several objects of a class: each result once if equal, else per run."""
 
     def __init__(self, parts: Sequence[Any], width: int) -> None:
-        self._parts, self._width = parts, width
+        self._parts = parts
+        self._width = width
 
     def __getattr__(self, name: str) -> Any:
         values = [getattr(part, name) for part in self._parts]

@@ -48,7 +48,8 @@ class Linear:
 
         It raises AttributeError unless this is constant velocity with equal noise along x and y.
         """
-        F, Q = np.array([[1.0, self.T], [0.0, 1.0]]), self.Q[:2, :2]
+        F = np.array([[1.0, self.T], [0.0, 1.0]])
+        Q = self.Q[:2, :2]
         # Compare with the matrices of two equal axes.
         planar = (np.kron(np.eye(2), block) for block in (F, Q))
         if not all(map(np.array_equal, (self.F, self.Q), planar)):
@@ -186,7 +187,8 @@ class Singer(PerAxis):
         halvings = 0
         h = T
         while h > self.tau / 32.0:
-            h, halvings = 0.5 * h, halvings + 1
+            h = 0.5 * h
+            halvings += 1
         F, Q = self._short(h)
         # Step 2: double the interval: F(2 h) = F F, Q(2 h) = F Q F' + Q.
         for _ in range(halvings):

@@ -127,7 +127,10 @@ class Step:
     def __init__(
         self, T: float, f: ArrayProgram, jacobian: ArrayProgram, angles: tuple[int, ...] = ()
     ) -> None:
-        self.T, self.f, self.J, self.angles = T, f, jacobian, angles
+        self.T = T
+        self.f = f
+        self.J = jacobian
+        self.angles = angles
 
     def __call__(self, x: Array, k: int) -> Array:
         """Move states x (n, *batch) at step k - 1 to step k.
@@ -180,7 +183,8 @@ class RungeKuttaStep(Step):
 
     def _stages(self, x: Array, k: int, i: int) -> list[tuple[Array, Array]]:
         """Return (slope, state at which it is taken) of the four stages of substep i."""
-        h, stages = self.T / self.substeps, list[tuple[Array, Array]]()
+        h = self.T / self.substeps
+        stages = list[tuple[Array, Array]]()
         t = (k - 1) * self.T + i * h
         at = x
         # k1 = f(x, t), k2 = f(x + h/2 k1, t + h/2), k3 = f(x + h/2 k2, t + h/2), k4 = f(x + h k3, t + h)
@@ -312,7 +316,8 @@ class FunctionStep(Step):
     """A noise-free step by a function, with a Jacobian by central differences."""
 
     def __init__(self, motion: NonlinearMotion, T: float) -> None:
-        self.motion, self.T = motion, T
+        self.motion = motion
+        self.T = T
         self.angles = motion.angle_rows(motion.components)
 
     def __call__(self, x: Array, k: int) -> Array:

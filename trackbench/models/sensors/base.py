@@ -131,7 +131,8 @@ class SensorBase(Part):
         It is weighted by the probability of a measurement, unless ``certain``.
         """
         state = x if x.ndim > 1 else x[:, None]
-        H, R = self.jacobian(state, k), self.measurement(state, k).cov
+        H = self.jacobian(state, k)
+        R = self.measurement(state, k).cov
         if x.ndim == 1:
             H, R = (A[..., 0] if A.ndim > 2 else A for A in (H, R))
         # H' R^-1 H, weighted by the probability of a measurement at step k
@@ -320,7 +321,8 @@ class ScaledNoise:
 
     def measurement(self, x: Array, k: int) -> Gaussian:
         """Return the distribution N(h(x), D R D) of z_k given x_k = x (n_x, *batch)."""
-        z, d = self.sensor.measurement(x, k), self.scales[:, k - self.first]
+        z = self.sensor.measurement(x, k)
+        d = self.scales[:, k - self.first]
         return Gaussian(z.mean, z.cov * with_trailing(np.outer(d, d), z.cov.ndim - 2, leading=2))
 
     def innovation(self, z: Array, z_pred: Array) -> Array:

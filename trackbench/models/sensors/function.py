@@ -141,7 +141,8 @@ def draw_poisson(rate: Array, u: Array) -> Array:
     reach = 9.0 * np.sqrt(rate)
     count = np.maximum(np.floor(rate - reach), 0.0)
     probability = exp(log_poisson(count, rate))
-    below, last = probability.copy(), rate + reach + 40.0
+    below = probability.copy()
+    last = rate + reach + 40.0
     # Step 2: add probabilities until their sum exceeds u.
     while (further := (below <= u) & (count < last)).any():
         count = count + further
@@ -258,7 +259,8 @@ class FunctionSensor(SensorBase):
 
     def _angles_by_default(self) -> tuple[str, ...]:
         """Find the components that are angles in rad; raises InvalidKeyError for other units."""
-        equations, names = self._equations, []
+        equations = self._equations
+        names = []
         for name, term in self.h.items():
             turns = turns_at_cut(equations.parse(term, "h", name))
             if turns and not isclose(turns, 1.0):

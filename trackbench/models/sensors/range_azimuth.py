@@ -75,7 +75,8 @@ class Radar(AngularSensor):
         if self.platform is not None:
             return {}
         e = mean - truth
-        (r, a), (r_true, a_true) = self.polar(mean), self.polar(truth)
+        r, a = self.polar(mean)
+        r_true, a_true = self.polar(truth)
         # Along and across the line of sight: rotate the error by the true azimuth.
         c, s = cos_sin(a_true)
         return {
@@ -204,7 +205,8 @@ class RangeAzimuthDoppler(Radar):
 
     def jacobian(self, x: Array, k: int) -> Array:
         """Return d(range, azimuth, range rate)/dx (3, n, *batch)."""
-        (px, py), r = self.relative_position(x, k), self.range(x, k)
+        px, py = self.relative_position(x, k)
+        r = self.range(x, k)
         rate = self._closing(x, k) / r
         H = np.zeros((3, *x.shape))
         H[:2] = self.polar_jacobian(x, k)
@@ -268,7 +270,8 @@ class RangeAzimuthElevation(AngularSensor):
         """Return the measured Cartesian position (3, M) and its first-order covariance (3, 3, M)."""
         # p = r (cos e cos a, cos e sin a, sin e)
         r, a, e = z
-        (ca, sa), (ce, se) = cos_sin(a), cos_sin(e)
+        ca, sa = cos_sin(a)
+        ce, se = cos_sin(e)
         position = np.stack([r * ce * ca, r * ce * sa, r * se])
         # J = d(position) / d(r, a, e), covariance J R J'
         J = np.stack(
