@@ -33,7 +33,6 @@ from trackbench.evaluation.consistency_and_calibration import side_by_side
 from trackbench.evaluation.validate_output import checked_numbers
 from trackbench.extension_points import foreign_parts
 from trackbench.filters.base import AnyFilter, Steps, has_likelihood
-from trackbench.filters.ukf import predicted_innovation
 from trackbench.models.base import Model
 from trackbench.models.sensors.many_steps import SensorOfSteps
 
@@ -282,6 +281,9 @@ def _innovation(model: Model, predicted: Gaussian, z: Array, k: int) -> Innovati
 
     The measurement is then predicted by the sensor at the mean, ``h(F x)``.
     """
+    # Imported here, since pydantic comes with the filters' keys, and a worker may need neither.
+    from trackbench.filters.ukf import predicted_innovation
+
     alone = np.isnan(predicted.cov).any(axis=(0, 1)) & ~np.isnan(predicted.mean).any(axis=0)
     if not alone.any():
         return predicted_innovation(model, predicted, z, k)
