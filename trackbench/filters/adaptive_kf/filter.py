@@ -230,7 +230,7 @@ class VariableDimension(Filter[AdaptiveState]):
         and ``zeta_beyond``: 1 above the 10 % point of that law.
         """
         record = state.record
-        out = {
+        values = {
             "nis": record.nis,
             "mode": (state.mode.on == MF).astype(float),
             "alarm": record.alarm.astype(float),
@@ -238,8 +238,8 @@ class VariableDimension(Filter[AdaptiveState]):
         }
         if self.parameters.detector.onset_rule == "argmax":
             beyond = (record.zeta > _TEN_PERCENT_POINT).astype(float)
-            out |= {"zeta": record.zeta, "zeta_beyond": beyond}
-        return out
+            values |= {"zeta": record.zeta, "zeta_beyond": beyond}
+        return values
 
 
 def _run_filters(
@@ -359,7 +359,8 @@ def _second_decision(p: Parameters, mode: Mode, alarm: Mask, k: int) -> tuple[Ma
     n = p.dlw.n
     # Decide n samples after the alarm; the MF wins with positive evidence (n = 0: at once).
     decided = (mode.on == BOTH) & (k - mode.since >= n)
-    return decided & (mode.evidence > 0.0) | alarm & (n == 0), decided
+    confirmed = decided & (mode.evidence > 0.0) | alarm & (n == 0)
+    return confirmed, decided
 
 
 def _exit_test(p: Parameters, state: AdaptiveState, k: int, sampling: Sampling) -> Mask:
@@ -387,9 +388,7 @@ def _return_to_nmf(state: AdaptiveState, over: Mask, k: int) -> AdaptiveState:
 
 def _advance_windows(state: AdaptiveState, k: int) -> AdaptiveState:
     """Replace the oldest onset of the windows by the one after step k."""
-    past = state.detector.history
-    detector = state.detector._replace(
-        inputs=state.detector.inputs.add_onset(k),
-        history=None if past is None else past.add_posterior(state.nmf, k),
-    )
+    detector = state.detector._replace(inputs=state.detector.inputs.add_onset(k))
+    if detector.history is not None:
+        detector = detector._replace(history=detector.history.add_posterior(state.nmf, k))
     return state._replace(detector=detector)
