@@ -129,8 +129,8 @@ def earth_centered(place: Geodetic) -> Array:
 
 def east_north_up(places: Geodetic, origin: Geodetic) -> Array:
     """Convert to positions (3, R), m, in the local plane of the origin (Groves 2013, 2.5.2)."""
-    at = Geodetic(*(np.asarray([part], dtype=float) for part in origin))
-    return _local_axes(earth_centered(places) - earth_centered(at), at)
+    place = _as_arrays(origin)
+    return _local_axes(earth_centered(places) - earth_centered(place), place)
 
 
 def rotate_east_north_up(vectors: Array, places: Geodetic, origin: Geodetic) -> Array:
@@ -149,14 +149,23 @@ def rotate_east_north_up(vectors: Array, places: Geodetic, origin: Geodetic) -> 
     earth = np.stack(
         [cos_lon * outward - sin_lon * east, sin_lon * outward + cos_lon * east, along_axis]
     )
-    return _local_axes(earth, Geodetic(*(np.asarray([part], dtype=float) for part in origin)))
+    return _local_axes(earth, _as_arrays(origin))
 
 
-def _local_axes(vectors: Array, at: Geodetic) -> Array:
+def _as_arrays(place: Geodetic) -> Geodetic:
+    """Return a place whose three numbers are arrays (1,)."""
+    return Geodetic(
+        latitude=np.asarray([place.latitude], dtype=float),
+        longitude=np.asarray([place.longitude], dtype=float),
+        height=np.asarray([place.height], dtype=float),
+    )
+
+
+def _local_axes(vectors: Array, place: Geodetic) -> Array:
     """Rotate vectors (3, R) from axes fixed to the Earth to east, north and up at a place."""
     dx, dy, dz = vectors
-    c, s = cos_sin(at.latitude)
-    cos_lon, sin_lon = cos_sin(at.longitude)
+    c, s = cos_sin(place.latitude)
+    cos_lon, sin_lon = cos_sin(place.longitude)
     # Turn about the Earth's axis into the place's meridian, then tilt by its latitude.
     outward = cos_lon * dx + sin_lon * dy
     return np.stack([cos_lon * dy - sin_lon * dx, c * dz - s * outward, c * outward + s * dz])

@@ -19,12 +19,16 @@ from trackbench.registry import register
 
 
 class Smoothed(NamedTuple):
-    """Posterior, number n of measurements so far, NIS (M,) and innovation of the last one."""
+    """State of the alpha-beta filter."""
 
     posterior: Gaussian
+    """mean (4, M), covariance (4, 4[, M])"""
     n: Array
+    """number of measurements so far, () or (M,)"""
     nis: Array
+    """NIS (M,) of the last measurement"""
     innovation: Innovation | None = None
+    """innovation of the last measurement"""
 
 
 @register("filters", "alpha-beta")
@@ -85,7 +89,8 @@ class AlphaBeta(InnovationFilter[Smoothed]):
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Smoothed:
         """Start from the prior of position and velocity, which counts as two measurements."""
         first = Gaussian(prior.mean[:4], prior.cov[:4, :4])
-        return Smoothed(first, np.array(2), np.full(prior.mean.shape[1], np.nan))
+        unknown = np.full(prior.mean.shape[1], np.nan)
+        return Smoothed(posterior=first, n=np.array(2), nis=unknown)
 
     def step(self, model: Model, state: Smoothed, z: Array, k: int, rng: Generator) -> Smoothed:
         """Predict ``x = F x``, update ``x = x + K (z - H x)``; predict only if z is missing."""
@@ -98,14 +103,15 @@ class AlphaBeta(InnovationFilter[Smoothed]):
         # Fixed gains cannot use half a measurement.
         missing = np.isnan(nu).any(axis=0)
         nu = np.where(missing, np.nan, nu)
-        n = np.asarray(state.n + (~missing if missing.any() else 1))
+        number_of_new = ~missing if missing.any() else 1
+        n = np.asarray(state.n + number_of_new)
         # x = x + K nu: the gain depends on the number of measurements n so far.
         K = self.gain(n, assumed.T, sensor.sigma)
         posterior = kalman.update_with_gain(predicted, nu, K, H, sensor.R)
         # S = H P H' + R, for the NIS only.
         S, _ = kalman.gain(predicted.cov, H, sensor.R)
         innovation = Innovation(nu, S)
-        return Smoothed(posterior, n, innovation.nis, innovation)
+        return Smoothed(posterior=posterior, n=n, nis=innovation.nis, innovation=innovation)
 
     def estimate(self, state: Smoothed) -> Gaussian:
         """Return the posterior."""

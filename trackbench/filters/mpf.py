@@ -58,8 +58,10 @@ class MPF(ParticleFilter):
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
         """Report the kernel's keys as idle if nothing is jittered."""
-        idle = ("kernel", "bandwidth_scale") if self.regularize == "none" else ()
-        return super().idle_keys(scenario) | dict.fromkeys(idle, "with `regularize: none`")
+        idle = super().idle_keys(scenario)
+        if self.regularize == "none":
+            idle |= dict.fromkeys(("kernel", "bandwidth_scale"), "with `regularize: none`")
+        return idle
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> PFState:
         """Draw the positions of both scans; their difference over T is the velocity's mean."""
@@ -95,6 +97,7 @@ class MPF(ParticleFilter):
         )
 
     def _jitter(self, x: Array, cov: Array, rng: Generator) -> Array:
+        """Regularize resampled particles x (4, M, N) by the covariance (4, 4, M) before resampling."""
         if self.regularize == "none":
             return x
         if self.regularize == "position":

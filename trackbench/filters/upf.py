@@ -92,7 +92,7 @@ class _ResamplingFilter(KalmanProposalFilter):
             collapsed=collapsed,
             P=P,
             w=w,
-            evidence=(Evidence(mass, 0.0, self.N),),
+            evidence=(Evidence(mass, carried=0.0, N=self.N),),
         )
 
 
@@ -110,7 +110,8 @@ class EPF(_ResamplingFilter):
     def _kalman(
         self, model: Model, state: Gaussian, z: Array, k: int, assumed: AssumedNoise
     ) -> Gaussian:
-        return extended_step(model, state, z, k, assumed)[0]
+        posterior, _ = extended_step(model, state, z, k, assumed)
+        return posterior
 
 
 @register("filters", "upf")

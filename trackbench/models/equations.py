@@ -59,9 +59,9 @@ class Program:
     def uses(self, name: str) -> bool:
         """Test whether a value depends on a variable."""
         slot = self._slots[("name", name)]
-        return slot in self._outputs or any(
-            slot in arguments for _, arguments, *_ in self._instructions
-        )
+        if slot in self._outputs:
+            return True
+        return any(slot in arguments for _, arguments, _, _ in self._instructions)
 
     def _slot(
         self,
@@ -78,7 +78,8 @@ class Program:
         elif node.operation == "name":
             key = ("name", node.name)
         if key not in self._slots:
-            self._slots[key] = slot = len(self._start)
+            slot = len(self._start)
+            self._slots[key] = slot
             self._start.append(node.value)
             self._is_array.append(any(self._is_array[a] for a in arguments))
             if arguments:
@@ -93,14 +94,15 @@ class Program:
         for i, (_, arguments, _) in enumerate(operations):
             last_use |= dict.fromkeys(arguments, i)
         # A pair's members, the variables and the outputs keep their memory.
-        writable = {
-            slot for name, _, slot in operations
-            if self._is_array[slot] and name not in ("cos and sin", "first", "second")
-        } - {*self._outputs}  # fmt: skip
+        writable = set()
+        for name, _, slot in operations:
+            is_pair = name in ("cos and sin", "first", "second")
+            if self._is_array[slot] and not is_pair and slot not in self._outputs:
+                writable.add(slot)
         instructions = []
         for i, (name, arguments, slot) in enumerate(operations):
-            free = (a for a in arguments if a in writable and last_use[a] == i)
-            reused = next(free, -1) if name in UFUNCS else -1
+            free = [a for a in arguments if a in writable and last_use[a] == i]
+            reused = free[0] if free and name in UFUNCS else -1
             instructions.append((OPERATIONS[name], arguments, slot, reused))
         return instructions
 
@@ -173,6 +175,7 @@ class Equations:
             self._add(name, self.parse(term, "where", name), "where", name)
 
     def _add(self, name: str, node: Node, *path: str | int) -> None:
+        """Add a name for expressions; raises InvalidKeyError at this key."""
         if not name.isidentifier() or keyword.iskeyword(name):
             raise InvalidKeyError(f"{name!r} cannot be a name in an expression", *path)
         if name in self.names or name in _RESERVED:
@@ -207,8 +210,9 @@ class Equations:
         """Compile a covariance (n, n) of so many components; raises InvalidKeyError."""
         n = len(components)
         rows = _rows(given, components, *path)
-        cells = chain.from_iterable(rows)
-        nodes = [self.parse(term, *where) if where else ZERO for term, where in cells]
+        nodes = []
+        for term, term_path in chain.from_iterable(rows):
+            nodes.append(self.parse(term, *term_path) if term_path else ZERO)
         for i in range(n):
             for j in range(i):
                 if rows[i][j][0] != rows[j][i][0]:
@@ -283,10 +287,9 @@ class ArrayProgram:
             out[i] = value
         components = x if batch else x[:, None]
         with np.errstate(all="ignore"):  # runs that leave the numbers are counted, not warned about
-            for i, computed in zip(
-                self._computed, self._program(*components, *scalars), strict=True
-            ):
-                out[i] = computed
+            values = self._program(*components, *scalars)
+            for i, value in zip(self._computed, values, strict=True):
+                out[i] = value
         return out.reshape(*self.shape, *batch)
 
     @cached_property

@@ -98,9 +98,11 @@ class Turning:
         F = np.zeros((5, *x.shape))
         F[0, 0] = F[2, 2] = F[4, 4] = 1.0
         F[0, 1] = F[2, 3] = along
-        F[2, 1], F[0, 3] = across, -across
+        F[0, 3] = -across
+        F[2, 1] = across
         F[1, 1] = F[3, 3] = c
-        F[3, 1], F[1, 3] = s, -s
+        F[1, 3] = -s
+        F[3, 1] = s
         # Step 2: derivatives of T sin(u) / u and T (1 - cos u) / u by w, u = w T.
         u = w * T
         d_along = T * T * _sinc_slope(u)
