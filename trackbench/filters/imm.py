@@ -139,7 +139,8 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
     @property
     def all_requirements(self) -> tuple[str, ...]:
         """Also what the models' filter requires of sensor and prior."""
-        return (*self.requires, *(n for n in self.filter.requires if not n.startswith("motion.")))
+        of_filter = [name for name in self.filter.requires if not name.startswith("motion.")]
+        return self.requires + tuple(of_filter)
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Reject motions that do not fit the target, and conflicts of the models' filter with them."""

@@ -288,8 +288,8 @@ class ArrayProgram:
         components = x if batch else x[:, None]
         with np.errstate(all="ignore"):  # runs that leave the numbers are counted, not warned about
             values = self._program(*components, *scalars)
-            for i, value in zip(self._computed, values, strict=True):
-                out[i] = value
+            for i, computed in zip(self._computed, values, strict=True):
+                out[i] = computed
         return out.reshape(*self.shape, *batch)
 
     @cached_property
