@@ -103,6 +103,8 @@ class _Gated(NamedTuple):
 
     refused: Mask
     """refused components (n_z, M)"""
+    number: Array
+    """number of refused measurements (M,), one of each sensor"""
     used: Array
     """measurements (n_z, M) with NaN for the refused components"""
     filtered: _Filtered
@@ -196,8 +198,13 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         first = self._filter_each(models, mixed, z, k)
         likelihoods = _likelihoods(first.innovations)
         if self.filter.gate is None:
-            nothing = np.zeros(z.shape, dtype=np.bool_)
-            gated = _Gated(refused=nothing, used=z, filtered=first, likelihoods=likelihoods)
+            gated = _Gated(
+                refused=np.zeros(z.shape, dtype=np.bool_),
+                number=np.zeros(z.shape[1]),
+                used=z,
+                filtered=first,
+                likelihoods=likelihoods,
+            )
         else:
             gated = self._gate(models, mixed, likelihoods, z, k)
         # Step 4: weights mu_j ~ c_j N(nu_j; 0, S_j), and mean NIS of the models.
@@ -210,7 +217,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
             innovations=first.innovations,
             predicted=predicted_weights,
             refused=gated.refused,
-            gated=self.filter.count_refused(model.sensor, gated.refused),
+            gated=gated.number,
             measurement_weight=self._mean_sensor_weight(predicted_weights, gated.filtered),
         )
 
@@ -283,7 +290,13 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
                 mantissa=np.where(partly, of_used.mantissa, likelihoods.mantissa),
                 exponent=np.where(partly, of_used.exponent, likelihoods.exponent),
             )
-        return _Gated(refused=refused, used=used, filtered=second, likelihoods=likelihoods)
+        return _Gated(
+            refused=refused,
+            number=self.filter.count_refused(models[0].sensor, refused),
+            used=used,
+            filtered=second,
+            likelihoods=likelihoods,
+        )
 
     def _weigh(
         self, predicted_weights: Array, likelihoods: _Likelihoods, z: Array
