@@ -16,7 +16,8 @@ from trackbench.contract.checks import ContractError, _check_covariance
 from trackbench.core.distributions import Gaussian, per_run_moments
 from trackbench.filters.base import Steps
 from trackbench.filters.ekf import EKF
-from trackbench.filters.kf import KF, Tracked
+from trackbench.filters.gaussian import Tracked
+from trackbench.filters.kf import KF
 from trackbench.filters.particle_filters import PF
 from trackbench.registry import kinds
 

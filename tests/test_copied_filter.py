@@ -37,7 +37,7 @@ def test_a_copy_gives_the_same_numbers(kind: str, tmp_path: Path) -> None:
 def test_a_change_of_the_copy_shows(tmp_path: Path) -> None:
     path, config, _ = write_new("filter", "changed", tmp_path, "copy", "kf")
     text = path.read_text().replace("self.prepared(state.posterior)", "state.posterior")
-    step = "posterior, innovation, weight = self.robust_update(model, before, z, k)"
+    step = "posterior, innovation, weight = self.predict_and_update(model, before, z, k)"
     assert step in text
     path.write_text(text.replace(step, step.replace("z, k", "0.9 * z, k")))
     (point,) = load(config, allow_plugins=True).points

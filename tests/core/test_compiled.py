@@ -31,9 +31,10 @@ from trackbench.core.particle_moves import Mode, displaced, jitter_modes
 from trackbench.core.random_streams import NoiseGenerator, SomeRuns, block_stream
 from trackbench.core.sums import WindowSums
 from trackbench.filters.base import Steps
+from trackbench.filters.gaussian import AssumedNoise
 from trackbench.filters.kf import KF
+from trackbench.filters.ukf import additive_step, augmented_step
 from trackbench.models.base import Model
-from trackbench.models.gaussian_steps import AssumedNoise, additive_step, augmented_step
 from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.models.sensors.angular import along_line_of_sight
 from trackbench.models.sensors.base import SensorBase

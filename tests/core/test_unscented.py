@@ -5,8 +5,10 @@ from tests.conftest import random_covariance
 from trackbench.core import kalman
 from trackbench.core.distributions import Gaussian
 from trackbench.core.unscented import Unscented
+from trackbench.filters.ekf import extended_step
+from trackbench.filters.gaussian import AssumedNoise
+from trackbench.filters.ukf import augmented_step
 from trackbench.models.base import Model
-from trackbench.models.gaussian_steps import AssumedNoise, augmented_step, extended_step
 
 
 @pytest.mark.parametrize("parameters", [(1.0, 0.0, 2.0), (1e-3, 2.0, 0.0), (0.5, 1.0, 1.0)])

@@ -18,8 +18,9 @@ from trackbench.evaluation.run_block import run_block
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.execution.plan import cautions
 from trackbench.filters.ekf import EKF
+from trackbench.filters.gaussian import Tracked
 from trackbench.filters.imm import IMM, ModelBank
-from trackbench.filters.kf import KF, Tracked
+from trackbench.filters.kf import KF
 from trackbench.filters.ukf import CKF
 from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import WhiteAcceleration

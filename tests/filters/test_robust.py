@@ -198,7 +198,7 @@ class Still:
 def updated(robust: Any, m: Array, P: Array, sensor: Any, z: Array, kind: str = "ekf") -> Any:
     """Return mean and covariance of one update of N(m, P), and the sensors' weights by them."""
     tracker, model = make_filter(kind, robust=robust), Model(Still(), sensor)
-    posterior, *_ = tracker.robust_update(model, Gaussian(m[:, None], P), z[:, None], 1)
+    posterior, *_ = tracker.predict_and_update(model, Gaussian(m[:, None], P), z[:, None], 1)
     weights = robust.weights(sensor, posterior, z[:, None], 1)
     return posterior.mean[:, 0], posterior.cov.reshape(3, 3, -1)[..., 0], weights[:, 0]
 

@@ -34,7 +34,7 @@ from trackbench.contract.problems import (
 from trackbench.errors import UserError, in_line
 from trackbench.filters.base import AnyFilter, Filter
 from trackbench.filters.external import External
-from trackbench.filters.kf import GaussianFilter
+from trackbench.filters.gaussian import GaussianFilter
 from trackbench.models.motions.scalar import SineGamma
 from trackbench.models.sensors.square_then_line import SquareThenLine
 from trackbench.plugins.errors import PluginError, guarded, located_message

@@ -16,7 +16,10 @@ import numpy as np
 from trackbench.core import compiled
 from trackbench.core.arrays import Array, fixed
 
-POWERS, LOGS, TURNS, SLOPES = 1 << 14, 1 << 13, 1 << 11, 1 << 8
+POWERS = 1 << 14
+LOGS = 1 << 13
+TURNS = 1 << 11
+SLOPES = 1 << 8
 """Entries per octave of 2^x, per octave of log, per turn of sin and cos, per unit of arctan."""
 _BITS = 160
 _ONE = 1 << _BITS
@@ -74,7 +77,8 @@ def exp(x: Array, out: Array) -> None:
         return
     below, above = x < _LOWEST, x > _HIGHEST
     exp_of_moderate(np.clip(x, _LOWEST, _HIGHEST), out)
-    out[below], out[above] = 0.0, np.inf
+    out[below] = 0.0
+    out[above] = np.inf
 
 
 def exp_of_moderate(x: Array, out: Array) -> None:
@@ -116,11 +120,15 @@ def log(x: Array, out: Array) -> None:
     scaled = np.where(normal, x, 1.0)
     tiny = (x > 0.0) & (x < _SMALLEST)
     scaled[tiny] = x[tiny] * 2.0**_MANTISSA
-    zero, infinite, undefined = x == 0.0, x == np.inf, ~(x >= 0.0)
+    zero = x == 0.0
+    infinite = x == np.inf
+    undefined = ~(x >= 0.0)
     # Correct the results of scaled and special numbers afterwards.
     _log_of_normal(scaled, out)
     out[tiny] -= _MANTISSA * constants().log_2
-    out[zero], out[infinite], out[undefined] = -np.inf, np.inf, np.nan
+    out[zero] = -np.inf
+    out[infinite] = np.inf
+    out[undefined] = np.nan
 
 
 def _log_of_normal(x: Array, out: Array) -> None:
@@ -282,7 +290,8 @@ def powers_of_two() -> Array:
     # 2^(1 / POWERS) by repeated square roots of 2, in fixed-point numbers.
     for _ in range(POWERS.bit_length() - 1):
         step = isqrt(step << _BITS)
-    entries, power = [], _ONE
+    entries = []
+    power = _ONE
     # Multiply up from 2^0.
     for _ in range(POWERS):
         entries.append(power)
@@ -315,7 +324,10 @@ def circle() -> tuple[Array, Array]:
     # Step 1: rotate by one entry at a time through a quarter of the circle.
     angle = 2 * pi_bits() // TURNS
     step_c, step_s = _series(angle, 0), _series(angle, 1)
-    cosines, sines, c, s = [], [], _ONE, 0
+    cosines = []
+    sines = []
+    c = _ONE
+    s = 0
     for _ in range(TURNS // 4 + 1):
         cosines.append(c)
         sines.append(s)
@@ -344,7 +356,8 @@ def pi_bits() -> int:
 
 def parts(bits: int, divisor: int, widths: list[int]) -> list[float]:
     """Split ``bits / divisor`` into floats of so many bits each, and one more for the rest."""
-    rest, out = bits // divisor, []
+    rest = bits // divisor
+    out = []
     for width in widths:
         drop = max(rest.bit_length() - width, 0)
         # Keep the leading bits of the rest; the remaining ones go to the next part.
@@ -357,27 +370,37 @@ def parts(bits: int, divisor: int, widths: list[int]) -> list[float]:
 def _log_ratio(b: int, a: int) -> int:
     """Compute ``log(b / a) = 2 artanh((b - a) / (b + a))``."""
     term = ((b - a) << _BITS) // (b + a)
-    square, total, n = term * term >> _BITS, 0, 1
+    square = term * term >> _BITS
+    total = 0
+    n = 1
     while term:
         total += term // n
-        term, n = term * square >> _BITS, n + 2
+        term = term * square >> _BITS
+        n += 2
     return 2 * total
 
 
 def _arctan(b: int, a: int) -> int:
     """Compute ``arctan(b / a)``."""
     term = (b << _BITS) // a
-    square, total, n, sign = term * term >> _BITS, 0, 1, 1
+    square = term * term >> _BITS
+    total = 0
+    n = 1
+    sign = 1
     while term:
         total += sign * (term // n)
-        term, n, sign = term * square >> _BITS, n + 2, -sign
+        term = term * square >> _BITS
+        n += 2
+        sign = -sign
     return total
 
 
 def _series(angle: int, first: int) -> int:
     """Sum the series of the cosine (first = 0) or sine (1) of a small angle."""
     term = angle if first else _ONE
-    square, total, n = angle * angle >> _BITS, 0, first
+    square = angle * angle >> _BITS
+    total = 0
+    n = first
     # The next term is -term angle^2 / ((n + 1) (n + 2)).
     while term:
         total += term

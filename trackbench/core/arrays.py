@@ -32,19 +32,25 @@ def with_trailing(a: Array, batch_ndim: int, leading: int = 1) -> Array:
     ``leading`` is the number of component axes (1 for a vector, 2 for a matrix).
     """
     missing = batch_ndim + leading - a.ndim
-    return a.reshape(a.shape + (1,) * missing) if missing > 0 else a
+    if missing <= 0:
+        return a
+    return a.reshape(a.shape + (1,) * missing)
 
 
-def with_axes_of(like: Array, a: Array) -> Array:
-    """Append axes of length one to ``a`` until it has as many as ``like``."""
-    return with_trailing(a, like.ndim, leading=0)
+def with_axes_of(model: Array, a: Array) -> Array:
+    """Append axes of length one to ``a`` until it has as many as ``model``."""
+    return with_trailing(a, model.ndim, leading=0)
 
 
 def as_slice(rows: Sequence[int]) -> slice | Sequence[int]:
     """Turn evenly spaced row numbers into a slice, which needs no copy, and others into a list."""
+    if len(rows) == 0:
+        return []
     step = rows[1] - rows[0] if len(rows) > 1 else 1
-    regular = len(rows) > 0 and step > 0 and [*rows] == [*range(rows[0], rows[-1] + 1, step)]
-    return slice(rows[0], rows[-1] + 1, step) if regular else [*rows]
+    is_even = step > 0 and list(rows) == list(range(rows[0], rows[-1] + 1, step))
+    if is_even:
+        return slice(rows[0], rows[-1] + 1, step)
+    return list(rows)
 
 
 def settled_row(above: Mask) -> Index:
@@ -55,14 +61,20 @@ def settled_row(above: Mask) -> Index:
 
 def any_nan(a: Array) -> bool:
     """Test whether any entry is NaN."""
-    nan_or_none = compiled.kernels.any_nan(a) if compiled.kernels else None
-    return bool(np.isnan(a).any()) if nan_or_none is None else bool(nan_or_none)
+    if compiled.kernels:
+        has_nan = compiled.kernels.any_nan(a)
+        if has_nan is not None:  # an array that the kernel can read
+            return bool(has_nan)
+    return bool(np.isnan(a).any())
 
 
 def all_finite(a: Array) -> bool:
     """Test whether all entries are finite numbers."""
-    not_finite = compiled.kernels.any_not_finite(a) if compiled.kernels else None
-    return bool(np.isfinite(a).all()) if not_finite is None else not not_finite
+    if compiled.kernels:
+        has_not_finite = compiled.kernels.any_not_finite(a)
+        if has_not_finite is not None:  # an array that the kernel can read
+            return not has_not_finite
+    return bool(np.isfinite(a).all())
 
 
 def choose(mask: Mask, a: Array, b: Array) -> Array:
@@ -70,7 +82,8 @@ def choose(mask: Mask, a: Array, b: Array) -> Array:
     alike = a.shape == b.shape and a.shape[a.ndim - mask.ndim :] == mask.shape
     if compiled.kernels and alike and a.dtype == b.dtype == np.float64 and mask.dtype == np.bool_:
         out = np.empty(a.shape)
-        compiled.kernels.choose(*map(np.ascontiguousarray, (mask, a, b)), out)
+        mask = np.ascontiguousarray(mask)
+        compiled.kernels.choose(mask, np.ascontiguousarray(a), np.ascontiguousarray(b), out)
         return out
     return np.where(mask, a, b)
 
@@ -155,7 +168,8 @@ class Seal:
     def __init__(self, *wholes: Any) -> None:
         self._memory: dict[int, tuple[bytes, bytearray]] = {}
         self._attributes: list[tuple[dict[str, Any], dict[str, Any]]] = []
-        waiting, visited = [*wholes], set[int]()
+        waiting = [*wholes]
+        visited = set[int]()
         # Walk through all parts, each of them once.
         while waiting:
             part = waiting.pop()
@@ -251,7 +265,8 @@ class LatestResults(Generic[T]):
     """
 
     def __init__(self, function: Callable[..., T], size: int) -> None:
-        self._function, self.size = function, size
+        self._function = function
+        self.size = size
         self._results: dict[tuple[Hashable, ...], T] = {}
 
     def __call__(self, *key: Hashable) -> T:
@@ -296,7 +311,7 @@ def counting() -> Iterator[Counter[Operation]]:
         _counts.remove(counts)
 
 
-def note(operation: Operation, of: Array, components: int) -> None:
-    """Note one operation per batch element of ``of``, which has so many component axes."""
+def note(operation: Operation, a: Array, components: int) -> None:
+    """Note one operation per batch element of ``a``, which has so many component axes."""
     for counts in _counts:
-        counts[operation] += prod(of.shape[components:])
+        counts[operation] += prod(a.shape[components:])

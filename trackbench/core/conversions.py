@@ -49,9 +49,11 @@ def ucm(z: Polar) -> Gaussian:
 
     The covariance is that of the error given the measurement.
     """
-    s, v = z.azimuth_variance, z.range_variance
+    s = z.azimuth_variance
+    v = z.range_variance
     # Variances along and across the line of sight.
-    square, shrinkage = np.square(z.r), expm1(-2.0 * s)  # e^(-2 s) - 1
+    square = np.square(z.r)
+    shrinkage = expm1(-2.0 * s)  # e^(-2 s) - 1
     radial = square * (expm1(s) + 0.5 * shrinkage) + 0.5 * v * (2.0 + shrinkage)
     cross = -0.5 * (square + v) * shrinkage
     return Gaussian(position(exp(0.5 * s) * z.r, z.a), rotate_covariance(radial, cross, z.a))
@@ -59,9 +61,11 @@ def ucm(z: Polar) -> Gaussian:
 
 def mucm(z: Polar) -> Gaussian:
     """Convert by the modified unbiased conversion (Duan et al. 2004): moments given the measurement."""
-    s, v = z.azimuth_variance, z.range_variance
+    s = z.azimuth_variance
+    v = z.range_variance
     # Variances along and across the line of sight.
-    square, excess = np.square(z.r), 2.0 * np.square(sinh(0.5 * s))  # cosh s - 1
+    square = np.square(z.r)
+    excess = 2.0 * np.square(sinh(0.5 * s))  # cosh s - 1
     radial = exp(-s) * (square * excess + v * (1.0 + excess))
     cross = exp(-s) * (square + v) * sinh(s)
     return Gaussian(position(exp(-0.5 * s) * z.r, z.a), rotate_covariance(radial, cross, z.a))
@@ -73,7 +77,8 @@ def ducm(z: Polar, predicted: Polar | None = None) -> Gaussian:
     The mean is that of `ucm`. The covariance is averaged over the prediction, which is independent of
     the measurement's error, or over the measurement where its azimuth is at least as certain.
     """
-    s, v = z.azimuth_variance, z.range_variance
+    s = z.azimuth_variance
+    v = z.range_variance
     # Step 1: choose per run what the covariance is averaged over.
     reference = z
     if predicted is not None:
@@ -113,7 +118,8 @@ class Geodetic(NamedTuple):
 
 def earth_centered(place: Geodetic) -> Array:
     """Convert to Cartesian coordinates (3, ...) fixed to the Earth, m (Groves 2013, section 2.4.3)."""
-    (c, s), (cos_lon, sin_lon) = cos_sin(place.latitude), cos_sin(place.longitude)
+    c, s = cos_sin(place.latitude)
+    cos_lon, sin_lon = cos_sin(place.longitude)
     radius = SEMI_MAJOR_AXIS / np.sqrt(1.0 - _ECCENTRICITY_SQUARED * s * s)  # of curvature
     # Distance from the Earth's axis, and height above the equatorial plane.
     to_axis = (radius + place.height) * c
@@ -123,8 +129,8 @@ def earth_centered(place: Geodetic) -> Array:
 
 def east_north_up(places: Geodetic, origin: Geodetic) -> Array:
     """Convert to positions (3, R), m, in the local plane of the origin (Groves 2013, 2.5.2)."""
-    at = Geodetic(*(np.asarray([part], dtype=float) for part in origin))
-    return _local_axes(earth_centered(places) - earth_centered(at), at)
+    place = _as_arrays(origin)
+    return _local_axes(earth_centered(places) - earth_centered(place), place)
 
 
 def rotate_east_north_up(vectors: Array, places: Geodetic, origin: Geodetic) -> Array:
@@ -135,20 +141,31 @@ def rotate_east_north_up(vectors: Array, places: Geodetic, origin: Geodetic) -> 
     (Groves 2013, eq. 2.150).
     """
     east, north, up = vectors
-    (c, s), (cos_lon, sin_lon) = cos_sin(places.latitude), cos_sin(places.longitude)
+    c, s = cos_sin(places.latitude)
+    cos_lon, sin_lon = cos_sin(places.longitude)
     # Tilt by the latitude, then turn about the Earth's axis into the meridian of longitude zero.
     outward = c * up - s * north
     along_axis = c * north + s * up
     earth = np.stack(
         [cos_lon * outward - sin_lon * east, sin_lon * outward + cos_lon * east, along_axis]
     )
-    return _local_axes(earth, Geodetic(*(np.asarray([part], dtype=float) for part in origin)))
+    return _local_axes(earth, _as_arrays(origin))
 
 
-def _local_axes(vectors: Array, at: Geodetic) -> Array:
+def _as_arrays(place: Geodetic) -> Geodetic:
+    """Return a place whose three numbers are arrays (1,)."""
+    return Geodetic(
+        latitude=np.asarray([place.latitude], dtype=float),
+        longitude=np.asarray([place.longitude], dtype=float),
+        height=np.asarray([place.height], dtype=float),
+    )
+
+
+def _local_axes(vectors: Array, place: Geodetic) -> Array:
     """Rotate vectors (3, R) from axes fixed to the Earth to east, north and up at a place."""
     dx, dy, dz = vectors
-    (c, s), (cos_lon, sin_lon) = cos_sin(at.latitude), cos_sin(at.longitude)
+    c, s = cos_sin(place.latitude)
+    cos_lon, sin_lon = cos_sin(place.longitude)
     # Turn about the Earth's axis into the place's meridian, then tilt by its latitude.
     outward = cos_lon * dx + sin_lon * dy
     return np.stack([cos_lon * dy - sin_lon * dx, c * dz - s * outward, c * outward + s * dz])

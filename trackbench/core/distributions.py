@@ -44,10 +44,34 @@ class Distribution(Protocol):
         """Point of highest density (n, *batch)."""
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
-        """Return one draw per batch member, shape (n, *batch, *trailing)."""
+        """Draw from the distribution.
+
+        Parameters
+        ----------
+        rng : Streams
+            Random numbers.
+        *trailing : int
+            Lengths of further axes, such as the number N of particles.
+
+        Returns
+        -------
+        array (n, *batch, *trailing)
+            One draw per batch member and trailing index.
+        """
 
     def log_prob(self, x: Array) -> Array:
-        """Evaluate the log-density at x (n, ...); shape of the broadcast batch."""
+        """Evaluate the log-density.
+
+        Parameters
+        ----------
+        x : array (n, ...)
+            Points, whose further axes are broadcast against the batch.
+
+        Returns
+        -------
+        array (...)
+            Log-density at each point.
+        """
 
 
 @runtime_checkable
@@ -55,7 +79,22 @@ class Covering(Protocol):
     """A distribution with draws that cover its tails."""
 
     def cover(self, rng: Streams, N: int) -> tuple[Array, Array]:
-        """Return N draws (n, M, N) and their log-weights (M, N)."""
+        """Draw states that cover the distribution's tails.
+
+        Parameters
+        ----------
+        rng : Streams
+            Random numbers.
+        N : int
+            Number of draws in each of M runs.
+
+        Returns
+        -------
+        x : array (n, M, N)
+            Draws.
+        log_w : array (M, N)
+            Log-weights that make them draws from the distribution.
+        """
 
 
 def draw_covering(prior: Distribution, rng: Streams, N: int) -> tuple[Array, Array]:
@@ -126,16 +165,33 @@ def root_of(state: Gaussian) -> Array:
     return state.root if isinstance(state, Factored) else linalg.root(state.cov)
 
 
-def per_run_moments(of: Distribution) -> Gaussian:
+def per_run_moments(distribution: Distribution) -> Gaussian:
     """Give each run a covariance of its own (n, n, M), which is read-only if runs share one."""
-    (n, runs), cov = of.mean.shape, of.cov
+    mean = distribution.mean
+    cov = distribution.cov
+    n, runs = mean.shape
     if cov.shape != (n, n, runs):
         cov = np.broadcast_to(with_trailing(cov, 1, leading=2), (n, n, runs))
-    return Gaussian(of.mean, cov)
+    return Gaussian(mean, cov)
 
 
 def zero_mean_log_prob(e: Array, cov: Array, root: Array | None = None) -> Array:
-    """Evaluate log N(e; 0, cov) (*batch), e (n, *batch); ``root`` is the Cholesky factor if known."""
+    """Evaluate log N(e; 0, cov), ``-(e' P^-1 e + log det P + n log 2 pi) / 2``.
+
+    Parameters
+    ----------
+    e : array (n, *batch)
+        Errors.
+    cov : array (n, n) or (n, n, *batch)
+        Covariances P.
+    root : array (n, n) or (n, n, *batch), optional
+        Cholesky factor of P, if it is known.
+
+    Returns
+    -------
+    array (*batch)
+        Log-densities.
+    """
     # Step 1: e' P^-1 e / 2 as the sum of squares of (sqrt(2) L)^-1 e.
     L = linalg.cholesky(cov) if root is None else root
     log_norm = 0.5 * len(e) * LOG_2PI
@@ -209,9 +265,11 @@ class Gamma:
         """Evaluate the log-density at v, -inf for v <= 0."""
         # log p(v) = (shape - 1) log v - rate v + log_norm
         if compiled.kernels and v.dtype == np.float64:
-            out, v = np.empty(v.shape), np.ascontiguousarray(v)
-            numbers = self.shape - 1.0, self.rate, self._log_norm
-            compiled.kernels.gamma_log_density(log_table(), v, out, *numbers)
+            out = np.empty(v.shape)
+            v = np.ascontiguousarray(v)
+            compiled.kernels.gamma_log_density(
+                log_table(), v, out, self.shape - 1.0, self.rate, self._log_norm
+            )
             return out
         log_p = np.maximum(v, _SMALLEST)
         log_p = elementary.log(log_p, out=log_p)
@@ -309,12 +367,14 @@ class Uniform(Symmetric):
     def sample(self, rng: Streams, *trailing: int) -> Array:
         """Draw ``low + (high - low) u`` (n, M, *trailing) with u uniform in [0, 1)."""
         u = rng.random((len(self.low), self.runs, *trailing))
-        low, width = (with_trailing(v, u.ndim - 1) for v in (self.low, self.high - self.low))
+        low = with_trailing(self.low, u.ndim - 1)
+        width = with_trailing(self.high - self.low, u.ndim - 1)
         return low + width * u
 
     def log_prob(self, x: Array) -> Array:
         """Compute ``-sum log(high - low)`` within the limits and -inf outside."""
-        low, high = (with_trailing(v, x.ndim - 1) for v in (self.low, self.high))
+        low = with_trailing(self.low, x.ndim - 1)
+        high = with_trailing(self.high, x.ndim - 1)
         inside = ((x >= low) & (x <= high)).all(axis=0)
         width = self.high - self.low
         volume = 0.0
@@ -341,6 +401,8 @@ def heavy_tailed_normal(runs: int, N: int, rng: Streams) -> tuple[Array, Array]:
     u = (np.arange(N) + rng.random((runs, N))) * (1.0 / N)
     np.clip(u, _EDGE, 1.0 - _EDGE, out=u)
     # Step 2: x is the logistic quantile of u; the weight is the ratio of the densities at x.
-    log_u, log_rest = log(u), log(1.0 - u)
+    log_u = log(u)
+    log_rest = log(1.0 - u)
     x = _SCALE * (log_u - log_rest)
-    return x, float(log(_SCALE)) - 0.5 * LOG_2PI - 0.5 * np.square(x) - log_u - log_rest
+    log_w = float(log(_SCALE)) - 0.5 * LOG_2PI - 0.5 * np.square(x) - log_u - log_rest
+    return x, log_w

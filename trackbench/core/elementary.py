@@ -47,15 +47,18 @@ def cos_sin(a: ArrayLike) -> tuple[Array, Array]:
         return _cos_sin_of_number(a)
     a = np.asarray(a, dtype=float)
     flat = np.ascontiguousarray(a).reshape(-1)
-    c, s = np.empty(flat.shape), np.empty(flat.shape)
+    c = np.empty(flat.shape)
+    s = np.empty(flat.shape)
     _in_pieces(_elementary_kernels.cos_sin, flat, c, s)
     return c.reshape(a.shape)[()], s.reshape(a.shape)[()]
 
 
 def arctan2(y: Array, x: Array) -> Array:
     """Compute the angle of (x, y) in [-pi, pi]; y and x have one shape; arctan2(+-0, -0) is +-0."""
-    y, x = np.asarray(y, dtype=float), np.asarray(x, dtype=float)
-    flat_y, flat_x = (np.ascontiguousarray(a).reshape(-1) for a in (y, x))
+    y = np.asarray(y, dtype=float)
+    x = np.asarray(x, dtype=float)
+    flat_y = np.ascontiguousarray(y).reshape(-1)
+    flat_x = np.ascontiguousarray(x).reshape(-1)
     out = np.empty(flat_y.shape)
     _in_pieces(_elementary_kernels.arctan2, flat_y, flat_x, out)
     return out.reshape(y.shape)[()]
@@ -79,7 +82,8 @@ def sinh(x: ArrayLike) -> Array:
 
 def logaddexp(a: Array, b: ArrayLike) -> Array:
     """Compute ``log(e^a + e^b)``."""
-    larger, smaller = np.maximum(a, b), np.minimum(a, b)
+    larger = np.maximum(a, b)
+    smaller = np.minimum(a, b)
     with np.errstate(invalid="ignore"):
         # Two infinities of one sign have the difference zero.
         difference = np.where(larger == smaller, 0.0, smaller - larger)
@@ -88,7 +92,8 @@ def logaddexp(a: Array, b: ArrayLike) -> Array:
 
 def power(x: ArrayLike, y: ArrayLike) -> Array:
     """Compute ``x^y``, NaN for x < 0 unless y is whole; one whole y of up to 16 by multiplication."""
-    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    x = np.asarray(x, dtype=float)
+    y = np.asarray(y, dtype=float)
     # x^y = x x ... x
     if y.ndim == 0 and 0 <= y <= _MOST_FACTORS and y == np.floor(y):
         product = x.copy() if y else np.ones_like(x)
@@ -136,7 +141,9 @@ def normal_cdf(z: ArrayLike) -> Array:
     z = np.asarray(z, dtype=float)
     a = np.minimum(np.abs(z), _FAR)
     square = a * a
-    term, series, odd = a, a, 1.0
+    term = a
+    series = a
+    odd = 1.0
     # Add terms until all are below the last bit; further terms change no element that has converged.
     while (term > _HALF_A_BIT * series).any():
         odd += 2.0
@@ -157,10 +164,13 @@ def chi_square_cdf(x: ArrayLike, n: int) -> Array:
     if n % 2:
         root = np.sqrt(near)
         below = 2.0 * normal_cdf(root) - 1.0
-        term, first = 2.0 * normal_density(root) * root, 3
+        term = 2.0 * normal_density(root) * root
+        first = 3
     else:
         above = exp(-0.5 * near)
-        below, term, first = 1.0 - above, 0.5 * near * above, 4
+        below = 1.0 - above
+        term = 0.5 * near * above
+        first = 4
     # Step 2: subtract a term for every two further degrees.
     for divisor in range(first, n + 1, 2):
         below = below - term

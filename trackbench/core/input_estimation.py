@@ -50,19 +50,24 @@ class Hypotheses(NamedTuple):
         innovation nu (1, 2, M) and S (1, 1, A, M), NaN if a run has no measurement.
         """
         # Step 1: M^- = F M + g, psi = H M^- with H = [1 0].
-        F_, g_ = F[:, :, None, None, None], g[:, None, None, None]
+        F_ = F[:, :, None, None, None]
+        g_ = g[:, None, None, None]
         response = F_[:, 0] * self.response[0]
         response += F_[:, 1] * self.response[1]
         response += g_
-        psi, S, nu = response[0], innovation.S[0, 0], innovation.nu[0]
+        psi = response[0]
+        S = innovation.S[0, 0]
+        nu = innovation.nu[0]
         # Step 2: K = P H' / R of the posterior; a missing measurement has no gain and no information.
-        gain, precision = posterior.cov[:, 0] / R[0, 0], 1.0 / S
+        gain = posterior.cov[:, 0] / R[0, 0]
+        precision = 1.0 / S
         if any_nan(nu):
             measured = ~np.isnan(nu).any(axis=0)
             gain, precision, nu = (np.where(measured, a, 0.0) for a in (gain, precision, nu))
         # Step 3: L^-1 += psi^2 / S, d += psi nu / S, M = M^- - K psi.
         weight = precision[:, None] * psi
-        information, score = weight * psi, weight * nu[:, None]
+        information = weight * psi
+        score = weight * nu[:, None]
         information += self.information
         score += self.score
         response -= gain[:, :, None] * psi
@@ -123,12 +128,14 @@ class Input(NamedTuple):
 
     def correct(self, state: Gaussian) -> Gaussian:
         """Correct the quiescent state by the input's effect: ``N(x + M u, P + M L M')``."""
-        M, L = self.response, self.variance
+        M = self.response
+        L = self.variance
         return Gaussian(state.mean + M * self.u, state.cov + M[:, None] * L * M[None])
 
     def augment(self, state: Gaussian) -> Gaussian:
         """Add the input as a component: ``[x + M u; u]`` with ``[P + M L M', M L; L M', L]``."""
-        corrected, (M, u, L) = self.correct(state), self
+        corrected = self.correct(state)
+        M, u, L = self
         ML = np.broadcast_to(M * L, corrected.cov[:, 0].shape)
         # Stack the blocks [P + M L M', M L] and [L M', L].
         upper = np.concatenate([corrected.cov, ML[:, None]], axis=1)

@@ -27,10 +27,12 @@ _MOST_INVERTED = 40
 
 
 class Innovation(NamedTuple):
-    """Innovation ``nu`` (n_z, *batch) and its covariance ``S`` (n_z, n_z[, *batch])."""
+    """Innovation of a measurement, with its covariance."""
 
     nu: Array
+    """innovation (n_z, *batch), NaN where a component is missing"""
     S: Array
+    """covariance (n_z, n_z[, *batch])"""
     volume_ratio: Array | float = 1.0
     """volume of converted measurements per volume of measurements (*batch), if ``nu`` is converted"""
     root: Array | None = None
@@ -168,48 +170,94 @@ def track(
         (n_z, n_z, T, 1); NIS (T, M). None if there are no C kernels, n > 6, n_z > 2, the covariance
         is per run, a component is missing (NaN) in some of the runs only, or a run diverges.
     """
-    (n_z, T, M), n, missing = z.shape, len(F), np.isnan(z)
+    n_z, T, M = z.shape
+    n = len(F)
+    missing = np.isnan(z)
     if not compiled.kernels or n > 6 or n_z > 2 or prior.cov.ndim > 2:
         return None
     if (missing != missing[..., :1]).any():
         return None
-    means, covs = np.empty((T + 1, n, M)), np.empty((T + 1, n, n))
-    means[0], covs[0] = prior.mean, prior.cov
+    means = np.empty((T + 1, n, M))
+    covs = np.empty((T + 1, n, n))
+    means[0] = prior.mean
+    covs[0] = prior.cov
     # The kernel turns the measurements into innovations.
-    nu, S, nis = np.empty((T, n_z, M)), np.empty((T, n_z, n_z)), np.empty((T, M))
+    nu = np.empty((T, n_z, M))
+    S = np.empty((T, n_z, n_z))
+    nis = np.empty((T, M))
     nu[:] = z.swapaxes(0, 1)
-    model = (np.ascontiguousarray(A, dtype=np.float64) for A in (F, Q, H, R))
-    compiled.kernels.track(*model, means, covs, S, nu, nis, n, n_z, M)
-    of_runs = np.isnan(nis) == missing.all(axis=0)
-    if not (all_finite(means) and of_runs.all() and (np.isnan(nu.swapaxes(0, 1)) == missing).all()):
+    matrices = [np.ascontiguousarray(A, dtype=np.float64) for A in (F, Q, H, R)]
+    compiled.kernels.track(*matrices, means, covs, S, nu, nis, n, n_z, M)
+    # A NaN that is no missing measurement is that of a run that diverges.
+    has_nis = np.isnan(nis) == missing.all(axis=0)
+    has_nu = np.isnan(nu.swapaxes(0, 1)) == missing
+    if not (all_finite(means) and has_nis.all() and has_nu.all()):
         return None
     note("covariances", nis[:, 0], components=0)  # one per step, since all runs share it
     # Steps become an axis of the batch.
     posterior = Gaussian(means[1:].swapaxes(0, 1), np.moveaxis(covs[1:], 0, -1)[..., None])
-    return posterior, Innovation(nu.swapaxes(0, 1), np.moveaxis(S, 0, -1)[..., None]), nis
+    innovation = Innovation(nu.swapaxes(0, 1), np.moveaxis(S, 0, -1)[..., None])
+    return posterior, innovation, nis
 
 
 def update_roots(m: Array, nu: Array, dx: Array, dz: Array, R: Array) -> tuple[Factored, Array]:
-    """Update by roots: posterior, and root of S, of ``P = dx dx'``, ``C = dx dz'``, ``S = dz dz' + R``.
+    """Update by roots, ``P = dx dx'``, ``C = dx dz'``, ``S = dz dz' + R``.
 
     ``[dz R^1/2; dx 0] = [S^1/2 0; G P^1/2] Q'``, mean ``m + G S^-1/2 nu`` (Kaminski, Bryson & Schmidt
     1971; for points Arasaratnam & Haykin 2009, appendix).
+
+    Parameters
+    ----------
+    m : array (n, *batch)
+        Predicted mean.
+    nu : array (n_z, *batch)
+        Innovation, zero where a component is missing.
+    dx, dz : array (n, p[, *batch]) and (n_z, p[, *batch])
+        Roots of P and of the measurement's part of S.
+    R : array (n_z, n_z[, *batch])
+        Covariance of the measurement noise.
+
+    Returns
+    -------
+    posterior : Factored
+        Posterior with its lower root.
+    root : array (n_z, n_z[, *batch])
+        Lower root of S.
     """
     n_z = len(dz)
     # Blocks below each other are transposed blocks beside each other.
-    T, noise = linalg.transpose, linalg.root(R)
-    columns = linalg.beside(T(dz), T(dx)), linalg.beside(T(noise), np.zeros((n_z, len(dx))))
-    L = linalg.triangular(linalg.beside(*map(T, columns)))
-    S_root, G, root = L[:n_z, :n_z], L[n_z:, :n_z], L[n_z:, n_z:]
+    transpose = linalg.transpose
+    deviations = transpose(linalg.beside(transpose(dz), transpose(dx)))
+    noise = linalg.root(R)
+    added = transpose(linalg.beside(transpose(noise), np.zeros((n_z, len(dx)))))
+    L = linalg.triangular(linalg.beside(deviations, added))
+    S_root = L[:n_z, :n_z]
+    G = L[n_z:, :n_z]
+    root = L[n_z:, n_z:]
     note("covariances", root, components=2)
-    return from_root(m + linalg.matvec(G, linalg.solve_lower(S_root, nu)), root), S_root
+    mean = m + linalg.matvec(G, linalg.solve_lower(S_root, nu))
+    return from_root(mean, root), S_root
 
 
 def drop_missing(H: Array, R: Array, missing: Mask) -> tuple[Array, Array]:
-    """Leave missing components (n_z, *batch) out of H (rows) and of R (rows and columns).
+    """Leave missing components out of the rows of H, and out of the rows and columns of R.
 
     The shapes stay as they are: a row of H becomes zero. Constant matrices stay constant if the same
     components are missing in all runs.
+
+    Parameters
+    ----------
+    H : array (n_z, n[, *batch])
+        Measurement matrix.
+    R : array (n_z, n_z[, *batch])
+        Covariance of the measurement noise, or of the innovation.
+    missing : array (n_z, *batch)
+        True where a component is missing.
+
+    Returns
+    -------
+    H, R : array (n_z, n[, *batch]) and (n_z, n_z[, *batch])
+        Matrices without the missing components.
     """
     pattern = missing.reshape(len(missing), -1)
     # One pattern in all runs: drop the batch axes of the mask.
@@ -239,7 +287,24 @@ def log_prob_of_measured(nu: Array, cov: Array, missing: Mask, root: Array | Non
 
 
 def update_with_gain(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Array) -> Gaussian:
-    """Update by any gain K; a run with a missing component keeps its prediction."""
+    """Update by any gain K, in Joseph's form; a run with a missing component keeps its prediction.
+
+    Parameters
+    ----------
+    predicted : Gaussian
+        Prediction: m (n, *batch), P (n, n[, *batch]).
+    nu : array (n_z, *batch)
+        Innovation, NaN where a component is missing.
+    K : array (n, n_z[, *batch])
+        Gain.
+    H, R : array (n_z, n[, *batch]) and (n_z, n_z[, *batch])
+        Measurement matrix and covariance of the measurement noise.
+
+    Returns
+    -------
+    Gaussian
+        Posterior: ``m + K nu``, ``(I - K H) P (I - K H)' + K R K'``.
+    """
     if any_nan(nu):
         missing = np.isnan(nu).any(axis=0) & np.isfinite(predicted.mean).all(axis=0)
         # K = 0 leaves mean and covariance at the prediction.
@@ -257,10 +322,29 @@ def _with_gain(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Array) -> 
 
 @once
 def gain(P: Array, H: Array, R: Array) -> tuple[Array, Array]:
-    """Compute ``S = H P H' + R`` and ``K = P H' S^-1``."""
+    """Compute ``S = H P H' + R`` and ``K = P H' S^-1``.
+
+    Parameters
+    ----------
+    P : array (n, n[, *batch])
+        Predicted covariance.
+    H : array (n_z, n[, *batch])
+        Measurement matrix.
+    R : array (n_z, n_z[, *batch])
+        Covariance of the measurement noise.
+
+    Returns
+    -------
+    S : array (n_z, n_z[, *batch])
+        Covariance of the innovation.
+    K : array (n, n_z[, *batch])
+        Gain.
+    """
     if compiled.kernels:
-        n_z, n, *batch = len(H), *P.shape[1:]
-        S, K = np.empty((n_z, n_z, *batch)), np.empty((n, n_z, *batch))
+        n_z = len(H)
+        n, *batch = P.shape[1:]
+        S = np.empty((n_z, n_z, *batch))
+        K = np.empty((n, n_z, *batch))
         if compiled.kernels.gain(P, H, R, S, K):
             return S, K
     HP = linalg.matmul(H, P)
@@ -284,10 +368,29 @@ def _joseph(P: Array, K: Array, H: Array, R: Array) -> Array:
 
 
 def condition(predicted: Gaussian, nu: Array, C: Array, S: Array) -> Gaussian:
-    """Condition on nu: mean ``m + K nu``, covariance ``P - K S K'``, ``K = C S^-1``, C = cov(x, z)."""
-    m, P = predicted.mean, predicted.cov
+    """Condition on an innovation: mean ``m + K nu``, covariance ``P - K S K'`` with ``K = C S^-1``.
+
+    Parameters
+    ----------
+    predicted : Gaussian
+        Prediction: m (n, *batch), P (n, n, *batch).
+    nu : array (n_z, *batch)
+        Innovation, zero where a component is missing.
+    C : array (n, n_z, *batch)
+        Covariance of state and measurement.
+    S : array (n_z, n_z, *batch)
+        Covariance of the innovation.
+
+    Returns
+    -------
+    Gaussian
+        Posterior.
+    """
+    m = predicted.mean
+    P = predicted.cov
     if compiled.kernels:
-        mean, cov = np.empty(m.shape), np.empty(P.shape)
+        mean = np.empty(m.shape)
+        cov = np.empty(P.shape)
         if compiled.kernels.condition(m, P, nu, C, S, mean, cov):
             return Gaussian(mean, cov)
     K = _times_inverse(C, S)

@@ -183,7 +183,8 @@ def _factor(P: Array, tolerance: float) -> Array:
 
 def _factor_of_one(P: Array, tolerance: float) -> Array:
     """Factor a constant matrix by Python floats, ten times as fast as by arrays."""
-    rows, n = P.tolist(), len(P)
+    rows = P.tolist()
+    n = len(P)
     L = [[0.0] * n for _ in range(n)]
     for j in range(n):
         # L_jj^2 = P_jj - sum_k<j L_jk^2
@@ -273,7 +274,8 @@ def inverse(S: Array) -> Array:
 def _inverse_of_two(S: Array) -> Array:
     """Invert by Schur's complement of the first variance, which keeps more digits."""
     # d = 1 / (c - b^2 / a), off-diagonal -d b / a, first entry 1 / a + d (b / a)^2
-    a, b = S[0, 0], S[1, 0]
+    a = S[0, 0]
+    b = S[1, 0]
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = b / a
         rest = S[1, 1] - ratio * b
@@ -370,7 +372,9 @@ def eigen(A: Array) -> tuple[Array, Array]:
 
 def _rotate(A: Array, V: Array, p: int, q: int) -> bool:
     """Make A_pq zero by a rotation, in place; return whether any batch member needs it."""
-    a, b, off = A[p, p].copy(), A[q, q].copy(), A[p, q].copy()
+    a = A[p, p].copy()
+    b = A[q, q].copy()
+    off = A[p, q].copy()
     with np.errstate(all="ignore"):
         turn = np.abs(off) > _ROUNDING * np.sqrt(np.abs(a * b))
         if not turn.any():
@@ -385,7 +389,8 @@ def _rotate(A: Array, V: Array, p: int, q: int) -> bool:
     A[p], A[q] = c * A[p] - s * A[q], s * A[p] + c * A[q]
     # The columns are the rows; a' = a - t A_pq, b' = b + t A_pq.
     A[:, p], A[:, q] = A[p], A[q]
-    A[p, p], A[q, q] = a - t * off, b + t * off
+    A[p, p] = a - t * off
+    A[q, q] = b + t * off
     A[p, q] = A[q, p] = np.where(turn, 0.0, off)
     return True
 

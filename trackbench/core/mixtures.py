@@ -140,36 +140,66 @@ def _brought_together(
 def given_later(
     predicted: Sequence[Gaussian], mixing: Array, later: Gaussian, angles: Sequence[int] = ()
 ) -> tuple[list[Gaussian], Array]:
-    """Condition each of r predictions on later measurements, with the log (r, M) of their likelihood.
+    """Condition each of r predictions on later measurements (Heskes & Zoeter 2002).
 
-    The likelihood is ``later(x) / mixed(x)``, by the smoothed and the predicted mixture of all r
-    (Heskes & Zoeter 2002). It is taken as 1 in a run where it would widen a prediction.
+    Their likelihood is ``later(x) / mixed(x)``, by the smoothed and the predicted mixture of all r. It
+    is taken as 1 in a run where it would widen a prediction.
+
+    Parameters
+    ----------
+    predicted : sequence of Gaussian
+        r predictions, means (n, M), covariances (n, n, M).
+    mixing : array (r, M)
+        Their weights in the predicted mixture.
+    later : Gaussian
+        Smoothed moments of the same step.
+    angles : sequence of int
+        Components that are angles.
+
+    Returns
+    -------
+    conditioned : list of Gaussian
+        The r predictions given the later measurements.
+    log_c : array (r, M)
+        Logarithm of the likelihood of the later measurements under each prediction.
     """
     mixed = combine(predicted, mixing, angles=angles)
     # A component that the motion leaves without noise is given unit noise in every term, which cancels.
-    known = np.eye(len(mixed.mean))[..., None] * (linalg.diagonal(mixed.cov) == 0.0)
-    mixed, later, *terms = (Gaussian(s.mean, s.cov + known) for s in (mixed, later, *predicted))
-    future, past = linalg.inverse(later.cov), linalg.inverse(mixed.cov)
-    conditioned, logs, proper = [], [], np.ones(later.mean.shape[1], dtype=np.bool_)
-    for p in terms:
-        # P = (P_i^-1 + P_later^-1 - P_mixed^-1)^-1, m_i + P (P_later^-1 e_later - P_mixed^-1 e_mixed)
-        P = linalg.inverse(linalg.inverse(p.cov) + future - past)
-        later = Gaussian(near(later.mean, p.mean, angles), later.cov)
-        mixed = Gaussian(near(mixed.mean, p.mean, angles), mixed.cov)
-        e = linalg.matvec(future, later.mean - p.mean) - linalg.matvec(past, mixed.mean - p.mean)
-        g = Gaussian(p.mean + linalg.matvec(P, e), P)
-        # c_i = N_i(x) later(x) / (mixed(x) given_i(x)) at any x
-        above, below = (
-            a.log_prob(p.mean) + b.log_prob(p.mean) for a, b in ((p, later), (mixed, g))
-        )
-        narrower = linalg.diagonal(P) <= (1.0 + _ROUNDING) * linalg.diagonal(p.cov)
-        proper &= narrower.all(axis=0) & np.isfinite(above - below)
-        conditioned.append(g)
-        logs.append(above - below)
-    pairs = list(zip(conditioned, predicted, strict=True))
-    means = [np.where(proper, g.mean, p.mean) for g, p in pairs]
-    covs = [np.where(proper, g.cov - known, p.cov) for g, p in pairs]
-    return list(map(Gaussian, means, covs)), np.where(proper, np.stack(logs), 0.0)
+    added = np.eye(len(mixed.mean))[..., None] * (linalg.diagonal(mixed.cov) == 0.0)
+    mixed_cov = mixed.cov + added
+    later_cov = later.cov + added
+    mixed_precision = linalg.inverse(mixed_cov)
+    later_precision = linalg.inverse(later_cov)
+    mixed_mean = mixed.mean
+    later_mean = later.mean
+    conditioned = []
+    log_ratios = []
+    is_proper = np.ones(later.mean.shape[1], dtype=np.bool_)
+    for prediction in predicted:
+        p = Gaussian(prediction.mean, prediction.cov + added)
+        # Step 1: P = (P_i^-1 + P_later^-1 - P_mixed^-1)^-1,
+        # m = m_i + P (P_later^-1 (m_later - m_i) - P_mixed^-1 (m_mixed - m_i)).
+        P = linalg.inverse(linalg.inverse(p.cov) + later_precision - mixed_precision)
+        later_mean = near(later_mean, p.mean, angles)
+        mixed_mean = near(mixed_mean, p.mean, angles)
+        by_later = linalg.matvec(later_precision, later_mean - p.mean)
+        by_mixed = linalg.matvec(mixed_precision, mixed_mean - p.mean)
+        given = Gaussian(p.mean + linalg.matvec(P, by_later - by_mixed), P)
+        # Step 2: c_i = N_i(x) later(x) / (mixed(x) given_i(x)) at any x.
+        x = p.mean
+        above = p.log_prob(x) + Gaussian(later_mean, later_cov).log_prob(x)
+        below = Gaussian(mixed_mean, mixed_cov).log_prob(x) + given.log_prob(x)
+        is_narrower = linalg.diagonal(P) <= (1.0 + _ROUNDING) * linalg.diagonal(p.cov)
+        is_proper &= is_narrower.all(axis=0) & np.isfinite(above - below)
+        conditioned.append(given)
+        log_ratios.append(above - below)
+    # Step 3: keep the predictions of the runs in which one of them would become wider.
+    results = []
+    for given, prediction in zip(conditioned, predicted, strict=True):
+        mean = np.where(is_proper, given.mean, prediction.mean)
+        cov = np.where(is_proper, given.cov - added, prediction.cov)
+        results.append(Gaussian(mean, cov))
+    return results, np.where(is_proper, np.stack(log_ratios), 0.0)
 
 
 @dataclass(frozen=True)
@@ -182,7 +212,7 @@ class GaussianMixture(Symmetric):
 
     @cached_property
     def _moments(self) -> Gaussian:
-        states = [Gaussian(part.mean[:, None], part.cov) for part in self.parts]
+        states = [Gaussian(component.mean[:, None], component.cov) for component in self.parts]
         return combine(states, self.weights[:, None])
 
     @property
@@ -205,7 +235,8 @@ class GaussianMixture(Symmetric):
         """Draw the part of each state, then the state (n, M, *trailing)."""
         u = rng.random((self.runs, *trailing))
         # Part j has u between the sums of the weights before it and up to it.
-        x, below = self.parts[0].sample(rng, self.runs, *trailing), self.weights[0]
+        x = self.parts[0].sample(rng, self.runs, *trailing)
+        below = self.weights[0]
         for weight, part in zip(self.weights[1:], self.parts[1:], strict=True):
             x = np.where(u >= below, part.sample(rng, self.runs, *trailing), x)
             below = below + weight
@@ -224,34 +255,52 @@ class GaussianMixture(Symmetric):
         """
         reach = [deviations * float(np.sqrt(part.cov[0, 0])) for part in self.parts]
         ends = [(p.mean[0] - r, p.mean[0] + r) for p, r in zip(self.parts, reach, strict=True)]
-        cuts = pairwise(sorted({*map(float, chain.from_iterable(ends))}))
-        out = []
-        for a, b in cuts:
+        cuts = sorted({float(end) for end in chain.from_iterable(ends)})
+        intervals = []
+        for a, b in pairwise(cuts):
             if any(low <= a and b <= high for low, high in ends):
-                out.append((np.full(self.runs, a), np.full(self.runs, b)))
-        return out
+                intervals.append((np.full(self.runs, a), np.full(self.runs, b)))
+        return intervals
 
 
-def pad(state: Gaussian, like: Gaussian, shared: Common, unbiased: bool) -> Gaussian:
-    """Fill a state (n, M) up to the components of another model's state, to mix with it.
+def pad(state: Gaussian, other: Gaussian, shared: Common, unbiased: bool) -> Gaussian:
+    """Fill a state up to the components of another model's state, to mix with it.
 
-    Components that only the other model has come from its mean and covariance if ``unbiased`` (Yuan,
-    Bar-Shalom et al. 2012), and else are zero. Components that only this state has are dropped.
+    Components that only this state has are dropped.
+
+    Parameters
+    ----------
+    state, other : Gaussian
+        State of a model (n, M), and that of the other model (m, M).
+    shared : tuple of tuples of int
+        Indices of the shared components in ``state`` and in ``other``, from `common_components`.
+    unbiased : bool
+        Components that only the other model has come from its mean and covariance (Yuan, Bar-Shalom et
+        al. 2012); else they are zero.
+
+    Returns
+    -------
+    Gaussian
+        Mean (m, M), covariance (m, m, M).
     """
     source, target = shared
-    m, runs = len(like.mean), state.mean.shape[1]
+    m = len(other.mean)
+    runs = state.mean.shape[1]
     if source == target == tuple(range(m)):
-        return state if len(state.mean) == m else Gaussian(state.mean[:m], state.cov[:m, :m])
+        if len(state.mean) == m:
+            return state
+        return Gaussian(state.mean[:m], state.cov[:m, :m])
     # Step 1: copy the shared components.
-    mean, cov = np.zeros((m, runs)), np.zeros((m, m, runs))
+    mean = np.zeros((m, runs))
+    cov = np.zeros((m, m, runs))
     mean[list(target)] = state.mean[list(source)]
     state_cov = with_trailing(state.cov, 1, leading=2)
     cov[_block(target)] = state_cov[_block(source)]
     # Step 2: fill the others from the other model.
     if unbiased:
         rest = tuple(i for i in range(m) if i not in target)
-        mean[list(rest)] = like.mean[list(rest)]
-        cov[_block(rest)] = with_trailing(like.cov, 1, leading=2)[_block(rest)]
+        mean[list(rest)] = other.mean[list(rest)]
+        cov[_block(rest)] = with_trailing(other.cov, 1, leading=2)[_block(rest)]
     return Gaussian(mean, cov)
 
 
@@ -262,7 +311,9 @@ def _block(components: tuple[int, ...]) -> tuple[Index, ...]:
 
 
 @cache
-def common_components(of: tuple[str, ...], like: tuple[str, ...]) -> Common:
-    """Find the positions of the components that two models share."""
-    names = [name for name in like if name in of]
-    return tuple(of.index(name) for name in names), tuple(like.index(name) for name in names)
+def common_components(names: tuple[str, ...], other_names: tuple[str, ...]) -> Common:
+    """Find the positions of the components that two models share, by the names of their components."""
+    shared = [name for name in other_names if name in names]
+    source = tuple(names.index(name) for name in shared)
+    target = tuple(other_names.index(name) for name in shared)
+    return source, target

@@ -67,14 +67,27 @@ def independence_moves(
         # Accept with probability min(1, exp(proposed - current)).
         with np.errstate(invalid="ignore"):
             accept = metropolis(proposed - current, 1.0, rng)
-        x, current = choose(accept, trial, x), choose(accept, proposed, current)
+        x = choose(accept, trial, x)
+        current = choose(accept, proposed, current)
     return x
 
 
 def mutate(x: Array, F: float, rng: Streams) -> Array:
-    """Make a mutant ``x_i + F (x_r1 - x_r2)`` of each of N >= 3 individuals x (n, M, N).
+    """Make a mutant ``x_i + F (x_r1 - x_r2)`` of each individual (hdepf paper, eq. 10).
 
-    r1, r2 and i are all different (hdepf paper, eq. 10).
+    Parameters
+    ----------
+    x : array (n, M, N)
+        Populations of N >= 3 individuals. r1, r2 and i are all different.
+    F : float
+        Scaling factor.
+    rng : Streams
+        Random numbers.
+
+    Returns
+    -------
+    array (n, M, N)
+        Mutants.
     """
     r1, r2 = distinct_pairs(x.shape[1], x.shape[2], rng)
     return x + F * (select(x, r1) - select(x, r2))
@@ -83,7 +96,19 @@ def mutate(x: Array, F: float, rng: Streams) -> Array:
 def crossover(x: Array, mutant: Array, CR: float, rng: Streams) -> Array:
     """Take each component from the mutant with probability CR, else from x (hdepf paper, eq. 11).
 
-    Both populations are (n, M, N), and so is the result.
+    Parameters
+    ----------
+    x, mutant : array (n, M, N)
+        Individuals and their mutants.
+    CR : float
+        Crossover probability.
+    rng : Streams
+        Random numbers.
+
+    Returns
+    -------
+    array (n, M, N)
+        Trials.
     """
     return choose(rng.random(x.shape) <= CR, mutant, x)
 
@@ -93,7 +118,8 @@ def distinct_pairs(runs: int, N: int, rng: Streams) -> tuple[Index, Index]:
     # Step 1: draw r1 = i + steps[0], 1 <= steps[0] <= N - 1.
     u = rng.random((2, runs, N))
     if compiled.kernels:
-        r1, r2 = np.empty((runs, N), dtype=np.intp), np.empty((runs, N), dtype=np.intp)
+        r1 = np.empty((runs, N), dtype=np.intp)
+        r2 = np.empty((runs, N), dtype=np.intp)
         compiled.kernels.pairs(u, r1, r2, N)
         return r1, r2
     u[0] *= N - 1
@@ -112,25 +138,45 @@ def distinct_pairs(runs: int, N: int, rng: Streams) -> tuple[Index, Index]:
 @lru_cache(maxsize=8)
 def _wrap_tables(runs: int, N: int) -> tuple[Index, Index]:
     """Return flat indices of each run's particles twice (2 M N,), and their places in it (M, N)."""
-    i, run = np.arange(N), np.arange(runs)[:, None]
-    return (run * N + np.concatenate([i, i])).ravel(), run * (2 * N) + i
+    i = np.arange(N)
+    run = np.arange(runs)[:, None]
+    around = (run * N + np.concatenate([i, i])).ravel()
+    start = run * (2 * N) + i
+    return around, start
 
 
 Kernel = Literal["epanechnikov", "gaussian"]
 
 
 class Mode(NamedTuple):
-    """A mode: its particles (M, N) and their share of the weight (M,), None for all; cov (n, n, M)."""
+    """Particles that one kernel moves."""
 
     members: Mask | None
+    """particles (M, N) of the mode; None for all"""
     share: Array | None
+    """their share of the weight (M,); None for all"""
     cov: Array
+    """their covariance (n, n, M)"""
 
 
 def displaced(x: Array, T: float, nu: Array, K: float) -> Array:
-    """Move particles x (4, M, N) of (px, vx, py, vy) by a time T, into a new array.
+    """Move particles by ``p' = p + T v + nu`` and ``v' = v + K nu`` along each axis.
 
-    ``p' = p + T v + nu`` and ``v' = v + K nu`` along each axis, with displacements nu (2, M, N).
+    Parameters
+    ----------
+    x : array (4, M, N)
+        Particles (px, vx, py, vy).
+    T : float
+        Time, s.
+    nu : array (2, M, N)
+        Displacements along the axes, m.
+    K : float
+        Change of the velocity per displacement, 1/s.
+
+    Returns
+    -------
+    array (4, M, N)
+        Moved particles, a new array.
     """
     out = np.empty_like(x)
     alike = x.dtype == nu.dtype == np.float64 and nu.shape == (2, *x.shape[1:])
@@ -160,7 +206,11 @@ def bandwidth(n: int, N: Array | int, kernel: Kernel) -> Array:
 
 def _unit_ball(n: int) -> float:
     """Return the volume of the unit ball in n dimensions, ``V_n = 2 pi / n V_{n-2}``."""
-    return (1.0, 2.0)[n] if n < 2 else 2.0 * pi / n * _unit_ball(n - 2)
+    if n == 0:
+        return 1.0
+    if n == 1:
+        return 2.0
+    return 2.0 * pi / n * _unit_ball(n - 2)
 
 
 def kernel_draws(kernel: Kernel, shape: tuple[int, ...], rng: Streams) -> Array:
@@ -185,11 +235,28 @@ def kernel_draws(kernel: Kernel, shape: tuple[int, ...], rng: Streams) -> Array:
 
 
 def jitter(x: Array, cov: Array, kernel: Kernel, rng: Streams, scale: float = 1.0) -> Array:
-    """Move particles x (n, M, N) with covariance ``A A'`` (n, n, M) to ``x + scale h A e``.
+    """Move particles to ``x + scale h A e`` with e from the kernel and the optimal bandwidth h.
 
-    A run whose covariance is singular keeps its particles.
+    Parameters
+    ----------
+    x : array (n, M, N)
+        Particles.
+    cov : array (n, n, M)
+        Their covariance ``A A'``. A run whose covariance is singular keeps its particles.
+    kernel : {"epanechnikov", "gaussian"}
+        Kernel.
+    rng : Streams
+        Random numbers.
+    scale : float
+        Factor on the bandwidth.
+
+    Returns
+    -------
+    array (n, M, N)
+        Moved particles.
     """
-    return jitter_modes(x, [Mode(None, None, cov)], kernel, rng, scale)
+    everything = Mode(members=None, share=None, cov=cov)
+    return jitter_modes(x, [everything], kernel, rng, scale)
 
 
 def jitter_modes(
@@ -205,11 +272,11 @@ def jitter_modes(
         else:
             h = bandwidth(n, np.maximum(mode.share * N, 1.0), kernel)
         # Step 2: move the mode's particles by scale h A e.
-        x = _moved(x, scale * h * _spread(mode.cov), e, mode.members)
+        x = _move_members(x, scale * h * _spread(mode.cov), e, mode.members)
     return x
 
 
-def _moved(x: Array, A: Array, e: Array, members: Mask | None) -> Array:
+def _move_members(x: Array, A: Array, e: Array, members: Mask | None) -> Array:
     """Move the members (M, N) to ``x + A e`` for a lower triangle per run A (n, n, M)."""
     mask = np.zeros(0, np.bool_) if members is None else members  # empty: all are members
     fits = A.shape[2:] == x.shape[1:2] and mask.shape in ((0,), x.shape[1:])

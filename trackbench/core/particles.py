@@ -42,7 +42,8 @@ class Particles(NamedTuple):
         x = np.asarray(self.x, dtype=np.float64)
         if compiled.kernels:
             n, runs, _ = x.shape
-            mean, cov = np.empty((n, runs)), np.empty((n, n, runs))
+            mean = np.empty((n, runs))
+            cov = np.empty((n, n, runs))
             w = np.ascontiguousarray(self.w, dtype=np.float64)
             compiled.kernels.moments(np.ascontiguousarray(x), w, mean, cov, n)
             return Gaussian(mean, cov)
@@ -51,7 +52,8 @@ class Particles(NamedTuple):
         mean = total(products)
         e = x - mean[..., None]
         # Step 2: P = sum_i w_i e_i e_i', row by row up to the diagonal; products is reused as memory.
-        n, weighted = len(e), np.empty_like(x[0])
+        n = len(e)
+        weighted = np.empty_like(x[0])
         cov = np.empty((n, n, *mean.shape[1:]))
         for i in range(n):
             np.multiply(e[i], self.w, out=weighted)
@@ -130,9 +132,12 @@ def normalize(log_w: Array) -> Weights:
     or +inf among them becomes NaN as a whole, which marks it as diverged.
     """
     if compiled.kernels:
-        log_w, w = np.ascontiguousarray(log_w, dtype=np.float64), np.empty(log_w.shape)
+        log_w = np.ascontiguousarray(log_w, dtype=np.float64)
+        w = np.empty(log_w.shape)
         runs, N = log_w.shape
-        top, scale, collapsed = np.empty(runs), np.empty(runs), np.empty(runs, dtype=np.bool_)
+        top = np.empty(runs)
+        scale = np.empty(runs)
+        collapsed = np.empty(runs, dtype=np.bool_)
         powers = _elementary_kernels.powers_of_two()
         compiled.kernels.normalize(powers, _constants(), log_w, w, top, scale, collapsed, N)
         return Weights(w, collapsed, Mass(top, scale))
@@ -141,7 +146,8 @@ def normalize(log_w: Array) -> Weights:
     top = shift = _row_maxima(log_w)
     collapsed = top == -np.inf
     if collapsed.any():
-        log_w, shift = np.where(collapsed[:, None], 0.0, log_w), np.where(collapsed, 0.0, top)
+        log_w = np.where(collapsed[:, None], 0.0, log_w)
+        shift = np.where(collapsed, 0.0, top)
     # Step 2: exp(log w - max), clipped where exp underflows.
     shifted = log_w - shift[:, None]
     np.maximum(shifted, CLIP, out=shifted)

@@ -145,14 +145,19 @@ def condition(
     predict, log_predicted = _predictor(old, motion, box, variances)
     # Step 2: cut it to what the measurement leaves, then with half as many nodes.
     for search in range(_SEARCHES):
-        log_joint = (predict(box) if search else log_predicted) + log_likelihood(box.nodes)
-        inside = (log_joint > log_joint.max() - _DEPTH).reshape(box.shape)
-        ends = [np.flatnonzero(inside.any(axis=1 - axis))[[0, -1]] for axis in (0, 1)]
-        first = np.maximum([e[0] - _MARGIN for e in ends], 0)
-        last = np.minimum([e[1] + _MARGIN for e in ends], np.array(box.shape) - 1)
-        small = ((last - first + 1) < 0.8 * np.array(box.shape)).any()
-        box = box.part(first, last, n // 2 if small and search < _SEARCHES - 1 else n)
-        if not small:
+        if search > 0:
+            log_predicted = predict(box)
+        log_joint = log_predicted + log_likelihood(box.nodes)
+        is_likely = (log_joint > log_joint.max() - _DEPTH).reshape(box.shape)
+        # The first and the last likely row and column, with a margin within the box.
+        rows = np.flatnonzero(is_likely.any(axis=1))
+        columns = np.flatnonzero(is_likely.any(axis=0))
+        first = np.maximum([rows[0] - _MARGIN, columns[0] - _MARGIN], 0)
+        last = np.minimum([rows[-1] + _MARGIN, columns[-1] + _MARGIN], np.array(box.shape) - 1)
+        is_small = ((last - first + 1) < 0.8 * np.array(box.shape)).any()
+        searches_on = is_small and search < _SEARCHES - 1
+        box = box.part(first, last, n // 2 if searches_on else n)
+        if not is_small:
             break
     # Step 3: the posterior there, p(z | x) p(x) / p(z).
     log_joint = predict(box) + log_likelihood(box.nodes)
@@ -165,9 +170,11 @@ def _predicted_box(old: Plane | Array, motion: Map, n: int) -> tuple[Box, Array]
     """Lay a box of n by n nodes around the prediction, with the noise's variances on its axes."""
     if isinstance(old, Plane):
         likely = old.within(_DEPTH)
-        moved, mass = motion.f(old.box.nodes[:, likely]), old.mass[likely]
+        moved = motion.f(old.box.nodes[:, likely])
+        mass = old.mass[likely]
     else:
-        moved, mass = motion.f(old[:, None]), np.ones(1)
+        moved = motion.f(old[:, None])
+        mass = np.ones(1)
     # Axes in which the prediction's covariance is one and the noise's diagonal.
     L = linalg.cholesky(_moments(moved, mass).cov + motion.Q)
     whitened = linalg.solve_lower(L, linalg.solve_lower(L, motion.Q).T)
@@ -177,7 +184,8 @@ def _predicted_box(old: Plane | Array, motion: Map, n: int) -> tuple[Box, Array]
     # Every likely state's image, and the noise about it.
     v = linalg.matvec(_inverse(basis), moved)
     reach = _REACH * np.sqrt(variances)
-    low, high = v.min(axis=1) - reach, v.max(axis=1) + reach
+    low = v.min(axis=1) - reach
+    high = v.max(axis=1) + reach
     return Box(basis, low, (high - low) / n, (n, n)), variances
 
 
@@ -229,8 +237,9 @@ def _parts(old: Plane, motion: Map, basis: Array, variances: Array) -> Array:
     moved = linalg.matvec(_inverse(basis), motion.f(old.box.nodes)).reshape(2, *old.box.shape)
     parts = []
     for axis in (0, 1):
-        both = counts[1:] & counts[:-1] if axis == 0 else counts[:, 1:] & counts[:, :-1]
-        gap = np.abs(np.diff(moved, axis=axis + 1))[:, both].max(axis=1)
+        along_axis = np.moveaxis(counts, axis, 0)
+        both_count = np.moveaxis(along_axis[1:] & along_axis[:-1], 0, axis)
+        gap = np.abs(np.diff(moved, axis=axis + 1))[:, both_count].max(axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
             deviations = np.where(gap > 0.0, gap / np.sqrt(variances), 0.0)
         parts.append(max(np.ceil(deviations.max()), 1.0))
@@ -267,20 +276,25 @@ def _by_inverse(old: Plane, motion: Map, variances: Array, box: Box) -> Array:
     likely = old.within(_DEPTH)
     places = box.places(motion.f(old.box.nodes[:, likely]))
     spread = np.sqrt(variances) / box.step
-    extra = []
+    nodes_before = []
+    lengths = []
     for axis, n in enumerate(box.shape):
         reach = np.ceil(_REACH * spread[axis])
-        below, above = -np.floor(places[axis].min()), np.ceil(places[axis].max()) - n
-        extra.append([int(max(min(reach, side), 0)) + 2 * _MARGIN + 1 for side in (below, above)])
-    before = np.array([e[0] for e in extra])
-    shape = (box.shape[0] + sum(extra[0]), box.shape[1] + sum(extra[1]))
+        needed_before = min(reach, -np.floor(places[axis].min()))
+        needed_after = min(reach, np.ceil(places[axis].max()) - n)
+        before_axis = int(max(needed_before, 0)) + 2 * _MARGIN + 1
+        after_axis = int(max(needed_after, 0)) + 2 * _MARGIN + 1
+        nodes_before.append(before_axis)
+        lengths.append(before_axis + n + after_axis)
+    before = np.array(nodes_before)
+    shape = (lengths[0], lengths[1])
     wide = Box(box.basis, box.low - before * box.step, box.step, shape)
     # Step 2: their origins, and the density there.
     x, F = _origins(old, motion, wide.nodes)
     moved = (_interpolate(old, x) - log(np.abs(_determinant(F)))).reshape(shape)
     # Step 3: the noise, along one axis and then the other.
-    moved = _blurred(moved, extra[0][0], box.shape[0], spread[0]).T
-    return _blurred(moved, extra[1][0], box.shape[1], spread[1]).T.ravel()
+    moved = _blurred(moved, nodes_before[0], box.shape[0], spread[0]).T
+    return _blurred(moved, nodes_before[1], box.shape[1], spread[1]).T.ravel()
 
 
 def _origins(old: Plane, motion: Map, target: Array) -> tuple[Array, Array]:
@@ -302,9 +316,8 @@ def _interpolate(plane: Plane, x: Array) -> Array:
     Beyond the box the difference is that at its edge, so the tails stay smooth.
     """
     normal = plane.moments
-    difference = (plane.log_density - _normal_part(normal, plane.box.nodes)).reshape(
-        plane.box.shape
-    )
+    difference = plane.log_density - _normal_part(normal, plane.box.nodes)
+    difference = difference.reshape(plane.box.shape)
     places = plane.box.places(x)
     left: list[Index] = []
     weights = []

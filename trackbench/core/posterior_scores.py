@@ -31,26 +31,44 @@ _WITHIN_ROUNDING = 100.0  # squared error, in units of rounding, of a state with
 
 
 @np.errstate(all="ignore")  # the root of a singular matrix is not finite
-def distance_in_range(e: Array, P: Array, at: Array) -> tuple[Array, Array | None]:
-    """Compute ``e' P^+ e`` (*batch) and the rank of P (*batch), None if it is full everywhere.
+def distance_in_range(e: Array, P: Array, state: Array) -> tuple[Array, Array | None]:
+    """Compute ``e' P^+ e`` of a covariance that may be singular.
 
-    P (n, n[, *batch]) may be singular. The distance of an error in its range is then a chi-square of as
-    many degrees of freedom as P has directions with spread; that of an error outside is infinite.
-    ``at`` (n, *batch) is the state, next to which a deviation may be rounding.
+    The distance of an error in the range of P is a chi-square of as many degrees of freedom as P has
+    directions with spread; that of an error outside is infinite.
+
+    Parameters
+    ----------
+    e : array (n, *batch)
+        Errors.
+    P : array (n, n) or (n, n, *batch)
+        Covariances.
+    state : array (n, *batch)
+        States, next to which a deviation may be rounding.
+
+    Returns
+    -------
+    squared : array (*batch)
+        Squared distances.
+    rank : array (*batch) or None
+        Rank of P; None if it is full everywhere.
     """
-    squared, variance = distance(e, P), linalg.diagonal(P)
+    squared = distance(e, P)
+    variance = linalg.diagonal(P)
     pivots = np.square(linalg.diagonal(linalg.cholesky(P)))
     # Step 1: has every direction spread? A quick test, by the largest states.
-    largest = np.fmax.reduce(np.abs(at), axis=tuple(range(1, at.ndim)))
+    largest = np.fmax.reduce(np.abs(state), axis=tuple(range(1, state.ndim)))
     least = with_trailing(np.square(_OF_STATE * np.nan_to_num(largest)), pivots.ndim - 1)
     if (pivots > linalg.SINGULAR * variance + least).all():
         return squared, None
     # Step 2: the root of P without the variances that are rounding.
-    variance, pivots = (with_trailing(a, e.ndim - 1) for a in (variance, pivots))
-    least = np.square(_OF_STATE * at)
-    L = _root_without_rounding(with_trailing(P, e.ndim - 1, leading=2), at)
+    variance = with_trailing(variance, e.ndim - 1)
+    pivots = with_trailing(pivots, e.ndim - 1)
+    least = np.square(_OF_STATE * state)
+    L = _root_without_rounding(with_trailing(P, e.ndim - 1, leading=2), state)
     # Step 3: L y = e; what a row without spread leaves of e must be rounding.
-    y, spread = _whiten(L, e), linalg.diagonal(L) > 0.0
+    y = _whiten(L, e)
+    spread = linalg.diagonal(L) > 0.0
     least = least + linalg.SINGULAR * variance
     inside = spread | (np.square(e - linalg.matvec(L, y)) <= _WITHIN_ROUNDING * least)
     singular = inside.all(axis=0) & np.isfinite(L).all(axis=(0, 1)) & ~(pivots > least).all(axis=0)
@@ -58,9 +76,9 @@ def distance_in_range(e: Array, P: Array, at: Array) -> tuple[Array, Array | Non
     return np.where(singular, total(np.square(y), axis=0), squared), rank
 
 
-def _root_without_rounding(P: Array, at: Array) -> Array:
+def _root_without_rounding(P: Array, state: Array) -> Array:
     """Factor P (n, n, *batch), with zeros for the components whose spread is rounding of the state."""
-    known = linalg.diagonal(P) <= np.square(_OF_STATE * at)
+    known = linalg.diagonal(P) <= np.square(_OF_STATE * state)
     return linalg.root_in_range(np.where(known[:, None] | known[None], 0.0, P))
 
 
@@ -89,19 +107,66 @@ def by_rank(
 
 
 class Posterior(Protocol):
-    """A distribution of the state, evaluated at the truth x (n, M)."""
+    """A distribution of the state, evaluated at the truth.
+
+    The truth x is (n, M), of the first n components of the state.
+    """
 
     def below(self, x: Array) -> Array:
-        """Return the probability (n, M) below each component of x (probability integral transform)."""
+        """Return the probability below each component of x (probability integral transform).
+
+        Parameters
+        ----------
+        x : array (n, M)
+            True states.
+
+        Returns
+        -------
+        array (n, M)
+            Probabilities.
+        """
 
     def within(self, x: Array) -> Array:
-        """Return the probability (M,) of states nearer to the mean than x in Mahalanobis distance."""
+        """Return the probability of states nearer to the mean than x in Mahalanobis distance.
+
+        Parameters
+        ----------
+        x : array (n, M)
+            True states.
+
+        Returns
+        -------
+        array (M,)
+            Probabilities.
+        """
 
     def crps(self, x: Array) -> Array:
-        """Return the continuous ranked probability score (n, M), in the components' units."""
+        """Return the continuous ranked probability score.
+
+        Parameters
+        ----------
+        x : array (n, M)
+            True states.
+
+        Returns
+        -------
+        array (n, M)
+            Scores, in the components' units.
+        """
 
     def log_excess(self, x: Array) -> Array | None:
-        """Return log NEES (M,) less its mean if x is one more draw; None if errors are Gaussian."""
+        """Return log NEES less its mean if x is one more draw.
+
+        Parameters
+        ----------
+        x : array (n, M)
+            True states.
+
+        Returns
+        -------
+        array (M,) or None
+            Excess; None if errors are Gaussian.
+        """
         return None
 
     @property
@@ -130,7 +195,8 @@ class NormalPosterior(Posterior):
     def within(self, x: Array) -> Array:
         """Return the chi-square distribution function of the normalized error squared."""
         n = len(x)
-        error, P = x - self.state.mean[:n], self.state.cov[:n, :n]
+        error = x - self.state.mean[:n]
+        P = self.state.cov[:n, :n]
         squared, rank = distance_in_range(error, P, x)
         return by_rank(chi_square_cdf, squared, n, rank)
 
@@ -142,6 +208,7 @@ class NormalPosterior(Posterior):
         return np.asarray(error * (2.0 * normal_cdf(z) - 1.0) + spread)
 
     def _error(self, x: Array) -> tuple[Array, Array]:
+        """Return the error (n, M) at x and its standard deviation (n, 1 or M)."""
         n = len(x)
         sd = np.sqrt(linalg.diagonal(self.state.cov[:n, :n]))
         return x - self.state.mean[:n], sd.reshape(n, -1)
@@ -155,8 +222,10 @@ class ParticlePosterior(Posterior):
 
     def below(self, x: Array) -> Array:
         """Sum the weight of the particles below, and half of that at x."""
-        particles, at = self.particles.x[: len(x)], x[..., None]
-        return _probability(dot(self.particles.w, (particles < at) + 0.5 * (particles == at)), x)
+        particles = self.particles.x[: len(x)]
+        point = x[..., None]
+        share_below = (particles < point) + 0.5 * (particles == point)
+        return _probability(dot(self.particles.w, share_below), x)
 
     def within(self, x: Array) -> Array:
         """Sum the weight of the particles nearer than x, each by the moments of all others and x."""
@@ -181,22 +250,26 @@ class ParticlePosterior(Posterior):
         If x and N equal particles are draws from one distribution, these are exchangeable.
         """
         x_i = self.particles.x[: len(x)]
-        w, N = self.particles.w, self.places - 1
+        w = self.particles.w
+        N = self.places - 1
         state = Particles(x_i, w).moments()
-        m, P = state.mean, state.cov
+        m = state.mean
+        P = state.cov
         error = x - m
         of_x, rank = distance_in_range(error, P, x)
         with np.errstate(all="ignore"):  # of_x is infinite outside the particles' range
             # Step 1: q = e' P^-1 e and c = e' P^-1 d of each particle by the particles' moments.
             if rank is None:
-                L, whiten = linalg.cholesky(P), linalg.solve_lower
+                L = linalg.cholesky(P)
+                whiten = linalg.solve_lower
             else:
                 L = _root_without_rounding(P, x)
                 whiten = _whiten
                 of_x = np.where(rank == 0, np.nan, of_x)  # all particles are where x is
             e = whiten(L[..., None], x_i - m[..., None])
             d = whiten(L, error)[..., None]
-            q, c = total(e * e, axis=0), total(e * d, axis=0)
+            q = total(e * e, axis=0)
+            c = total(e * d, axis=0)
             # Step 2: add x with weight 1 / (N + 1) to mean and covariance (Sherman-Morrison).
             pooled = q + 1.0 / (N + 1.0) - np.square(1.0 + c) / (N + 1.0 + of_x[:, None])
             # Step 3: remove each particle with its weight from them.
@@ -210,7 +283,8 @@ class ParticlePosterior(Posterior):
         X' may be X: for N equal draws from the truth's law the mean is 1 + 1 / N times that law's score
         (Ferro 2014).
         """
-        particles, at = self.particles.x[: len(x)], x[..., None]
+        particles = self.particles.x[: len(x)]
+        at = x[..., None]
         # Step 1: sort the particles of each component, with their weights.
         order = np.argsort(particles, axis=-1, kind="stable")
         ordered = np.take_along_axis(particles, order, axis=-1)
@@ -260,36 +334,39 @@ class PlanePosterior(Posterior):
     def below(self, x: Array) -> Array:
         """Sum the mass below each component of x, of cells taken as normal."""
         columns = []
-        for plane, at in zip(self.planes, x.T, strict=True):
+        for plane, point in zip(self.planes, x.T, strict=True):
             # The standard deviation of a cell, uniform along both of its sides.
+            n = len(point)
             sides = plane.box.basis * plane.box.step
-            sd = np.sqrt(total(sides * sides) / 12.0)[: len(at)]
-            below = normal_cdf((at - plane.box.nodes.T[:, : len(at)]) / sd)
+            sd = np.sqrt(total(sides * sides) / 12.0)[:n]
+            below = normal_cdf((point - plane.box.nodes.T[:, :n]) / sd)
             columns.append(total(plane.mass[:, None] * below, axis=0))
         return np.stack(columns, axis=-1)
 
     def within(self, x: Array) -> Array:
         """Sum the mass of the nodes nearer to the mean than x."""
         masses = []
-        for plane, at in zip(self.planes, x.T, strict=True):
-            n, normal = len(at), plane.moments
-            mean, cov = normal.mean[:n], normal.cov[:n, :n]
-            nearer = distance(plane.box.nodes[:n] - mean[:, None], cov) < distance(at - mean, cov)
+        for plane, point in zip(self.planes, x.T, strict=True):
+            n = len(point)
+            mean = plane.moments.mean[:n]
+            cov = plane.moments.cov[:n, :n]
+            of_nodes = distance(plane.box.nodes[:n] - mean[:, None], cov)
+            nearer = of_nodes < distance(point - mean, cov)
             masses.append(total(plane.mass * nearer))
         return np.array(masses)
 
     def crps(self, x: Array) -> Array:
         """Score the nodes as weighted particles."""
-        each = [
-            ParticlePosterior(Particles(plane.box.nodes[:, None], plane.mass[None]))
-            for plane in self.planes
-        ]
-        return np.concatenate([p.crps(x[:, i : i + 1]) for i, p in enumerate(each)], axis=1)
+        scores = []
+        for run, plane in enumerate(self.planes):
+            nodes = ParticlePosterior(Particles(plane.box.nodes[:, None], plane.mass[None]))
+            scores.append(nodes.crps(x[:, run : run + 1]))
+        return np.concatenate(scores, axis=1)
 
 
-def _probability(weight: Array, of: Array) -> Array:
-    """Limit a sum of weights to one despite rounding; NaN where ``of`` is."""
-    return np.where(np.isnan(of), np.nan, np.minimum(weight, 1.0))
+def _probability(weight: Array, point: Array) -> Array:
+    """Limit a sum of weights to one despite rounding; NaN where ``point`` is NaN."""
+    return np.where(np.isnan(point), np.nan, np.minimum(weight, 1.0))
 
 
 def _ratio(error: Array, sd: Array) -> Array:

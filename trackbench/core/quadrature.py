@@ -119,15 +119,17 @@ def nodes_between(intervals: Sequence[Interval], support: Interval, n: int) -> P
 
 def refined(posterior: Posterior, n: int) -> Posterior:
     """Interpolate the density at n nodes of each panel that has fewer, by its polynomial."""
-    return tuple(
-        panel
-        if panel.is_point or len(panel.x) >= n
-        else panel._replace(
-            x=0.5 * (panel.low + panel.high) + panel.half * _rule(n).nodes[:, None],
-            density=product(panel.density.T[None], _interpolation(len(panel.x), n))[0].T,
-        )
-        for panel in posterior
-    )
+    panels = []
+    for panel in posterior:
+        if not panel.is_point and len(panel.x) < n:
+            middle = 0.5 * (panel.low + panel.high)
+            weights = _interpolation(len(panel.x), n)
+            panel = panel._replace(
+                x=middle + panel.half * _rule(n).nodes[:, None],
+                density=product(panel.density.T[None], weights)[0].T,
+            )
+        panels.append(panel)
+    return tuple(panels)
 
 
 @lru_cache
@@ -181,22 +183,29 @@ def _push_forward(panel: Panel, x_new: Array, transition: Transition, origins: I
     """Integrate the transition density over one panel of the prior, at x_new (J, M)."""
     if panel.is_point:
         return np.asarray(transition(panel.x)(x_new) * panel.density)
-    n, middle = len(panel.x), len(x_new) // 2
+    n = len(panel.x)
+    middle = len(x_new) // 2
     if middle and n * x_new.size > _MOST_WEIGHTS:
         # Integrate for one half of the new nodes after the other.
-        halves = (slice(middle), slice(middle, None))
-        parts = [
-            _push_forward(panel, x_new[half], transition, (origins[0][half], origins[1][half]))
-            for half in halves
-        ]
-        return np.concatenate(parts)
+        low, high = origins
+        first = (low[:middle], high[:middle])
+        second = (low[middle:], high[middle:])
+        return np.concatenate(
+            [
+                _push_forward(panel, x_new[:middle], transition, first),
+                _push_forward(panel, x_new[middle:], transition, second),
+            ]
+        )
     # Step 1: weights of the panel's nodes for the integral over the origins only.
-    start, end = (_place_in(panel, edge) for edge in origins)
+    low, high = origins
+    start = _place_in(panel, low)
+    end = _place_in(panel, high)
     weights = weights_up_to(end, n)
     if (start > -1.0).any():
         weights = weights - weights_up_to(start, n)
     # Step 2: sum weight times density times transition, for as many new nodes as fit the cache.
-    integral, size = np.empty_like(x_new), max(1, _AT_ONCE // panel.x.size)
+    integral = np.empty_like(x_new)
+    size = max(1, _AT_ONCE // panel.x.size)
     density_of = transition(panel.x[:, None])  # nodes first: a sum of whole rows
     for i in range(0, len(x_new), size):
         piece = slice(i, i + size)
@@ -225,10 +234,12 @@ def distance_from(posterior: Posterior, x: Array) -> Array:
 def half_distance_within(posterior: Posterior) -> Array:
     """Compute ``E|X - X'| / 2`` (M,) for two independent draws, by panels that do not overlap."""
     # Two draws from different panels differ by the difference of the panels' means.
-    parts = [(total(p.mass, axis=0), total(p.mass * p.x, axis=0)) for p in posterior]
+    masses = [total(panel.mass, axis=0) for panel in posterior]
+    sums = [total(panel.mass * panel.x, axis=0) for panel in posterior]
     across = []
-    for i, (m, s) in enumerate(parts):
-        across += [abs(m * t - n * s) for n, t in parts[:i]]
+    for i in range(len(masses)):
+        for j in range(i):
+            across.append(abs(masses[i] * sums[j] - masses[j] * sums[i]))
     return np.asarray(sum(_half_distance_in(panel) for panel in posterior) + sum(across))
 
 
@@ -273,18 +284,23 @@ def weights_up_to(t: Array, n: int) -> Array:
     integrals = np.concatenate([rows[..., None] + 1.0, P[..., 2:] - P[..., :-2]], axis=-1)
     weights = product(integrals, _rule(n).basis)
     out = np.empty((*t.shape, n))
-    out[~whole], out[whole] = weights[:-1], weights[-1]
+    out[~whole] = weights[:-1]
+    out[whole] = weights[-1]
     return out
 
 
 class _Rule(NamedTuple):
+    """Gauss-Legendre rule on [-1, 1]."""
+
     nodes: Array
     weights: Array
-    basis: Array  # w_i P_m(x_i) / 2, shape (m, i)
+    basis: Array
+    """``w_i P_m(x_i) / 2``, shape (m, i)"""
 
 
 @lru_cache
 def _rule(n: int) -> _Rule:
+    """Return the Gauss-Legendre rule of n nodes."""
     # Step 1: roots of P_n by Newton's method from Tricomi's first guess.
     nodes = -cos_sin(np.pi * (np.arange(n) + 0.75) / (n + 0.5))[0]
     for _ in range(8):
@@ -294,4 +310,5 @@ def _rule(n: int) -> _Rule:
     # Step 2: make the nodes symmetric; w_i = 2 / ((1 - x_i^2) P_n'(x_i)^2).
     nodes = 0.5 * (nodes - nodes[::-1])
     weights = 2.0 / ((1.0 - nodes * nodes) * np.square(slope))
-    return _Rule(nodes, weights, 0.5 * weights * legendre.legvander(nodes, n - 1).T)
+    basis = 0.5 * weights * legendre.legvander(nodes, n - 1).T
+    return _Rule(nodes=nodes, weights=weights, basis=basis)

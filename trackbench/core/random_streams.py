@@ -53,33 +53,38 @@ class RunStreams:
     def __init__(
         self, seed: int, runs: Sequence[int], kinds: tuple[int, int] = (_DATA, _TRAINING_DATA)
     ) -> None:
-        self.seed, self.runs = seed, tuple(runs)
+        self.seed = seed
+        self.runs = tuple(runs)
         sequences = (_sequence(seed, run, *kinds) for run in runs)
         self._generators = [Generator(SFC64(sequence)) for sequence in sequences]
         self._waiting: dict[tuple[str, float], Array] = {}
 
     def standard_normal(self, size: tuple[int, ...]) -> Array:
         """Draw N(0, 1) variates."""
-        return self._take(
-            ("normal", 0.0),
-            lambda: box_muller(self._columns(lambda g: g.bit_generator.random_raw(_CHUNK))),
-            size,
-        )
+
+        def draw_chunk() -> Array:
+            return box_muller(self._columns(lambda g: g.bit_generator.random_raw(_CHUNK)))
+
+        return self._take(("normal", 0.0), draw_chunk, size)
 
     def random(self, size: tuple[int, ...]) -> Array:
         """Draw uniform variates in [0, 1)."""
-        return self._take(("uniform", 0.0), lambda: self._columns(lambda g: g.random(_CHUNK)), size)
+
+        def draw_chunk() -> Array:
+            return self._columns(lambda g: g.random(_CHUNK))
+
+        return self._take(("uniform", 0.0), draw_chunk, size)
 
     def standard_gamma(self, shape: float, size: tuple[int, ...]) -> Array:
         """Draw Gamma(shape, rate 1) variates; by numpy unless the shape is a small whole number."""
         # Gamma(n) of whole n is the sum of n exponentials, -log of a product of uniforms.
         if is_erlang(shape):
             return erlang(self.random((int(shape), *_shape(size))))
-        return self._take(
-            ("gamma", shape),
-            lambda: self._columns(lambda g: g.standard_gamma(shape, _CHUNK)),
-            size,
-        )
+
+        def draw_chunk() -> Array:
+            return self._columns(lambda g: g.standard_gamma(shape, _CHUNK))
+
+        return self._take(("gamma", shape), draw_chunk, size)
 
     def beside(self, number: int) -> "RunStreams":
         """Open further streams of these runs, other ones for each number, beside the data's."""
@@ -91,9 +96,9 @@ class RunStreams:
         return np.stack([draw(g) for g in self._generators], axis=1)
 
     def _take(
-        self, kind: tuple[str, float], more: Callable[[], Array], size: tuple[int, ...]
+        self, kind: tuple[str, float], draw_chunk: Callable[[], Array], size: tuple[int, ...]
     ) -> Array:
-        """Take the next variates of a kind; ``more`` draws (_CHUNK, M) of them."""
+        """Take the next variates of a kind; ``draw_chunk`` draws (_CHUNK, M) of them."""
         runs = len(self._generators)
         size = _shape(size)
         if size[-1:] != (runs,):
@@ -102,7 +107,7 @@ class RunStreams:
         # Use the rest of the last chunk first, and keep the rest of this one.
         rows = self._waiting.get(kind, np.empty((0, runs)))
         while len(rows) < count:
-            rows = np.concatenate([rows, more()])
+            rows = np.concatenate([rows, draw_chunk()])
         self._waiting[kind] = rows[count:]
         return rows[:count].reshape(size)
 
@@ -115,17 +120,18 @@ class _Joined:
 
     def standard_normal(self, size: tuple[int, ...]) -> Array:
         """Draw N(0, 1) variates."""
-        return self._join(lambda g, part: g.standard_normal(part), size)
+        return self._join(lambda g, share: g.standard_normal(share), size)
 
     def random(self, size: tuple[int, ...]) -> Array:
         """Draw uniform variates in [0, 1)."""
-        return self._join(lambda g, part: g.random(part), size)
+        return self._join(lambda g, share: g.random(share), size)
 
     def standard_gamma(self, shape: float, size: tuple[int, ...]) -> Array:
         """Draw Gamma(shape, rate 1) variates."""
-        return self._join(lambda g, part: g.standard_gamma(shape, part), size)
+        return self._join(lambda g, share: g.standard_gamma(shape, share), size)
 
     def _join(self, draw: Draw, size: tuple[int, ...]) -> Array:
+        """Let each generator draw its share of the size."""
         raise NotImplementedError
 
 
@@ -137,19 +143,22 @@ class SideBySide(_Joined):
     """
 
     def __init__(self, blocks: Sequence[Generator], width: int) -> None:
-        self.blocks, self.width = blocks, width
+        self.blocks = blocks
+        self.width = width
 
     def _join(self, draw: Draw, size: tuple[int, ...]) -> Array:
         size = _shape(size)
         if len(size) < 2 or size[-2] != len(self.blocks) * self.width:
             raise ValueError(f"{size} is not for {len(self.blocks)} blocks of {self.width} runs")
-        part = (*size[:-2], self.width, size[-1])
-        return np.concatenate([draw(g, part) for g in self.blocks], axis=-2)
+        share = (*size[:-2], self.width, size[-1])
+        return np.concatenate([draw(g, share) for g in self.blocks], axis=-2)
 
 
 def side_by_side(blocks: Sequence[Generator], width: int) -> Generator:
     """Join the streams of blocks of so many runs; typed as numpy's, whose draws it has three of."""
-    return blocks[0] if len(blocks) == 1 else cast(Generator, SideBySide(blocks, width))
+    if len(blocks) == 1:
+        return blocks[0]
+    return cast(Generator, SideBySide(blocks, width))
 
 
 def position_of(stream: Generator) -> list[Any]:
@@ -164,6 +173,7 @@ def put_back(stream: Generator, position: list[Any]) -> None:
 
 
 def _generators_of(stream: Generator) -> Sequence[Generator]:
+    """List the generators of a block's stream, or of several blocks'."""
     return stream.blocks if isinstance(stream, SideBySide) else [stream]
 
 
@@ -202,8 +212,11 @@ def run_seeds(block: Generator, runs: int) -> list[int]:
     """Derive a number of 32 bits for each run of a block, to seed generators outside of Python."""
     seed = block.bit_generator.seed_seq
     assert isinstance(seed, SeedSequence)
-    keys = ((*seed.spawn_key, run) for run in range(runs))
-    return [int(SeedSequence(seed.entropy, spawn_key=key).generate_state(1)[0]) for key in keys]
+    numbers = []
+    for run in range(runs):
+        sequence = SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, run))
+        numbers.append(int(sequence.generate_state(1)[0]))
+    return numbers
 
 
 Streams: TypeAlias = Generator | RunStreams | SomeRuns
@@ -268,8 +281,10 @@ class NoiseGenerator(Generator):
         """Draw Gamma(shape, rate 1) variates; by numpy unless the shape is a small whole number."""
         if args or kwargs or not is_erlang(shape):
             return super().standard_gamma(shape, size, *args, **kwargs)
-        whole, count = int(shape), prod(_shape(size))
-        out, step = np.empty(count), 4 * _QUADS
+        whole = int(shape)
+        count = prod(_shape(size))
+        out = np.empty(count)
+        step = 4 * _QUADS
         if compiled.kernels:
             words = self.bit_generator.random_raw(-(-whole * count // 4))
             compiled.kernels.erlang(exponentials(), words, out, whole)
@@ -343,8 +358,10 @@ def _hadamard(t: Singles, out: Array) -> None:
     a, b, c, d = t.reshape(4, -1)
     first, second, third, fourth = out.reshape(4, -1)
     # Step 1: a + b, a - b, and in the memory of a and b: c + d, c - d.
-    a_plus_b, a_minus_b = a + b, a - b
-    c_plus_d, c_minus_d = np.add(c, d, out=a), np.subtract(c, d, out=b)
+    a_plus_b = a + b
+    a_minus_b = a - b
+    c_plus_d = np.add(c, d, out=a)
+    c_minus_d = np.subtract(c, d, out=b)
     # Step 2: add and subtract in float32, then copy to float64: faster than in one operation.
     first[:] = np.add(a_plus_b, c_plus_d, out=c)
     second[:] = np.subtract(a_plus_b, c_plus_d, out=c)
@@ -358,6 +375,7 @@ def _open_unit(words: Words) -> Array:
 
 
 def _shape(size: Any) -> tuple[int, ...]:
+    """Return the shape that numpy's argument ``size`` stands for."""
     if size is None:
         return ()
     return tuple(size) if isinstance(size, tuple | list) else (size,)

@@ -46,7 +46,8 @@ def ancestors(
     runs, N = w.shape
     size = size or N
     if scheme == "systematic" and compiled.kernels and w.dtype == np.float64:
-        u, index = rng.random((runs, 1)), np.empty((runs, size), dtype=np.intp)
+        u = rng.random((runs, 1))
+        index = np.empty((runs, size), dtype=np.intp)
         compiled.kernels.ancestors(
             np.ascontiguousarray(w), u, index, size, _fraction_bits(runs, size)
         )

@@ -62,7 +62,8 @@ def backwards(
 
 def smooth_step(posterior: Gaussian, transition: Transition, later: Gaussian) -> Gaussian:
     """Smooth x_k (Rauch-Tung-Striebel) from ``later``, the smoothed x_{k+1}."""
-    predicted, G = transition.predicted, transition.gain
+    predicted = transition.predicted
+    G = transition.gain
     # m + G (m_later - m_pred), P + G (P_later - P_pred) G'
     mean = posterior.mean + linalg.matvec(G, later.mean - predicted.mean)
     cov = posterior.cov + linalg.sandwich(G, later.cov - predicted.cov)
@@ -99,8 +100,10 @@ def draw_predecessors(
     Particle i is drawn with probability ``w_i p(later | x_i)`` (Godsill, Doucet & West 2004), by the
     ``log_density`` (M, N) of one state (n, M, 1). A run with NaN among its weights draws NaN.
     """
-    out, log_w = np.empty_like(later), elementary.log(cloud.w)
-    u, runs = rng.random(later.shape[1:]), np.arange(later.shape[1])
+    out = np.empty_like(later)
+    log_w = elementary.log(cloud.w)
+    u = rng.random(later.shape[1:])
+    runs = np.arange(later.shape[1])
     for s in range(later.shape[2]):
         # Step 1: weights of the particles given the later state; without any density the filter's.
         w, collapsed, _ = normalize(log_w + log_density(later[..., s, None]))

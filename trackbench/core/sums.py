@@ -72,7 +72,8 @@ def dot(a: Array, b: Array) -> Array:
             a, b = b, a
         if a.shape[a.ndim - b.ndim :] == b.shape and b.size:
             out = np.empty(a.shape[:-1])
-            a, b = np.ascontiguousarray(a), np.ascontiguousarray(b)
+            a = np.ascontiguousarray(a)
+            b = np.ascontiguousarray(b)
             compiled.kernels.dot(a, b, out, a.shape[-1])
             return out[()]
     return total(a * b)
@@ -85,7 +86,8 @@ def product(A: Array, B: Array) -> Array:
     exact, so BLAS may add them in any order. Longer sums are cut into such pieces.
     """
     if len(B) > _EXACT:
-        first, rest = slice(_EXACT), slice(_EXACT, None)
+        first = slice(_EXACT)
+        rest = slice(_EXACT, None)
         return product(A[..., first], B[first]) + product(A[..., rest], B[rest])
     B1, B2 = (half.reshape(B.shape) for half in _halves(B.reshape(1, -1)))
     out = np.empty((*A.shape[:-1], B.shape[1]))
@@ -122,7 +124,8 @@ def _halves(rows: Array) -> tuple[Array, Array]:
     """Split each number into its leading 23 bits, counted from its row's largest, and the next 23."""
     largest = np.maximum(rows.max(axis=1), -rows.min(axis=1))
     _, exponent = np.frexp(np.where(np.isfinite(largest), largest, 0.0)[:, None])
-    out, rest = [], rows
+    out = []
+    rest = rows
     for bits in (23, 46):
         rounding = np.ldexp(1.5, exponent + (52 - bits))  # what is added to it loses its lower bits
         # Round to the leading bits; the remainder is exact.

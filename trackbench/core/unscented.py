@@ -16,8 +16,19 @@ from trackbench.core.distributions import Gaussian, from_root, root_of
 class PointRule(Protocol):
     """Rule for the points and weights of a Gaussian; its first point is the mean."""
 
-    def points(self, of: Gaussian) -> "SigmaPoints":
-        """Return points of N(mean, cov): mean (n, *batch), cov (n, n, *batch)."""
+    def points(self, gaussian: Gaussian) -> "SigmaPoints":
+        """Return points and weights of a Gaussian.
+
+        Parameters
+        ----------
+        gaussian : Gaussian
+            Mean (n, *batch), covariance (n, n[, *batch]).
+
+        Returns
+        -------
+        SigmaPoints
+            Points (n, P, *batch), and weights (P,) of the mean and of the covariance.
+        """
 
 
 @dataclass(frozen=True)
@@ -33,12 +44,12 @@ class Unscented:
     beta: float
     kappa: float
 
-    def points(self, of: Gaussian) -> "SigmaPoints":
+    def points(self, gaussian: Gaussian) -> "SigmaPoints":
         """Place the 2 n + 1 sigma points of N(m, P).
 
         Parameters
         ----------
-        of : Gaussian
+        gaussian : Gaussian
             Mean m (n, *batch), covariance P (n, n[, *batch]), which may be singular.
 
         Returns
@@ -46,10 +57,12 @@ class Unscented:
         SigmaPoints
             Points (n, 2 n + 1, *batch), weights of the mean and of the covariance (2 n + 1,).
         """
-        mean, n = of.mean, len(of.mean)
+        mean = gaussian.mean
+        n = len(mean)
         spread = self.spread(n)
         # Step 1: m, then m + columns of the root, then m - columns.
-        root, x = root_of(of), np.empty((n, 2 * n + 1, *mean.shape[1:]))
+        root = root_of(gaussian)
+        x = np.empty((n, 2 * n + 1, *mean.shape[1:]))
         if compiled.kernels and compiled.kernels.sigma_points(
             mean, root, x, float(np.sqrt(spread))
         ):
@@ -71,7 +84,8 @@ class Unscented:
         """
         if len(state.mean) > 1 or not compiled.kernels:
             return None
-        x, scale = np.empty((1, 3, *state.mean.shape[1:])), sqrt(self.spread(3))
+        x = np.empty((1, 3, *state.mean.shape[1:]))
+        scale = sqrt(self.spread(3))
         if not compiled.kernels.scalar_points(state.mean, state.cov, x, scale):
             return None
         return ScalarPoints(x, scale, *_weights(self, 3))
@@ -109,20 +123,23 @@ class GaussHermite:
         norm = factorial(n) / (n * n)
         return [(x, norm / _hermite(n - 1, x) ** 2) for x in _hermite_roots(n)]
 
-    def points(self, of: Gaussian) -> "SigmaPoints":
+    def points(self, gaussian: Gaussian) -> "SigmaPoints":
         """Place order^n points of N(mean, cov): mean (n, *batch), cov (n, n, *batch).
 
         The mean is the first point, for an even order as one more of weight zero.
         """
-        mean, root = of.mean, root_of(of)
-        middle = [((0.0, 0.0),) * len(mean)] * (1 - self.order % 2)
-        every = product(self.nodes, repeat=len(mean))
-        grid = middle + sorted(every, key=lambda point: any(x for x, _ in point))
-        unit, factors = np.moveaxis(np.array(grid), -1, 0)
-        # x_i = m + L e_i, and a weight is the product of the axes' weights.
-        steps = [linalg.matvec(root, with_axes_of(mean, e)) for e in unit.copy()]
+        mean = gaussian.mean
+        root = root_of(gaussian)
+        # Step 1: every combination of the axes' (node, weight), the center first.
+        grid = list(product(self.nodes, repeat=len(mean)))
+        grid.sort(key=lambda point: any(x for x, _ in point))
+        if self.order % 2 == 0:
+            grid.insert(0, ((0.0, 0.0),) * len(mean))
+        nodes, factors = np.moveaxis(np.array(grid), -1, 0)
+        # Step 2: x_i = m + L e_i, and a weight is the product of the axes' weights.
+        points = [mean + linalg.matvec(root, with_axes_of(mean, e)) for e in nodes.copy()]
         weights = np.array([prod(row) for row in factors.tolist()])
-        return SigmaPoints(np.stack([mean + e for e in steps], axis=1), weights, weights)
+        return SigmaPoints(np.stack(points, axis=1), weights, weights)
 
 
 @lru_cache
@@ -133,7 +150,8 @@ def gauss_hermite(order: int) -> GaussHermite:
 
 def _hermite(n: int, x: float) -> float:
     """Evaluate He_n(x), by ``He_{k+1} = x He_k - k He_{k-1}``."""
-    previous, current = 0.0, 1.0
+    previous = 0.0
+    current = 1.0
     # He_{k+1} = x He_k - k He_{k-1}
     for k in range(n):
         previous, current = current, x * current - k * previous
@@ -151,8 +169,14 @@ def _hermite_roots(n: int) -> list[float]:
         rising = _hermite(n, high) > 0.0
         middle = 0.5 * (low + high)
         # Halve the bracket until no float lies between its ends.
-        while low < middle < high and (value := _hermite(n, middle)) != 0.0:
-            low, high = (low, middle) if (value > 0.0) == rising else (middle, high)
+        while low < middle < high:
+            value = _hermite(n, middle)
+            if value == 0.0:
+                break
+            if (value > 0.0) == rising:
+                high = middle
+            else:
+                low = middle
             middle = 0.5 * (low + high)
         roots.append(middle)
     return roots
@@ -170,27 +194,60 @@ class SigmaPoints(NamedTuple):
         return _weighted(self.weights, values)
 
     def cross(self, a: Array, a_mean: Array, b: Array, b_mean: Array) -> Array:
-        """Sum the weighted ``(a - a_mean) (b - b_mean)'`` over points (n, P, *batch)."""
-        batch, arrays = a_mean.shape[1:], (self.cov_weights, a, a_mean, b, b_mean)
-        alike = (
-            a.shape[1:] == b.shape[1:] == (len(self.weights), *batch) and b_mean.shape[1:] == batch
-        )
-        if compiled.kernels and alike and all(x.dtype == np.float64 for x in arrays):
-            out, sizes = np.empty((len(a), len(b), *batch)), (len(a), len(b))
-            compiled.kernels.cross(*map(np.ascontiguousarray, arrays), out, *sizes)
+        """Sum the weighted ``(a - a_mean) (b - b_mean)'`` over the points.
+
+        Parameters
+        ----------
+        a, b : array (n, P, *batch) and (m, P, *batch)
+            Transformed points.
+        a_mean, b_mean : array (n, *batch) and (m, *batch)
+            Their means.
+
+        Returns
+        -------
+        array (n, m, *batch)
+            Covariance of a and b.
+        """
+        batch = a_mean.shape[1:]
+        arrays = (self.cov_weights, a, a_mean, b, b_mean)
+        has_points = a.shape[1:] == b.shape[1:] == (len(self.weights), *batch)
+        is_alike = has_points and b_mean.shape[1:] == batch
+        if compiled.kernels and is_alike and all(x.dtype == np.float64 for x in arrays):
+            out = np.empty((len(a), len(b), *batch))
+            contiguous = map(np.ascontiguousarray, arrays)
+            compiled.kernels.cross(*contiguous, out, len(a), len(b))
             return out
-        a, b = a - a_mean[:, None], b - b_mean[:, None]
-        return np.stack([_weighted(self.cov_weights, row * b) for row in a])
+        e_a = a - a_mean[:, None]
+        e_b = b - b_mean[:, None]
+        return np.stack([_weighted(self.cov_weights, row * e_b) for row in e_a])
 
     def moments(self, values: Array, noise: Array | None = None, roots: bool = False) -> Gaussian:
-        """Compute moments of transformed points plus this noise, with a root if ``roots``."""
+        """Compute the moments of transformed points.
+
+        Parameters
+        ----------
+        values : array (m, P, *batch)
+            Transformed points.
+        noise : array (m, m[, *batch]), optional
+            Covariance that is added.
+        roots : bool
+            Return a `Factored`, computed from roots.
+
+        Returns
+        -------
+        Gaussian
+            Mean (m, *batch), covariance (m, m, *batch).
+        """
         mean = self.mean(values)
         if roots:
-            spread = self.columns(values - mean[:, None])
-            columns = [spread] if noise is None else [spread, linalg.root(noise)]
+            columns = [self.columns(values - mean[:, None])]
+            if noise is not None:
+                columns.append(linalg.root(noise))
             return from_root(mean, linalg.triangular(linalg.beside(*columns)))
         cov = self.cross(values, mean, values, mean)
-        return Gaussian(mean, cov if noise is None else cov + with_axes_of(cov, noise))
+        if noise is not None:
+            cov = cov + with_axes_of(cov, noise)
+        return Gaussian(mean, cov)
 
     def columns(self, deviation: Array) -> Array:
         """Scale deviations (m, P, *batch) to D with ``D D'`` the weighted sum of their squares."""
@@ -236,11 +293,16 @@ class ScalarPoints(NamedTuple):
         )
         if compiled.kernels is None or not alike:
             return None
-        mean, nu = np.empty((1, *batch)), np.empty((1, *batch))
-        cov, S = np.empty((1, 1, *batch)), np.empty((1, 1, *batch))
-        h, z = np.ascontiguousarray(h), np.ascontiguousarray(z)
-        arrays = self.weights, self.cov_weights, predicted, h, R, z, mean, cov, nu, S
-        return (mean, cov, nu, S) if compiled.kernels.scalar_update(*arrays, self.scale) else None
+        mean = np.empty((1, *batch))
+        nu = np.empty((1, *batch))
+        cov = np.empty((1, 1, *batch))
+        S = np.empty((1, 1, *batch))
+        h = np.ascontiguousarray(h)
+        z = np.ascontiguousarray(z)
+        arrays = (self.weights, self.cov_weights, predicted, h, R, z, mean, cov, nu, S)
+        if not compiled.kernels.scalar_update(*arrays, self.scale):
+            return None
+        return mean, cov, nu, S
 
 
 def _is_float(a: Array, shape: tuple[int, ...]) -> bool:
@@ -248,8 +310,10 @@ def _is_float(a: Array, shape: tuple[int, ...]) -> bool:
 
 
 def _weighted(weights: Array, values: Array) -> Array:
+    """Sum values (m, P, *batch) by their weights (P,)."""
     if compiled.kernels and _is_float(values, (len(values), len(weights), *values.shape[2:])):
-        out, values = np.empty((len(values), *values.shape[2:])), np.ascontiguousarray(values)
+        out = np.empty((len(values), *values.shape[2:]))
+        values = np.ascontiguousarray(values)
         compiled.kernels.weighted(np.ascontiguousarray(weights), values, out, len(values))
         return out
     total = weights[0] * values[:, 0]

@@ -24,7 +24,7 @@ from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.consistency_and_calibration import rank_of
 from trackbench.evaluation.error_series import series
 from trackbench.evaluation.run_filter import FilterOutput, run_filter
-from trackbench.filters.kf import GaussianFilter
+from trackbench.filters.gaussian import GaussianFilter
 from trackbench.scenarios.base import Simulation
 
 QUADRATIC = ("squared", "error", "nees", "nis")  # series of degree two at most in the errors

@@ -33,7 +33,7 @@ from trackbench.evaluation.validate_output import checked_numbers
 from trackbench.extension_points import foreign_parts
 from trackbench.filters.base import AnyFilter, Steps, has_likelihood
 from trackbench.models.base import Model
-from trackbench.models.gaussian_steps import SensorOfSteps, predicted_innovation
+from trackbench.models.sensors.many_steps import SensorOfSteps
 
 Kind = Literal["score", "prediction"]
 """Requested series: the filters' own log-likelihoods; all series from predictions of measurements."""
@@ -312,6 +312,9 @@ def _innovation(model: Model, predicted: Gaussian, z: Array, k: int) -> Innovati
 
     The measurement is then predicted by the sensor at the mean, ``h(F x)``.
     """
+    # Imported here, since pydantic comes with the filters' keys, and a worker may need neither.
+    from trackbench.filters.ukf import predicted_innovation
+
     mean_only = np.isnan(predicted.cov).any(axis=(0, 1)) & ~np.isnan(predicted.mean).any(axis=0)
     if not mean_only.any():
         return predicted_innovation(model, predicted, z, k)

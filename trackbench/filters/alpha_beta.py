@@ -19,12 +19,16 @@ from trackbench.registry import register
 
 
 class Smoothed(NamedTuple):
-    """Posterior, number n of measurements so far, NIS (M,) and innovation of the last one."""
+    """State of the alpha-beta filter."""
 
     posterior: Gaussian
+    """mean (4, M), covariance (4, 4[, M])"""
     n: Array
+    """number of measurements so far, () or (M,)"""
     nis: Array
+    """NIS (M,) of the last measurement"""
     innovation: Innovation | None = None
+    """innovation of the last measurement"""
 
 
 @register("filters", "alpha-beta")
@@ -73,7 +77,8 @@ class AlphaBeta(InnovationFilter[Smoothed]):
         """Return K (4, 2[, M]) at the n-th measurement, n () or (M,)."""
         alpha, beta = self.gains(T, sigma)
         K = np.zeros((4, 2, *n.shape))
-        K[0, 0], K[1, 0] = alpha, beta / T
+        K[0, 0] = alpha
+        K[1, 0] = beta / T
         if self.growing:
             # least squares: alpha_n = 2 (2 n - 1) / (n (n + 1)),  beta_n = 6 / (n (n + 1))
             K[0, 0] = np.maximum(alpha, 2.0 * (2 * n - 1) / (n * (n + 1)))
@@ -84,26 +89,29 @@ class AlphaBeta(InnovationFilter[Smoothed]):
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Smoothed:
         """Start from the prior of position and velocity, which counts as two measurements."""
         first = Gaussian(prior.mean[:4], prior.cov[:4, :4])
-        return Smoothed(first, np.array(2), np.full(prior.mean.shape[1], np.nan))
+        unknown = np.full(prior.mean.shape[1], np.nan)
+        return Smoothed(posterior=first, n=np.array(2), nis=unknown)
 
     def step(self, model: Model, state: Smoothed, z: Array, k: int, rng: Generator) -> Smoothed:
         """Predict ``x = F x``, update ``x = x + K (z - H x)``; predict only if z is missing."""
         assumed, sensor = cast("tuple[Linear, PositionSensor]", model)
-        motion, H = ConstantVelocity(q=self.q).sampled(assumed.T), sensor.H()
+        motion = ConstantVelocity(q=self.q).sampled(assumed.T)
+        H = sensor.H()
         # x = F x
         predicted = kalman.predict(state.posterior, motion.F, motion.Q)
         nu = z - linalg.matvec(H, predicted.mean)
         # Fixed gains cannot use half a measurement.
         missing = np.isnan(nu).any(axis=0)
         nu = np.where(missing, np.nan, nu)
-        n = np.asarray(state.n + (~missing if missing.any() else 1))
+        number_of_new = ~missing if missing.any() else 1
+        n = np.asarray(state.n + number_of_new)
         # x = x + K nu: the gain depends on the number of measurements n so far.
         K = self.gain(n, assumed.T, sensor.sigma)
         posterior = kalman.update_with_gain(predicted, nu, K, H, sensor.R)
         # S = H P H' + R, for the NIS only.
         S, _ = kalman.gain(predicted.cov, H, sensor.R)
         innovation = Innovation(nu, S)
-        return Smoothed(posterior, n, innovation.nis, innovation)
+        return Smoothed(posterior=posterior, n=n, nis=innovation.nis, innovation=innovation)
 
     def estimate(self, state: Smoothed) -> Gaussian:
         """Return the posterior."""

@@ -58,6 +58,11 @@ class Filter(Part, Generic[State]):
             Prior of the first state: ``mean`` (n_x, M), ``cov`` (n_x, n_x) or (n_x, n_x, M).
         rng : numpy.random.Generator
             Random numbers of the block of runs, the only ones allowed.
+
+        Returns
+        -------
+        State
+            State that the first `step` starts from.
         """
 
     @abstractmethod
@@ -76,22 +81,62 @@ class Filter(Part, Generic[State]):
             Number of the step.
         rng : numpy.random.Generator
             Random numbers of the block of runs, the only ones allowed.
+
+        Returns
+        -------
+        State
+            State of step k, a new object.
         """
 
     def all_steps(self, model: Model, state: State, z: Array, k: int) -> "Steps | None":
-        """Return what `step` makes of z (n_z, T, M), the measurements of steps k to k + T - 1.
+        """Make many steps in one call, for speed in a filter that draws no random numbers.
 
-        ``state`` is that of step k - 1. Override it for speed in a filter that draws no random numbers.
-        If it returns None, as by default, the runner calls `step` for each measurement.
+        Parameters
+        ----------
+        model : Model
+            Motion and sensor that the filter assumes.
+        state : State
+            State of step k - 1.
+        z : array (n_z, T, M)
+            Measurements of steps k to k + T - 1.
+        k : int
+            Number of the first step.
+
+        Returns
+        -------
+        Steps or None
+            Results of `step` for each measurement. None, as by default, lets the runner call `step`.
         """
         return None
 
     @abstractmethod
     def estimate(self, state: State) -> Gaussian:
-        """Return the estimate: mean (n_x, M) and covariance (n_x, n_x, M)."""
+        """Return the estimate of a state.
+
+        Parameters
+        ----------
+        state : State
+            State after `init` or after a step.
+
+        Returns
+        -------
+        Gaussian
+            Mean (n_x, M) and covariance (n_x, n_x, M).
+        """
 
     def diagnostics(self, state: State) -> dict[str, Array]:
-        """Return values of the last step (M,) by name, which are averaged over the steps."""
+        """Return values of the last step, which are averaged over the steps.
+
+        Parameters
+        ----------
+        state : State
+            State after a step.
+
+        Returns
+        -------
+        dict of array (M,)
+            Values by name; NaN where a run has none.
+        """
         return {}
 
     @property
@@ -100,7 +145,7 @@ class Filter(Part, Generic[State]):
         return frozenset()
 
     def expectation(self, state: State, g: Callable[[Array], dict[str, Array]]) -> dict[str, Array]:
-        """Return posterior means (M,) by name of functions of the state that differ from g(mean).
+        """Return posterior means of functions of the state that differ from g(mean).
 
         Parameters
         ----------
@@ -108,6 +153,11 @@ class Filter(Part, Generic[State]):
             State after a step.
         g : callable
             Named functions of states x (n_x, ...).
+
+        Returns
+        -------
+        dict of array (M,)
+            Posterior means by name; default: none, so that g(mean) is taken.
         """
         return {}
 
@@ -116,19 +166,43 @@ class Filter(Part, Generic[State]):
         return None
 
     def log_likelihood(self, state: State) -> Array | None:
-        """Return log p(z_k | z_1..k-1) (M,) of the last measurement by the filter's approximation."""
+        """Return the predictive log-likelihood of the last measurement.
+
+        Parameters
+        ----------
+        state : State
+            State after a step.
+
+        Returns
+        -------
+        array (M,) or None
+            log p(z_k | z_1..k-1) by the filter's approximation; default: None.
+        """
         return None
 
     def refused(self, state: State) -> Mask | None:
-        """Return the measured components (n_z, M) that a gate refused at the last step.
+        """Return the measured components that a gate refused at the last step.
 
-        None, as by default, of a filter whose gate refuses whole measurements, if it has one: then the
-        diagnostic ``gated`` is 1 where it did.
+        Parameters
+        ----------
+        state : State
+            State after a step.
+
+        Returns
+        -------
+        array (n_z, M) or None
+            True where a component was refused. None, as by default, is for a filter without a gate, and
+            for one that refuses whole measurements: its diagnostic ``gated`` is 1 where it did.
         """
         return None
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Return reasons why the filter cannot run on the scenario, by key.
+
+        Parameters
+        ----------
+        scenario : Scene
+            Filter model, steps and prior of the scenario.
 
         Returns
         -------
@@ -164,6 +238,11 @@ class Filter(Part, Generic[State]):
             Number of the step of the first state.
         rng : numpy.random.Generator
             Random numbers of the block of runs, after those of the filter.
+
+        Returns
+        -------
+        list of State
+            Smoothed state of every step.
         """
         return states
 
@@ -232,7 +311,9 @@ class SmoothingFilter(Filter[State]):
     @property
     def lag(self) -> int | None:
         """Number of later measurements that an estimate uses, or None for all."""
-        return None if isinstance(self.smooth, bool) else self.smooth.lag
+        if isinstance(self.smooth, bool):
+            return None
+        return self.smooth.lag
 
 
 class JoinableFilter(Filter[State]):
@@ -243,11 +324,35 @@ class JoinableFilter(Filter[State]):
 
     @abstractmethod
     def structure(self, scenario: Scene) -> Hashable:
-        """Return a value that is equal for filters which differ in parameter values only."""
+        """Return a value that is equal for filters which differ in parameter values only.
+
+        Parameters
+        ----------
+        scenario : Scene
+            Scenario that the filters run on.
+
+        Returns
+        -------
+        hashable
+            Choices between algorithms, and lengths of arrays.
+        """
 
     @abstractmethod
     def joined(self, filters: Sequence[Filter[State]], width: int) -> Filter[State]:
-        """Return one filter, whose first ``width`` runs are the first filter's, and so on."""
+        """Return one filter, whose first ``width`` runs are the first filter's, and so on.
+
+        Parameters
+        ----------
+        filters : sequence of Filter
+            Filters of one `structure`.
+        width : int
+            Number of runs of each filter.
+
+        Returns
+        -------
+        Filter
+            Filter of ``len(filters) * width`` runs.
+        """
 
 
 class HasInnovation(Protocol):

@@ -12,9 +12,8 @@ from trackbench.core.conversions import Conversion, Polar, convert
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.kalman import Updated
 from trackbench.filters.base import Filter
-from trackbench.filters.kf import GaussianFilter
+from trackbench.filters.gaussian import MODEL_NOISE, GaussianFilter, extended_prediction
 from trackbench.models.base import Model, Scene
-from trackbench.models.gaussian_steps import MODEL_NOISE, extended_prediction
 from trackbench.models.priors import Convertible, TwoPoint
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.registry import register
@@ -36,15 +35,19 @@ class CMKF(GaussianFilter):
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Reject weights of the sensor."""
-        what = "weighs a sensor's R, and the converted position has another one: take ekf or mcaekf"
-        return super().conflicts(scenario) | ({} if self.robust is None else {"robust": what})
+        conflicts = super().conflicts(scenario)
+        if self.robust is not None:
+            conflicts["robust"] = (
+                "weighs a sensor's R, and the converted position has another one: take ekf or mcaekf"
+            )
+        return conflicts
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
         """Report also ``start`` as idle if there are no two scans to convert."""
         idle = super().idle_keys(scenario)
-        if issubclass(scenario.prior_type, Convertible):
-            return idle
-        return idle | {"start": "as this scenario does not start from two scans of a radar"}
+        if not issubclass(scenario.prior_type, Convertible):
+            idle["start"] = "as this scenario does not start from two scans of a radar"
+        return idle
 
     def initialize(self, model: Model, prior: Distribution) -> Gaussian:
         """Difference two converted scans; without scans start from the prior's moments."""
@@ -57,7 +60,9 @@ class CMKF(GaussianFilter):
         sensor = cast(RangeAzimuth, model.sensor)
         predicted = extended_prediction(model, state, k, MODEL_NOISE)
         # Step 1: convert (r, a) to a position; ducm uses the predicted range and azimuth.
-        expected = polar_moments(sensor, predicted, k) if self.conversion == "ducm" else None
+        expected = None
+        if self.conversion == "ducm":
+            expected = polar_moments(sensor, predicted, k)
         z = np.where(np.isnan(z).any(axis=0), np.nan, z)
         converted = convert(self.conversion, sensor.reading(z), expected)
         # Step 2: update with the position, linear in the state.
@@ -107,16 +112,17 @@ class Converted(Filter[LastTwoScans]):
     def init(self, model: Model, prior: Distribution, rng: Generator) -> LastTwoScans:
         """Start from the first two scans."""
         assert isinstance(prior, TwoPoint)
-        return LastTwoScans(prior, prior.gaussian(self.conversion))
+        return LastTwoScans(scans=prior, difference=prior.gaussian(self.conversion))
 
     def step(
         self, model: Model, state: LastTwoScans, z: Array, k: int, rng: Generator
     ) -> LastTwoScans:
         """Replace the older scan; a missing one is predicted from the two before it."""
+        sensor = cast(RangeAzimuth, model.sensor)
         expected = model.motion.transition(state.difference.mean, k).mean
-        z = np.where(np.isnan(z).any(axis=0), cast(RangeAzimuth, model.sensor).polar(expected), z)
-        scans = replace(state.scans, first=state.scans.second, second=z)
-        return LastTwoScans(scans, scans.gaussian(self.conversion))
+        scan = np.where(np.isnan(z).any(axis=0), sensor.polar(expected), z)
+        scans = replace(state.scans, first=state.scans.second, second=scan)
+        return LastTwoScans(scans=scans, difference=scans.gaussian(self.conversion))
 
     def estimate(self, state: LastTwoScans) -> Gaussian:
         """Return the converted position, and the velocity between the last two."""

@@ -1,7 +1,10 @@
-"""Kalman filters that linearize the model: EKF, IEKF, MCAEKF by Jacobians, IPLF by regression."""
+"""Kalman filters that linearize the model: EKF, IEKF, MCAEKF by Jacobians, IPLF by regression.
+
+The EKF's step reads on from `GaussianFilter.step` to `extended_step` to `core/kalman.py`.
+"""
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal, cast
+from typing import Annotated, ClassVar, Literal, NamedTuple, cast
 
 import numpy as np
 from annotated_types import Interval
@@ -11,30 +14,76 @@ from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.conversions import Polar
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import cos_sin
-from trackbench.core.kalman import Updated
+from trackbench.core.kalman import Innovation, Updated
 from trackbench.core.smoothing import Transition
 from trackbench.core.unscented import PointRule, Unscented, gauss_hermite
 from trackbench.field_types import Count, NonNegative, Positive
 from trackbench.filters.base import Steps
 from trackbench.filters.cmkf import polar_moments
-from trackbench.filters.kf import MAX_ORDER, MERWE_DEMO, NonlinearFilter, Tracked, constant_steps
-from trackbench.models.base import Differentiable, DifferentiableSensor, Model, Scene, jacobian_at
-from trackbench.models.gaussian_steps import (
+from trackbench.filters.gaussian import (
+    MERWE_DEMO,
     AssumedNoise,
+    NonlinearFilter,
+    Tracked,
     extended_prediction,
-    extended_step,
     extended_transition,
+    with_curvature,
+)
+from trackbench.filters.kf import constant_steps
+from trackbench.filters.ukf import (
+    MAX_ORDER,
     is_cancelled,
     point_prediction,
     point_transition,
     relative_measurements,
 )
+from trackbench.models.base import Differentiable, DifferentiableSensor, Model, Scene, jacobian_at
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.registry import register
 
 _CUBATURE = Unscented(1.0, 0.0, 0.0)
 _LEAST_SPREAD = 1e-10  # standard deviation, as a share of the state, that a regression resolves
 _WIDENING = 1e-8  # share of the predicted covariance
+
+
+def extended_step(
+    model: Model, state: Gaussian, z: Array, k: int, assumed: AssumedNoise, order: int = 1
+) -> Updated:
+    """Predict to k and update with z, with motion f and sensor h expanded at the means.
+
+    Parameters
+    ----------
+    model : Model
+        Motion and sensor.
+    state : Gaussian
+        Posterior of step k - 1: m (n_x, *batch), P (n_x, n_x[, *batch]). The batch is the runs (M,), or
+        runs and particles (M, N).
+    z : array (n_z, M)
+        Measurements of step k; NaN where one is missing.
+    k : int
+        Number of the step.
+    assumed : AssumedNoise
+        Noise that the filter assumes.
+    order : {1, 2}
+        Order of the expansion.
+
+    Returns
+    -------
+    Updated
+        Posterior, and the innovation with S.
+    """
+    sensor = cast(DifferentiableSensor, model.sensor)
+    # Step 1: m^- = f(m), P^- = F P F' + Q with the Jacobian F of f at m.
+    predicted = extended_prediction(model, state, k, assumed, order)
+    # Step 2: the innovation nu = z - h(m^-).
+    measurement = assumed.measurement(model, predicted.mean, k)
+    if order == 2:
+        measurement = with_curvature(measurement, sensor, predicted, k)
+    nu = sensor.innovation(with_trailing(z, measurement.mean.ndim - 1), measurement.mean)
+    # Step 3: S = H P^- H' + R, K = P^- H' S^-1 with the Jacobian H of h at m^-;
+    # m = m^- + K nu, P = (I - K H) P^- (I - K H)' + K R K'.
+    H = jacobian_at(sensor, predicted, k)
+    return kalman.update(predicted, nu, H, measurement.cov)
 
 
 @register("filters", "ekf")
@@ -54,18 +103,23 @@ class EKF(NonlinearFilter):
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
         """Report also ``order`` as idle if the Jacobians are constant."""
+        idle = super().idle_keys(scenario)
         motion, sensor = cast(Differentiable, scenario.model)
-        x, k = np.ones((len(motion.components), 1)), int(scenario.steps[-1])
-        linear = all(part.jacobian(x, k).ndim == 2 for part in (motion, sensor))
-        why = "as motion and sensor are linear"
-        return super().idle_keys(scenario) | ({"order": why} if linear else {})
+        x = np.ones((len(motion.components), 1))
+        k = int(scenario.steps[-1])
+        if motion.jacobian(x, k).ndim == 2 and sensor.jacobian(x, k).ndim == 2:
+            idle["order"] = "as motion and sensor are linear"
+        return idle
 
     def all_steps(self, model: Model, state: Tracked, z: Array, k: int) -> Steps | None:
         """Return the Kalman filter's steps, bit for bit, where it is that with one covariance."""
-        mean, cov = state.posterior.mean, with_trailing(state.posterior.cov, 1, leading=2)
-        if type(self) is not EKF or self != EKF(smooth=self.smooth) or (cov != cov[..., :1]).any():
+        if type(self) is not EKF or self != EKF(smooth=self.smooth):
             return None
-        return constant_steps(model, state._replace(posterior=Gaussian(mean, cov[..., 0])), z)
+        cov = with_trailing(state.posterior.cov, 1, leading=2)
+        if (cov != cov[..., :1]).any():
+            return None
+        with_one_covariance = Gaussian(state.posterior.mean, cov[..., 0])
+        return constant_steps(model, state._replace(posterior=with_one_covariance), z)
 
     def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict and update by the derivatives."""
@@ -90,20 +144,20 @@ class IEKF(NonlinearFilter):
 
     def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict; linearize the measurement again at each new estimate."""
-        predicted = extended_prediction(model, state, k, self.assumed)
-        posterior, first = predicted, None
         sensor = cast(DifferentiableSensor, model.sensor)
+        predicted = extended_prediction(model, state, k, self.assumed)
+        posterior = predicted
+        innovations: list[Innovation] = []
         for _ in range(self.iterations):
             # nu = z - h(x_i) - H_i (m - x_i), about the estimate x_i of the iteration before
             H = jacobian_at(sensor, posterior, k)
             expected = self.assumed.measurement(model, posterior.mean, k)
-            nu = sensor.innovation(z, expected.mean)
-            nu = nu - linalg.matvec(H, predicted.mean - posterior.mean)
+            residual = sensor.innovation(z, expected.mean)
+            nu = residual - linalg.matvec(H, predicted.mean - posterior.mean)
             posterior, innovation = kalman.update(predicted, nu, H, expected.cov)
-            # The NIS is that of the first iteration, about the prediction.
-            first = first or innovation
-        assert first is not None
-        return posterior, first
+            innovations.append(innovation)
+        # The NIS is that of the first iteration, about the prediction.
+        return posterior, innovations[0]
 
 
 @register("filters", "mcaekf")
@@ -169,52 +223,62 @@ class IPLF(NonlinearFilter):
     def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict by the rule's points; regress the measurement again over each posterior."""
         predicted = point_prediction(model, state, k, self.assumed, self.rule)
-        over, first = predicted, None
+        linearized_at = predicted
+        innovations: list[Innovation] = []
         for _ in range(self.iterations):
             # nu = z - E h(x) - A (m - m_i): A is the slope of the regression about estimate m_i.
-            at, slope, cov = _regression(model, over, k, self.assumed, self.rule)
-            nu = model.sensor.innovation(z, at)
-            nu = nu - linalg.matvec(slope, predicted.mean - over.mean)
-            posterior, innovation = kalman.update(predicted, nu, slope, cov)
-            over = _spread(posterior, predicted)
-            first = first or innovation
-        assert first is not None
-        return posterior, first
+            line = _regress_measurement(model, linearized_at, k, self.assumed, self.rule)
+            residual = model.sensor.innovation(z, line.mean)
+            nu = residual - linalg.matvec(line.slope, predicted.mean - linearized_at.mean)
+            posterior, innovation = kalman.update(predicted, nu, line.slope, line.cov)
+            linearized_at = _widen_exact_posterior(posterior, predicted)
+            innovations.append(innovation)
+        return posterior, innovations[0]
 
 
-def _spread(posterior: Gaussian, predicted: Gaussian) -> Gaussian:
+def _widen_exact_posterior(posterior: Gaussian, predicted: Gaussian) -> Gaussian:
     """Widen a posterior that an exact measurement leaves without spread, so that it has a slope."""
     least = _LEAST_SPREAD * np.abs(posterior.mean)
-    known = ~(linalg.diagonal(linalg.root(posterior.cov)) > least).all(axis=0)
-    if not known.any():
+    is_exact = ~(linalg.diagonal(linalg.root(posterior.cov)) > least).all(axis=0)
+    if not is_exact.any():
         return posterior
     wide = posterior.cov + _WIDENING * predicted.cov
-    return Gaussian(posterior.mean, np.where(known, wide, posterior.cov))
+    return Gaussian(posterior.mean, np.where(is_exact, wide, posterior.cov))
 
 
-def _regression(
-    model: Model, over: Gaussian, k: int, assumed: AssumedNoise, rule: PointRule
-) -> tuple[Array, Array, Array]:
-    """Regress the measurement on the state over N(m, P) (eqs. 5-9).
+class _Line(NamedTuple):
+    """Regression ``z = mean + slope (x - m) + N(0, cov)`` of a measurement on the state."""
 
-    Returns ``at`` (n_z, M), ``slope`` (n_z, n, M) and ``cov`` (n_z, n_z, M) of the line
-    ``z = at + slope (x - m) + N(0, cov)``.
-    """
-    # Measured points, as innovations about the mean's: angles are averaged away from their cut.
-    points = rule.points(over)
+    mean: Array
+    """mean measurement (n_z, M)"""
+    slope: Array
+    """slope (n_z, n_x, M)"""
+    cov: Array
+    """covariance (n_z, n_z, M) of the noise and of the deviations from the line"""
+
+
+def _regress_measurement(
+    model: Model, state: Gaussian, k: int, assumed: AssumedNoise, rule: PointRule
+) -> _Line:
+    """Regress the measurement on the state over N(m, P), ``state`` (eqs. 5-9)."""
+    # Step 1: measured points, relative to the mean's: angles are averaged away from their cut.
+    points = rule.points(state)
     z = model.sensor.measurement(points.x, k).mean
-    center = z[:, :1]
+    z_of_mean = z[:, 0]
     offsets = relative_measurements(model, points.x, z, k)
-    mean = points.mean(offsets)
-    # slope = C' P^-1, C = cov(x, z);  cov = R + cov(z, z) - slope P slope'
-    cross = points.cross(points.x, over.mean, offsets, mean)
-    slope = linalg.transpose(linalg.solve_singular(over.cov, cross))
-    R = with_trailing(assumed.measurement(model, over.mean, k).cov, 1, leading=2)
-    spread = points.cross(offsets, mean, offsets, mean)
-    unexplained = spread - linalg.sandwich(slope, over.cov)
-    if (cancelled := is_cancelled(unexplained, spread)).any():
+    offset_mean = points.mean(offsets)
+    # Step 2: slope = C' P^-1 with C = cov(x, z).
+    C = points.cross(points.x, state.mean, offsets, offset_mean)
+    slope = linalg.transpose(linalg.solve_singular(state.cov, C))
+    # Step 3: cov = R + cov(z, z) - slope P slope'.
+    R = with_trailing(assumed.measurement(model, state.mean, k).cov, 1, leading=2)
+    z_cov = points.cross(offsets, offset_mean, offsets, offset_mean)
+    unexplained = z_cov - linalg.sandwich(slope, state.cov)
+    cancelled = is_cancelled(unexplained, z_cov)
+    if cancelled.any():
         # As of a linear sensor: sum the squares of z - slope x over the points.
-        moved = linalg.matvec(slope[:, :, None], points.x - over.mean[:, None])
-        rest, zero = offsets - mean[:, None] - moved, np.zeros_like(mean)
+        explained = linalg.matvec(slope[:, :, None], points.x - state.mean[:, None])
+        rest = offsets - offset_mean[:, None] - explained
+        zero = np.zeros_like(offset_mean)
         unexplained = np.where(cancelled, points.cross(rest, zero, rest, zero), unexplained)
-    return center[:, 0] + mean, slope, R + linalg.symmetrize(unexplained)
+    return _Line(mean=z_of_mean + offset_mean, slope=slope, cov=R + linalg.symmetrize(unexplained))

@@ -43,15 +43,17 @@ class GaussianPF(WeightedParticlesFilter):
     def init(self, model: Model, prior: Distribution, rng: Generator) -> PFState:
         """Draw from the prior and take the moments."""
         x, log_w = draw_covering(prior, rng, self.N)
-        return _weigh(x, log_w)
+        return _state_of_draws(x, log_w)
 
     def step(self, model: Model, state: PFState, z: Array, k: int, rng: Generator) -> PFState:
         """Draw from the Gaussian, move, weigh, take the moments."""
-        x = model.motion.transition(state.estimate.sample(rng, self.N), k).sample(rng)
-        return _weigh(x, log_likelihood(model.sensor, z, x, k), angle_rows(model.motion))
+        before = state.estimate.sample(rng, self.N)
+        x = model.motion.transition(before, k).sample(rng)
+        log_w = log_likelihood(model.sensor, z, x, k)
+        return _state_of_draws(x, log_w, angle_rows(model.motion))
 
 
-def _weigh(x: Array, log_w: Array, angles: tuple[int, ...] = ()) -> PFState:
+def _state_of_draws(x: Array, log_w: Array, angles: tuple[int, ...] = ()) -> PFState:
     """Return the state of draws (n, M, N) with log-weights (M, N).
 
     ``angles`` are the components that are brought together before they are averaged.
@@ -65,7 +67,7 @@ def _weigh(x: Array, log_w: Array, angles: tuple[int, ...] = ()) -> PFState:
         estimate=cloud.moments(),
         collapsed=collapsed,
         w=w,
-        evidence=(Evidence(mass, 0.0, w.shape[1]),),
+        evidence=(Evidence(mass, carried=0.0, N=w.shape[1]),),
     )
 
 
@@ -73,12 +75,16 @@ _GROWTH = 1.2  # of the steps in the flow's pseudo-time (Li & Coates 2017, secti
 
 
 class Ensemble(NamedTuple):
-    """Members x (n, M, N) of equal weight, now and before the last measurement; its NIS, innovation."""
+    """State of an ensemble filter: members of equal weight."""
 
     x: Array
+    """members (n, M, N)"""
     nis: Array
+    """NIS (M,) of the last measurement"""
     innovation: Innovation | None = None
+    """innovation of the last measurement"""
     predicted: Array | None = None
+    """members (n, M, N) before the last measurement"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,14 +134,17 @@ class EnKF(SmoothingFilter[Ensemble], EnsembleFilter):
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
         """Report the key of the other form as idle."""
-        return {"rotation" if self.form == "perturbed" else "centered": f"with `form: {self.form}`"}
+        other = "rotation" if self.form == "perturbed" else "centered"
+        return {other: f"with `form: {self.form}`"}
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Reject a smoother with rotations: it follows each member, which a rotation mixes."""
-        out = super().conflicts(scenario)
+        conflicts = super().conflicts(scenario)
         if self.smooths and self.rotation:
-            out["smooth"] = "follows each member backwards, and `rotation: true` mixes the members"
-        return out
+            conflicts["smooth"] = (
+                "follows each member backwards, and `rotation: true` mixes the members"
+            )
+        return conflicts
 
     def step(self, model: Model, state: Ensemble, z: Array, k: int, rng: Generator) -> Ensemble:
         """Move every member, and correct it by the gain of the members' covariances."""
@@ -145,51 +154,56 @@ class EnKF(SmoothingFilter[Ensemble], EnsembleFilter):
         # Step 2: predicted measurements, as innovations about one point: angles are averaged away from
         # their cut.
         center = model.sensor.measurement(middle, k)
-        predicted = model.sensor.innovation(
-            model.sensor.measurement(x, k).mean, center.mean[..., None]
-        )
-        z_mean, R = mean(predicted), with_trailing(center.cov, 1, leading=2)
-        dx, dz = x - mean(x)[..., None], predicted - z_mean[..., None]
+        z_of_members = model.sensor.measurement(x, k).mean
+        predicted = model.sensor.innovation(z_of_members, center.mean[..., None])
+        z_mean = mean(predicted)
+        dx = x - mean(x)[..., None]
+        dz = predicted - z_mean[..., None]
+        R = with_trailing(center.cov, 1, leading=2)
         nu = model.sensor.innovation(z, center.mean + z_mean)
         missing = np.isnan(nu)
+        known = np.where(missing, 0.0, nu)
         # Step 3: K = C S^-1, C = cov(x, z), S = cov(z, z) + R.
-        C, S = kalman.drop_missing(
-            linalg.transpose(_cross_cov(dx, dz)), _cross_cov(dz, dz) + R, missing
-        )
+        C_transposed = linalg.transpose(_cross_cov(dx, dz))
+        C_transposed, S = kalman.drop_missing(C_transposed, _cross_cov(dz, dz) + R, missing)
         note("covariances", S, components=2)
-        K = linalg.matmul(linalg.transpose(C), linalg.inverse(S))
+        K = linalg.matmul(linalg.transpose(C_transposed), linalg.inverse(S))
         # Step 4: correct the members.
         if self.form == "etkf":
-            R = kalman.drop_missing_cov(R, missing)
-            dx = _transformed(dx, np.where(missing[..., None], 0.0, dz), S, R)
-            dx = _rotated(dx, rng) if self.rotation else dx
-            x = (mean(x) + linalg.matvec(K, np.where(missing, 0.0, nu)))[..., None] + dx
+            dx = _transformed(
+                dx, np.where(missing[..., None], 0.0, dz), S, kalman.drop_missing_cov(R, missing)
+            )
+            if self.rotation:
+                dx = _rotated(dx, rng)
+            corrected = (mean(x) + linalg.matvec(K, known))[..., None] + dx
         else:
-            x = self._perturbed(x, dz, np.where(missing, 0.0, nu), K, R, rng)
+            corrected = self._perturbed(x, dz, known, K, R, rng)
         # Step 5: widen the ensemble about its mean.
         if self.inflation != 1.0:
-            m = mean(x)[..., None]
-            x = m + self.inflation * (x - m)
+            m = mean(corrected)[..., None]
+            corrected = m + self.inflation * (corrected - m)
         innovation = Innovation(nu, S)
-        return Ensemble(x, innovation.nis, innovation, moved)
+        return Ensemble(x=corrected, nis=innovation.nis, innovation=innovation, predicted=moved)
 
     def smoothed(
         self, model: Model, states: list[Ensemble], k: int, rng: Generator
     ) -> list[Ensemble]:
         """Smooth the members of every step by the ensemble RTS smoother (Raanes 2016)."""
 
-        def one_back(i: int, later: Array) -> Array:
-            x, predicted = states[i].x, states[i + 1].predicted
+        def smooth_one_back(i: int, later: Array) -> Array:
+            x = states[i].x
+            predicted = states[i + 1].predicted
             assert predicted is not None
             later = near(later, predicted, angle_rows(model.motion))
-            dx, dp = x - mean(x)[..., None], predicted - mean(predicted)[..., None]
+            dx = x - mean(x)[..., None]
+            dp = predicted - mean(predicted)[..., None]
             # G = C P_pred^-1 of the members; x_i + G (x_later_i - x_pred_i)
-            P = Gaussian(mean(predicted), _cross_cov(dp, dp))
-            G = Transition(P, _cross_cov(dx, dp)).gain
+            moments = Gaussian(mean(predicted), _cross_cov(dp, dp))
+            G = Transition(moments, _cross_cov(dx, dp)).gain
             return x + linalg.matvec(G[..., None], later - predicted)
 
-        smoothed = backwards([state.x for state in states], one_back, self.lag)
-        return [s._replace(x=x) for s, x in zip(states, smoothed, strict=True)]
+        smoothed = backwards([state.x for state in states], smooth_one_back, self.lag)
+        return [state._replace(x=x) for state, x in zip(states, smoothed, strict=True)]
 
     def _perturbed(
         self, x: Array, dz: Array, nu: Array, K: Array, R: Array, rng: Generator
@@ -199,8 +213,8 @@ class EnKF(SmoothingFilter[Ensemble], EnsembleFilter):
         if self.centered:
             # Without their mean the errors have (N - 1) / N of the variance.
             error = np.sqrt(self.N / (self.N - 1)) * (error - mean(error)[..., None])
-        each = nu[..., None] - dz + error
-        return x + linalg.matvec(K[..., None], each)
+        nu_of_members = nu[..., None] - dz + error
+        return x + linalg.matvec(K[..., None], nu_of_members)
 
 
 def _together(x: Array, angles: tuple[int, ...]) -> tuple[Array, Array]:
@@ -283,20 +297,29 @@ class ExactFlow(EnsembleFilter):
         moved = model.motion.transition(state.x, k).sample(rng)
         x, _ = _together(moved, angle_rows(model.motion))
         predicted = self.estimate(Ensemble(x, state.nis))
-        start, P = predicted.mean, predicted.cov
+        start = predicted.mean
+        P = predicted.cov
         # All particles of a run flow by one affine map of their deviations from the mean, x -> B x + c:
         # dB = A B dt, dc = (A c + b) dt (Euler steps).
         B = np.broadcast_to(with_trailing(np.eye(len(P)), 1, leading=2), P.shape)
-        c, time = np.zeros_like(start), 0.0
-        nis, first, sensor = state.nis, state.innovation, cast(DifferentiableSensor, model.sensor)
+        c = np.zeros_like(start)
+        time = 0.0
+        first_innovation = None
+        sensor = cast(DifferentiableSensor, model.sensor)
         for length in _step_lengths(self.steps):
             A, b, innovation = _flow(sensor, Gaussian(start, P), c, z, k, time + 0.5 * length)
-            nis, first = (nis, first) if time else (innovation.nis, innovation)
+            if first_innovation is None:
+                first_innovation = innovation
             B = B + length * linalg.matmul(A, B)
             c = c + length * (linalg.matvec(A, c) + b)
             time += length
         deviations = linalg.matvec(B[..., None], x - start[..., None])
-        return Ensemble(deviations + (start + c)[..., None], nis, first)
+        assert first_innovation is not None
+        return Ensemble(
+            x=deviations + (start + c)[..., None],
+            nis=first_innovation.nis,
+            innovation=first_innovation,
+        )
 
 
 def _flow(
@@ -314,7 +337,8 @@ def _flow(
     missing = np.isnan(nu)
     H = jacobian_at(sensor, Gaussian(at, prior.cov), k)
     H, R = kalman.drop_missing(H, expected.cov, missing)
-    H, R = (with_trailing(matrix, 1, leading=2) for matrix in (H, R))
+    H = with_trailing(H, 1, leading=2)
+    R = with_trailing(R, 1, leading=2)
     PH = linalg.matmul(prior.cov, linalg.transpose(H))
     HPH = linalg.symmetrize(linalg.matmul(H, PH))
     # A = -P H' (t H P H' + R)^-1 H / 2 (eq. 9)

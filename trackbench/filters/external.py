@@ -63,7 +63,10 @@ class _Line:
     """A line of each run, after those of the steps before."""
 
     def __init__(self, of_runs: Sequence[str], number: int, time: float, before: "_Line | None"):
-        self.of_runs, self.number, self.time, self.before = of_runs, number, time, before
+        self.of_runs = of_runs
+        self.number = number
+        self.time = time
+        self.before = before
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "_Line":
         return self  # is never changed
@@ -92,10 +95,12 @@ class ProgramRunError(WrongReturnError):
 
     def __init__(self, run: int, step: int, what: str) -> None:
         super().__init__("step", f"run {run}, step {step}: {what}")
-        self.run, self.step, self.what = run, step, what
+        self.run = run
+        self.step = step
+        self.what = what
 
     def after(self, runs: int) -> "ProgramRunError":
-        """Count the run from the first of the experiment, of which its block begins at ``runs``."""
+        """Count the run from the first of the experiment; the run's block begins at ``runs``."""
         return ProgramRunError(runs + self.run, self.step, self.what)
 
 
@@ -187,15 +192,16 @@ class External(Filter[ProgramState]):
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> ProgramState:
         """Begin each run with the moments of its prior."""
-        prior, lines = per_run_moments(Gaussian(prior.mean, prior.cov)), []
+        prior = per_run_moments(Gaussian(prior.mean, prior.cov))
+        lines = []
         for run, seed in enumerate(run_seeds(rng, prior.mean.shape[1])):
             moments = [prior.mean[:, run], prior.cov[..., run].ravel()]
             lines.append(f"init {seed} 0 {_fields(np.concatenate(moments))}")
         nothing = np.full((len(prior.mean), len(lines)), np.nan)
-        before = ProgramState(self._hello(model), None, nothing, nothing[None])
-        first = _Line(lines, 0, 0.0, None)
+        before = ProgramState(hello=self._hello(model), line=None, mean=nothing, cov=nothing[None])
+        first = _Line(lines, number=0, time=0.0, before=None)
         mean, cov = self._answers(before, [first])
-        return ProgramState(before.hello, first, mean[:, 0], cov[:, :, 0])
+        return ProgramState(hello=before.hello, line=first, mean=mean[:, 0], cov=cov[:, :, 0])
 
     def step(
         self, model: Model, state: ProgramState, z: Array, k: int, rng: Generator
@@ -207,13 +213,13 @@ class External(Filter[ProgramState]):
     def all_steps(self, model: Model, state: ProgramState, z: Array, k: int) -> Steps:
         """Send the measurements of all steps, run after run."""
         assert state.line is not None
-        lines = [*_step_lines(model, state.line, z, k)]
+        lines = list(_step_lines(model, state.line, z, k))
         mean, cov = self._answers(state, lines)
 
-        def at(i: int) -> ProgramState:
-            return ProgramState(state.hello, lines[i], mean[:, i], cov[:, :, i])
+        def state_after(i: int) -> ProgramState:
+            return ProgramState(hello=state.hello, line=lines[i], mean=mean[:, i], cov=cov[:, :, i])
 
-        return Steps(Gaussian(mean, cov), {}, at)
+        return Steps(estimate=Gaussian(mean, cov), diagnostics={}, state=state_after)
 
     def estimate(self, state: ProgramState) -> Gaussian:
         """Give the programs' last answers."""
@@ -221,15 +227,19 @@ class External(Filter[ProgramState]):
 
     def _answers(self, state: ProgramState, lines: Sequence[_Line]) -> tuple[Array, Array]:
         """Collect the estimates of all runs after each line: mean (n, T, M), covariance (n, n, T, M)."""
-        runs, n, pool = len(lines[0].of_runs), len(state.mean), _pool(self, state.hello)
+        runs = len(lines[0].of_runs)
+        n = len(state.mean)
+        pool = _pool(self, state.hello)
         mean = np.empty((n, len(lines), runs))
         cov = np.full((n, n, len(lines), runs), np.nan)
         for run in range(runs):
             try:
-                answers, past = pool.of_run(run, state.line).answers(state.line, lines, run)
-                numbers = _numbers(answers, n)
-                if past:
-                    _compare(_numbers(past[-1:], n)[0], state, run)
+                program = pool.program_of_run(run, state.line)
+                answers, repeated = program.exchange(state.line, lines, run)
+                numbers = _read_numbers(answers, n)
+                if repeated:
+                    again = _read_numbers(repeated[-1:], n)[0]
+                    _check_repeated(again, state, run)
             except ProgramError as error:
                 pool.kill()
                 raise ProgramRunError(run, lines[0].number + error.answered, str(error)) from None
@@ -241,6 +251,7 @@ class External(Filter[ProgramState]):
         return mean, cov
 
     def _hello(self, model: Model) -> str:
+        """Return the first line that a program is sent."""
         motion, sensor = model
         facts: dict[str, object] = {
             "components": motion.components,
@@ -250,7 +261,9 @@ class External(Filter[ProgramState]):
             "model": None,
         }
         # R of any other sensor may differ from step to step.
-        H = getattr(sensor, "H", None) if isinstance(sensor, SensorBase | StackedSensor) else None
+        H = None
+        if isinstance(sensor, SensorBase | StackedSensor):
+            H = getattr(sensor, "H", None)
         if isinstance(motion, Linear) and H is not None:
             n = len(motion.F)
             R = sensor.measurement(np.zeros((n, 1)), 1).cov.reshape(len(sensor.components), -1)
@@ -311,19 +324,21 @@ def _step_lines(model: Model, before: _Line, z: Array, k: int) -> Iterator[_Line
     for row in measured_angle_rows(model.sensor):
         z[row] = wrap_angle(z[row])
     for i in range(z.shape[1]):
-        number, length = before.number + 1, step_length(model, k + i)
+        number = before.number + 1
+        length = step_length(model, k + i)
         # A product has no rounding error that grows from step to step.
         time = number * length if hasattr(model.motion, "T") else before.time + length
-        fields = (_fields(column) for column in z[:, i].T)
-        before = _Line([f"step {time:.17g} {row}" for row in fields], number, time, before)
+        lines = [f"step {time:.17g} {_fields(z_of_run)}" for z_of_run in z[:, i].T]
+        before = _Line(lines, number, time, before)
         yield before
 
 
 def _fields(values: Array) -> str:
+    """Write numbers with all their digits, separated by spaces."""
     return " ".join(f"{value:.17g}" for value in values.tolist())
 
 
-def _numbers(answers: Sequence[str], n: int) -> Array:
+def _read_numbers(answers: Sequence[str], n: int) -> Array:
     """Read the numbers of the answers (T, n) or (T, n + n^2); raises ProgramError at a wrong answer."""
     size = len(answers[0].split())
     for i, answer in enumerate(answers):
@@ -391,15 +406,19 @@ def few_digits(numbers: Array) -> str:
 PRINT_ALL_DIGITS = "print 17 digits, as by `%.17g`, or in C++ `std::cout.precision(17)`"
 
 
-def _compare(again: Array, state: ProgramState, run: int) -> None:
-    """Raise ProgramError unless a run that began again has the estimate of before."""
+def _check_repeated(again: Array, state: ProgramState, run: int) -> None:
+    """Raise ProgramError unless a run that began again has the estimate of before.
+
+    ``again`` are the numbers (n,) or (n + n^2,) of its answer to the state's line.
+    """
     n = len(state.mean)
+    mean = again[:n]
     cov = np.full((n, n), np.nan) if len(again) == n else again[n:].reshape(n, n)
-    known = (state.mean[:, run], state.cov[:, :, run])
-    for a, b in zip(known, (again[:n], cov), strict=True):
-        if not np.array_equal(a, b, equal_nan=True):
-            what = "a run that begins again has other estimates: "
-            raise ProgramError(f"{what}does `init` set all of the state, and SEED all noise?", -1)
+    has_same_mean = np.array_equal(state.mean[:, run], mean, equal_nan=True)
+    has_same_cov = np.array_equal(state.cov[:, :, run], cov, equal_nan=True)
+    if not (has_same_mean and has_same_cov):
+        what = "a run that begins again has other estimates: "
+        raise ProgramError(f"{what}does `init` set all of the state, and SEED all noise?", -1)
 
 
 def _stamps(tracker: External) -> list[tuple[int, ...]]:
@@ -427,43 +446,49 @@ class _Copy:
 
     def __init__(self, program: Program) -> None:
         self.program = program
-        self.at: tuple[_Line | None, int] = (None, -1)
+        self.last_sent: tuple[_Line | None, int] = (None, -1)
 
-    def answers(
+    def exchange(
         self, before: _Line | None, lines: Sequence[_Line], run: int
     ) -> tuple[list[str], list[str]]:
         """Send a run's lines, which follow the line ``before``, and return the answers.
 
-        Those to earlier lines of the run, if it began again, come second.
+        The answers to earlier lines of the run, if it began again, come second.
         """
-        past: list[str] = []
-        if before is not None and self.at != (before, run):
-            past = before.of_run(run)
+        earlier: list[str] = []
+        if before is not None and self.last_sent != (before, run):
+            earlier = before.of_run(run)
+        new = [line.of_runs[run] for line in lines]
         try:
-            answers = self.program.exchange(past + [line.of_runs[run] for line in lines])
+            answers = self.program.exchange(earlier + new)
         except ProgramError as error:
-            error.answered -= len(past)
+            error.answered -= len(earlier)
             raise
-        self.at = (lines[-1], run)
-        return answers[len(past) :], answers[: len(past)]
+        self.last_sent = (lines[-1], run)
+        return answers[len(earlier) :], answers[: len(earlier)]
 
 
 class _Pool:
     """Programs of one filter, started when they are needed."""
 
     def __init__(self, tracker: External, hello: str) -> None:
-        self._tracker, self._hello = tracker, hello
+        self._tracker = tracker
+        self._hello = hello
         self._copies: dict[int, _Copy] = {}
         self.stamps = _stamps(tracker)
 
-    def of_run(self, run: int, before: _Line | None) -> _Copy:
-        """Choose the program that goes on with a run: one that is there, or begins the run again."""
+    def program_of_run(self, run: int, before: _Line | None) -> _Copy:
+        """Choose the program that goes on with a run: one that is there, or begins the run again.
+
+        ``before`` is the last line of the run so far.
+        """
         # All programs of this process may have been ended meanwhile.
         self._copies = {i: copy for i, copy in self._copies.items() if copy.program.is_running}
         for copy in self._copies.values():
-            if copy.at == (before, run):
+            if copy.last_sent == (before, run):
                 return copy
-        tracker, is_short = self._tracker, before is None or before.number < _SHORT
+        tracker = self._tracker
+        is_short = before is None or before.number < _SHORT
         number = 0 if is_short else run % tracker.copies
         if number not in self._copies:
             for word, digest in tracker.digests():
@@ -489,13 +514,13 @@ _pools: OrderedDict[tuple[int, External, str], _Pool] = OrderedDict()
 
 def _pool(tracker: External, hello: str) -> _Pool:
     """Look up the programs of a filter in this thread; end those that were used longest ago."""
-    key = threading.get_ident(), tracker, hello
+    key = (threading.get_ident(), tracker, hello)
     if key in _pools and _pools[key].stamps != _stamps(tracker):
         _pools.pop(key).end()  # the program may have been built again
     if key not in _pools:
-        mine = [other for other in _pools if other[0] == key[0]]
-        if len(mine) >= _POOLS:
-            _pools.pop(mine[0]).end()
+        keys_of_thread = [other for other in _pools if other[0] == key[0]]
+        if len(keys_of_thread) >= _POOLS:
+            _pools.pop(keys_of_thread[0]).end()
         _pools[key] = _Pool(tracker, hello)
     _pools.move_to_end(key)
     return _pools[key]

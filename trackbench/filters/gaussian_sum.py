@@ -16,8 +16,9 @@ from trackbench.core.particles import Mass, Particles
 from trackbench.core.sums import dot, total
 from trackbench.field_types import Count, NonNegative, Positive
 from trackbench.filters.base import Filter
+from trackbench.filters.ekf import extended_step
+from trackbench.filters.gaussian import MODEL_NOISE
 from trackbench.models.base import Model, angle_rows
-from trackbench.models.gaussian_steps import MODEL_NOISE, extended_step
 from trackbench.models.priors import TwoPoint, two_point_difference
 from trackbench.models.sensors.base import ScaledNoise
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
@@ -88,36 +89,48 @@ class GaussianSum(Filter[Mixture]):
         # Nodes have variance 1 - width^2, components width^2: together that of the prior.
         log_w = -0.5 * np.square(nodes) / (1.0 - width * width)
         # A component for each pair of nodes; its weight is the product of both.
-        one, two = (g.ravel() for g in np.meshgrid(nodes, nodes, indexing="ij"))
+        first_nodes, second_nodes = np.meshgrid(nodes, nodes, indexing="ij")
+        first_nodes = first_nodes.ravel()
+        second_nodes = second_nodes.ravel()
         if isinstance(prior, TwoPoint):
             # The scans of a start have no fault.
-            sensor = model.sensor.sensor if isinstance(model.sensor, ScaledNoise) else model.sensor
-            start = _split_azimuths(cast(RangeAzimuth, sensor), prior, one, two, width)
+            sensor = model.sensor
+            if isinstance(sensor, ScaledNoise):
+                sensor = sensor.sensor
+            radar = cast(RangeAzimuth, sensor)
+            start = _split_azimuths(radar, prior, first_nodes, second_nodes, width)
         else:
-            start = _split_positions(prior, one, two, width)
+            start = _split_positions(prior, first_nodes, second_nodes, width)
         runs = start.mean.shape[1]
-        w = particles.normalize(np.tile((log_w[:, None] + log_w).ravel(), (runs, 1))).w
-        return Mixture(start.mean, start.cov, w)
+        log_w_of_pairs = (log_w[:, None] + log_w).ravel()
+        w = particles.normalize(np.tile(log_w_of_pairs, (runs, 1))).w
+        return Mixture(mean=start.mean, cov=start.cov, w=w)
 
     def step(self, model: Model, state: Mixture, z: Array, k: int, rng: Generator) -> Mixture:
         """Update an EKF per component, weigh by the innovations, prune and merge."""
         # Step 1: update an EKF per component, as many at a time as bound the memory of many sensors.
-        size, updated = max(1, _AT_ONCE // len(model.sensor.components) ** 2), []
+        size = max(1, _AT_ONCE // len(model.sensor.components) ** 2)
+        means = []
+        covs = []
+        log_likelihoods = []
         for first in range(0, state.w.shape[-1], size):
-            piece = Gaussian(*(a[..., first : first + size] for a in (state.mean, state.cov)))
-            after, innovation = extended_step(model, piece, z, k, MODEL_NOISE)
-            updated.append((after.mean, after.cov, innovation.log_likelihood))
-        mean, cov, log_p = (np.concatenate(parts, axis=-1) for parts in zip(*updated, strict=True))
-        bank = Gaussian(mean, cov)
+            components = slice(first, first + size)
+            before = Gaussian(state.mean[..., components], state.cov[..., components])
+            after, innovation = extended_step(model, before, z, k, MODEL_NOISE)
+            means.append(after.mean)
+            covs.append(after.cov)
+            log_likelihoods.append(innovation.log_likelihood)
+        mean = np.concatenate(means, axis=-1)
+        cov = np.concatenate(covs, axis=-1)
+        log_p = np.concatenate(log_likelihoods, axis=-1)
         # Step 2: multiply each weight by the likelihood of the component's innovation.
         log_w = elementary.log(state.w) + np.nan_to_num(log_p, neginf=-np.inf)
         weights = particles.normalize(log_w)
         # Angles that differ by whole turns are brought together.
-        together = bring_together(Particles(bank.mean, weights.w), angle_rows(model.motion))
-        bank = Gaussian(together.x, bank.cov)
+        together = bring_together(Particles(mean, weights.w), angle_rows(model.motion))
         # Step 3: prune, compact and merge; keep the mass from before the pruning.
-        w = _prune(bank.mean, weights.w, self.kept)
-        heaviest = _compact(Mixture(bank.mean, bank.cov, w))
+        w = _prune(together.x, weights.w, self.kept)
+        heaviest = _compact(Mixture(mean=together.x, cov=cov, w=w))
         return _compact(_merge(heaviest, self.merge_within))._replace(mass=weights.mass)
 
     def estimate(self, state: Mixture) -> Gaussian:
@@ -126,30 +139,48 @@ class GaussianSum(Filter[Mixture]):
 
     def log_likelihood(self, state: Mixture) -> Array:
         """Return the logarithm (M,) of the weighted sum of the components' likelihoods."""
-        return np.full(len(state.w), np.nan) if state.mass is None else state.mass.log
+        if state.mass is None:
+            return np.full(len(state.w), np.nan)
+        return state.mass.log
 
 
 def _split_azimuths(
-    sensor: RangeAzimuth, prior: TwoPoint, one: Array, two: Array, width: float
+    sensor: RangeAzimuth,
+    prior: TwoPoint,
+    first_nodes: Array,
+    second_nodes: Array,
+    width: float,
 ) -> Gaussian:
-    """Shift both azimuths by C pairs of nodes, and difference them with the components' deviation."""
-    s, shape = sensor.sigma_azimuth, (prior.first.shape[1], len(one))
-    of_range, of_azimuth = np.square(sensor.sigma_range), np.square(width * s)
-    scans = (_shifted(prior.first, s * one), _shifted(prior.second, s * two))
-    first, second = (ccm(Polar(r, a, of_range, of_azimuth)) for r, a in scans)
+    """Shift both azimuths by C pairs of nodes, and difference them with the components' deviation.
+
+    Nodes (C,) and the deviation ``width`` are in standard deviations of the azimuth.
+    """
+    s = sensor.sigma_azimuth
+    shape = (prior.first.shape[1], len(first_nodes))
+    range_variance = np.square(sensor.sigma_range)
+    azimuth_variance = np.square(width * s)
+    r1, a1 = _shifted(prior.first, s * first_nodes)
+    r2, a2 = _shifted(prior.second, s * second_nodes)
+    first = ccm(Polar(r1, a1, range_variance, azimuth_variance))
+    second = ccm(Polar(r2, a2, range_variance, azimuth_variance))
     start = two_point_difference(first, second, prior.T, prior.q)
     return Gaussian(start.mean.reshape(4, *shape), start.cov.reshape(4, 4, *shape))
 
 
-def _split_positions(prior: Distribution, one: Array, two: Array, width: float) -> Gaussian:
-    """Split the prior along the first two columns of its factor, positions first: C components."""
+def _split_positions(
+    prior: Distribution, first_nodes: Array, second_nodes: Array, width: float
+) -> Gaussian:
+    """Split the prior along the first two columns of its factor, positions first: C components.
+
+    Nodes (C,) are factors on the columns, and ``width`` is the factor on the components' deviation.
+    """
     n = len(prior.mean)
     # Factor the covariance with both positions first: P = L L'.
     order = [0, 2, 1, *range(3, n)]
     L = with_trailing(linalg.root(prior.cov[np.ix_(order, order)]), 1, leading=2)
     L = L[np.ix_(order, range(n))]  # the order is its own inverse
     # Component means lie along the first two columns of L.
-    nodes = L[:, 0, :, None] * one + L[:, 1, :, None] * two
+    nodes = L[:, 0, :, None] * first_nodes + L[:, 1, :, None] * second_nodes
     # Each component is narrower by `width` along these two columns.
     narrow = L * np.array([width, width, *np.ones(n - 2)])[:, None]
     cov = linalg.matmul(narrow, linalg.transpose(narrow))[..., None]

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise, product
+from itertools import pairwise
 from typing import Annotated, ClassVar, NamedTuple, Protocol, cast, runtime_checkable
 
 import numpy as np
@@ -107,14 +107,17 @@ class Grid(Filter[Resolved]):
         motion = scenario.model.motion
         if len(motion.components) > 1:
             what = f"grid needs a state of one component; this one has {len(motion.components)}"
-            return {"": what + "; use grid-2d" if len(motion.components) == 2 else what}
+            if len(motion.components) == 2:
+                what += "; use grid-2d"
+            return {"": what}
         if isinstance(motion, GammaMotion) and motion.noise.shape > _MAX_GAMMA_SHAPE:
             return {"": f"grid is exact for gamma noise of a shape up to {_MAX_GAMMA_SHAPE} only"}
         # Try one transition to the first step: it shows which density the motion has.
         transition = motion.transition(np.zeros((1, 1)), int(scenario.steps[0]) + 1)
         if isinstance(transition, Gaussian):
-            no_noise = not np.all(transition.cov > 0.0)
-            return {"": "grid needs process noise, and this motion has none"} if no_noise else {}
+            if np.all(transition.cov > 0.0):
+                return {}
+            return {"": "grid needs process noise, and this motion has none"}
         if not (hasattr(transition, "prob") and isinstance(motion, BoundedMotion)):
             what = "the transition's `prob` and the motion's `support` and `origins`"
             return {"": f"grid needs {what}, or a Gaussian transition"}
@@ -129,17 +132,22 @@ class Grid(Filter[Resolved]):
             spans = prior.intervals(_PRIOR_REACH)
         else:
             # Else place nodes over a few standard deviations on both sides of the mean.
-            mean, reach = prior.mean[0], _PRIOR_REACH * np.sqrt(prior.cov[0, 0])
+            mean = prior.mean[0]
+            reach = _PRIOR_REACH * np.sqrt(prior.cov[0, 0])
             spans = [(mean - reach, mean + reach)]
-        parts = np.linspace(0.0, 1.0, _parts(model.motion) + 1)
-        spans = [
-            ((1.0 - a) * low + a * high, (1.0 - b) * low + b * high)
-            for (low, high), (a, b) in product(spans, pairwise(parts))
-        ]
-        support = spans[0][0], spans[-1][1]
-        fine, coarse = (quadrature.nodes_between(spans, support, n) for n in _counts(self.nodes))
-        posterior = tuple(_with_density(panel, prior) for panel in fine)
-        return Resolved(posterior, tuple(_with_density(panel, prior) for panel in coarse))
+        # Cut each span into as many parts as the motion needs.
+        shares = np.linspace(0.0, 1.0, _number_of_parts(model.motion) + 1)
+        intervals = []
+        for low, high in spans:
+            for a, b in pairwise(shares):
+                intervals.append(((1.0 - a) * low + a * high, (1.0 - b) * low + b * high))
+        support = (intervals[0][0], intervals[-1][1])
+        densities = []
+        for n in _node_counts(self.nodes):
+            panels = quadrature.nodes_between(intervals, support, n)
+            densities.append(tuple(_with_density(panel, prior) for panel in panels))
+        posterior, check = densities
+        return Resolved(posterior=posterior, check=check)
 
     def step(self, model: Model, state: Resolved, z: Array, k: int, rng: Generator) -> Resolved:
         """Place nodes where z and the prediction allow mass, and condition on z.
@@ -148,19 +156,32 @@ class Grid(Filter[Resolved]):
 
         Raises WrongReturnError if these are too few as well.
         """
-        nodes, old = self.nodes, state
+        nodes = self.nodes
+        old = state
         for doubled in range(_DOUBLINGS + 1):
             # Step 1: condition twice, with n nodes and with n + n / 8 as a check.
-            both = zip(old, _counts(nodes), strict=True)
-            new = Resolved(*(self._condition(model, prior, z, k, n) for prior, n in both))
-            difference = (
-                _difference(new) if self._has_dense_nodes(model, old.posterior, k) else np.inf
+            n, n_check = _node_counts(nodes)
+            new = Resolved(
+                posterior=self._condition(model, old.posterior, z, k, n),
+                check=self._condition(model, old.check, z, k, n_check),
             )
-            if difference <= (_REFINE_ABOVE if doubled < _DOUBLINGS else _TOLERANCE):
-                return Resolved(*(_on_one_turn(p, angle_rows(model.motion)) for p in new))
+            difference = np.inf
+            if self._has_dense_nodes(model, old.posterior, k):
+                difference = _largest_difference(new)
+            tolerance = _REFINE_ABOVE if doubled < _DOUBLINGS else _TOLERANCE
+            if difference <= tolerance:
+                angles = angle_rows(model.motion)
+                return Resolved(
+                    posterior=_on_one_turn(new.posterior, angles),
+                    check=_on_one_turn(new.check, angles),
+                )
             # Step 2: double the nodes, those of the last posterior by its interpolating polynomial.
             nodes *= 2
-            old = Resolved(*map(quadrature.refined, state, _counts(nodes)))
+            n, n_check = _node_counts(nodes)
+            old = Resolved(
+                posterior=quadrature.refined(state.posterior, n),
+                check=quadrature.refined(state.check, n_check),
+            )
         # Step 3: reject a posterior that the nodes do not resolve.
         what = f"grid does not resolve the posterior at step {k} with `nodes: {self.nodes}`"
         way_on = "" if self.reach else ", set `reach: 8`"
@@ -178,6 +199,7 @@ class Grid(Filter[Resolved]):
     def _condition(
         self, model: Model, old: quadrature.Posterior, z: Array, k: int, n: int
     ) -> quadrature.Posterior:
+        """Predict the posterior of step k - 1 and condition it on z (1, M), with n nodes per root."""
         motion, sensor = model
         # Intervals of x that z allows, within the support of the prediction.
         support = _support(motion, old, k, self.reach)
@@ -185,10 +207,11 @@ class Grid(Filter[Resolved]):
             intervals = sensor.preimage(z, self.deviations, k)
         else:
             intervals = _likely_intervals(sensor, z, self.deviations, k, support)
-        reach = _support_if_missing(z, intervals, support, _parts(motion))
+        number_of_stretches = len(intervals)
+        intervals = _support_if_missing(z, intervals, support, _number_of_parts(motion))
         # Many stretches, as of an angle that may have turned several times, are narrow: share the nodes.
-        if len(intervals) > _FEW_STRETCHES:
-            n = max(_FEW_STRETCHES * n // len(intervals), _LEAST_NODES)
+        if number_of_stretches > _FEW_STRETCHES:
+            n = max(_FEW_STRETCHES * n // number_of_stretches, _LEAST_NODES)
 
         def transition(x: Array) -> Callable[[Array], Array]:
             distribution = motion.transition(x[None], k)
@@ -207,7 +230,7 @@ class Grid(Filter[Resolved]):
 
         return quadrature.condition(
             old,
-            quadrature.nodes_between(reach, support, n),
+            quadrature.nodes_between(intervals, support, n),
             transition,
             origins,
             likelihood,
@@ -227,41 +250,48 @@ class Grid(Filter[Resolved]):
     def log_likelihood(self, state: Resolved) -> Array:
         """Evaluate log p(z_k | z_1..k-1) (M,), exact."""
         first = state.posterior[0]
-        unknown = np.full(first.low.shape, np.nan)
-        return unknown if first.evidence is None else elementary.log(first.evidence)
+        if first.evidence is None:
+            return np.full(first.low.shape, np.nan)
+        return elementary.log(first.evidence)
 
 
 def _on_one_turn(posterior: quadrature.Posterior, angles: tuple[int, ...]) -> quadrature.Posterior:
     """Shift the panels of an angle by whole turns to near its mean direction; of others keep them."""
     if not angles:
         return posterior
-    x, w = (nodes.T for nodes in quadrature.nodes_of(posterior))
+    nodes, weights = quadrature.nodes_of(posterior)
+    x = nodes.T
+    w = weights.T
     center = mean_direction(x[None], w, dot(x, w)[None], angles)
-    out = []
+    shifted = []
     for panel in posterior:
         middle = 0.5 * (panel.low + panel.high)[None]
         turns = (near(middle, center, angles) - middle)[0]
         # An empty panel stays where it is.
         turns = np.where((panel.half > 0.0) | panel.is_point, turns, 0.0)
-        low, high = panel.low + turns, panel.high + turns
-        out.append(panel._replace(low=low, high=high, x=panel.x + turns))
-    return tuple(out)
+        shifted.append(
+            panel._replace(low=panel.low + turns, high=panel.high + turns, x=panel.x + turns)
+        )
+    return tuple(shifted)
 
 
-def _counts(nodes: int) -> tuple[int, int]:
+def _node_counts(nodes: int) -> tuple[int, int]:
     """Return the numbers of nodes of the posterior and of its check."""
     return nodes, nodes + nodes // 8
 
 
-def _difference(both: Resolved) -> float:
+def _largest_difference(both: Resolved) -> float:
     """Compare means and variances with the check: the largest difference over all runs."""
-    ours, check = map(quadrature.moments, both)
-    variance, other = ours.cov[0, 0], check.cov[0, 0]
+    moments = quadrature.moments(both.posterior)
+    check = quadrature.moments(both.check)
+    variance = moments.cov[0, 0]
+    check_variance = check.cov[0, 0]
     with np.errstate(invalid="ignore", divide="ignore"):
-        means = np.abs(check.mean - ours.mean)[0] / np.sqrt(variance)
-        largest = np.maximum(means, np.abs(other - variance) / variance)
+        of_means = np.abs(check.mean - moments.mean)[0] / np.sqrt(variance)
+        of_variances = np.abs(check_variance - variance) / variance
+        largest = np.maximum(of_means, of_variances)
     # Both are NaN in a run without mass.
-    largest[np.isnan(variance) & np.isnan(other)] = 0.0
+    largest[np.isnan(variance) & np.isnan(check_variance)] = 0.0
     return float(np.where(np.isnan(largest), np.inf, largest).max())
 
 
@@ -274,24 +304,28 @@ def _with_density(panel: quadrature.Panel, prior: Distribution) -> quadrature.Pa
 
 
 def _support_if_missing(
-    z: Array, reach: list[quadrature.Interval], support: quadrature.Interval, parts: int
+    z: Array,
+    intervals: list[quadrature.Interval],
+    support: quadrature.Interval,
+    number_of_parts: int,
 ) -> list[quadrature.Interval]:
-    """Divide the support where a measurement is missing; elsewhere keep the intervals."""
+    """Divide the support into parts where z (1, M) is missing; elsewhere keep the intervals."""
     missing = np.isnan(z).any(axis=0)
     if not missing.any():
-        return reach
+        return intervals
     low, high = support
     # With a measurement further intervals are empty.
-    empty = [(low, low)] * (parts - len(reach))
-    shares = [min(i / parts, 1.0) for i in range(max(parts, len(reach)) + 1)]
-    ends = [(1.0 - s) * low + s * high for s in shares]
-    return [
-        (np.where(missing, a, first), np.where(missing, b, last))
-        for (first, last), a, b in zip([*reach, *empty], ends[:-1], ends[1:], strict=True)
-    ]
+    empty = [(low, low)] * (number_of_parts - len(intervals))
+    with_measurement = [*intervals, *empty]
+    shares = [min(i / number_of_parts, 1.0) for i in range(len(with_measurement) + 1)]
+    ends = [(1.0 - share) * low + share * high for share in shares]
+    divided = []
+    for (first, last), (a, b) in zip(with_measurement, pairwise(ends), strict=True):
+        divided.append((np.where(missing, a, first), np.where(missing, b, last)))
+    return divided
 
 
-def _parts(motion: SampledMotion) -> int:
+def _number_of_parts(motion: SampledMotion) -> int:
     """Return into how many panels a wide interval is cut.
 
     Beyond an edge of the noise its density is continued and grows, the more the wider a panel is.
@@ -307,8 +341,10 @@ def _support(
     if deviations is not None:
         # Leave out states in the posterior's far tails.
         moments = quadrature.moments(old)
-        mean, span = moments.mean[0], deviations * np.sqrt(moments.cov[0, 0])
-        low, high = np.maximum(low, mean - span), np.minimum(high, mean + span)
+        mean = moments.mean[0]
+        span = deviations * np.sqrt(moments.cov[0, 0])
+        low = np.maximum(low, mean - span)
+        high = np.minimum(high, mean + span)
     if isinstance(motion, BoundedMotion):
         return motion.support(low, high, k)
     # Where the motion takes states from end to end, with the gap between neighbors as a margin.
@@ -344,17 +380,21 @@ def _likely_intervals(
     number = np.cumsum(edges[:-1] > 0, axis=0)  # of the stretch that a state is in or after
     for i in range(1, min(int(number.max()), _MOST_INTERVALS) + 1):
         # The last allowed interval takes in all further stretches.
-        inside = wide & ((number == i) if i < _MOST_INTERVALS else (number >= i))
-        intervals.append(_ends(states, inside))
+        is_stretch = number == i if i < _MOST_INTERVALS else number >= i
+        intervals.append(_first_and_last(states, wide & is_stretch))
     return intervals
 
 
-def _ends(states: Array, inside: Mask) -> quadrature.Interval:
-    """Find the first and last state (M,) of a stretch; an empty interval where it is empty."""
+def _first_and_last(states: Array, inside: Mask) -> quadrature.Interval:
+    """Find the first and last state (M,) of a stretch; an empty interval where it is empty.
+
+    ``inside`` (S, M) marks those of the S searched states that are in the stretch.
+    """
     nonempty = inside.any(axis=0)
     first = np.argmax(inside, axis=0)
     last = len(inside) - 1 - np.argmax(inside[::-1], axis=0)
     runs = np.arange(inside.shape[1])
     # An empty stretch gets the width zero.
-    low, high = states[first, runs], states[last, runs]
+    low = states[first, runs]
+    high = states[last, runs]
     return low, np.where(nonempty, high, low)

@@ -110,15 +110,18 @@ Selection: TypeAlias = Greedy | Metropolis
 
 
 class Evolved(NamedTuple):
-    """Last population x (n, M, N), its log-fitness (M, N), and the share of trials accepted (M,).
+    """Result of the evolution.
 
     A trial that equals its parent does not count: crossover took nothing from the mutant, or
     clipping took it back. Of a scalar state 1 - CR of the trials are such.
     """
 
     x: Array
+    """last population (n, M, N)"""
     log_fitness: Array
+    """its log-fitness (M, N)"""
     acceptance: Array
+    """share of the trials that were accepted (M,)"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,8 +157,8 @@ class EvolutionFilter(ProposalFilter):
         """Report as idle the keys of an evolution without generations, and unused final weights."""
         idle = super().idle_keys(scenario)
         if self.G == 0:
-            of_reading = ("fitness", "keep_best", "bounds", "select")
-            keys = ("F", "CR", "T0", "rho", *(f"reading.{key}" for key in of_reading))
+            keys = ["F", "CR", "T0", "rho"]
+            keys += [f"reading.{key}" for key in ("fitness", "keep_best", "bounds", "select")]
             idle |= dict.fromkeys(keys, "with `G: 0`")
         if self.reading.estimate_from == "before":
             idle["reading.final_weights"] = "with `estimate_from: before`"
@@ -176,9 +179,10 @@ class EvolutionFilter(ProposalFilter):
         fitness = log_ratio if self.reading.target == "ratio" else log_posterior
         evolved = self.differential_evolution(proposals.x, fitness, rng)
         # Last: the estimate is the weighted mean. The evolved particles go on with equal weights.
-        weighted = Particles(proposals.x, w)
         if self.reading.estimate_from == "after":
             weighted = Particles(evolved.x, self._final_weights(evolved, log_ratio))
+        else:
+            weighted = Particles(proposals.x, w)
         # Angles that differ by whole turns are brought together, in estimate and next population.
         angles = angle_rows(model.motion)
         weighted = bring_together(weighted, angles)
@@ -192,7 +196,7 @@ class EvolutionFilter(ProposalFilter):
             collapsed=collapsed,
             P=None if proposals.kalman is None else proposals.kalman.cov,
             w=w,
-            evidence=(Evidence(mass, 0.0, self.N),),
+            evidence=(Evidence(mass, carried=0.0, N=self.N),),
             extra_diagnostics=(("acceptance_rate", evolved.acceptance), ("spread_ratio", ratio)),
         )
 
@@ -201,12 +205,15 @@ class EvolutionFilter(ProposalFilter):
     ) -> Evolved:
         """Evolve a population x (n, M, N) over G generations by log-fitness (M, N) (section III.A)."""
         # Step 1: the first population, the particles or draws between their limits (eq. 9).
-        lowest, highest = x.min(axis=-1, keepdims=True), x.max(axis=-1, keepdims=True)
+        lowest = x.min(axis=-1, keepdims=True)
+        highest = x.max(axis=-1, keepdims=True)
         if self.reading.population == "uniform":
             x = lowest + rng.random(x.shape) * (highest - lowest)
         fitness = log_fitness(x)
-        best_x, best_fitness = x, fitness
-        accepted, tried = np.zeros(fitness.shape), np.zeros(fitness.shape)
+        best_x = x
+        best_fitness = fitness
+        accepted = np.zeros(fitness.shape)
+        tried = np.zeros(fitness.shape)
         selection = self.selection
         for _ in range(self.G):
             # Step 2: mutation, h = x_i + F (x_r1 - x_r2) (eq. 10).
@@ -221,23 +228,28 @@ class EvolutionFilter(ProposalFilter):
                 gain = self.reading.compared(trial_fitness) - self.reading.compared(fitness)
             take = selection.accept(gain, rng)
             is_new = (trial != x).any(axis=0)
-            x, fitness = choose(take, trial, x), choose(take, trial_fitness, fitness)
+            x = choose(take, trial, x)
+            fitness = choose(take, trial_fitness, fitness)
             if self.reading.keep_best == "slot":
                 better = fitness > best_fitness
                 best_x = choose(better, x, best_x)
                 best_fitness = choose(better, fitness, best_fitness)
             else:
-                best_x, best_fitness = x, fitness
+                best_x = x
+                best_fitness = fitness
             accepted += take & is_new
             tried += is_new
             # Step 5: cool-down, T <- rho T.
             selection = selection.cool()
-        return Evolved(best_x, best_fitness, total(accepted) / np.maximum(total(tried), 1.0))
+        acceptance = total(accepted) / np.maximum(total(tried), 1.0)
+        return Evolved(x=best_x, log_fitness=best_fitness, acceptance=acceptance)
 
     def _final_weights(self, evolved: Evolved, log_ratio: Callable[[Array], Array]) -> Array:
+        """Return the weights (M, N) of the evolved particles, as `reading` interprets them."""
         if self.reading.final_weights == "uniform":
             w = particles.equal_weights(*evolved.log_fitness.shape)
-            return np.where(np.isnan(evolved.log_fitness).any(axis=-1, keepdims=True), np.nan, w)
+            has_diverged = np.isnan(evolved.log_fitness).any(axis=-1, keepdims=True)
+            return np.where(has_diverged, np.nan, w)
         if self.reading.final_weights == "importance":
             return particles.normalize(log_ratio(evolved.x)).w
         return particles.normalize(evolved.log_fitness).w
@@ -267,7 +279,7 @@ class PFDE(EvolutionFilter):
         self, model: Model, state: PFState, z: Array, k: int, rng: Generator
     ) -> Proposals:
         transition = model.motion.transition(state.particles.x, k)
-        return Proposals(transition.sample(rng), transition)
+        return Proposals(x=transition.sample(rng), q=transition)
 
 
 @register("filters", "hdepf")
@@ -317,5 +329,7 @@ class HDEPF(UnscentedProposal, EvolutionFilter, KalmanProposalFilter):
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
         """Report as idle also the keys of the temperature under greedy selection."""
-        keys = ("T0", "rho") if self.reading.select == "greedy" else ()
-        return dict.fromkeys(keys, "with `select: greedy`") | super().idle_keys(scenario)
+        idle = {}
+        if self.reading.select == "greedy":
+            idle = dict.fromkeys(("T0", "rho"), "with `select: greedy`")
+        return idle | super().idle_keys(scenario)

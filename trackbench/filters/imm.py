@@ -1,5 +1,6 @@
 """Interacting multiple model filter, with any motions and any filter of one Gaussian."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Annotated, ClassVar, Literal, NamedTuple, cast
@@ -25,8 +26,8 @@ from trackbench.core.sums import total
 from trackbench.field_types import InvalidKeyError, Registered
 from trackbench.filters.base import FixedLag, SmoothingFilter
 from trackbench.filters.ekf import EKF
+from trackbench.filters.gaussian import GaussianFilter
 from trackbench.filters.jump_markov import JumpMarkov, shared_components
-from trackbench.filters.kf import GaussianFilter, of_refusals
 from trackbench.models.base import Model, Scene, angle_rows, extra_std
 from trackbench.models.priors import augment_gaussian
 from trackbench.registry import register
@@ -38,6 +39,7 @@ class ModelBank(NamedTuple):
     """A Gaussian per model, with the models' weights."""
 
     states: tuple[Gaussian, ...]
+    """posterior of each of the r models"""
     weights: Array
     """weights of the models (r, M)"""
     nis: Array
@@ -45,6 +47,7 @@ class ModelBank(NamedTuple):
     reported: int
     """number of components that the estimate has"""
     innovations: tuple[Innovation, ...] = ()
+    """innovation of each model, the refused components included"""
     predicted: Array | None = None
     """weights of the models before the last measurement (r, M)"""
     refused: Mask | None = None
@@ -59,9 +62,10 @@ class ModelBank(NamedTuple):
     @property
     def moments(self) -> Gaussian:
         """Moments of the mixture, of the components that all models have."""
-        n, states = self.reported, self.states
-        if any(len(s.mean) > n for s in states):
-            states = tuple(Gaussian(s.mean[:n], s.cov[:n, :n]) for s in states)
+        n = self.reported
+        states = self.states
+        if any(len(state.mean) > n for state in states):
+            states = tuple(Gaussian(state.mean[:n], state.cov[:n, :n]) for state in states)
         return combine(states, self.weights, angles=self.angles)
 
     @property
@@ -71,6 +75,40 @@ class ModelBank(NamedTuple):
         if self.predicted is None or len(states) < len(self.states):
             return None
         return self._replace(states=tuple(states), weights=self.predicted).moments
+
+
+class _Filtered(NamedTuple):
+    """Results of one step of every model's filter."""
+
+    states: tuple[Gaussian, ...]
+    innovations: tuple[Innovation, ...]
+    sensor_weights: tuple[Array | None, ...]
+    """mean weight (M,) of the measured components in each model's robust update"""
+
+
+class _Likelihoods(NamedTuple):
+    """Likelihoods of the models' innovations, ``exp(-nis / 2) / (mantissa 2^exponent)``."""
+
+    innovations: tuple[Innovation, ...]
+    nis: Array
+    """NIS (r, M)"""
+    mantissa: Array
+    """mantissa (r, M) of sqrt(det S)"""
+    exponent: Array
+    """exponent (r, M) of sqrt(det S)"""
+
+
+class _Gated(NamedTuple):
+    """Step of the models without the measurements that all their gates refuse."""
+
+    refused: Mask
+    """refused components (n_z, M)"""
+    number: Array
+    """number of refused measurements (M,), one of each sensor"""
+    used: Array
+    """measurements (n_z, M) with NaN for the refused components"""
+    filtered: _Filtered
+    likelihoods: _Likelihoods
 
 
 @register("filters", "imm")
@@ -103,28 +141,31 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
     @property
     def all_requirements(self) -> tuple[str, ...]:
         """Also what the models' filter requires of sensor and prior."""
-        return (*self.requires, *(n for n in self.filter.requires if not n.startswith("motion.")))
+        of_filter = [name for name in self.filter.requires if not name.startswith("motion.")]
+        return self.requires + tuple(of_filter)
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Reject motions that do not fit the target, and conflicts of the models' filter with them."""
         misfits = super().conflicts(scenario)
         if misfits:
             return misfits
-        out: dict[str, str] = {}
         # Check the filter with each of the motions.
+        conflicts: dict[str, str] = {}
         for model in self.models(scenario.model):
-            out |= self.filter.conflicts(_with_model(scenario, model))
-        return {f"filter.{key}".rstrip("."): what for key, what in out.items()}
+            conflicts |= self.filter.conflicts(_with_model(scenario, model))
+        return {f"filter.{key}".rstrip("."): reason for key, reason in conflicts.items()}
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
         """Report also the keys of the models' filter that are idle with every motion."""
-        first, *others = (
+        idle_by_model = [
             self.filter.idle_keys(_with_model(scenario, model))
             for model in self.models(scenario.model)
-        )
-        shared = set(first).intersection(*others)
-        of_all = {f"filter.{key}": why for key, why in first.items() if key in shared}
-        return super().idle_keys(scenario) | of_all
+        ]
+        idle = super().idle_keys(scenario)
+        for key, reason in idle_by_model[0].items():
+            if all(key in idle_keys for idle_keys in idle_by_model):
+                idle[f"filter.{key}"] = reason
+        return idle
 
     def cautions(self, scenario: Scene) -> list[str]:
         """Return the notes on the models' filter."""
@@ -132,83 +173,163 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> ModelBank:
         """Start every model from the prior."""
-        n, runs = len(shared_components(model.motion)), prior.mean.shape[1]
+        models = self.models(model)
+        n = len(shared_components(model.motion))
+        runs = prior.mean.shape[1]
+        # Each state has the shared components of the prior, and those that its motion adds.
         first = self.filter.initialize(model, prior)
-        first = Gaussian(first.mean[:n], first.cov[:n, :n])
-        states = tuple(augment_gaussian(first, extra_std(m.motion)) for m in self.models(model))
-        weights = np.repeat(self.initial_weights[:, None], runs, axis=1)
-        angles = tuple(i for i in angle_rows(self.models(model)[0].motion) if i < n)
-        nis = np.full(runs, np.nan)
-        return ModelBank(states, weights, nis=nis, reported=n, angles=angles)
+        shared = Gaussian(first.mean[:n], first.cov[:n, :n])
+        return ModelBank(
+            states=tuple(augment_gaussian(shared, extra_std(m.motion)) for m in models),
+            weights=np.repeat(self.initial_weights[:, None], runs, axis=1),
+            nis=np.full(runs, np.nan),
+            reported=n,
+            angles=tuple(i for i in angle_rows(models[0].motion) if i < n),
+        )
 
     def step(self, model: Model, state: ModelBank, z: Array, k: int, rng: Generator) -> ModelBank:
         """Mix, filter with every model, weigh by the likelihoods (Blom & Bar-Shalom 1988)."""
-        # Step 1: predicted weights c_j = sum_i p_ij mu_i, mixing weights p_ij mu_i / c_j.
-        predicted, mixing = predict_weights(state.weights, np.array(self.transition))
-        models, mixed_states = self.models(model), []
-        names = [m.motion.components for m in models]
-        for j, like in enumerate(state.states):
-            # Step 2: mix the states, each filled up to the components of model j; means of an angle are
-            # first brought near each other.
-            filled = [
-                pad(s, like, common_components(of, names[j]), self.mixing == "unbiased")
-                for s, of in zip(state.states, names, strict=True)
-            ]
-            spreadless = self._without_spread(names, j)
-            angles = angle_rows(models[j].motion)
-            mixed = combine(filled, mixing[:, j], spreadless, angles)
-            mixed_states.append(self.filter.prepared(mixed))
+        models = self.models(model)
+        # Step 1: predicted weights c_j = sum_i p_ij mu_i, mixing weights mu_i|j = p_ij mu_i / c_j.
+        predicted_weights, mixing = predict_weights(state.weights, np.array(self.transition))
+        # Step 2: mix the states that model j starts from, with weights mu_i|j.
+        mixed = self._mix(models, state.states, mixing)
         # Step 3: filter with every model.
-        pairs = [*zip(models, mixed_states, strict=True)]
-        updated = [self.filter.robust_update(of, mixed, z, k) for of, mixed in pairs]
-        states, innovations, sensor_weights = zip(*updated, strict=True)
-        if self.smooths:  # all states stay in memory
-            innovations = tuple(innovation._replace(predicted=None) for innovation in innovations)
-        # Step 4: weights mu_j ~ c_j N(nu_j; 0, S_j).
-        judged = [innovation.nis_and_scale() for innovation in innovations]
-        nis, mantissa, exponent = map(np.array, zip(*judged, strict=True))
-        refused = np.zeros(z.shape, dtype=np.bool_)
-        innovations_used = innovations
-        if self.filter.gate is not None:
-            # Leave out what every model's gate refuses; without any other measurement predict only.
-            by_model = [
-                self.filter.refused_components(model.sensor, z, innovation, nis_of_model)
-                for innovation, nis_of_model in zip(innovations, nis, strict=True)
-            ]
-            refused = np.logical_and.reduce(by_model)
-            z = np.where(refused, np.nan, z)
-            updated = [self.filter.robust_update(of, mixed, z, k) for of, mixed in pairs]
-            states, accepted, sensor_weights = zip(*updated, strict=True)
-            # The likelihoods are those of the measurements of the other sensors.
-            partly = refused.any(axis=0) & ~np.isnan(z).all(axis=0)
-            if partly.any():
-                judged = [innovation.nis_and_scale() for innovation in accepted]
-                of_accepted = map(np.array, zip(*judged, strict=True))
-                nis, mantissa, exponent = (
-                    np.where(partly, new, old)
-                    for new, old in zip(of_accepted, (nis, mantissa, exponent), strict=True)
-                )
-                innovations_used = accepted
-        ratios = np.array([*map(self.filter.log_ratio, innovations_used, nis)])
-        weights = update_weights(predicted, nis - 2.0 * ratios, mantissa, exponent)
-        mean_nis = total(predicted * nis, axis=0)
+        first = self._filter_each(models, mixed, z, k)
+        likelihoods = _likelihoods(first.innovations)
+        if self.filter.gate is None:
+            gated = _Gated(
+                refused=np.zeros(z.shape, dtype=np.bool_),
+                number=np.zeros(z.shape[1]),
+                used=z,
+                filtered=first,
+                likelihoods=likelihoods,
+            )
+        else:
+            gated = self._gate(models, mixed, likelihoods, z, k)
+        # Step 4: weights mu_j ~ c_j N(nu_j; 0, S_j), and mean NIS of the models.
+        weights, nis = self._weigh(predicted_weights, gated.likelihoods, gated.used)
+        # The states are those of the second pass if there is a gate, the innovations of the first.
+        return state._replace(
+            states=gated.filtered.states,
+            weights=weights,
+            nis=nis,
+            innovations=first.innovations,
+            predicted=predicted_weights,
+            refused=gated.refused,
+            gated=gated.number,
+            measurement_weight=self._mean_sensor_weight(predicted_weights, gated.filtered),
+        )
+
+    def estimate(self, state: ModelBank) -> Gaussian:
+        """Return the moments of the mixture, without components that only some models have."""
+        return state.moments
+
+    def _mix(
+        self, models: list[Model], states: Sequence[Gaussian], mixing: Array
+    ) -> list[Gaussian]:
+        """Mix the states of the models by weights (r, r, M): at [i, j] of model i for model j.
+
+        ``m_0j = sum_i mu_i|j m_i``, ``P_0j = sum_i mu_i|j (P_i + (m_i - m_0j)(m_i - m_0j)')``.
+        """
+        names = [model.motion.components for model in models]
+        mixed = []
+        for j, own_state in enumerate(states):
+            # Fill each state up to the components of model j.
+            filled = []
+            for i, other_state in enumerate(states):
+                common = common_components(names[i], names[j])
+                filled.append(pad(other_state, own_state, common, self.mixing == "unbiased"))
+            # Means of an angle are first brought near each other.
+            angles = angle_rows(models[j].motion)
+            moments = combine(filled, mixing[:, j], self._without_spread(names, j), angles)
+            mixed.append(self.filter.prepared(moments))
+        return mixed
+
+    def _filter_each(
+        self, models: list[Model], mixed: list[Gaussian], z: Array, k: int
+    ) -> _Filtered:
+        """Predict and update the mixed state of every model with z (n_z, M)."""
+        states = []
+        innovations = []
+        sensor_weights = []
+        for model, before in zip(models, mixed, strict=True):
+            posterior, innovation, weight = self.filter.predict_and_update(model, before, z, k)
+            if self.smooths:
+                innovation = innovation._replace(predicted=None)  # all states stay in memory
+            states.append(posterior)
+            innovations.append(innovation)
+            sensor_weights.append(weight)
+        return _Filtered(tuple(states), tuple(innovations), tuple(sensor_weights))
+
+    def _gate(
+        self,
+        models: list[Model],
+        mixed: list[Gaussian],
+        likelihoods: _Likelihoods,
+        z: Array,
+        k: int,
+    ) -> _Gated:
+        """Filter again without what every model's gate refuses; without any measurement predict only."""
+        # Step 1: the components that the gates of all models refuse, by the first pass.
+        refused_by_model = [
+            self.filter.refused_components(models[j].sensor, z, innovation, likelihoods.nis[j])
+            for j, innovation in enumerate(likelihoods.innovations)
+        ]
+        refused = np.logical_and.reduce(refused_by_model)
+        # Step 2: the second pass.
+        used = np.where(refused, np.nan, z)
+        second = self._filter_each(models, mixed, used, k)
+        # Step 3: where some measurements are left, the likelihoods are those of these measurements.
+        partly = refused.any(axis=0) & ~np.isnan(used).all(axis=0)
+        if partly.any():
+            of_used = _likelihoods(second.innovations)
+            likelihoods = _Likelihoods(
+                innovations=of_used.innovations,
+                nis=np.where(partly, of_used.nis, likelihoods.nis),
+                mantissa=np.where(partly, of_used.mantissa, likelihoods.mantissa),
+                exponent=np.where(partly, of_used.exponent, likelihoods.exponent),
+            )
+        return _Gated(
+            refused=refused,
+            number=self.filter.count_refused(models[0].sensor, refused),
+            used=used,
+            filtered=second,
+            likelihoods=likelihoods,
+        )
+
+    def _weigh(
+        self, predicted_weights: Array, likelihoods: _Likelihoods, z: Array
+    ) -> tuple[Array, Array]:
+        """Return the weights (r, M), and the mean NIS (M,) by the predicted weights.
+
+        A run without a measurement keeps the predicted weights, and its NIS is NaN.
+        """
+        nis = likelihoods.nis
+        # A robust law of the innovation in place of N(0, S) changes its likelihood by this ratio.
+        innovations = likelihoods.innovations
+        log_ratios = np.array(
+            [self.filter.log_ratio(nu, nis[j]) for j, nu in enumerate(innovations)]
+        )
+        weights = update_weights(
+            predicted_weights,
+            nis - 2.0 * log_ratios,
+            likelihoods.mantissa,
+            likelihoods.exponent,
+        )
+        mean_nis = total(predicted_weights * nis, axis=0)
         if any_nan(z):
             missing = np.isnan(z).all(axis=0)
-            weights = np.where(missing, predicted, weights)
+            weights = np.where(missing, predicted_weights, weights)
             mean_nis = np.where(missing, np.nan, mean_nis)
-        bank = state._replace(
-            states=states,
-            weights=weights,
-            nis=mean_nis,
-            innovations=innovations,
-            predicted=predicted,
-            measurement_weight=None,
-        )
-        if self.filter.robust is not None:
-            mean = total(predicted * np.stack(sensor_weights), axis=0)
-            bank = bank._replace(measurement_weight=mean)
-        gated = self.filter.number_of_refused(model.sensor, refused)
-        return bank._replace(refused=refused, gated=gated)
+        return weights, mean_nis
+
+    def _mean_sensor_weight(self, predicted_weights: Array, filtered: _Filtered) -> Array | None:
+        """Average the models' weights (M,) of the measured components; None without ``robust``."""
+        if self.filter.robust is None:
+            return None
+        sensor_weights = [weight for weight in filtered.sensor_weights if weight is not None]
+        return total(predicted_weights * np.stack(sensor_weights), axis=0)
 
     def refused(self, state: ModelBank) -> Mask | None:
         """Return the components (n_z, M) that the gates of all models refused."""
@@ -220,44 +341,56 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         """Smooth states and weights of the models at every step (Heskes & Zoeter 2002)."""
         models = self.models(model)
 
-        def one_back(step: int, later: ModelBank) -> ModelBank:
-            bank, rows, smoothed = states[step], [], []
+        def smooth_one_back(step: int, later: ModelBank) -> ModelBank:
+            bank = states[step]
             priors = [per_run_moments(state) for state in bank.states]
             _, mixing = predict_weights(bank.weights, np.array(self.transition))
-            for j, to in enumerate(models):
+            joint_weights = []
+            smoothed = []
+            for j, model_j in enumerate(models):
                 # Step 1: predict each state i by model j.
-                pairs = zip(models, priors, strict=True)
-                moves = [self._move(of, x, to, priors[j], k + 1 + step) for of, x in pairs]
+                transitions = [
+                    self._cross_transition(model_i, prior, model_j, priors[j], k + 1 + step)
+                    for model_i, prior in zip(models, priors, strict=True)
+                ]
                 # Step 2: x_{k+1} given i, j and all z; Pr(i, j | all z) = mu_j|T p_ij mu_i c_ij / c_j.
-                predicted = [move.predicted for move in moves]
-                angles = angle_rows(to.motion)
+                predicted = [transition.predicted for transition in transitions]
+                angles = angle_rows(model_j.motion)
                 ends, log_c = given_later(predicted, mixing[:, j], later.states[j], angles)
                 share = update_weights(mixing[:, j], -2.0 * log_c)
-                rows.append(later.weights[j] * share)
+                joint_weights.append(later.weights[j] * share)
                 # Step 3: smooth each state i.
-                smoothed.append(list(map(smooth_step, priors, moves, ends)))
+                smoothed.append(list(map(smooth_step, priors, transitions, ends)))
             # Step 4: collapse over the models j of the next step.
-            joint = np.stack(rows)
+            joint = np.stack(joint_weights)
             weights = total(joint, axis=0)
-            joint /= np.where(weights > 0.0, weights, 1.0)
+            share_of_next = joint / np.where(weights > 0.0, weights, 1.0)
             merged = []
-            for i, x in enumerate(zip(*smoothed, strict=True)):
-                merged.append(combine(x, joint[:, i], angles=angle_rows(models[i].motion)))
+            for i, states_of_i in enumerate(zip(*smoothed, strict=True)):
+                angles = angle_rows(models[i].motion)
+                merged.append(combine(states_of_i, share_of_next[:, i], angles=angles))
             return bank._replace(states=tuple(merged), weights=weights)
 
-        return backwards(states, one_back, self.lag)
+        return backwards(states, smooth_one_back, self.lag)
 
-    def _move(self, of: Model, state: Gaussian, to: Model, like: Gaussian, k: int) -> Transition:
-        """Predict a model's state to step k by another model, with the covariance of both."""
-        names, others = of.motion.components, to.motion.components
-        shared = common_components(names, others)
-        y = per_run_moments(pad(state, like, shared, self.mixing == "unbiased"))
-        transition = self.filter.faded_transition(to, y, k)
-        if names == others:
+    def _cross_transition(
+        self, model: Model, state: Gaussian, next_model: Model, next_state: Gaussian, k: int
+    ) -> Transition:
+        """Predict a model's state to step k by the next model, with the covariance of both.
+
+        ``next_state`` has the moments of the components that only the next model has.
+        """
+        names = model.motion.components
+        next_names = next_model.motion.components
+        common = common_components(names, next_names)
+        y = per_run_moments(pad(state, next_state, common, self.mixing == "unbiased"))
+        transition = self.filter.faded_transition(next_model, y, k)
+        if names == next_names:
             return transition
-        # Regress the state on y, which has the other model's components: C = cov(x, y) P_y^-1 C_y.
+        # Regress the state on y, which has the next model's components: C = cov(x, y) P_y^-1 C_y.
         cross = np.zeros((len(names), *y.cov.shape[1:]))
-        cross[:, list(shared[1])] = state.cov[:, list(shared[0])]
+        in_state, in_y = common
+        cross[:, list(in_y)] = state.cov[:, list(in_state)]
         return replace(transition, cross=linalg.matmul(Transition(y, cross).gain, transition.cross))
 
     def _without_spread(self, names: list[tuple[str, ...]], j: int) -> list[list[int]]:
@@ -265,20 +398,16 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         if self.mixing != "zero-mean":
             return []
         missing = []
-        for of_state in names:
-            missing.append([i for i, name in enumerate(names[j]) if name not in of_state])
+        for state_names in names:
+            missing.append([i for i, name in enumerate(names[j]) if name not in state_names])
         return missing
-
-    def estimate(self, state: ModelBank) -> Gaussian:
-        """Return the moments of the mixture, without components that only some models have."""
-        return state.moments
 
     def log_likelihood(self, state: ModelBank) -> Array:
         """Return the logarithm (M,) of the models' likelihoods, summed with predicted weights."""
         if state.predicted is None:
             return np.full(state.nis.shape, np.nan)
-        each = np.array([*map(self.filter.log_density, state.innovations)])
-        return log_mixture(state.predicted, each)
+        log_densities = [self.filter.log_density(innovation) for innovation in state.innovations]
+        return log_mixture(state.predicted, np.array(log_densities))
 
     @property
     def diagnostic_names(self) -> frozenset[str]:
@@ -287,8 +416,16 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
 
     def diagnostics(self, state: ModelBank) -> dict[str, Array]:
         """Report ``nis``, the models' mean; ``mode``, weight of all but the first; ``gated``."""
-        refusals = of_refusals(self.filter, state.nis, state.gated, state.measurement_weight)
-        return {"nis": state.nis, "mode": 1.0 - state.weights[0]} | refusals
+        values = {"nis": state.nis, "mode": 1.0 - state.weights[0]}
+        return values | self.filter.gate_and_weight_diagnostics(
+            state.nis, state.gated, state.measurement_weight
+        )
+
+
+def _likelihoods(innovations: tuple[Innovation, ...]) -> _Likelihoods:
+    """Compute NIS and sqrt(det S) of the models' innovations, each (r, M)."""
+    nis, mantissa, exponent = zip(*[nu.nis_and_scale() for nu in innovations], strict=True)
+    return _Likelihoods(innovations, np.array(nis), np.array(mantissa), np.array(exponent))
 
 
 def _with_model(scenario: Scene, model: Model) -> Scene:

@@ -81,7 +81,8 @@ class InputEstimation(Filter[Corrected]):
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Corrected:
         """Start the filter at the prior, without inputs."""
         state = per_axis(prior)
-        runs, axes = state.mean.shape[-1], state.cov.shape[2]
+        runs = state.mean.shape[-1]
+        axes = state.cov.shape[2]
         inputs = empty_hypotheses(self.detector.window(sampling_of(model).T), axes, runs)
         unknown = np.full(runs, np.nan)
         return Corrected(state, inputs, unknown, np.zeros(runs, dtype=np.bool_), unknown)
@@ -97,7 +98,8 @@ class InputEstimation(Filter[Corrected]):
         inputs = state.inputs.update(k, motion.F, g, posterior, innovation, R)
         zeta = inputs.significance()
         # Step 3: alarm if the largest zeta is significant and its onset is old enough.
-        slot, runs = zeta.argmax(axis=0), np.arange(zeta.shape[1])
+        slot = zeta.argmax(axis=0)
+        runs = np.arange(zeta.shape[1])
         age = k - inputs.onset(slot, k)
         alarm = (zeta[slot, runs] > self.eta) & (age >= self.detector.min_window(T))
         alarm &= k >= self.detector.start

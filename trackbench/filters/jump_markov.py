@@ -1,7 +1,6 @@
 """Filters with several motions and a Markov chain between them: base, and particle filter."""
 
 from dataclasses import dataclass
-from itertools import chain, product
 from typing import Annotated, ClassVar
 
 import numpy as np
@@ -62,34 +61,37 @@ class JumpMarkov(Filter[State]):
     @property
     def initial_weights(self) -> Array:
         """Probabilities (r,) of the models at the start."""
+        if self.initial is not None:
+            return np.array(self.initial)
         r = len(self.motions)
-        return np.full(r, 1.0 / r) if self.initial is None else np.array(self.initial)
+        return np.full(r, 1.0 / r)
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Reject motions with other positions and velocities than the target."""
         target = shared_components(scenario.model.motion)
-        out = super().conflicts(scenario)
+        conflicts = super().conflicts(scenario)
         for i, (motion, _) in enumerate(self.models(scenario.model)):
             if shared_components(motion) != target:
-                of = ", ".join(motion.components) or "positions and velocities"
-                out[f"motions.{i}"] = f"a motion of {of} for {', '.join(target)}"
-        return out
+                names = ", ".join(motion.components) or "positions and velocities"
+                conflicts[f"motions.{i}"] = f"a motion of {names} for {', '.join(target)}"
+        return conflicts
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
         """Report an assumed motion as idle: the filter's motions are `motions`."""
         return super().idle_keys(scenario) | OWN_MOTION
 
     def models(self, model: Model) -> list[Model]:
-        """Return a model per motion, with the axes and the sampling time of the assumed motion.
+        """Return a model per motion, with the axes and the sampling time of ``model``, the assumed one.
 
         A component that is an angle of one of the motions, or of the assumed one, is one in all.
         """
         sampled = [sample_alike(motion, model.motion) for motion in self.motions]
         angles = angle_names(model.motion).union(*map(angle_names, sampled))
         if angles:
-            motions = [_with_angles(motion, tuple(sorted(angles))) for motion in self.motions]
-            alike = [sample_alike(motion, model.motion) for motion in motions]
-            sampled = [with_angle_names(motion, angles) for motion in alike]
+            sampled = []
+            for motion in self.motions:
+                with_angles = _with_angles(motion, tuple(sorted(angles)))
+                sampled.append(with_angle_names(sample_alike(with_angles, model.motion), angles))
         return [Model(motion, model.sensor) for motion in sampled]
 
 
@@ -136,26 +138,31 @@ class MultipleModelPF(JumpMarkov[PFState], ParticleFilter):
     def step(self, model: Model, state: PFState, z: Array, k: int, rng: Generator) -> PFState:
         """Draw each particle's motion, then its state from that motion; weigh, resample."""
         assert state.mode is not None
-        models, n = self.models(model), len(shared_components(model.motion))
+        models = self.models(model)
+        n = len(shared_components(model.motion))
         # Step 1: draw the motion of each particle by its row of the transition matrix.
-        extra, before = _extra_deviations(models), state.mode
+        extra = _extra_deviations(models)
+        before = state.mode
         mode = _draw_modes(np.array(self.transition).T[:, before], rng)
         # Step 2: draw the components that the motion before did not have; move.
-        x, new = state.particles.x.copy(), np.isnan(extra[:, before])
+        x = state.particles.x.copy()
+        new = np.isnan(extra[:, before])
         x[n:] = np.where(new, _draw_extra(extra, mode, rng), x[n:])
         x = _propagate(models, x, mode, k, rng)
         # Step 3: weigh by the likelihood; angles that differ by whole turns are brought together.
         w, collapsed, evidence = self._weigh(model, state, z, x[:n], k)
         angles = [i for i in angle_rows(models[0].motion) if i < n]
         x = bring_together(Particles(x, w), angles).x
-        weighted, size = Particles(x[:n], w), self._size(state.age + 1)
+        weighted = Particles(x[:n], w)
+        size = self._size(state.age + 1)
         # Step 4: resample states and motions; regularize the particles of each motion by themselves.
         index = resampling.ancestors(w, rng, self.resampling, size)
         spreads = _spreads(models, x, mode, w)
-        x, mode = resampling.select(x, index), resampling.select(mode, index)
-        for j, (rows, spread) in enumerate(zip(_rows_of(models), spreads, strict=True)):
-            kernels = [spread._replace(members=mode == j)]
-            x[rows] = jitter_modes(x[rows], kernels, self.kernel, rng, self.bandwidth_scale)
+        x = resampling.select(x, index)
+        mode = resampling.select(mode, index)
+        for j, rows in enumerate(_rows_of_motions(models)):
+            kernel = spreads[j]._replace(members=mode == j)
+            x[rows] = jitter_modes(x[rows], [kernel], self.kernel, rng, self.bandwidth_scale)
         return PFState(
             particles=Particles(x, particles.equal_weights(*index.shape)),
             weighted=weighted,
@@ -176,18 +183,23 @@ class MultipleModelPF(JumpMarkov[PFState], ParticleFilter):
 
 def _extra_names(models: list[Model]) -> list[str]:
     """Return the components that only some motions have, each once."""
-    extra = (m.motion.components[len(shared_components(m.motion)) :] for m in models)
-    return list(dict.fromkeys(chain.from_iterable(extra)))
+    names: list[str] = []
+    for model in models:
+        n = len(shared_components(model.motion))
+        names += [name for name in model.motion.components[n:] if name not in names]
+    return names
 
 
 def _extra_deviations(models: list[Model]) -> Array:
     """Return the initial deviations (e, r) of the extra components; NaN if a motion lacks one."""
-    rows = [
-        dict(zip(reversed(m.motion.components), reversed(extra_std(m.motion)), strict=False))
-        for m in models
-    ]
-    table = [row.get(name, np.nan) for name, row in product(_extra_names(models), rows)]
-    return np.array(table).reshape(-1, len(models))
+    names = _extra_names(models)
+    deviations = np.full((len(names), len(models)), np.nan)
+    for j, model in enumerate(models):
+        std = extra_std(model.motion)
+        own_names = model.motion.components[len(model.motion.components) - len(std) :]
+        for name, s in zip(own_names, std, strict=True):
+            deviations[names.index(name), j] = s
+    return deviations
 
 
 def _draw_extra(extra: Array, mode: Index, rng: Streams) -> Array:
@@ -197,7 +209,8 @@ def _draw_extra(extra: Array, mode: Index, rng: Streams) -> Array:
 
 def _draw_modes(p: Array, rng: Streams) -> Index:
     """Draw numbers (M, N) with probabilities p (r, M, N)."""
-    u, edge = rng.random(p.shape[1:]), np.zeros(p.shape[1:])
+    u = rng.random(p.shape[1:])
+    edge = np.zeros(p.shape[1:])
     mode = np.zeros(p.shape[1:], dtype=np.intp)
     for row in p[:-1]:
         edge += row
@@ -205,31 +218,33 @@ def _draw_modes(p: Array, rng: Streams) -> Index:
     return mode
 
 
-def _rows_of(models: list[Model]) -> list[list[int]]:
+def _rows_of_motions(models: list[Model]) -> list[list[int]]:
     """Return the rows of a particle's state that each motion moves."""
-    n, names = len(shared_components(models[0].motion)), _extra_names(models)
+    n = len(shared_components(models[0].motion))
+    names = _extra_names(models)
     rows = []
     for model in models:
-        extra = (n + names.index(name) for name in model.motion.components[n:])
-        rows.append([*range(n), *extra])
+        extra_rows = [n + names.index(name) for name in model.motion.components[n:]]
+        rows.append(list(range(n)) + extra_rows)
     return rows
 
 
 def _propagate(models: list[Model], x: Array, mode: Index, k: int, rng: Streams) -> Array:
     """Move states (n + e, M, N), each by its particle's motion."""
-    out = x.copy()
-    for j, (rows, (motion, _)) in enumerate(zip(_rows_of(models), models, strict=True)):
-        out[rows] = np.where(mode == j, motion.transition(x[rows], k).sample(rng), out[rows])
-    return out
+    moved = x.copy()
+    for j, rows in enumerate(_rows_of_motions(models)):
+        by_motion = models[j].motion.transition(x[rows], k).sample(rng)
+        moved[rows] = np.where(mode == j, by_motion, moved[rows])
+    return moved
 
 
 def _spreads(models: list[Model], x: Array, mode: Index, w: Array) -> list[Spread]:
     """Return share of the weight and covariance of the particles of each motion."""
     spreads = []
-    for j, rows in enumerate(_rows_of(models)):
+    for j, rows in enumerate(_rows_of_motions(models)):
         # Weights of the particles of motion j, normalized unless all are zero.
-        of_mode = np.where(mode == j, w, 0.0)
-        share = total(of_mode)
-        cloud = Particles(x[rows], of_mode / np.where(share > 0.0, share, 1.0)[:, None])
-        spreads.append(Spread(None, share, cloud.moments().cov))
+        w_of_motion = np.where(mode == j, w, 0.0)
+        share = total(w_of_motion)
+        cloud = Particles(x[rows], w_of_motion / np.where(share > 0.0, share, 1.0)[:, None])
+        spreads.append(Spread(members=None, share=share, cov=cloud.moments().cov))
     return spreads

@@ -25,24 +25,23 @@ from trackbench.core.random_streams import Streams
 from trackbench.core.unscented import Unscented
 from trackbench.field_types import Finite, NonNegative, Positive, Share
 from trackbench.filters.base import Filter
+from trackbench.filters.gaussian import AssumedNoise, idle_noise_mean
 from trackbench.filters.particle_base import PFState
+from trackbench.filters.ukf import augmented_step, spread_conflicts
 from trackbench.models.base import GammaMotion, Model, NormalMotion, Scene, log_likelihood
-from trackbench.models.gaussian_steps import (
-    AssumedNoise,
-    augmented_step,
-    idle_noise_mean,
-    spread_conflicts,
-)
 
 TransitionReading = Literal["model", "increment"]
 
 
 class Proposals(NamedTuple):
-    """Draws x (n, M, N), their density q, and the Kalman posterior of each particle, if any."""
+    """One draw for each particle."""
 
     x: Array
+    """draws (n, M, N)"""
     q: "Density"
+    """density that they are drawn from"""
     kalman: Gaussian | None = None
+    """Kalman posterior of each particle, if there is one"""
 
 
 class DefensiveMixture(NamedTuple):
@@ -106,8 +105,9 @@ class ProposalFilter(Filter[PFState]):
     def log_likelihood(self, state: PFState) -> Array:
         """Return the logarithm (M,) of the mean weight; NaN if the weights are no densities."""
         _, transition = self._weight_reading
-        densities = transition == "model"
-        return state.log_likelihood if densities else np.full(state.collapsed.shape, np.nan)
+        if transition != "model":
+            return np.full(state.collapsed.shape, np.nan)
+        return state.log_likelihood
 
     @property
     def diagnostic_names(self) -> frozenset[str]:
@@ -126,7 +126,8 @@ class ProposalFilter(Filter[PFState]):
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Reject process noise without a density."""
-        motion, (_, transition) = scenario.model.motion, self._weight_reading
+        motion = scenario.model.motion
+        _, transition = self._weight_reading
         if isinstance(motion, NormalMotion) and linalg.is_singular(motion.Q):
             return {"": "weighs by the density of the process noise, and this motion's is singular"}
         if transition == "increment" and not isinstance(motion, GammaMotion):
@@ -143,12 +144,13 @@ class ProposalFilter(Filter[PFState]):
 
         def log_target(x: Array) -> Array:
             # log p(z_k | x), in the arithmetic that the reading names
-            lik = read_likelihood(log_likelihood(model.sensor, z, x, k), arithmetic)
+            likelihood = read_likelihood(log_likelihood(model.sensor, z, x, k), arithmetic)
             if transition == "model":
-                return lik + prior.log_prob(x)
+                return likelihood + prior.log_prob(x)
             # Like the demo, without a cut at zero: v^2 exp(-2 v) grows without bound for v < 0.
-            noise, v = cast(GammaMotion, model.motion).noise, x[0] - origin[0]
-            return lik + (noise.shape - 1.0) * log(np.abs(v)) - noise.rate * v
+            noise = cast(GammaMotion, model.motion).noise
+            v = x[0] - origin[0]
+            return likelihood + (noise.shape - 1.0) * log(np.abs(v)) - noise.rate * v
 
         return log_target
 
@@ -183,9 +185,11 @@ class KalmanProposalFilter(ProposalFilter):
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
         """Report as idle the keys of a proposal without draws."""
-        keys = ("Q", "R", "P0", "noise_mean", "alpha", "beta", "kappa")
-        unused = dict.fromkeys(keys, "with `defensive: 1`") if self.defensive == 1.0 else {}
-        return super().idle_keys(scenario) | idle_noise_mean(scenario) | unused
+        idle = super().idle_keys(scenario) | idle_noise_mean(scenario)
+        if self.defensive == 1.0:
+            keys = ("Q", "R", "P0", "noise_mean", "alpha", "beta", "kappa")
+            idle |= dict.fromkeys(keys, "with `defensive: 1`")
+        return idle
 
     def _draw_proposals(
         self, model: Model, state: PFState, z: Array, k: int, rng: Generator
@@ -197,9 +201,10 @@ class KalmanProposalFilter(ProposalFilter):
         kalman = self._kalman(model, each, z, k, AssumedNoise(self.Q, self.R, self.noise_mean))
         # Step 2: draw from its posterior, or from a mixture with the transition.
         q = self._density(model, kalman, state.particles.x, k)
-        return Proposals(q.sample(rng), q, kalman)
+        return Proposals(x=q.sample(rng), q=q, kalman=kalman)
 
     def _density(self, model: Model, kalman: Gaussian, origin: Array, k: int) -> Density:
+        """Return the proposal: the Kalman posterior, or its mixture with the transition from origin."""
         if self.defensive == 0.0:
             return kalman
         return DefensiveMixture(kalman, model.motion.transition(origin, k), self.defensive)
@@ -211,6 +216,7 @@ class KalmanProposalFilter(ProposalFilter):
         """Return the Kalman posterior of every particle (n, M, N) at step k, given z (n_z, M)."""
 
     def _kalman_conflicts(self, model: Model) -> dict[str, str]:
+        """Return reasons why the particles' Kalman filter cannot use the model, by key."""
         return {}
 
 
@@ -228,7 +234,8 @@ class UnscentedProposal:
     def _kalman(
         self, model: Model, state: Gaussian, z: Array, k: int, assumed: AssumedNoise
     ) -> Gaussian:
-        return augmented_step(model, state, z, k, assumed, self._rule)[0]
+        posterior, _ = augmented_step(model, state, z, k, assumed, self._rule)
+        return posterior
 
     @cached_property
     def _rule(self) -> Unscented:

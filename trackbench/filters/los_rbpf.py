@@ -62,7 +62,10 @@ class CrossSpeedModes(NamedTuple):
         """Return a kernel for each mode of the particles x (n, M, N)."""
         up = x[1] > 0.0
         shares = np.where(self.separate, self.share, 1.0)
-        return [Mode(up, shares[0], self.cov[0]), Mode(~up, shares[1], self.cov[1])]
+        return [
+            Mode(members=up, share=shares[0], cov=self.cov[0]),
+            Mode(members=~up, share=shares[1], cov=self.cov[1]),
+        ]
 
 
 def split_by_cross_speed_sign(frame: Particles) -> CrossSpeedModes | None:
@@ -71,12 +74,15 @@ def split_by_cross_speed_sign(frame: Particles) -> CrossSpeedModes | None:
     if (up == up[:, :1]).all():
         return None
     # Share and moments of either sign.
-    weights = [np.where(side, frame.w, 0.0) for side in (up, ~up)]
-    share = np.stack([total(w) for w in weights])
-    moments = [
-        Particles(frame.x, w / np.maximum(part, 1e-300)[:, None]).moments()
-        for w, part in zip(weights, share, strict=True)
-    ]
+    shares = []
+    moments = []
+    for side in (up, ~up):
+        w = np.where(side, frame.w, 0.0)
+        share_of_side = total(w)
+        normalized = w / np.maximum(share_of_side, 1e-300)[:, None]
+        shares.append(share_of_side)
+        moments.append(Particles(frame.x, normalized).moments())
+    share = np.stack(shares)
     # Separate: |m1 - m2| > 3 (s1 + s2), both with weight.
     distance = moments[0].mean[1] - moments[1].mean[1]
     deviations = np.sqrt(moments[0].cov[1, 1]) + np.sqrt(moments[1].cov[1, 1])
@@ -87,8 +93,8 @@ def split_by_cross_speed_sign(frame: Particles) -> CrossSpeedModes | None:
     undecided = separate & (share > _NEGLIGIBLE).all(axis=0)
     floored = np.clip(share, _MODE_FLOOR, 1.0 - _MODE_FLOOR)
     gain = np.where(undecided, floored / np.maximum(share, _NEGLIGIBLE), 1.0)
-    covs = [np.where(separate, part.cov, whole) for part in moments]
-    return CrossSpeedModes(share, covs, separate, gain)
+    covs = [np.where(separate, of_side.cov, whole) for of_side in moments]
+    return CrossSpeedModes(share=share, cov=covs, separate=separate, gain=gain)
 
 
 @register("filters", "los-rbpf")
@@ -128,8 +134,10 @@ class LineOfSight(ParticleFilter):
     def init(self, model: Model, prior: Distribution, rng: Generator) -> PFState:
         """Draw the azimuths of both scans; cross speed and range rate follow from the triangle."""
         assert isinstance(prior, TwoPoint)
-        T, variance = prior.T, cast(RangeAzimuth, model.sensor).R[0, 0]
-        r1, r2 = prior.first[0][:, None], prior.second[0][:, None]
+        T = prior.T
+        variance = cast(RangeAzimuth, model.sensor).R[0, 0]
+        r1 = prior.first[0][:, None]
+        r2 = prior.second[0][:, None]
         a1, a2, log_w = prior.azimuths(rng, self._size(0))
         # In the frame of the second scan, with d = a2 - a1, the first position is r1 (cos d, -sin d):
         # v_c = r1 sin d / T,  r' = (r2 - r1 cos d) / T.
@@ -155,18 +163,22 @@ class LineOfSight(ParticleFilter):
         K, S, P = _kalman_gain(P, sensor.R[0, 0], missing)
         # Step 2: log w = log w - nu^2 / (2 S) - (a - theta)^2 / (2 sigma_a^2), nu = z_r - r.
         nu = z[0][:, None] - r
-        half_distance, angle = np.square(nu), arctan2(across, along)
+        half_distance = np.square(nu)
+        angle = arctan2(across, along)
         half_distance *= (0.5 / S)[:, None]
         angle *= angle
         angle *= 0.5 / sensor.R[1, 1]
         half_distance += angle
         if missing.any():
-            nu[missing], half_distance[missing] = 0.0, 0.0
+            nu[missing] = 0.0
+            half_distance[missing] = 0.0
         note("likelihoods", half_distance, components=0)
         log_w = state.log_w - half_distance
         w, collapsed, mass = particles.normalize(log_w)
         scale = 2.0 * np.pi * np.sqrt(S * sensor.R[1, 1])
-        evidence = Evidence(mass, state.log_w, w.shape[1], np.where(missing, np.nan, scale))
+        evidence = Evidence(
+            mass, carried=state.log_w, N=w.shape[1], scale=np.where(missing, np.nan, scale)
+        )
         # Step 3: correct each particle by K nu along its own line of sight.
         relative_innovation = np.divide(nu, r, out=nu)
         weighted = Particles(_apply_gain(x, K, relative_innovation), w)
@@ -200,16 +212,18 @@ class LineOfSight(ParticleFilter):
         resampled, log_w = self._resample_with_mode_floor(frame, modes, noise, size)
         # Each mode of the cross speed has a kernel of its own.
         if modes is None:
-            kernels = [Mode(None, None, frame.moments().cov)]
+            kernels = [Mode(members=None, share=None, cov=frame.moments().cov)]
         else:
             kernels = modes.kernels(resampled.x)
         jittered = jitter_modes(resampled.x, kernels, self.kernel, noise, self.bandwidth_scale)
         new = _from_frame(azimuth, jittered)
         if degenerate.all():
             return state._replace(particles=Particles(new, resampled.w), log_w=log_w)
-        out, every_log_w = Particles(x.copy(), w.copy()), np.zeros_like(w)
+        out = Particles(x.copy(), w.copy())
+        every_log_w = np.zeros_like(w)
         every_log_w += state.log_w
-        out.x[:, degenerate], out.w[degenerate] = new, resampled.w
+        out.x[:, degenerate] = new
+        out.w[degenerate] = resampled.w
         every_log_w[degenerate] = log_w
         return state._replace(particles=out, log_w=every_log_w)
 
@@ -218,11 +232,12 @@ class LineOfSight(ParticleFilter):
     ) -> tuple[Particles, Array | float]:
         """Resample with a light mode's share raised; the log-weights take the factor back."""
         if modes is None or (modes.gain == 1.0).all():
-            return self._resample(frame, rng, size)[0], 0.0
+            resampled, _ = self._resample(frame, rng, size)
+            return resampled, 0.0
         tilted = Particles(frame.x, frame.w * modes.of_each(frame.x, modes.gain))
-        x = self._resample(tilted, rng, size)[0].x
-        log_w = -log(modes.of_each(x, modes.gain))
-        return Particles(x, particles.normalize(log_w).w), log_w
+        resampled, _ = self._resample(tilted, rng, size)
+        log_w = -log(modes.of_each(resampled.x, modes.gain))
+        return Particles(resampled.x, particles.normalize(log_w).w), log_w
 
 
 def _propagate(motion: Linear, state: PFState, rng: Generator) -> tuple[Array, Array]:
@@ -230,9 +245,12 @@ def _propagate(motion: Linear, state: PFState, rng: Generator) -> tuple[Array, A
 
     Noise across the line of sight is drawn; noise along it goes to the covariance.
     """
-    x, P = state.particles.x, state.P
+    x = state.particles.x
+    P = state.P
     assert P is not None
-    T, F, Q = motion.F[0, 1], motion.F[:2, :2], motion.Q[:2, :2]
+    T = motion.F[0, 1]
+    F = motion.F[:2, :2]
+    Q = motion.Q[:2, :2]
     # (w_p, w_v) ~ N(0, Q), divided by r: the noise across is w t = (w / r) (-py, px)
     w_p, w_v = linalg.matvec(linalg.root(Q), rng.standard_normal((2, *x.shape[1:])))
     px, vx, py, vy = x
@@ -316,13 +334,18 @@ def _to_frame(azimuth: Array, x: Array) -> Array:
 
 def _from_frame(azimuth: Array, frame: Array) -> Array:
     """Transform line-of-sight coordinates about an azimuth to states (px, vx, py, vy)."""
-    t, v_c, r, v_r = 0.5 * frame[0], *frame[1:]
+    t = 0.5 * frame[0]
+    v_c, r, v_r = frame[1:]
     # cos d = 2 / (1 + t^2) - 1,  sin d = 2 t / (1 + t^2),  t = tan(d / 2)
     part = 1.0 / (1.0 + t * t)
-    c, s = 2.0 * part - 1.0, 2.0 * t * part
+    c = 2.0 * part - 1.0
+    s = 2.0 * t * part
     # theta = azimuth + d
-    azimuth_c, azimuth_s = (wave[:, None] for wave in cos_sin(azimuth))
-    cos, sin = c * azimuth_c - s * azimuth_s, s * azimuth_c + c * azimuth_s
+    azimuth_c, azimuth_s = cos_sin(azimuth)
+    azimuth_c = azimuth_c[:, None]
+    azimuth_s = azimuth_s[:, None]
+    cos = c * azimuth_c - s * azimuth_s
+    sin = s * azimuth_c + c * azimuth_s
     return _to_cartesian(cos, sin, v_c, r, v_r)
 
 

@@ -58,8 +58,10 @@ class MPF(ParticleFilter):
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
         """Report the kernel's keys as idle if nothing is jittered."""
-        idle = ("kernel", "bandwidth_scale") if self.regularize == "none" else ()
-        return super().idle_keys(scenario) | dict.fromkeys(idle, "with `regularize: none`")
+        idle = super().idle_keys(scenario)
+        if self.regularize == "none":
+            idle |= dict.fromkeys(("kernel", "bandwidth_scale"), "with `regularize: none`")
+        return idle
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> PFState:
         """Draw the positions of both scans; their difference over T is the velocity's mean."""
@@ -79,7 +81,8 @@ class MPF(ParticleFilter):
         x, C = _propagate(cast(Linear, model.motion), state, rng)
         # Step 3: weigh by the likelihood of the positions.
         w, collapsed, evidence = self._weigh(model, state, z, x, k)
-        weighted, age = Particles(x, w), state.age + 1
+        weighted = Particles(x, w)
+        age = state.age + 1
         moments = weighted.moments()
         # Step 4: resample and regularize; C is the same in all particles.
         resampled, _ = self._resample(weighted, rng, self._size(age))
@@ -94,6 +97,7 @@ class MPF(ParticleFilter):
         )
 
     def _jitter(self, x: Array, cov: Array, rng: Generator) -> Array:
+        """Regularize resampled particles x (4, M, N) by the covariance (4, 4, M) before resampling."""
         if self.regularize == "none":
             return x
         if self.regularize == "position":
@@ -104,9 +108,11 @@ class MPF(ParticleFilter):
 
 def _propagate(motion: Linear, state: PFState, rng: Generator) -> tuple[Array, Array]:
     """Move the particles (px, E vx, py, E vy) one step on, and their velocity variance C'."""
-    x, C = state.particles.x, state.P
+    x = state.particles.x
+    C = state.P
     assert C is not None
-    T, Q = motion.F[0, 1], motion.Q
+    T = motion.F[0, 1]
+    Q = motion.Q
     # N = T^2 C + Q11, K = (T C + Q12) / N
     N = T * T * C + Q[0, 0]
     K = (T * C + Q[0, 1]) / N

@@ -15,7 +15,8 @@ from trackbench.core.particle_moves import Kernel, bandwidth, independence_moves
 from trackbench.core.particles import Evidence, Particles, read_likelihood
 from trackbench.core.resampling import select
 from trackbench.field_types import Natural, NonNegative
-from trackbench.filters.particle_base import ParticleFilter, PFState, SimulatingSmoother
+from trackbench.filters.particle_base import ParticleFilter, PFState
+from trackbench.filters.particle_smoother import SimulatingSmoother
 from trackbench.models.base import Model, Scene, angle_rows
 from trackbench.registry import register
 
@@ -38,70 +39,82 @@ class PF(SimulatingSmoother):
 
     def step(self, model: Model, state: PFState, z: Array, k: int, rng: Generator) -> PFState:
         """Predict, weigh (eq. 7 with the prior as q), resample, move."""
-        # Step 1: draw each particle from the transition.
+        # Step 1: draw each particle from the transition, x_k ~ p(x_k | x_{k-1}).
         parents = state.particles.x
         x = model.motion.transition(parents, k).sample(rng)
-        # Step 2: weigh by the likelihood (eq. 7), from equal weights or those carried on.
+        # Step 2: weigh by the likelihood, w_k = w_{k-1} p(z_k | x_k) (eq. 7).
         if self.ess_threshold < 1.0:
+            # Runs that were not resampled carry their weights on.
             state = state._replace(log_w=elementary.log(state.particles.w))
         w, collapsed, evidence = self._weigh(model, state, z, x, k)
         # Angles that differ by whole turns are brought together before they are averaged.
         angles = angle_rows(model.motion)
         weighted = bring_together(Particles(x, w), angles)
+        # Step 3: resample: draw particle i with probability w_k^i, with equal weights afterwards.
         size = self._size(state.age + 1)
-        # Step 3: resample; step 4: move. A move needs the parent, which is resampled with its child as
-        # components of one state.
         if self.moves:
-            joint = Particles(np.concatenate((weighted.x, parents)), w)
-            joint, origin = self._resample_if_needed(joint, rng, size)
-            resampled = bring_together(self._move(model, joint, z, k, rng), angles)
+            # Step 4: move. A move needs the parent, which is resampled with its child as one state.
+            families = Particles(np.concatenate((weighted.x, parents)), w)
+            families, origin = self._resample_if_needed(families, rng, size)
+            resampled = bring_together(self._move(model, families, z, k, rng), angles)
         else:
             resampled, origin = self._resample_if_needed(weighted, rng, size)
-        source = weighted if self.estimate_from == "weighted" else resampled
+        from_weighted = self.estimate_from == "weighted"
+        estimated = weighted if from_weighted else resampled
         return PFState(
             particles=resampled,
-            weighted=source,
-            estimate=source.moments(),
+            weighted=estimated,
+            estimate=estimated.moments(),
             collapsed=collapsed,
             age=state.age + 1,
             w=w,
             evidence=evidence,
-            origin=origin if self.estimate_from == "weighted" else None,
+            origin=origin if from_weighted else None,
         )
 
     def diagnostics(self, state: PFState) -> dict[str, Array]:
         """Report also ``distinct_particles``: share of particles that are no copies after resampling."""
-        return super().diagnostics(state) | {
-            "distinct_particles": particles.distinct_share(state.particles.x[0])
-        }
+        distinct = particles.distinct_share(state.particles.x[0])
+        return super().diagnostics(state) | {"distinct_particles": distinct}
 
-    def _move(self, model: Model, joint: Particles, z: Array, k: int, rng: Generator) -> Particles:
+    def _resample_if_needed(
+        self, cloud: Particles, rng: Generator, size: int
+    ) -> tuple[Particles, Index]:
+        """Resample the runs whose effective sample size is below the threshold.
+
+        Returns also the flat index (M, size) of the original of each particle.
+        """
+        resampled, index = self._resample(cloud, rng, size)
+        if self.ess_threshold < 1.0 and size == cloud.w.shape[1]:
+            # Runs with a large effective sample size keep their weighted particles.
+            ess = particles.effective_sample_size(cloud.w)
+            keep = (ess >= self.ess_threshold * size)[:, None]
+            resampled = Particles(
+                np.where(keep, cloud.x, resampled.x), np.where(keep, cloud.w, resampled.w)
+            )
+            itself = np.arange(index.size).reshape(index.shape)
+            index = np.where(keep, itself, index)
+        return self._after_resampling(cloud, resampled, rng), index
+
+    def _after_resampling(
+        self, cloud: Particles, resampled: Particles, rng: Generator
+    ) -> Particles:
+        """Return the particles after resampling; ``cloud`` are those before it."""
+        return resampled
+
+    def _move(
+        self, model: Model, families: Particles, z: Array, k: int, rng: Generator
+    ) -> Particles:
         """Move children (n, M, N) from their parents, of (children, parents) (2 n, M, N)."""
         # The transition from the parents is both proposal and prior: only likelihoods remain.
-        x, parents = np.split(joint.x, 2)
+        children, parents = np.split(families.x, 2)
         transition = model.motion.transition(parents, k)
 
         def log_ratio(x: Array) -> Array:
             return self._log_likelihood(model, z, x, k)
 
-        return Particles(
-            independence_moves(x, transition.sample, log_ratio, self.moves, rng), joint.w
-        )
-
-    def _resample_if_needed(
-        self, cloud: Particles, rng: Generator, size: int
-    ) -> tuple[Particles, Index]:
-        resampled, index = self._resample(cloud, rng, size)
-        if self.ess_threshold == 1.0 or size != cloud.w.shape[1]:
-            return resampled, index
-        # Runs with a large effective sample size keep their weighted particles.
-        keep = particles.effective_sample_size(cloud.w) >= self.ess_threshold * size
-        some = Particles(
-            np.where(keep[:, None], cloud.x, resampled.x),
-            np.where(keep[:, None], cloud.w, resampled.w),
-        )
-        itself = np.arange(index.size).reshape(index.shape)
-        return some, np.where(keep[:, None], itself, index)
+        moved = independence_moves(children, transition.sample, log_ratio, self.moves, rng)
+        return Particles(moved, families.w)
 
 
 @register("filters", "jitter-pf")
@@ -115,20 +128,22 @@ class JitterPF(PF):
     bandwidth_scale: NonNegative = 1.0
     """factor on the optimal bandwidth of a Gaussian kernel"""
 
-    def _resample_if_needed(
-        self, cloud: Particles, rng: Generator, size: int
-    ) -> tuple[Particles, Index]:
-        resampled, index = super()._resample_if_needed(cloud, rng, size)
+    def _after_resampling(
+        self, cloud: Particles, resampled: Particles, rng: Generator
+    ) -> Particles:
+        """Add noise of the particles' covariance to each particle that equals a neighbor."""
         # Step 1: unbiased covariance P / (1 - sum w^2), of equal weights where one particle has it all.
-        rest = 1.0 - 1.0 / particles.effective_sample_size(cloud.w)
-        w = np.where((rest > 1e-10)[:, None], cloud.w, 1.0 / cloud.w.shape[1])
-        P = Particles(cloud.x, w).moments().cov / (1.0 - 1.0 / particles.effective_sample_size(w))
-        # Step 2: add scale h e, e ~ N(0, P), to each particle that equals a neighbor.
-        h = self.bandwidth_scale * bandwidth(len(cloud.x), size, "gaussian")
+        has_several = 1.0 - 1.0 / particles.effective_sample_size(cloud.w) > 1e-10
+        w = np.where(has_several[:, None], cloud.w, 1.0 / cloud.w.shape[1])
+        biased = Particles(cloud.x, w).moments().cov
+        P = biased / (1.0 - 1.0 / particles.effective_sample_size(w))
+        # Step 2: add scale h e, e ~ N(0, P), to the copies.
+        n, _, size = resampled.x.shape
+        h = self.bandwidth_scale * bandwidth(n, size, "gaussian")
         e = Gaussian(np.zeros(P.shape[1:]), P).sample(rng, size)
         first = resampled.x[0]
-        copied = (first == np.roll(first, 1, axis=-1)) | (first == np.roll(first, -1, axis=-1))
-        return resampled._replace(x=np.where(copied, resampled.x + h * e, resampled.x)), index
+        is_copy = (first == np.roll(first, 1, axis=-1)) | (first == np.roll(first, -1, axis=-1))
+        return resampled._replace(x=np.where(is_copy, resampled.x + h * e, resampled.x))
 
 
 @register("filters", "rpf")
@@ -146,13 +161,14 @@ class RPF(SimulatingSmoother):
 
     def step(self, model: Model, state: PFState, z: Array, k: int, rng: Generator) -> PFState:
         """Predict, weigh, resample, jitter."""
-        # Steps 1 and 2: draw from the transition, weigh by the likelihood.
+        # Step 1: draw each particle from the transition.
         x = model.motion.transition(state.particles.x, k).sample(rng)
+        # Step 2: weigh by the likelihood.
         w, collapsed, evidence = self._weigh(model, state, z, x, k)
         weighted = bring_together(Particles(x, w), angle_rows(model.motion))
-        age = state.age + 1
-        # Step 3: resample, and add h A e: e from the kernel, A A' the covariance of the particles.
         moments = weighted.moments()
+        # Step 3: resample, and add h A e: e from the kernel, A A' the covariance of the particles.
+        age = state.age + 1
         resampled, origin = self._resample(weighted, rng, self._size(age))
         x = jitter(resampled.x, moments.cov, self.kernel, rng, self.bandwidth_scale)
         return PFState(
@@ -186,12 +202,15 @@ class APF(SimulatingSmoother):
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
         """Report ``carried`` as idle if the second stage leaves equal weights."""
-        idle = {"carried": "with `stages: 2`"} if self.stages == 2 else {}
-        return super().idle_keys(scenario) | idle
+        idle = super().idle_keys(scenario)
+        if self.stages == 2:
+            idle["carried"] = "with `stages: 2`"
+        return idle
 
     def step(self, model: Model, state: PFState, z: Array, k: int, rng: Generator) -> PFState:
         """Choose ancestors by p(z|mu), move them, weigh by p(z|x) / p(z|mu)."""
-        cloud, size = state.particles, self._size(state.age + 1)
+        cloud = state.particles
+        size = self._size(state.age + 1)
         # First stage: resample the ancestors by w p(z|mu).
         mu = self._characteristic(model, cloud.x, k, rng)
         first = self._log_likelihood(model, z, mu, k)
@@ -203,10 +222,6 @@ class APF(SimulatingSmoother):
         x = model.motion.transition(select(cloud.x, index), k).sample(rng)
         second = self._log_likelihood(model, z, x, k) - select(first, index)
         w, collapsed, mass = particles.normalize(second)
-        evidence = (
-            Evidence(chosen.mass, state.log_w, first.shape[1]),
-            Evidence(mass, 0.0, w.shape[1]),
-        )
         weighted = bring_together(Particles(x, w), angle_rows(model.motion))
         new = PFState(
             particles=weighted,
@@ -215,13 +230,18 @@ class APF(SimulatingSmoother):
             collapsed=collapsed,
             age=state.age + 1,
             w=w,
-            evidence=evidence,
+            evidence=(
+                Evidence(chosen.mass, carried=state.log_w, N=first.shape[1]),
+                Evidence(mass, carried=0.0, N=w.shape[1]),
+            ),
         )
+        # The weights are carried on to the next step, or the particles are resampled by them.
         if self.stages == 2:
-            return new._replace(particles=self._resample(weighted, rng, size)[0])
-        in_float64 = self._in_float64
-        log_w = elementary.log(w) if in_float64 else np.where(collapsed[:, None], 0.0, second)
-        return new._replace(log_w=log_w)
+            resampled, _ = self._resample(weighted, rng, size)
+            return new._replace(particles=resampled)
+        if self._carries_float64:
+            return new._replace(log_w=elementary.log(w))
+        return new._replace(log_w=np.where(collapsed[:, None], 0.0, second))
 
     def log_likelihood(self, state: PFState) -> Array:
         """Return the log-product (M,) of both stages' mean weights (Pitt 2002, section 2.2)."""
@@ -231,17 +251,19 @@ class APF(SimulatingSmoother):
         return np.where(first == -np.inf, 0.0, first) + second
 
     @property
-    def _in_float64(self) -> bool:
+    def _carries_float64(self) -> bool:
+        """True if the next step starts from weights in float64, not from logarithms."""
         carried = self.carried or ("log" if self.weights == "log" else "float64")
         return carried == "float64"
 
     def _in_arithmetic(self, log_w: Array) -> Array:
         """Return log-products of weights and likelihoods; small ones are lost in float64."""
-        if self._in_float64 and self.weights != "log":
+        if self._carries_float64 and self.weights != "log":
             return read_likelihood(log_w, "naive")
         return log_w
 
     def _characteristic(self, model: Model, x: Array, k: int, rng: Generator) -> Array:
+        """Return the point mu (n, M, N) of each ancestor's transition density."""
         transition = model.motion.transition(x, k)
         if self.first_stage == "sample":
             return transition.sample(rng)

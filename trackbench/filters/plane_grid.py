@@ -76,19 +76,20 @@ class PlaneGrid(Filter[Planes]):
         runs = range(prior.mean.shape[1])
         if not np.any(prior.cov):
             known = tuple(prior.mean[:, run] for run in runs)
-            return Planes(known, known)
-        every = per_run_moments(prior)
-        each = [Gaussian(every.mean[:, run], every.cov[..., run]) for run in runs]
-        if any(linalg.is_singular(p.cov) for p in each):
+            return Planes(posteriors=known, checks=known)
+        moments = per_run_moments(prior)
+        priors = [Gaussian(moments.mean[:, run], moments.cov[..., run]) for run in runs]
+        if any(linalg.is_singular(of_run.cov) for of_run in priors):
             raise WrongReturnError("init", "a part of the prior has no density: raise its `sigma`")
-        fine, coarse = self._node_counts
+        nodes, check_nodes = self._node_counts
         return Planes(
-            tuple(plane_quadrature.over_prior(p, fine) for p in each),
-            tuple(plane_quadrature.over_prior(p, coarse) for p in each),
+            posteriors=tuple(plane_quadrature.over_prior(of_run, nodes) for of_run in priors),
+            checks=tuple(plane_quadrature.over_prior(of_run, check_nodes) for of_run in priors),
         )
 
     @property
     def _node_counts(self) -> tuple[int, int]:
+        """Numbers of nodes along an axis of the posterior and of its check."""
         return self.nodes, self.nodes // 2
 
     def step(self, model: Model, state: Planes, z: Array, k: int, rng: Generator) -> Planes:
@@ -97,19 +98,23 @@ class PlaneGrid(Filter[Planes]):
         Raises WrongReturnError if half as many nodes give other moments.
         """
         motion = _map(model.motion, self.estimate(state), k)
-        both: tuple[list[State], list[State]] = ([], [])
-        for run, pair in enumerate(zip(*state, strict=True)):
+        nodes, check_nodes = self._node_counts
+        posteriors = []
+        checks = []
+        for run, (old, old_check) in enumerate(zip(state.posteriors, state.checks, strict=True)):
 
             def likelihood(x: Array, z: Array = z[:, run : run + 1]) -> Array:
                 return log_likelihood(model.sensor, z, x[:, None], k)[0]
 
             try:
-                for new, old, n in zip(both, pair, self._node_counts, strict=True):
-                    new.append(plane_quadrature.condition(old, motion, likelihood, n))
+                posteriors.append(plane_quadrature.condition(old, motion, likelihood, nodes))
+                checks.append(
+                    plane_quadrature.condition(old_check, motion, likelihood, check_nodes)
+                )
             except UnresolvedError as error:
                 raise self._unresolved(k, f": {error}") from None
-        planes = Planes(tuple(both[0]), tuple(both[1]))
-        if not _difference(planes) <= _TOLERANCE:
+        planes = Planes(posteriors=tuple(posteriors), checks=tuple(checks))
+        if not _largest_difference(planes) <= _TOLERANCE:
             raise self._unresolved(k, "")
         for i in angle_rows(model.motion):
             if _most_beyond_half_a_turn(planes.posteriors, i) > _NEGLIGIBLE:
@@ -121,6 +126,7 @@ class PlaneGrid(Filter[Planes]):
         return planes
 
     def _unresolved(self, k: int, why: str) -> WrongReturnError:
+        """Return the error of step k; ``why`` is a reason after a colon, or empty."""
         what = f"grid-2d does not resolve the posterior at step {k} with `nodes: {self.nodes}`{why}"
         return WrongReturnError("step", f"{what}; raise `nodes`, or narrow the start")
 
@@ -130,12 +136,16 @@ class PlaneGrid(Filter[Planes]):
 
     def posterior(self, state: Planes) -> Posterior | None:
         """Return the density itself, but for a known state."""
-        planes = tuple(p for p in state.posteriors if isinstance(p, Plane))
-        return PlanePosterior(planes) if len(planes) == len(state.posteriors) else None
+        planes = tuple(plane for plane in state.posteriors if isinstance(plane, Plane))
+        if len(planes) < len(state.posteriors):
+            return None
+        return PlanePosterior(planes)
 
     def log_likelihood(self, state: Planes) -> Array:
         """Evaluate log p(z_k | z_1..k-1) (M,), exact; NaN before the first measurement."""
-        return np.array([s.evidence if isinstance(s, Plane) else np.nan for s in state.posteriors])
+        return np.array(
+            [plane.evidence if isinstance(plane, Plane) else np.nan for plane in state.posteriors]
+        )
 
 
 def _most_beyond_half_a_turn(states: Iterable[State], row: int) -> float:
@@ -150,10 +160,16 @@ def _most_beyond_half_a_turn(states: Iterable[State], row: int) -> float:
 
 def _moments(states: Iterable[State]) -> Gaussian:
     """Return the means (2, M) and covariances (2, 2, M)."""
-    each = [s.moments if isinstance(s, Plane) else Gaussian(s, np.zeros((2, 2))) for s in states]
-    return Gaussian(
-        np.stack([m.mean for m in each], axis=-1), np.stack([m.cov for m in each], axis=-1)
-    )
+    means = []
+    covs = []
+    for state in states:
+        if isinstance(state, Plane):
+            means.append(state.moments.mean)
+            covs.append(state.moments.cov)
+        else:  # a known state
+            means.append(state)
+            covs.append(np.zeros((2, 2)))
+    return Gaussian(np.stack(means, axis=-1), np.stack(covs, axis=-1))
 
 
 def _map(motion: SampledMotion, state: Gaussian, k: int) -> Map:
@@ -170,10 +186,11 @@ def _map(motion: SampledMotion, state: Gaussian, k: int) -> Map:
     return Map(f, lambda x: central_differences(f, x, spread=spread), Q)
 
 
-def _difference(both: Planes) -> float:
+def _largest_difference(both: Planes) -> float:
     """Compare with the check: the largest difference, in standard deviations."""
-    ours, check = _moments(both.posteriors), _moments(both.checks)
-    sd = np.sqrt(linalg.diagonal(ours.cov))
-    means = np.abs(check.mean - ours.mean) / sd
-    covariances = np.abs(check.cov - ours.cov) / (sd[:, None] * sd)
-    return float(max(means.max(), covariances.max()))
+    moments = _moments(both.posteriors)
+    check = _moments(both.checks)
+    sd = np.sqrt(linalg.diagonal(moments.cov))
+    of_means = np.abs(check.mean - moments.mean) / sd
+    of_covariances = np.abs(check.cov - moments.cov) / (sd[:, None] * sd)
+    return float(max(of_means.max(), of_covariances.max()))

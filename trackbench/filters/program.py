@@ -46,7 +46,8 @@ class Program:
 
         An answer may take ``timeout`` seconds. Raises ProgramError if there is none.
         """
-        self._timeout, self._start_s = timeout, 0.0
+        self._timeout = timeout
+        self._start_s = 0.0
         self._last_s = 0.0  # last reading of the program's clock, which ends with the program
         self._error_lines: list[str] = []
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115 (closed with the program)
@@ -77,17 +78,20 @@ class Program:
             reason = _cut(text, _LONGEST_REASON) if text.strip() else "without a reason"
             raise ProgramError(f"{REFUSAL}{reason}")
         if word != "ready" or text:
-            raise self._broken(f"answers {_shown(f'{word} {text}')} at its start, not `ready`", 0)
+            raise self._broken(f"answers {_shorten(f'{word} {text}')} at its start, not `ready`", 0)
         self._start_s = self._clock()
 
     def exchange(self, lines: Sequence[str]) -> list[str]:
         """Send the lines and return the answers, one a line; raises ProgramError."""
         with suppress(BlockingIOError):
-            if surplus := os.read(self._stdout.fileno(), _CHUNK):
+            surplus = os.read(self._stdout.fileno(), _CHUNK)
+            if surplus:
                 text = surplus.decode(errors="replace")
-                raise self._broken(f"answers more than one line: {_shown(text)}", 0)
+                raise self._broken(f"answers more than one line: {_shorten(text)}", 0)
         waiting = memoryview("".join(f"{line}\n" for line in lines).encode())
-        received, answered, unfinished = list[bytes](), 0, 0
+        received = list[bytes]()
+        answered = 0
+        unfinished = 0
         deadline = time.monotonic() + self._timeout
         with selectors.DefaultSelector() as selector:
             selector.register(self._stdout, selectors.EVENT_READ)
@@ -98,34 +102,41 @@ class Program:
                     raise self._broken(f"gave no answer within {self._timeout:g} s", answered)
                 for key, _ in ready:
                     if key.fileobj is self._stdin:
-                        waiting = waiting[self._written(waiting, answered) :]
+                        written = self._write(waiting, answered)
+                        waiting = waiting[written:]
                         if not waiting:
                             selector.unregister(self._stdin)
                         continue
-                    if not (data := os.read(self._stdout.fileno(), _CHUNK)):
-                        raise self._broken(self._end(), answered)
+                    data = os.read(self._stdout.fileno(), _CHUNK)
+                    if not data:
+                        raise self._broken(self._describe_end(), answered)
                     received.append(data)
                     answered += data.count(b"\n")
                     unfinished += len(data)
                     if b"\n" in data:
-                        deadline, unfinished = time.monotonic() + self._timeout, 0
+                        deadline = time.monotonic() + self._timeout
+                        unfinished = 0
                     if unfinished > _LONGEST:
                         raise self._broken("answers a line that does not end", answered)
         whole = b"".join(received).decode(errors="replace")
         *answers, rest = whole.split("\n", len(lines))
         if rest:
-            raise self._broken(f"answers more than one line: {_shown(rest)}", len(lines) - 1)
+            raise self._broken(f"answers more than one line: {_shorten(rest)}", len(lines) - 1)
         return answers
 
-    def _written(self, waiting: memoryview, answered: int) -> int:
+    def _write(self, waiting: memoryview, answered: int) -> int:
+        """Write as much of ``waiting`` as the program takes now; return the number of bytes.
+
+        ``answered`` is the number of answers so far, for the error if the program has ended.
+        """
         try:
             return os.write(self._stdin.fileno(), waiting[:_CHUNK])
         except BlockingIOError:
             return 0
         except BrokenPipeError:
-            raise self._broken(self._end(), answered) from None
+            raise self._broken(self._describe_end(), answered) from None
 
-    def _end(self) -> str:
+    def _describe_end(self) -> str:
         """Return how the program ended."""
         with suppress(subprocess.TimeoutExpired):
             code = self._process.wait(_END_S)
@@ -138,8 +149,8 @@ class Program:
     def _broken(self, what: str, answered: int) -> ProgramError:
         """Kill the program; return the error, with the last line of the program's errors."""
         self.kill()
-        if lines := self._error_lines:
-            what += f"; its last line on stderr: {_shown(lines[-1])}"
+        if self._error_lines:
+            what += f"; its last line on stderr: {_shorten(self._error_lines[-1])}"
         return ProgramError(f"the program {what}", answered)
 
     def _clock(self) -> float:
@@ -219,7 +230,8 @@ def end_all() -> None:
 Finalize(None, end_all, exitpriority=0)  # at the end of this process, a worker's included
 
 
-def _shown(text: str) -> str:
+def _shorten(text: str) -> str:
+    """Quote a text of at most 80 characters."""
     return repr(_cut(text, 80))
 
 

@@ -6,6 +6,7 @@ own, so that an outlier of one does not cost the other's measurement.
 """
 
 from abc import abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from math import factorial
@@ -16,12 +17,13 @@ from pydantic import Field
 
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, Index, fixed, with_trailing
-from trackbench.core.distributions import Gaussian, per_run_moments
+from trackbench.core.distributions import Factored, Gaussian, per_run_moments
 from trackbench.core.elementary import chi_square_cdf, exp, log, log_gamma
+from trackbench.core.kalman import Innovation, Updated
 from trackbench.core.sums import total
 from trackbench.core.unscented import Unscented
 from trackbench.field_types import Count, Positive
-from trackbench.models.base import Sensor
+from trackbench.models.base import Model, Sensor
 from trackbench.models.sensors.base import ScaledNoise, Sensors, rows_of
 
 _CUBATURE = Unscented(1.0, 0.0, 0.0)
@@ -40,37 +42,125 @@ class RobustUpdate:
 
     @abstractmethod
     def weight(self, squared: Array, n: Index) -> Array:
-        """Return weights of n measured components with squared normalized residuals."""
+        """Return the weights of sensors with n measured components.
+
+        Parameters
+        ----------
+        squared : array (M,)
+            Squared normalized residuals ``r' R^-1 r``.
+        n : array (M,)
+            Number of measured components.
+
+        Returns
+        -------
+        array (M,)
+            Weights, at most 1 for Huber.
+        """
 
     @abstractmethod
     def log_ratio(self, nis: Array, n: Index) -> Array:
-        """Evaluate log p(nu) - log N(nu; 0, S) of n measured components, by their NIS."""
+        """Evaluate log p(nu) - log N(nu; 0, S) of n measured components, by their NIS.
+
+        Parameters
+        ----------
+        nis : array (M,)
+            Normalized innovation squared.
+        n : array (M,)
+            Number of measured components.
+
+        Returns
+        -------
+        array (M,)
+            Difference of the log-densities.
+        """
 
     def weights(self, sensor: Sensor, posterior: Gaussian, z: Array, k: int) -> Array:
-        """Weigh the sensors (sensors, M): 1 without a measurement or with a singular R."""
+        """Weigh the sensors by the residuals of their measurements.
+
+        Parameters
+        ----------
+        sensor : Sensor
+            Sensor of the filter model, which may stand for several.
+        posterior : Gaussian
+            Posterior by the weights before: mean (n_x, M), covariance (n_x, n_x[, M]).
+        z : array (n_z, M)
+            Measurements of step k.
+        k : int
+            Number of the step.
+
+        Returns
+        -------
+        array (sensors, M)
+            Weights; 1 without a measurement or with a singular R.
+        """
         posterior = per_run_moments(posterior)
         R = with_trailing(sensor.measurement(posterior.mean, k).cov, 1, leading=2)
         # Step 1: residuals z - h(x) at the mean, or at cubature points of the posterior.
         points = _CUBATURE.points(posterior) if self.uses_spread else None
         x = posterior.mean[:, None] if points is None else points.x
         expected = sensor.measurement(x, k).mean
-        z = np.broadcast_to(z[:, None], expected.shape)
-        missing = np.isnan(z)
-        residual = np.where(missing, 0.0, sensor.innovation(z, expected))
-        # Step 2: r' R^-1 r of each sensor's measured components, averaged over the points.
-        out = []
-        for rows in blocks(sensor):
+        z_of_points = np.broadcast_to(z[:, None], expected.shape)
+        missing = np.isnan(z_of_points)
+        residual = np.where(missing, 0.0, sensor.innovation(z_of_points, expected))
+        weights = []
+        for rows in sensor_rows(sensor):
+            # Step 2: r' R^-1 r of the sensor's measured components, averaged over the points.
             absent = missing[rows, 0]
             eye = np.eye(len(absent))[..., None]
             noise = np.where(absent[:, None] | absent[None], eye, R[rows, rows])
-            has_density = (linalg.diagonal(linalg.cholesky(noise)) > 0.0).all(axis=0)
-            noise = np.where(has_density, noise, eye)
-            each = linalg.mahalanobis(residual[rows], noise[:, :, None])
-            squared = each[0] if points is None else points.mean(each[None])[0]
+            is_regular = (linalg.diagonal(linalg.cholesky(noise)) > 0.0).all(axis=0)
+            noise = np.where(is_regular, noise, eye)
+            of_points = linalg.mahalanobis(residual[rows], noise[:, :, None])
+            squared = of_points[0] if points is None else points.mean(of_points[None])[0]
             # Step 3: the weight.
             weight = np.maximum(self.weight(squared, (~absent).sum(axis=0)), _LEAST)
-            out.append(np.where(has_density, weight, 1.0))
-        return np.stack(out)
+            weights.append(np.where(is_regular, weight, 1.0))
+        return np.stack(weights)
+
+
+def robust_update(
+    law: RobustUpdate,
+    update: Callable[[Model, Gaussian, Array, int], Updated],
+    model: Model,
+    state: Gaussian,
+    z: Array,
+    k: int,
+) -> tuple[Gaussian, Innovation, Array]:
+    """Update with weights of 1, then ``law.iterations`` times with new weights of the sensors.
+
+    Parameters
+    ----------
+    law : RobustUpdate
+        Law of the residuals.
+    update : callable
+        `GaussianFilter.update` of the filter.
+    model : Model
+        Motion and sensor that the filter assumes.
+    state : Gaussian
+        Posterior of step k - 1: mean (n_x, M), covariance (n_x, n_x[, M]).
+    z : array (n_z, M)
+        Measurements of step k; NaN where one is missing.
+    k : int
+        Number of the step.
+
+    Returns
+    -------
+    posterior : Gaussian
+        Posterior by the last weights.
+    innovation : Innovation
+        Innovation by weights of 1.
+    weight : array (M,)
+        Mean weight of the measured components; NaN without any.
+    """
+    if not isinstance(state, Factored):
+        state = per_run_moments(state)  # as the weighted noise has a covariance per run
+    posterior, innovation = update(model, state, z, k)
+    weighted = None
+    for _ in range(law.iterations):
+        weighted = Reweighted(model.sensor, law.weights(model.sensor, posterior, z, k))
+        posterior, _ = update(model._replace(sensor=weighted), state, z, k)
+    assert weighted is not None
+    return posterior, innovation, weighted.mean_weight(z)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,7 +191,8 @@ class Huber(RobustUpdate):
 @cache
 def _log_integrals(k: float, n_z: int) -> Array:
     """Return the logarithm of ``int exp(-rho(|u|)) du`` over n components, less that of the normal."""
-    tail, values = float(exp(-0.5 * k * k)), [0.0]
+    tail = float(exp(-0.5 * k * k))
+    values = [0.0]
     for n in range(1, n_z + 1):
         # P(chi^2_n < k^2) + 2 e^(-k^2/2) (n-1)! / (2^(n/2) Gamma(n/2) k^n) sum_j<n k^2j / j!
         value = float(chi_square_cdf(k * k, n))
@@ -151,7 +242,7 @@ AnyRobust: TypeAlias = Annotated[Huber | StudentT, Field(discriminator="kind")]
 """A robust update of any kind."""
 
 
-def blocks(sensor: Sensor) -> list[slice]:
+def sensor_rows(sensor: Sensor) -> list[slice]:
     """Return the rows of each sensor in a measurement."""
     while isinstance(sensor, ScaledNoise):
         sensor = sensor.sensor
@@ -162,21 +253,26 @@ class Reweighted:
     """A sensor whose noise is N(0, R / w), with weights w (sensors, M)."""
 
     def __init__(self, sensor: Sensor, weights: Array) -> None:
-        self._sensor, self._weights = sensor, np.empty((len(sensor.components), weights.shape[1]))
-        for weight, rows in zip(weights, blocks(sensor), strict=True):
+        self._sensor = sensor
+        self._weights = np.empty((len(sensor.components), weights.shape[1]))
+        for weight, rows in zip(weights, sensor_rows(sensor), strict=True):
             self._weights[rows] = weight
 
     def mean_weight(self, z: Array) -> Array:
         """Average the weights (M,) of the components that are measured, NaN without any."""
-        known = ~np.isnan(z)
+        measured = ~np.isnan(z)
+        total_weight = total(np.where(measured, self._weights, 0.0), 0)
         with np.errstate(invalid="ignore"):
-            return np.asarray(total(np.where(known, self._weights, 0.0), 0) / known.sum(axis=0))
+            return np.asarray(total_weight / measured.sum(axis=0))
 
     def measurement(self, x: Array, k: int) -> Gaussian:
         """Return N(h(x), R / w) for states x (n_x[, points], M)."""
-        z, weights = self._sensor.measurement(x, k), self._weights[:, None]
-        weights = weights[:, :, None] if x.ndim > 2 else weights
-        return Gaussian(z.mean, with_trailing(z.cov, x.ndim - 1, leading=2) / weights)
+        exact = self._sensor.measurement(x, k)
+        R = with_trailing(exact.cov, x.ndim - 1, leading=2)
+        weights = self._weights[:, None]
+        if x.ndim > 2:  # points of each run
+            weights = weights[:, :, None]
+        return Gaussian(exact.mean, R / weights)
 
     def innovation(self, z: Array, z_pred: Array) -> Array:
         """Return ``z - z_pred``, angles wrapped."""

@@ -16,6 +16,8 @@ from trackbench.core.particle_moves import independence_moves
 from trackbench.core.particles import Evidence, Particles, WeightReading
 from trackbench.core.resampling import Scheme, ancestors, select
 from trackbench.field_types import Natural
+from trackbench.filters.ekf import extended_step
+from trackbench.filters.gaussian import AssumedNoise
 from trackbench.filters.kalman_proposal import (
     MERWE_PROPOSAL,
     KalmanProposalFilter,
@@ -24,7 +26,6 @@ from trackbench.filters.kalman_proposal import (
 )
 from trackbench.filters.particle_base import PFState
 from trackbench.models.base import Model, angle_rows
-from trackbench.models.gaussian_steps import AssumedNoise, extended_step
 from trackbench.registry import register
 
 _DEMO_WEIGHTS: dict[str, object] = {
@@ -91,7 +92,7 @@ class _ResamplingFilter(KalmanProposalFilter):
             collapsed=collapsed,
             P=P,
             w=w,
-            evidence=(Evidence(mass, 0.0, self.N),),
+            evidence=(Evidence(mass, carried=0.0, N=self.N),),
         )
 
 
@@ -109,7 +110,8 @@ class EPF(_ResamplingFilter):
     def _kalman(
         self, model: Model, state: Gaussian, z: Array, k: int, assumed: AssumedNoise
     ) -> Gaussian:
-        return extended_step(model, state, z, k, assumed)[0]
+        posterior, _ = extended_step(model, state, z, k, assumed)
+        return posterior
 
 
 @register("filters", "upf")

@@ -120,18 +120,34 @@ def _values_side_by_side(
 _AT: ContextVar[Gaussian | None] = ContextVar("state at which derivatives are taken", default=None)
 
 
-def jacobian_at(part: "WithJacobian", at: Gaussian, k: int, order: int = 1) -> Array:
-    """Return the first or second derivatives at a mean (n, *batch), to step k.
+def jacobian_at(function: "WithJacobian", state: Gaussian, k: int, order: int = 1) -> Array:
+    """Return the first or second derivatives of a motion or sensor at a state's mean.
 
     Differences have steps relative to the standard deviations, so that they do not depend on the units.
+
+    Parameters
+    ----------
+    function : WithJacobian
+        Motion or sensor.
+    state : Gaussian
+        State at whose mean (n, *batch) the derivatives are taken.
+    k : int
+        Step.
+    order : {1, 2}
+        Order of the derivatives.
+
+    Returns
+    -------
+    array (m, n[, *batch]) or (m, n, n[, *batch])
+        Jacobian, or Hessian of each component.
     """
-    token = _AT.set(at)
+    token = _AT.set(state)
     try:
         if order == 1:
-            return part.jacobian(at.mean, k)
-        if hasattr(part, "hessian"):
-            return cast(TwiceDifferentiable, part).hessian(at.mean, k)
-        return hessian_by_differences(part.jacobian, at.mean, k)
+            return function.jacobian(state.mean, k)
+        if hasattr(function, "hessian"):
+            return cast(TwiceDifferentiable, function).hessian(state.mean, k)
+        return hessian_by_differences(function.jacobian, state.mean, k)
     finally:
         _AT.reset(token)
 
@@ -260,21 +276,58 @@ class Sensor(Protocol):
         """
 
     def innovation(self, z: Array, z_pred: Array) -> Array:
-        """Return ``z - z_pred`` (n_z, *batch), angles wrapped to (-pi, pi]."""
+        """Subtract measurements, angles wrapped to (-pi, pi].
+
+        Parameters
+        ----------
+        z, z_pred : array (n_z, *batch)
+            Measurements, and predicted ones.
+
+        Returns
+        -------
+        array (n_z, *batch)
+            ``z - z_pred``, NaN where a component of z is missing.
+        """
 
 
 class DifferentiableMotion(SampledMotion, Protocol):
     """A motion with a Jacobian, which extended Kalman filters need."""
 
     def jacobian(self, x: Array, k: int) -> Array:
-        """Return d E[x_k] / d x_{k-1} at x (n_x, *batch); (n_x, n_x[, *batch])."""
+        """Return the derivatives of the predicted mean.
+
+        Parameters
+        ----------
+        x : array (n_x, *batch)
+            States at step k - 1.
+        k : int
+            Step of the result.
+
+        Returns
+        -------
+        array (n_x, n_x) or (n_x, n_x, *batch)
+            d E[x_k] / d x_{k-1} at x.
+        """
 
 
 class DifferentiableSensor(Sensor, Protocol):
     """A sensor with a Jacobian, which extended Kalman filters need."""
 
     def jacobian(self, x: Array, k: int) -> Array:
-        """Return d E[z_k] / d x_k at x (n_x, *batch); (n_z, n_x[, *batch])."""
+        """Return the derivatives of the mean measurement.
+
+        Parameters
+        ----------
+        x : array (n_x, *batch)
+            States.
+        k : int
+            Step.
+
+        Returns
+        -------
+        array (n_z, n_x) or (n_z, n_x, *batch)
+            d E[z_k] / d x_k at x.
+        """
 
 
 @runtime_checkable
@@ -289,7 +342,20 @@ class TwiceDifferentiable(Protocol):
     """A motion or sensor with second derivatives in closed form."""
 
     def hessian(self, x: Array, k: int) -> Array:
-        """Return the second derivatives of the mean (m, n_x, n_x[, *batch]) at x (n_x, *batch)."""
+        """Return the second derivatives of the mean.
+
+        Parameters
+        ----------
+        x : array (n_x, *batch)
+            States.
+        k : int
+            Step.
+
+        Returns
+        -------
+        array (m, n_x, n_x[, *batch])
+            Hessian of each of the m components of the mean.
+        """
 
 
 Differentiable: TypeAlias = tuple[DifferentiableMotion, DifferentiableSensor]
@@ -322,7 +388,20 @@ class LocatingSensor(Protocol):
     """number of axes of the position"""
 
     def located(self, z: Array, k: int) -> Gaussian:
-        """Return the position (axes, M) of a measurement z (n_z, M), and its covariance."""
+        """Return the position that a measurement gives.
+
+        Parameters
+        ----------
+        z : array (n_z, M)
+            Measurements.
+        k : int
+            Step.
+
+        Returns
+        -------
+        Gaussian
+            Position (axes, M), m, and its covariance (axes, axes[, M]).
+        """
 
 
 @runtime_checkable
@@ -330,7 +409,22 @@ class NearSensor(Protocol):
     """A sensor that computes innovations of particles faster than their predicted measurements."""
 
     def residual(self, z: Array, x: Array, k: int) -> Gaussian:
-        """Return ``innovation(z, E[z_k | x_k = x])`` (n_z, M, N) and R, for particles x (n_x, M, N)."""
+        """Return the innovations of particles.
+
+        Parameters
+        ----------
+        z : array (n_z, M)
+            Measurements.
+        x : array (n_x, M, N)
+            Particles.
+        k : int
+            Step.
+
+        Returns
+        -------
+        Gaussian
+            ``innovation(z, E[z_k | x_k = x])`` (n_z, M, N), and the covariance R of the noise.
+        """
 
 
 @runtime_checkable
@@ -344,10 +438,42 @@ class DensitySensor(Protocol):
         """Return the reason why the measurement has no covariance, or nothing."""
 
     def log_density(self, z: Array, x: Array, k: int) -> Array:
-        """Return log p(z_k | x_k = x) (M[, N]), of measured components, for z (n_z, M)."""
+        """Return the log-likelihood of measurements, by their measured components.
+
+        Parameters
+        ----------
+        z : array (n_z, M)
+            Measurements; NaN where a component is missing.
+        x : array (n_x, M) or (n_x, M, N)
+            States.
+        k : int
+            Step.
+
+        Returns
+        -------
+        array (M,) or (M, N)
+            log p(z_k | x_k = x).
+        """
 
     def draw_known(self, x: Array, k: int, noise: Array, rng: Streams) -> Array:
-        """Draw measurements (n_z, M) of true states x; ``noise`` (n_z, M) is standard normal."""
+        """Draw measurements of true states.
+
+        Parameters
+        ----------
+        x : array (n_x, M) or (n_x, 1)
+            True states.
+        k : int
+            Step.
+        noise : array (n_z, M)
+            Standard normal noise.
+        rng : Streams
+            Further random numbers.
+
+        Returns
+        -------
+        array (n_z, M)
+            Measurements, none of them missing.
+        """
 
 
 @cache
@@ -407,9 +533,23 @@ def measured_angle_rows(sensor: Sensor) -> tuple[int, ...]:
 
 
 def log_likelihood(sensor: Sensor, z: Array, x: Array, k: int) -> Array:
-    """Return log p(z_k | x_k = x) (M[, N]) for measurements z (n_z, M) and states x (n_x, M[, N]).
+    """Return the log-likelihood of measurements, by their measured components.
 
-    It uses the measured components, and is zero if all are missing (NaN).
+    Parameters
+    ----------
+    sensor : Sensor
+        Sensor of the filter model.
+    z : array (n_z, M)
+        Measurements; NaN where a component is missing.
+    x : array (n_x, M) or (n_x, M, N)
+        States.
+    k : int
+        Step.
+
+    Returns
+    -------
+    array (M,) or (M, N)
+        log p(z_k | x_k = x), zero if all components are missing.
     """
     note("likelihoods", x, components=1)
     if has_density(sensor):
@@ -417,7 +557,8 @@ def log_likelihood(sensor: Sensor, z: Array, x: Array, k: int) -> Array:
     # Step 1: innovations nu and their covariance R, by the sensor's fast way for particles if any.
     if x.ndim == 3 and _is_of(type(sensor), NearSensor):
         residual = cast(NearSensor, sensor).residual(z, x, k)
-        nu, R = residual.mean, residual.cov
+        nu = residual.mean
+        R = residual.cov
     else:
         predicted = sensor.measurement(x, k)
         R = predicted.cov

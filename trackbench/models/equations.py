@@ -59,9 +59,9 @@ class Program:
     def uses(self, name: str) -> bool:
         """Test whether a value depends on a variable."""
         slot = self._slots[("name", name)]
-        return slot in self._outputs or any(
-            slot in arguments for _, arguments, *_ in self._instructions
-        )
+        if slot in self._outputs:
+            return True
+        return any(slot in arguments for _, arguments, _, _ in self._instructions)
 
     def _slot(
         self,
@@ -78,7 +78,8 @@ class Program:
         elif node.operation == "name":
             key = ("name", node.name)
         if key not in self._slots:
-            self._slots[key] = slot = len(self._start)
+            slot = len(self._start)
+            self._slots[key] = slot
             self._start.append(node.value)
             self._is_array.append(any(self._is_array[a] for a in arguments))
             if arguments:
@@ -93,14 +94,15 @@ class Program:
         for i, (_, arguments, _) in enumerate(operations):
             last_use |= dict.fromkeys(arguments, i)
         # A pair's members, the variables and the outputs keep their memory.
-        writable = {
-            slot for name, _, slot in operations
-            if self._is_array[slot] and name not in ("cos and sin", "first", "second")
-        } - {*self._outputs}  # fmt: skip
+        writable = set()
+        for name, _, slot in operations:
+            is_pair = name in ("cos and sin", "first", "second")
+            if self._is_array[slot] and not is_pair and slot not in self._outputs:
+                writable.add(slot)
         instructions = []
         for i, (name, arguments, slot) in enumerate(operations):
-            free = (a for a in arguments if a in writable and last_use[a] == i)
-            reused = next(free, -1) if name in UFUNCS else -1
+            free = [a for a in arguments if a in writable and last_use[a] == i]
+            reused = free[0] if free and name in UFUNCS else -1
             instructions.append((OPERATIONS[name], arguments, slot, reused))
         return instructions
 
@@ -159,7 +161,8 @@ class Equations:
         parts: Mapping[str, Term],
         T: float | None = None,
     ) -> None:
-        self.components, self.scalars = tuple(components), tuple(scalars)
+        self.components = tuple(components)
+        self.scalars = tuple(scalars)
         self.names: dict[str, Node] = {}
         for i, name in enumerate(components):
             self._add(name, variable(name), "components", i)
@@ -172,6 +175,7 @@ class Equations:
             self._add(name, self.parse(term, "where", name), "where", name)
 
     def _add(self, name: str, node: Node, *path: str | int) -> None:
+        """Add a name for expressions; raises InvalidKeyError at this key."""
         if not name.isidentifier() or keyword.iskeyword(name):
             raise InvalidKeyError(f"{name!r} cannot be a name in an expression", *path)
         if name in self.names or name in _RESERVED:
@@ -206,8 +210,9 @@ class Equations:
         """Compile a covariance (n, n) of so many components; raises InvalidKeyError."""
         n = len(components)
         rows = _rows(given, components, *path)
-        cells = chain.from_iterable(rows)
-        nodes = [self.parse(term, *where) if where else ZERO for term, where in cells]
+        nodes = []
+        for term, term_path in chain.from_iterable(rows):
+            nodes.append(self.parse(term, *term_path) if term_path else ZERO)
         for i in range(n):
             for j in range(i):
                 if rows[i][j][0] != rows[j][i][0]:
@@ -259,14 +264,17 @@ class ArrayProgram:
     """Expressions that fill an array (*shape, *batch) for states x (n_x, *batch)."""
 
     def __init__(self, equations: Equations, nodes: Sequence[Node], shape: tuple[int, ...]) -> None:
-        self.shape, self._equations, self._nodes = shape, equations, nodes
+        self.shape = shape
+        self._equations = equations
+        self._nodes = nodes
         self.constant: Array | None = None
         if all(map(is_constant, nodes)):
             self.constant = fixed(np.array([node.value for node in nodes]).reshape(shape))
         # Numbers are filled in, the others computed.
         self._fixed = [(i, node.value) for i, node in enumerate(nodes) if is_constant(node)]
         self._computed = [i for i, node in enumerate(nodes) if not is_constant(node)]
-        self._size, self._scalars = len(equations.components), equations.scalars
+        self._size = len(equations.components)
+        self._scalars = equations.scalars
         self._program = equations.program(nodes[i] for i in self._computed)
 
     def __call__(self, x: Array, *scalars: float) -> Array:
@@ -279,9 +287,8 @@ class ArrayProgram:
             out[i] = value
         components = x if batch else x[:, None]
         with np.errstate(all="ignore"):  # runs that leave the numbers are counted, not warned about
-            for i, computed in zip(
-                self._computed, self._program(*components, *scalars), strict=True
-            ):
+            values = self._program(*components, *scalars)
+            for i, computed in zip(self._computed, values, strict=True):
                 out[i] = computed
         return out.reshape(*self.shape, *batch)
 

@@ -132,12 +132,13 @@ class _Parser:
 
     def node(self, tree: ast.expr) -> Node:
         """Translate a tree to its node; raises ExpressionError."""
-        node = self._translated(tree)
+        node = self._translate(tree)
         if node.operation == "number" and not math.isfinite(node.value):
             raise _mistake(tree, "this has no finite value")
         return node
 
-    def _translated(self, tree: ast.expr) -> Node:
+    def _translate(self, tree: ast.expr) -> Node:
+        """Translate a tree, whose value may be infinite."""
         match tree:
             case ast.Constant(value=bool()):
                 raise _mistake(tree, "a truth value is no number")
@@ -158,6 +159,7 @@ class _Parser:
         raise _mistake(tree, "only numbers, names, + - * / ** ( ) and functions make an expression")
 
     def _name(self, tree: ast.expr, name: str) -> Node:
+        """Look up a name; raises ExpressionError."""
         if name in self.names:
             return self.names[name]
         if name in FUNCTIONS:
@@ -170,14 +172,16 @@ class _Parser:
         raise _mistake(tree, what)
 
     def _call(self, tree: ast.expr, name: str, arguments: Sequence[ast.expr]) -> Node:
+        """Translate a function's call; raises ExpressionError."""
         if name not in FUNCTIONS:
             raise _mistake(tree, f"unknown function {name!r}; known: {', '.join(FUNCTIONS)}")
         nodes = [self.node(argument) for argument in arguments]
         if name in ("min", "max") and len(nodes) > 2:
-            first, *others = nodes
-            for other in others:
-                first = operate(name, first, other)
-            return first
+            # min(a, b, c) = min(min(a, b), c)
+            node = nodes[0]
+            for other in nodes[1:]:
+                node = operate(name, node, other)
+            return node
         if len(nodes) != FUNCTIONS[name]:
             n = FUNCTIONS[name]
             words = f"{name} has {n} argument{'s' * (n > 1)}, not {len(nodes)}"
@@ -186,10 +190,12 @@ class _Parser:
 
 
 def _mistake(tree: ast.expr, what: str) -> ExpressionError:
+    """Return an error at a tree's column."""
     return ExpressionError(f"column {tree.col_offset + 1}: {what}")
 
 
 def _as_float(tree: ast.expr, value: float) -> float:
+    """Return a number of the expression as a float; raises ExpressionError."""
     try:
         return float(value)
     except OverflowError:
@@ -211,7 +217,9 @@ def is_constant(node: Node) -> bool:
     return node.operation == "number"
 
 
-ZERO, ONE, TWO = number(0.0), number(1.0), number(2.0)
+ZERO = number(0.0)
+ONE = number(1.0)
+TWO = number(2.0)
 
 
 def operate(operation: str, *arguments: Node) -> Node:
@@ -233,16 +241,16 @@ def operate(operation: str, *arguments: Node) -> Node:
 
 def in_order(nodes: Iterable[Node]) -> list[Node]:
     """List these nodes and all in them, each once and after its arguments, of a tree of any depth."""
-    out: dict[int, Node] = {}
-    waiting = [*nodes][::-1]
+    ordered: dict[int, Node] = {}
+    waiting = list(nodes)[::-1]
     while waiting:
-        rest = [a for a in waiting[-1].arguments if id(a) not in out]
-        if rest:
-            waiting += rest[::-1]
+        missing = [a for a in waiting[-1].arguments if id(a) not in ordered]
+        if missing:
+            waiting += missing[::-1]
         else:
             node = waiting.pop()
-            out.setdefault(id(node), node)
-    return [*out.values()]
+            ordered.setdefault(id(node), node)
+    return list(ordered.values())
 
 
 def turns_at_cut(expression: Node) -> float:
@@ -257,11 +265,10 @@ def turns_at_cut(expression: Node) -> float:
         jumps = [turns[id(a)] for a in node.arguments]
         signs = [never_negative[id(a)] for a in node.arguments]
         turns[id(node)] = _turns(node, jumps, signs)
-        positive = node.operation in ("sqrt", "abs", "exp") or node.value > 0.0
-        even = node.operation == "**" and node.arguments[1].value in (2.0, 4.0, 6.0)
-        never_negative[id(node)] = (
-            positive or even or (node.operation in ("+", "*", "/") and all(signs))
-        )
+        is_positive = node.operation in ("sqrt", "abs", "exp") or node.value > 0.0
+        is_even_power = node.operation == "**" and node.arguments[1].value in (2.0, 4.0, 6.0)
+        of_never_negative = node.operation in ("+", "*", "/") and all(signs)
+        never_negative[id(node)] = is_positive or is_even_power or of_never_negative
     return turns[id(expression)]
 
 
@@ -276,7 +283,9 @@ def _turns(node: Node, jumps: list[float], never_negative: list[bool]) -> float:
             # A factor of an angle, such as 180/pi.
             u, v = node.arguments
             factor = u.value if is_constant(u) else v.value
-            return abs(max(jumps) * factor if node.operation == "*" else max(jumps) / factor)
+            if node.operation == "*":
+                return abs(max(jumps) * factor)
+            return abs(max(jumps) / factor)
         case _:
             return 0.0
 
@@ -284,28 +293,44 @@ def _turns(node: Node, jumps: list[float], never_negative: list[bool]) -> float:
 # Sums and products of derivatives, without the terms that are zero.
 
 
-def _is(node: Node, value: float) -> bool:
+def _is_number(node: Node, value: float) -> bool:
+    """Test whether a node is this number."""
     return is_constant(node) and node.value == value
 
 
 def _sum(a: Node, b: Node) -> Node:
-    return b if _is(a, 0.0) else a if _is(b, 0.0) else operate("+", a, b)
+    """Make the node of ``a + b``."""
+    if _is_number(a, 0.0):
+        return b
+    if _is_number(b, 0.0):
+        return a
+    return operate("+", a, b)
 
 
 def _difference(a: Node, b: Node) -> Node:
-    if _is(a, 0.0):
-        return b if _is(b, 0.0) else operate("negative", b)
-    return a if _is(b, 0.0) else operate("-", a, b)
+    """Make the node of ``a - b``."""
+    if _is_number(b, 0.0):
+        # 0 - 0 is the second zero.
+        return b if _is_number(a, 0.0) else a
+    if _is_number(a, 0.0):
+        return operate("negative", b)
+    return operate("-", a, b)
 
 
 def _product(a: Node, b: Node) -> Node:
-    if _is(a, 0.0) or _is(b, 0.0):
+    """Make the node of ``a b``."""
+    if _is_number(a, 0.0) or _is_number(b, 0.0):
         return ZERO
-    return b if _is(a, 1.0) else a if _is(b, 1.0) else operate("*", a, b)
+    if _is_number(a, 1.0):
+        return b
+    if _is_number(b, 1.0):
+        return a
+    return operate("*", a, b)
 
 
 def _quotient(a: Node, b: Node) -> Node:
-    return ZERO if _is(a, 0.0) else operate("/", a, b)
+    """Make the node of ``a / b``."""
+    return ZERO if _is_number(a, 0.0) else operate("/", a, b)
 
 
 def derivative(node: Node, name: str) -> Node:
@@ -315,32 +340,31 @@ def derivative(node: Node, name: str) -> Node:
     """
     derivatives: dict[int, Node] = {}
 
-    def of(node: Node) -> Node:
-        return derivatives[id(node)]
-
-    def rule(node: Node) -> Node:
-        if not node.arguments:
-            return ONE if node.name == name else ZERO
-        if node.operation in ("first", "second"):
+    def differentiate(part: Node) -> Node:
+        """Return the derivative of a part, by those of its arguments."""
+        if not part.arguments:
+            return ONE if part.name == name else ZERO
+        if part.operation in ("first", "second"):
             # cos' u = -sin u u', sin' u = cos u u'
-            (pair,) = node.arguments
-            du = of(pair.arguments[0])
-            if node.operation == "first":
+            (pair,) = part.arguments
+            du = derivatives[id(pair.arguments[0])]
+            if part.operation == "first":
                 return _difference(ZERO, _product(Node("second", (pair,)), du))
             return _product(Node("first", (pair,)), du)
-        u, *others = node.arguments
-        du = of(u)
-        if not others:
-            return _unary_derivative(node, u, du)
-        (v,) = others
-        return _binary_derivative(node, u, v, du, of(v))
+        u = part.arguments[0]
+        du = derivatives[id(u)]
+        if len(part.arguments) == 1:
+            return _unary_derivative(part, u, du)
+        _, v = part.arguments
+        return _binary_derivative(part, u, v, du, derivatives[id(v)])
 
     for part in in_order([node]):
-        derivatives[id(part)] = rule(part)
-    return of(node)
+        derivatives[id(part)] = differentiate(part)
+    return derivatives[id(node)]
 
 
 def _unary_derivative(node: Node, u: Node, du: Node) -> Node:
+    """Differentiate a function of u, whose derivative is du."""
     match node.operation:
         case "negative":
             return _difference(ZERO, du)
@@ -359,6 +383,7 @@ def _unary_derivative(node: Node, u: Node, du: Node) -> Node:
 
 
 def _binary_derivative(node: Node, u: Node, v: Node, du: Node, dv: Node) -> Node:
+    """Differentiate an operation of u and v, whose derivatives are du and dv."""
     match node.operation:
         case "+":
             return _sum(du, dv)
@@ -375,13 +400,16 @@ def _binary_derivative(node: Node, u: Node, v: Node, du: Node, dv: Node) -> Node
             return _quotient(_difference(_product(du, v), _product(u, dv)), square)
         case "min" | "max":
             # The derivative of whichever is smaller, or larger.
-            first = operate("not above", *((u, v) if node.operation == "min" else (v, u)))
-            return _sum(_product(first, du), _product(operate("-", ONE, first), dv))
+            if node.operation == "min":
+                takes_u = operate("not above", u, v)
+            else:
+                takes_u = operate("not above", v, u)
+            return _sum(_product(takes_u, du), _product(operate("-", ONE, takes_u), dv))
         case "**" if v.operation == "number":
-            if _is(v, 2.0):
+            if _is_number(v, 2.0):
                 return _product(_product(TWO, u), du)
             return _product(_product(v, operate("**", u, number(v.value - 1.0))), du)
-        case "**" if _is(dv, 0.0):
+        case "**" if _is_number(dv, 0.0):
             # The exponent is a number of the step, such as k.
             lower = operate("**", u, operate("-", v, ONE))
             return _product(_product(v, lower), du)

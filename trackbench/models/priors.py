@@ -31,25 +31,44 @@ class Convertible(Protocol):
         """Difference two converted scans."""
 
 
-def two_point_difference(one: Gaussian, two: Gaussian, T: float | Array, q: float) -> Gaussian:
-    """Difference two positions (axes, M) to the state at the second, with their difference as velocity.
+def two_point_difference(first: Gaussian, second: Gaussian, T: float | Array, q: float) -> Gaussian:
+    """Difference two positions to the state at the second (Bar-Shalom, Li & Kirubarajan 2001, 5.5.3).
 
-    T is a number or each run's own (M,). White acceleration of density q adds q T / 3 per axis to the
-    velocity's variance (Bar-Shalom, Li & Kirubarajan 2001, 5.5.3). Covariances are (axes, axes[, M]).
+    Parameters
+    ----------
+    first, second : Gaussian
+        Positions (axes, M), m, and their covariances (axes, axes[, M]).
+    T : float or array (M,)
+        Time between the positions, s, of all runs or of each.
+    q : float
+        Density of a white acceleration, m^2/s^3, which adds q T / 3 per axis to the velocity's variance.
+
+    Returns
+    -------
+    Gaussian
+        State (px, vx, py, vy, ...): mean (2 axes, M), covariance (2 axes, 2 axes[, M]).
     """
-    n, runs = 2 * len(two.mean), two.mean.shape[1]
+    n = 2 * len(second.mean)
+    runs = second.mean.shape[1]
+    first_cov = first.cov
+    second_cov = second.cov
     if not isinstance(T, float | int):
         # If T differs by run, so do the covariances.
         ones = np.ones(runs)
-        one, two = (Gaussian(p.mean, with_trailing(p.cov, 1, leading=2) * ones) for p in (one, two))
-    noise = (q * T / 3.0) * with_trailing(np.eye(n // 2), two.cov.ndim - 2, leading=2)
-    mean, cov = np.empty((n, runs)), np.empty((n, n, *two.cov.shape[2:]))
-    p, v = slice(0, n, 2), slice(1, n, 2)
+        first_cov = with_trailing(first_cov, 1, leading=2) * ones
+        second_cov = with_trailing(second_cov, 1, leading=2) * ones
+    noise = (q * T / 3.0) * with_trailing(np.eye(n // 2), second_cov.ndim - 2, leading=2)
+    mean = np.empty((n, runs))
+    cov = np.empty((n, n, *second_cov.shape[2:]))
+    p = slice(0, n, 2)
+    v = slice(1, n, 2)
     # v = (p2 - p1) / T, so cov(p, v) = P2 / T and cov(v, v) = (P1 + P2) / T^2 + q T / 3 I.
-    mean[p], mean[v] = two.mean, (two.mean - one.mean) / T
-    cov[p, p] = two.cov
-    cov[p, v] = cov[v, p] = two.cov / T
-    cov[v, v] = (one.cov + two.cov) / (T * T) + noise
+    mean[p] = second.mean
+    mean[v] = (second.mean - first.mean) / T
+    cov[p, p] = second_cov
+    cov[p, v] = second_cov / T
+    cov[v, p] = cov[p, v]
+    cov[v, v] = (first_cov + second_cov) / (T * T) + noise
     return Gaussian(mean, cov)
 
 
@@ -81,14 +100,15 @@ class TwoPoint(Symmetric):
 
     def gaussian(self, conversion: Conversion) -> Gaussian:
         """Difference two converted scans."""
-        scans = (self.first, self.second)
-        one, two = (convert(conversion, self.sensor.reading(scan)) for scan in scans)
-        return two_point_difference(one, two, self.T, self.q)
+        first = convert(conversion, self.sensor.reading(self.first))
+        second = convert(conversion, self.sensor.reading(self.second))
+        return two_point_difference(first, second, self.T, self.q)
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
         """Draw both scans in polar coordinates, and difference them to states (4, M, *trailing)."""
-        one, two = (self.polar(scan, rng, *trailing) for scan in (self.first, self.second))
-        return self._make_states(position(*one), position(*two), rng)
+        r1, a1 = self.polar(self.first, rng, *trailing)
+        r2, a2 = self.polar(self.second, rng, *trailing)
+        return self._make_states(position(r1, a1), position(r2, a2), rng)
 
     def cover(self, rng: Streams, N: int) -> tuple[Array, Array]:
         """Draw states (4, M, N) from `positions`, with log-weights (M, N)."""
@@ -100,7 +120,8 @@ class TwoPoint(Symmetric):
         a1, a2, log_w = self.azimuths(rng, N)
         # r_i = z_i + sigma_r e_i at each scan.
         noise = self.sensor.sigma_range * rng.standard_normal((2, *log_w.shape))
-        r1, r2 = self.first[0][:, None] + noise[0], self.second[0][:, None] + noise[1]
+        r1 = self.first[0][:, None] + noise[0]
+        r2 = self.second[0][:, None] + noise[1]
         return position(r1, a1), position(r2, a2), log_w
 
     def azimuths(self, rng: Streams, N: int) -> tuple[Array, Array, Array]:
@@ -114,8 +135,9 @@ class TwoPoint(Symmetric):
         d, log_w = heavy_tailed_normal(self.first.shape[1], N, rng)
         s = rng.standard_normal(d.shape)
         half = sqrt(0.5) * self.sensor.sigma_azimuth
-        a1, a2 = self.first[1][:, None], self.second[1][:, None]
-        return a1 + half * (s - d), a2 + half * (s + d), log_w
+        a1 = self.first[1][:, None] + half * (s - d)
+        a2 = self.second[1][:, None] + half * (s + d)
+        return a1, a2, log_w
 
     def polar(self, scan: Array, rng: Streams, *trailing: int) -> Array:
         """Draw (range, azimuth) given a scan (2, M)."""
@@ -138,7 +160,8 @@ class TwoPoint(Symmetric):
         # Step 1: range and azimuth at both scans.
         px, vx, py, vy = x
         earlier = np.stack([px - self.T * vx, vx, py - self.T * vy, vy])
-        second, first = self.sensor.polar(x), self.sensor.polar(earlier)
+        first = self.sensor.polar(earlier)
+        second = self.sensor.polar(x)
         # Step 2: add the velocity's noise, q T^3 / 3 of position, to the first scan's covariance.
         variance = self.q * self.T * self.T * self.T / 3.0
         R = np.zeros((2, 2, *first.shape[1:]))
@@ -153,6 +176,7 @@ class TwoPoint(Symmetric):
         )
 
     def _innovation(self, scan: Array, predicted: Array) -> Array:
+        """Subtract predicted measurements (2, M[, N]) from a scan (2, M)."""
         return self.sensor.innovation(with_trailing(scan, predicted.ndim - 1), predicted)
 
 
@@ -214,7 +238,8 @@ def augment_prior(prior: Distribution, std: tuple[float, ...]) -> Distribution:
 
 def augment_gaussian(prior: Distribution, std: tuple[float, ...]) -> Gaussian:
     """Extend the moments of the prior: mean (n + m, M), cov (n + m, n + m[, M])."""
-    n, m = len(prior.mean), len(std)
+    n = len(prior.mean)
+    m = len(std)
     mean = np.concatenate([prior.mean, np.zeros((m, *prior.mean.shape[1:]))])
     # P = [P 0; 0 diag(s^2)]
     cov = np.zeros((n + m, n + m, *prior.cov.shape[2:]))

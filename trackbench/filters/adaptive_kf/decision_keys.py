@@ -69,7 +69,9 @@ class Detector:
     @property
     def onset_rule(self) -> str:
         """Rule of the onset: argmax, window or paper."""
-        return self.onset or ("window" if self.kind == "fading" else "argmax")
+        if self.onset is not None:
+            return self.onset
+        return "window" if self.kind == "fading" else "argmax"
 
     def window(self, T: float) -> int:
         """Return the length of the window in samples."""
@@ -82,14 +84,17 @@ class Detector:
 
     def conflicts(self, T: float, duration: float) -> dict[str, str]:
         """Return reasons, by key, why durations do not fit into a scenario of so many seconds."""
-        window, out = self.window(T) * T, {}
+        window = self.window(T) * T
+        conflicts = {}
         if window > duration:
-            out["detector.window_s"] = f"{window:g} s is longer than the run of {duration:g} s"
+            what = f"{window:g} s is longer than the run of {duration:g} s"
+            conflicts["detector.window_s"] = what
         if self.min_window(T) * T > window:
-            out["detector.min_window_s"] = f"{self.min_window_s:g} s exceed the window"
+            conflicts["detector.min_window_s"] = f"{self.min_window_s:g} s exceed the window"
         elif self.onset_rule == "paper" and self.min_window(T) > 1:
-            out["detector.min_window_s"] = "the printed onset is always the newest: no switch"
-        return out
+            what = "the printed onset is always the newest: no switch"
+            conflicts["detector.min_window_s"] = what
+        return conflicts
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,15 +130,16 @@ def exit_cautions(
             "mf.q = 0 lets the maneuvering filter's gain go to zero: after a long turn the "
             "exit test can no longer fire, and the filter stays a constant-acceleration filter"
         ]
+    if smallest is None:
+        return []
     # In a turn of acceleration a, the statistic is p a^2 / P_a on average, plus noise.
-    P_a = steady_acceleration_variance(mf, T, R)
-    out = []
-    if smallest is not None and leave.p * smallest**2 / P_a < leave.Ta:
-        out.append(
-            f"the exit test fires during the smallest turn, {smallest:.3g} m/s^2 "
-            f"(p a^2 / P_a = {leave.p * smallest**2 / P_a:.2g} < Ta = {leave.Ta:g})"
-        )
-    return out
+    statistic = leave.p * smallest**2 / steady_acceleration_variance(mf, T, R)
+    if statistic >= leave.Ta:
+        return []
+    return [
+        f"the exit test fires during the smallest turn, {smallest:.3g} m/s^2 "
+        f"(p a^2 / P_a = {statistic:.2g} < Ta = {leave.Ta:g})"
+    ]
 
 
 def steady_acceleration_variance(mf: ConstantAcceleration, T: float, R: Array) -> float:
@@ -163,16 +169,19 @@ def tail(eta: float, gamma: float) -> float:
         return 1.0
     with localcontext() as context:
         context.prec = 50 + int(2.5 / (1.0 - gamma))
-        g, half = Decimal(gamma), Decimal(eta) / 2
+        g = Decimal(gamma)
+        half = Decimal(eta) / 2
         smallest = Decimal(10) ** -context.prec
         # Step 1: A_0 = 1 / prod_{i >= 1} (1 - gamma^i).
-        product, power = Decimal(1), g
+        product = Decimal(1)
+        power = g
         while power > smallest:
             product *= 1 - power
             power *= g
         A = 1 / product
         # Step 2: add A_j exp(-eta / (2 gamma^j)), with A_j / A_{j-1} = 1 / (1 - gamma^-j).
-        total, power = Decimal(0), Decimal(1)
+        total = Decimal(0)
+        power = Decimal(1)
         while True:
             term = A * (-half / power).exp()
             total += term
@@ -186,13 +195,18 @@ def tail(eta: float, gamma: float) -> float:
 def threshold(alpha: float, gamma: float) -> float:
     """Find the eta with ``tail(eta, gamma) = alpha``, by bisection."""
     # Step 1: bracket the threshold, starting from the mean of rho.
-    low, high = 0.0, 2.0 / (1.0 - gamma)
+    low = 0.0
+    high = 2.0 / (1.0 - gamma)
     while tail(high, gamma) > alpha:
-        low, high = high, 2.0 * high
+        low = high
+        high *= 2.0
     # Step 2: halve the bracket to nine digits.
     while high - low > 1e-9 * high:
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if tail(middle, gamma) > alpha else (low, middle)
+        if tail(middle, gamma) > alpha:
+            low = middle
+        else:
+            high = middle
     return 0.5 * (low + high)
 
 

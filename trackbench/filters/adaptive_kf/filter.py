@@ -142,13 +142,16 @@ class VariableDimension(Filter[AdaptiveState]):
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> AdaptiveState:
         """Start the NMF at the prior in every run."""
-        p, nmf = self.parameters, per_axis(prior)
-        runs, axes = nmf.mean.shape[-1], nmf.cov.shape[2]
+        p = self.parameters
+        nmf = per_axis(prior)
+        runs = nmf.mean.shape[-1]
+        axes = nmf.cov.shape[2]
         # One onset hypothesis per sample of the detection window.
         window = p.detector.window(sampling_of(model).T)
         # The MF has no estimate before the first alarm: mean zero, unit covariance.
         identity = np.broadcast_to(np.eye(3)[:, :, None, None], (3, 3, axes, runs))
-        zero, unknown = np.zeros(runs), np.full(runs, np.nan)
+        zero = np.zeros(runs)
+        unknown = np.full(runs, np.nan)
         return AdaptiveState(
             nmf=nmf,
             mf=Gaussian(np.zeros((3, 2, runs)), identity),
@@ -168,7 +171,8 @@ class VariableDimension(Filter[AdaptiveState]):
         self, model: Model, state: AdaptiveState, z: Array, k: int, rng: Generator
     ) -> AdaptiveState:
         """Run the filters, then decide: maneuver, confirmation, end of the maneuver (Figure 1)."""
-        p, sampling = self.parameters, sampling_of(model)
+        p = self.parameters
+        sampling = sampling_of(model)
         # The NMF, and the MF if any run has it on, take the measurement; the statistics follow.
         state, nmf_nis = _run_filters(p, state, z, sampling)
         state = _update_statistics(p, state, nmf_nis, z, k, sampling)
@@ -197,7 +201,8 @@ class VariableDimension(Filter[AdaptiveState]):
 
     def log_likelihood(self, state: AdaptiveState) -> Array:
         """Evaluate log N(innovation; 0, S) (M,) of the filter that was reported before the step."""
-        nmf, mf = state.record.nmf, state.record.mf
+        nmf = state.record.nmf
+        mf = state.record.mf
         if nmf is None:
             return np.full(state.record.nis.shape, np.nan)
         # The axes are independent: their log-likelihoods add up.
@@ -211,8 +216,10 @@ class VariableDimension(Filter[AdaptiveState]):
     def diagnostic_names(self) -> frozenset[str]:
         """Names of `diagnostics`."""
         is_argmax = self.parameters.detector.onset_rule == "argmax"
-        of_onset = {"zeta", "zeta_beyond"} if is_argmax else set()
-        return frozenset({"nis", "mode", "alarm", "alarm_age_s", *of_onset})
+        names = {"nis", "mode", "alarm", "alarm_age_s"}
+        if is_argmax:
+            names |= {"zeta", "zeta_beyond"}
+        return frozenset(names)
 
     def diagnostics(self, state: AdaptiveState) -> dict[str, Array]:
         """Report ``nis``, ``mode``, ``alarm``, ``alarm_age_s``, ``zeta`` and ``zeta_beyond``.
@@ -223,7 +230,7 @@ class VariableDimension(Filter[AdaptiveState]):
         and ``zeta_beyond``: 1 above the 10 % point of that law.
         """
         record = state.record
-        out = {
+        values = {
             "nis": record.nis,
             "mode": (state.mode.on == MF).astype(float),
             "alarm": record.alarm.astype(float),
@@ -231,8 +238,8 @@ class VariableDimension(Filter[AdaptiveState]):
         }
         if self.parameters.detector.onset_rule == "argmax":
             beyond = (record.zeta > _TEN_PERCENT_POINT).astype(float)
-            out |= {"zeta": record.zeta, "zeta_beyond": beyond}
-        return out
+            values |= {"zeta": record.zeta, "zeta_beyond": beyond}
+        return values
 
 
 def _run_filters(
@@ -242,10 +249,12 @@ def _run_filters(
 
     Returns also the NIS (M,) of the NMF, zero without a measurement.
     """
-    (T, R), on = sampling, state.mode.on
+    T, R = sampling
+    on = state.mode.on
     # Eqs. 8-12: the NMF in every run, the MF if any run has it on.
     nmf, of_nmf = axis_step(state.nmf, p.nmf.axis(T), z, R)
-    mf, of_mf = state.mf, None
+    mf = state.mf
+    of_mf = None
     nis = nmf_nis = sum_over_axes(of_nmf.nis)
     evidence = np.zeros_like(state.mode.evidence)
     if (on != NMF).any():
@@ -266,7 +275,8 @@ def _update_statistics(
     p: Parameters, state: AdaptiveState, nis: Array, z: Array, k: int, sampling: Sampling
 ) -> AdaptiveState:
     """Update the statistics of the first decision and of the exit test; ``nis`` is the NMF's."""
-    (T, R), (rho, inputs, past, significance) = sampling, state.detector
+    T, R = sampling
+    rho, inputs, past, significance = state.detector
     innovation = state.record.nmf
     assert innovation is not None
     # rho(k) = gamma rho(k-1) + NIS(k)
@@ -277,20 +287,24 @@ def _update_statistics(
         inputs = inputs.update(k, p.nmf.axis(T).F, g, state.nmf, innovation, R)
     else:
         inputs = inputs.with_start(k)
-    past = None if past is None else past.add_measurement(z, k)
+    if past is not None:
+        past = past.add_measurement(z, k)
     # Exit test: a' P_a^-1 a of the MF's acceleration in the last p samples.
     if state.record.mf is not None:
         newest = sum_over_axes(np.square(state.mf.mean[2]) / state.mf.cov[2, 2])
         significance = np.concatenate([significance[1:], newest[None]])
-    return state._replace(detector=DetectorState(rho, inputs, past, significance))
+    detector = DetectorState(rho=rho, inputs=inputs, history=past, significance=significance)
+    return state._replace(detector=detector)
 
 
 def _first_decision(
     p: Parameters, state: AdaptiveState, k: int, sampling: Sampling
 ) -> tuple[AdaptiveState, Mask, Index]:
     """Raise the alarms (eqs. 5, 6) and find the slot of each run's onset (eq. 7)."""
-    detector, (rho, inputs, past, _) = p.detector, state.detector
-    runs, oldest_zeta = np.arange(len(rho)), state.record.zeta
+    detector = p.detector
+    rho, inputs, past, _ = state.detector
+    runs = np.arange(len(rho))
+    oldest_zeta = state.record.zeta
     # Onset t*: argmax of zeta over the window (eq. 7), or a fixed age.
     if detector.onset_rule == "argmax":
         zeta = inputs.significance()
@@ -318,7 +332,9 @@ def _start_mf(
     p: Parameters, state: AdaptiveState, alarm: Mask, slot: Index, k: int, sampling: Sampling
 ) -> AdaptiveState:
     """Start the MF of the alarmed runs at their onsets t*."""
-    runs, inputs, past = np.flatnonzero(alarm), state.detector.inputs, state.detector.history
+    runs = np.flatnonzero(alarm)
+    inputs = state.detector.inputs
+    past = state.detector.history
     if past is None:
         # The estimated input becomes the acceleration; its effect is added to position and velocity.
         nmf = Gaussian(state.nmf.mean[..., runs], state.nmf.cov[..., runs])
@@ -331,8 +347,10 @@ def _start_mf(
             motion = motion._replace(Q=motion.Q[..., runs])
         started = refilter(past, onset, runs, k, motion, sampling)
     # Only the alarmed runs change.
-    mean, cov = state.mf.mean.copy(), state.mf.cov.copy()
-    mean[..., runs], cov[..., runs] = started.mean, started.cov
+    mean = state.mf.mean.copy()
+    cov = state.mf.cov.copy()
+    mean[..., runs] = started.mean
+    cov[..., runs] = started.cov
     return state._replace(mf=Gaussian(mean, cov))
 
 
@@ -341,7 +359,8 @@ def _second_decision(p: Parameters, mode: Mode, alarm: Mask, k: int) -> tuple[Ma
     n = p.dlw.n
     # Decide n samples after the alarm; the MF wins with positive evidence (n = 0: at once).
     decided = (mode.on == BOTH) & (k - mode.since >= n)
-    return decided & (mode.evidence > 0.0) | alarm & (n == 0), decided
+    confirmed = decided & (mode.evidence > 0.0) | alarm & (n == 0)
+    return confirmed, decided
 
 
 def _exit_test(p: Parameters, state: AdaptiveState, k: int, sampling: Sampling) -> Mask:
@@ -369,9 +388,7 @@ def _return_to_nmf(state: AdaptiveState, over: Mask, k: int) -> AdaptiveState:
 
 def _advance_windows(state: AdaptiveState, k: int) -> AdaptiveState:
     """Replace the oldest onset of the windows by the one after step k."""
-    past = state.detector.history
-    detector = state.detector._replace(
-        inputs=state.detector.inputs.add_onset(k),
-        history=None if past is None else past.add_posterior(state.nmf, k),
-    )
+    detector = state.detector._replace(inputs=state.detector.inputs.add_onset(k))
+    if detector.history is not None:
+        detector = detector._replace(history=detector.history.add_posterior(state.nmf, k))
     return state._replace(detector=detector)

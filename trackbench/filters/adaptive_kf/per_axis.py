@@ -123,7 +123,8 @@ class History(NamedTuple):
 
     def add_posterior(self, posterior: Gaussian, k: int) -> "History":
         """Add the posterior of step k."""
-        mean, cov = _with(self.mean, k, posterior.mean), _with(self.cov, k, posterior.cov)
+        mean = _with(self.mean, k, posterior.mean)
+        cov = _with(self.cov, k, posterior.cov)
         return self._replace(mean=mean, cov=cov)
 
     def has_measurement(self, k: Index) -> Mask:

@@ -25,7 +25,9 @@ class JoinableVariableDimension(VariableDimension, JoinableFilter[AdaptiveState]
         """Return the choices between algorithms, and the lengths of arrays."""
         p = self.parameters
         window = p.detector.window(sampling_of(scenario.model).T)
-        return type(self), p.detector.kind, p.detector.onset_rule, window, p.exit.p, p.initialize
+        choices = (p.detector.kind, p.detector.onset_rule, p.initialize)
+        lengths = (window, p.exit.p)
+        return (type(self), *choices, *lengths)
 
     def joined(self, filters: Sequence[Filter[AdaptiveState]], width: int) -> "SideBySide":
         """Join the filters side by side."""
@@ -42,11 +44,18 @@ class SideBySide(VariableDimension):
     @cached_property
     def parameters(self) -> Parameters:
         """Motions and decisions with numbers per run."""
-        each = [f.parameters for f in self.filters]
-        nmf, mf, detector, dlw, leave, _ = zip(*each, strict=True)
-        joined = (_PerRun(parts, self.width) for parts in (nmf, mf, detector, dlw, leave))
+        parameters = [single.parameters for single in self.filters]
+
+        def joined(name: str) -> Any:
+            return _PerRun([getattr(p, name) for p in parameters], self.width)
+
         return Parameters(
-            *cast("tuple[Any, Any, Any, Any, Any]", tuple(joined)), each[0].initialize
+            nmf=joined("nmf"),
+            mf=joined("mf"),
+            detector=joined("detector"),
+            dlw=joined("dlw"),
+            exit=joined("exit"),
+            initialize=parameters[0].initialize,
         )
 
 
@@ -54,7 +63,8 @@ class _PerRun:
     """Attributes and methods of several objects of a class: each result once if equal, else per run."""
 
     def __init__(self, parts: Sequence[Any], width: int) -> None:
-        self._parts, self._width = parts, width
+        self._parts = parts
+        self._width = width
 
     def __getattr__(self, name: str) -> Any:
         values = [getattr(part, name) for part in self._parts]

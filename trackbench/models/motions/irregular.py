@@ -36,41 +36,43 @@ class Irregular:
     @property
     def jacobian(self) -> Callable[[Array, int], Array]:
         """Return d E[x_k] / d x_{k-1} as a function of x and k; AttributeError if there is none."""
-        self._one.jacobian  # type: ignore[attr-defined]  # noqa: B018
-        return self._jacobian
+        self._first_motion.jacobian  # type: ignore[attr-defined]  # noqa: B018
+        return self._jacobian_at
 
     @property
     def linear(self) -> bool:
         """Return True; AttributeError if the motion is not linear."""
-        if not hasattr(self._one, "F"):
-            self._one.linear  # type: ignore[attr-defined]  # noqa: B018
+        if not hasattr(self._first_motion, "F"):
+            self._first_motion.linear  # type: ignore[attr-defined]  # noqa: B018
         return True
 
     @property
     def Q(self) -> Array:
         """Noise covariance (n, n) of the first interval, which is singular if all are."""
-        return self._one.Q  # type: ignore[attr-defined]
+        return self._first_motion.Q  # type: ignore[attr-defined]
 
     @property
     def components(self) -> tuple[str, ...]:
         """Names of the state's components, in order."""
-        return self._one.components
+        return self._first_motion.components
 
     @property
     def extra_std(self) -> tuple[float, ...]:
         """Initial standard deviations of further components, as `base.extra_std`."""
-        return extra_std(self._one)
+        return extra_std(self._first_motion)
 
     @property
     def rows_of_angles(self) -> tuple[int, ...]:
         """Rows of the state that are angles, as `base.angle_rows`."""
-        return self.named_angles or angle_rows(self._one)
+        return self.named_angles or angle_rows(self._first_motion)
 
     @cached_property
-    def _one(self) -> SampledMotion:
+    def _first_motion(self) -> SampledMotion:
+        """Motion over the first interval."""
         return self.motion_at(self.first)
 
-    def _jacobian(self, x: Array, k: int) -> Array:
+    def _jacobian_at(self, x: Array, k: int) -> Array:
+        """Return d E[x_k] / d x_{k-1} (n, n[, *batch]) at x (n, *batch)."""
         return self.motion_at(k).jacobian(x, k)  # type: ignore[attr-defined]
 
 
@@ -104,6 +106,8 @@ def with_angle_names(motion: SampledMotion, names: Collection[str]) -> SampledMo
 def step_length(model: Model, k: int | None = None) -> float:
     """Return the seconds from step k - 1 to k, or to the first step; 1 for a motion without a time."""
     motion = model.motion
-    if isinstance(motion, Irregular):
-        return float(motion.intervals[0 if k is None else k - motion.first])
-    return float(getattr(motion, "T", 1.0))
+    if not isinstance(motion, Irregular):
+        return float(getattr(motion, "T", 1.0))
+    if k is None:
+        return float(motion.intervals[0])
+    return float(motion.intervals[k - motion.first])

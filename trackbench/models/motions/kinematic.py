@@ -25,14 +25,20 @@ _TERMS = 10  # of exp(-h / tau), h at most a 32nd of tau
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """Linear motion x_k = F x_{k-1} + N(0, Q) over T seconds; F and Q (n, n)."""
+    """Linear motion x_k = F x_{k-1} + N(0, Q) over T seconds."""
 
     T: float
+    """length of the interval, s"""
     F: Array
+    """transition matrix (n, n)"""
     Q: Array
+    """covariance (n, n) of the noise"""
     components: tuple[str, ...]
+    """names of the state's components, in order"""
     extra_std: tuple[float, ...] = ()
+    """initial standard deviations of the components beyond position and velocity"""
     rows_of_angles: tuple[int, ...] = ()
+    """rows of the state that are angles, rad"""
 
     def transition(self, x: Array, k: int) -> Gaussian:
         """Return N(F x, Q)."""
@@ -48,10 +54,12 @@ class Linear:
 
         It raises AttributeError unless this is constant velocity with equal noise along x and y.
         """
-        F, Q = np.array([[1.0, self.T], [0.0, 1.0]]), self.Q[:2, :2]
+        F = np.array([[1.0, self.T], [0.0, 1.0]])
+        Q = self.Q[:2, :2]
         # Compare with the matrices of two equal axes.
-        planar = (np.kron(np.eye(2), block) for block in (F, Q))
-        if not all(map(np.array_equal, (self.F, self.Q), planar)):
+        has_planar_F = np.array_equal(self.F, np.kron(np.eye(2), F))
+        has_planar_Q = np.array_equal(self.Q, np.kron(np.eye(2), Q))
+        if not (has_planar_F and has_planar_Q):
             raise AttributeError("this is not constant velocity with equal noise along x and y")
         return F, Q
 
@@ -68,7 +76,18 @@ class PerAxis(Motion):
     """Base of the motions whose axes do not couple."""
 
     def axis(self, T: float) -> Axis:
-        """Return F and Q of one axis over T seconds."""
+        """Return F and Q of one axis over T seconds.
+
+        Parameters
+        ----------
+        T : float
+            Length of the interval, s.
+
+        Returns
+        -------
+        Axis
+            F and Q (n, n) of position, velocity and, with n = 3, acceleration.
+        """
         raise NotImplementedError
 
     @lru_cache(maxsize=_CACHED)  # noqa: B019 (a motion is a few numbers)
@@ -80,17 +99,29 @@ class PerAxis(Motion):
         # Reorder [px vx ax py vy ay] to [px vx py vy ax ay].
         order = [n * a + i for a, i in product(range(axes), range(2))]
         order += [n * a + i for a, i in product(range(axes), range(2, n))]
-        # The same block for each axis.
-        both = (np.asarray(np.kron(np.eye(axes), A), dtype=float) for A in axis)
-        F, Q = (fixed(A[np.ix_(order, order)]) for A in both)
-        extra = range(axes if n > 2 else 0)
-        components = (*position_velocity_names(axes), *(f"a{AXES[a]}" for a in extra))
-        return Linear(T, F, Q, components, tuple(self.acceleration_std for _ in extra))
+        components = position_velocity_names(axes)
+        extra_std: tuple[float, ...] = ()
+        if n > 2:
+            components += tuple(f"a{name}" for name in AXES[:axes])
+            extra_std = (self.acceleration_std,) * axes
+        return Linear(
+            T=T,
+            F=_block_for_each_axis(axis.F, axes, order),
+            Q=_block_for_each_axis(axis.Q, axes, order),
+            components=components,
+            extra_std=extra_std,
+        )
 
     @property
     def acceleration_std(self) -> float:
         """Initial standard deviation of the acceleration, m/s^2, if it is a component."""
         return 0.0
+
+
+def _block_for_each_axis(block: Array, axes: int, order: list[int]) -> Array:
+    """Return the matrix with the block of one axis on its diagonal, components in this order."""
+    matrix = np.asarray(np.kron(np.eye(axes), block), dtype=float)
+    return fixed(matrix[np.ix_(order, order)])
 
 
 @register("motions", "cv")
@@ -112,8 +143,10 @@ class ConstantVelocity(PerAxis):
     @lru_cache(maxsize=_CACHED)  # noqa: B019 (a motion is a few numbers)
     def axis(self, T: float) -> Axis:
         """Return F and ``Q = q G G'`` of one axis (position, velocity)."""
-        G = np.array([T * T / 2, T] if self.noise_gain == "standard" else [T / 2, 1.0])
-        return Axis(fixed(np.array([[1.0, T], [0.0, 1.0]])), fixed(self.q * np.outer(G, G)))
+        gain = [T * T / 2, T] if self.noise_gain == "standard" else [T / 2, 1.0]
+        G = np.array(gain)
+        F = np.array([[1.0, T], [0.0, 1.0]])
+        return Axis(F=fixed(F), Q=fixed(self.q * np.outer(G, G)))
 
 
 @register("motions", "ca")
@@ -136,14 +169,16 @@ class ConstantAcceleration(PerAxis):
     @lru_cache(maxsize=_CACHED)  # noqa: B019 (a motion is a few numbers)
     def axis(self, T: float) -> Axis:
         """Return F and ``Q = q G G'`` of one axis (position, velocity, acceleration)."""
-        standard = self.noise_gain == "standard"
-        G = np.array([T * T / 2, T, 1.0] if standard else [T * T / 4, T / 2, 1.0])
+        if self.noise_gain == "standard":
+            G = np.array([T * T / 2, T, 1.0])
+        else:
+            G = np.array([T * T / 4, T / 2, 1.0])
         F = np.array([[1.0, T, T * T / 2], [0.0, 1.0, T], [0.0, 0.0, 1.0]])
-        return Axis(fixed(F), fixed(self.q * np.outer(G, G)))
+        return Axis(F=fixed(F), Q=fixed(self.q * np.outer(G, G)))
 
     @property
     def acceleration_std(self) -> float:
-        """Compute ``initial_std``."""
+        """Key ``initial_std``, m/s^2."""
         return self.initial_std
 
 
@@ -160,7 +195,8 @@ class WhiteAcceleration(PerAxis):
         """Return F and Q of one axis (position, velocity); banana paper, eqs. 5 and 6."""
         # Q = q int_0^T [s 1]' [s 1] ds
         Q = self.q * np.array([[T * T * T / 3, T * T / 2], [T * T / 2, T]])
-        return Axis(fixed(np.array([[1.0, T], [0.0, 1.0]])), fixed(Q))
+        F = np.array([[1.0, T], [0.0, 1.0]])
+        return Axis(F=fixed(F), Q=fixed(Q))
 
 
 @register("motions", "singer")
@@ -186,21 +222,23 @@ class Singer(PerAxis):
         halvings = 0
         h = T
         while h > self.tau / 32.0:
-            h, halvings = 0.5 * h, halvings + 1
-        F, Q = self._short(h)
+            h = 0.5 * h
+            halvings += 1
+        F, Q = self._matrices_of_short_interval(h)
         # Step 2: double the interval: F(2 h) = F F, Q(2 h) = F Q F' + Q.
         for _ in range(halvings):
-            F, Q = linalg.matmul(F, F), linalg.sandwich(F, Q) + Q
-        return Axis(fixed(F), fixed(Q))
+            Q = linalg.sandwich(F, Q) + Q
+            F = linalg.matmul(F, F)
+        return Axis(F=fixed(F), Q=fixed(Q))
 
-    def _short(self, h: float) -> tuple[Array, Array]:
+    def _matrices_of_short_interval(self, h: float) -> tuple[Array, Array]:
         """Return F(h) and ``2 sigma^2 / tau int_0^h g g' ds``, g(s) the effect of an acceleration."""
         # Step 1: polynomials of the acceleration exp(-s / tau), its integral and double integral.
         fading = [1.0]
         for n in range(1, _TERMS):
             fading.append(fading[-1] * -1.0 / (n * self.tau))
         speed = _integrate(fading)
-        g = _integrate(speed), speed, fading
+        g = (_integrate(speed), speed, fading)
         # Step 2: evaluate F and integrate the products of g.
         values = [_evaluate(p, h) for p in g]
         F = np.array([[1.0, h, values[0]], [0.0, 1.0, values[1]], [0.0, 0.0, values[2]]])
@@ -220,14 +258,16 @@ def _integrate(p: list[float]) -> list[float]:
 
 
 def _multiply(a: list[float], b: list[float]) -> list[float]:
-    out = [0.0] * (len(a) + len(b) - 1)
+    """Multiply two polynomials, by their coefficients."""
+    product_of_both = [0.0] * (len(a) + len(b) - 1)
     for i, x in enumerate(a):
         for j, y in enumerate(b):
-            out[i + j] += x * y
-    return out
+            product_of_both[i + j] += x * y
+    return product_of_both
 
 
 def _evaluate(p: list[float], h: float) -> float:
+    """Evaluate a polynomial at h, by its coefficients."""
     value = 0.0
     for c in reversed(p):
         value = value * h + c

@@ -127,7 +127,10 @@ class Step:
     def __init__(
         self, T: float, f: ArrayProgram, jacobian: ArrayProgram, angles: tuple[int, ...] = ()
     ) -> None:
-        self.T, self.f, self.J, self.angles = T, f, jacobian, angles
+        self.T = T
+        self.f = f
+        self.J = jacobian
+        self.angles = angles
 
     def __call__(self, x: Array, k: int) -> Array:
         """Move states x (n, *batch) at step k - 1 to step k.
@@ -135,8 +138,8 @@ class Step:
         An angle stays within half a turn of the one before: equations with a cut, as of `atan2`, must
         not tear particles or sigma points apart.
         """
-        out = self.f(x, k, k * self.T)
-        return near(np.broadcast_to(with_trailing(out, x.ndim - 1), x.shape), x, self.angles)
+        moved = with_trailing(self.f(x, k, k * self.T), x.ndim - 1)
+        return near(np.broadcast_to(moved, x.shape), x, self.angles)
 
     def jacobian(self, x: Array, k: int) -> Array:
         """Return the derivative (n, n[, *batch]) at x (n, *batch)."""
@@ -161,33 +164,36 @@ class RungeKuttaStep(Step):
     def __call__(self, x: Array, k: int) -> Array:
         """Move states x (n, *batch) at step k - 1 to step k."""
         if x.size <= len(x) * _COLUMNS:
-            return self._integrated(x, k)
+            return self._integrate(x, k)
         # Many particles: integrate a piece that fits the cache to the end before the next one.
         flat = x.reshape(len(x), -1)
         out = np.empty(flat.shape)
         for first in range(0, flat.shape[1], _COLUMNS):
             piece = slice(first, first + _COLUMNS)
-            out[:, piece] = self._integrated(flat[:, piece], k)
+            out[:, piece] = self._integrate(flat[:, piece], k)
         return out.reshape(x.shape)
 
-    def _integrated(self, x: Array, k: int) -> Array:
+    def _integrate(self, x: Array, k: int) -> Array:
         """Integrate to step k, all states side by side."""
         h = self.T / self.substeps
         for i in range(self.substeps):
             # x + h/6 (k1 + 2 k2 + 2 k3 + k4)
-            x = x + h / 6.0 * sum_of_slopes(*(slope for slope, _ in self._stages(x, k, i)))
+            slopes = [slope for slope, _ in self._stages(x, k, i)]
+            x = x + h / 6.0 * sum_of_slopes(*slopes)
         return x
 
     def _stages(self, x: Array, k: int, i: int) -> list[tuple[Array, Array]]:
         """Return (slope, state at which it is taken) of the four stages of substep i."""
-        h, stages = self.T / self.substeps, list[tuple[Array, Array]]()
+        h = self.T / self.substeps
+        stages = list[tuple[Array, Array]]()
         t = (k - 1) * self.T + i * h
-        at = x
+        state = x
         # k1 = f(x, t), k2 = f(x + h/2 k1, t + h/2), k3 = f(x + h/2 k2, t + h/2), k4 = f(x + h k3, t + h)
         for ahead in (0.5, 0.5, 1.0, None):
-            stages.append((slope := with_trailing(self.f(at, k, t), x.ndim - 1), at))
+            slope = with_trailing(self.f(state, k, t), x.ndim - 1)
+            stages.append((slope, state))
             if ahead is not None:
-                at = x + (ahead * h) * slope
+                state = x + (ahead * h) * slope
                 t = (k - 1) * self.T + (i + ahead) * h
         return stages
 
@@ -200,9 +206,9 @@ class RungeKuttaStep(Step):
             stages = self._stages(x, k, i)
             slopes: list[Array] = []
             # K1 = J(x), K2 = J(x + h/2 k1) (I + h/2 K1), ...: the derivatives of the stages by x.
-            for (_, at), ahead in zip(stages, (0.0, 0.5, 0.5, 1.0), strict=True):
+            for (_, state), ahead in zip(stages, (0.0, 0.5, 0.5, 1.0), strict=True):
                 t = (k - 1) * self.T + (i + ahead) * h
-                J = with_trailing(self.J(at, k, t), x.ndim - 1, leading=2)
+                J = with_trailing(self.J(state, k, t), x.ndim - 1, leading=2)
                 if slopes:
                     inner = identity + (ahead * h) * slopes[-1]
                     slopes.append(linalg.matmul(J, inner))
@@ -211,7 +217,7 @@ class RungeKuttaStep(Step):
             # Chain rule: F = (I + h/6 (K1 + 2 K2 + 2 K3 + K4)) F
             of_substep = identity + h / 6.0 * sum_of_slopes(*slopes)
             F = of_substep if i == 0 else linalg.matmul(of_substep, F)
-            x = x + h / 6.0 * sum_of_slopes(*(slope for slope, _ in stages))
+            x = x + h / 6.0 * sum_of_slopes(*[slope for slope, _ in stages])
         return F
 
     def hessian(self, x: Array, k: int) -> Array:
@@ -243,7 +249,9 @@ class SteppedMotion:
 
         F and b may depend on the step, as known inputs do.
         """
-        programs = (self.step.J, *([self.cov] if isinstance(self, StateNoise) else []))
+        programs = [self.step.J]
+        if isinstance(self, StateNoise):
+            programs.append(self.cov)
         if any(program.uses(name) for program, name in product(programs, self.components)):
             raise AttributeError("this motion is not linear")
         return True
@@ -298,11 +306,27 @@ class NonlinearMotion(AngledMotion):
             Number of the new step.
         T : float
             Time between the steps, s.
+
+        Returns
+        -------
+        array (n, *batch)
+            States at step k.
         """
 
     @abstractmethod
     def Q(self, T: float) -> Array:
-        """Return the covariance (n, n) of the noise over T seconds."""
+        """Return the covariance of the noise.
+
+        Parameters
+        ----------
+        T : float
+            Time between the steps, s.
+
+        Returns
+        -------
+        array (n, n)
+            Covariance of the noise over T seconds.
+        """
 
     @lru_cache(maxsize=64)  # noqa: B019 (a motion is a few numbers)
     def sampled(self, T: float, axes: int = 1) -> AdditiveNoise:
@@ -316,7 +340,8 @@ class FunctionStep(Step):
     """A noise-free step by a function, with a Jacobian by central differences."""
 
     def __init__(self, motion: NonlinearMotion, T: float) -> None:
-        self.motion, self.T = motion, T
+        self.motion = motion
+        self.T = T
         self.angles = motion.angle_rows(motion.components)
 
     def __call__(self, x: Array, k: int) -> Array:

@@ -40,8 +40,12 @@ class SineGamma(Motion):
     @lru_cache(maxsize=64)  # noqa: B019 (a motion is a few numbers)
     def sampled(self, T: float, axes: int = 1) -> "MerweMotion":
         """Return the motion from one step to the next, whatever their distance in time."""
-        noise = Gamma(self.gamma_shape, self.gamma_rate)
-        return MerweMotion(self.w, self.phi1, noise, 0 if self.sine_index == "new" else 1)
+        return MerweMotion(
+            w=self.w,
+            phi1=self.phi1,
+            noise=Gamma(self.gamma_shape, self.gamma_rate),
+            sine_lag=0 if self.sine_index == "new" else 1,
+        )
 
 
 @register("motions", "ar1")
@@ -57,7 +61,9 @@ class Autoregressive(Motion):
     @lru_cache(maxsize=64)  # noqa: B019 (a motion is a few numbers)
     def sampled(self, T: float, axes: int = 1) -> Linear:
         """Return the motion from one step to the next, whatever their distance in time."""
-        return Linear(T, fixed(np.array([[self.phi]])), fixed(np.array([[self.q]])), ("x",))
+        F = fixed(np.array([[self.phi]]))
+        Q = fixed(np.array([[self.q]]))
+        return Linear(T=T, F=F, Q=Q, components=("x",))
 
 
 @lru_cache(maxsize=1024)  # of the steps
@@ -95,14 +101,16 @@ class MerweMotion:
         # Round the quantile up to eighths of the scale: the library's last bit has no effect.
         longest = np.ceil(8.0 * gammainccinv(self.noise.shape, _TAIL)) / (8.0 * self.noise.rate)
         # The motion is monotone in x: the ends of the interval map to ends.
-        ends = self.transition(low, k).loc, self.transition(high, k).loc
-        return np.minimum(*ends), np.maximum(*ends) + longest
+        from_low = self.transition(low, k).loc
+        from_high = self.transition(high, k).loc
+        return np.minimum(from_low, from_high), np.maximum(from_low, from_high) + longest
 
     def origins(self, x: Array, k: int) -> Interval:
         """Return the interval of x_{k-1} from which x_k = x can be reached with positive noise."""
-        everywhere = np.full_like(x, -np.inf), np.full_like(x, np.inf)
+        lowest = np.full_like(x, -np.inf)
+        highest = np.full_like(x, np.inf)
         if self.phi1 == 0.0 or not self.noise.smooth:
-            return everywhere
+            return lowest, highest
         # v = x_k - f(0) - phi1 x_{k-1} > 0 bounds x_{k-1} on one side.
         edge = (x - self.transition(np.zeros_like(x), k).loc) / self.phi1
-        return (everywhere[0], edge) if self.phi1 > 0.0 else (edge, everywhere[1])
+        return (lowest, edge) if self.phi1 > 0.0 else (edge, highest)

@@ -93,13 +93,16 @@ class Turning:
         """Return df/dx (5, 5, *batch)."""
         # Step 1: derivatives of f by position and velocity.
         _, vx, _, vy, w = x
-        T, (along, across, c, s) = self.T, arc(w, self.T)
+        T = self.T
+        along, across, c, s = arc(w, T)
         F = np.zeros((5, *x.shape))
         F[0, 0] = F[2, 2] = F[4, 4] = 1.0
         F[0, 1] = F[2, 3] = along
-        F[2, 1], F[0, 3] = across, -across
+        F[0, 3] = -across
+        F[2, 1] = across
         F[1, 1] = F[3, 3] = c
-        F[3, 1], F[1, 3] = s, -s
+        F[1, 3] = -s
+        F[3, 1] = s
         # Step 2: derivatives of T sin(u) / u and T (1 - cos u) / u by w, u = w T.
         u = w * T
         d_along = T * T * _sinc_slope(u)
@@ -142,7 +145,8 @@ def _sinc(u: Array) -> Array:
 
 def _sinc_slope(u: Array) -> Array:
     """Return the derivative of ``sin(u) / u``: its series near zero, else (cos u - sin(u) / u) / u."""
-    near_zero, square = np.abs(u) < 0.1, u * u
+    near_zero = np.abs(u) < 0.1
+    square = u * u
     # -u / 3 + u^3 / 30 - u^5 / 840 + u^7 / 45360
     series = u * (-1 / 3 + square * (1 / 30 + square * (-1 / 840 + square / 45360)))
     large = np.where(near_zero, 1.0, u)

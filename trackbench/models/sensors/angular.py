@@ -44,7 +44,8 @@ class Platform:
             return self.x[end], self.y[end]
         # Between two waypoints: interpolate.
         share = (k - self.steps[n - 1]) / (self.steps[n] - self.steps[n - 1])
-        px, py = (a[n - 1] + share * (a[n] - a[n - 1]) for a in (self.x, self.y))
+        px = self.x[n - 1] + share * (self.x[n] - self.x[n - 1])
+        py = self.y[n - 1] + share * (self.y[n] - self.y[n - 1])
         return px, py
 
 
@@ -81,10 +82,10 @@ class AngularSensor(SensorBase):
 
     def relative_position(self, x: Array, k: int) -> list[Array]:
         """Subtract the sensor's position from states x (n, *batch): (*batch) per axis."""
-        target = [x[2 * i] for i in range(self.axes)]
+        positions = [x[2 * i] for i in range(self.axes)]
         if self.at_origin:
-            return target
-        return [p - sensor for p, sensor in zip(target, self.place(k), strict=True)]
+            return positions
+        return [p - place for p, place in zip(positions, self.place(k), strict=True)]
 
     def absolute_position(self, position: Array, k: int) -> Array:
         """Add the sensor's position to relative positions (axes, M)."""
@@ -105,7 +106,20 @@ class AngularSensor(SensorBase):
 
 
 def along_line_of_sight(azimuth: Array, px: Array, py: Array) -> tuple[Array, Array, Array]:
-    """Rotate positions (M, N) to range, cross and along coordinates about an azimuth (M,)."""
+    """Rotate positions to range, cross and along coordinates about an azimuth.
+
+    Parameters
+    ----------
+    azimuth : array (M,)
+        Azimuth of each run, rad.
+    px, py : array (M, N)
+        Positions of the particles, m.
+
+    Returns
+    -------
+    r, across, along : array (M, N)
+        Range, and coordinates across and along the azimuth, m.
+    """
     # along = c px + s py, across = c py - s px, range = sqrt(along^2 + across^2), in place.
     c, s = cos_sin(azimuth)
     alike = px.dtype == py.dtype == np.float64 and px.shape == py.shape
@@ -114,10 +128,12 @@ def along_line_of_sight(azimuth: Array, px: Array, py: Array) -> tuple[Array, Ar
         px, py = np.ascontiguousarray(px), np.ascontiguousarray(py)
         compiled.kernels.line_of_sight(c, s, px, py, r, across, along)
         return r, across, along
-    c, s = c[:, None], s[:, None]
-    along, across = c * px, c * py
-    along += s * py
-    across -= s * px
+    c_of_run = c[:, None]
+    s_of_run = s[:, None]
+    along = c_of_run * px
+    along += s_of_run * py
+    across = c_of_run * py
+    across -= s_of_run * px
     square = along * along
     square += across * across
     return np.sqrt(square, out=square), across, along
@@ -157,7 +173,8 @@ class Bearing(AngularSensor):
         # da/dpx = -py / r^2, da/dpy = px / r^2
         square = px * px + py * py
         H = np.zeros((1, *x.shape))
-        H[0, 0], H[0, 2] = -py / square, px / square
+        H[0, 0] = -py / square
+        H[0, 2] = px / square
         return H
 
 
@@ -187,5 +204,6 @@ class Range(AngularSensor):
         # dr/dpx = px / r, dr/dpy = py / r
         r = distance(px, py)
         H = np.zeros((1, *x.shape))
-        H[0, 0], H[0, 2] = px / r, py / r
+        H[0, 0] = px / r
+        H[0, 2] = py / r
         return H

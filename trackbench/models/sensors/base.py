@@ -85,10 +85,39 @@ class SensorBase(Part):
 
     @abstractmethod
     def measurement(self, x: Array, k: int) -> Gaussian:
-        """Return N(h(x), R) of z_k given x_k = x without bias and outliers; see `Sensor.measurement`."""
+        """Return the distribution N(h(x), R) of z_k given x_k = x, without bias and outliers.
+
+        Parameters
+        ----------
+        x : array (n_x, *batch)
+            States, in SI units and radians.
+        k : int
+            Number of the step.
+
+        Returns
+        -------
+        Gaussian
+            Mean h(x) (n_z, *batch), covariance R (n_z, n_z) or (n_z, n_z, *batch).
+        """
 
     def for_state(self, components: tuple[str, ...]) -> "SensorBase":
-        """Return the sensor for states that begin with these components; raises InvalidKeyError."""
+        """Return the sensor for states that begin with these components.
+
+        Parameters
+        ----------
+        components : tuple of str
+            Names of the state's components, in order.
+
+        Returns
+        -------
+        SensorBase
+            This sensor, or one that knows the names.
+
+        Raises
+        ------
+        InvalidKeyError
+            The sensor cannot measure such a state.
+        """
         if not self.any_state and len(components) > 1 and components[:2] != ("px", "vx"):
             names = ", ".join(components)
             what = f"measures positions and velocities, and the state is {names}: take `function`"
@@ -106,43 +135,135 @@ class SensorBase(Part):
         return ()
 
     def innovation(self, z: Array, z_pred: Array) -> Array:
-        """Return ``z - z_pred`` (n_z, *batch); a sensor of angles wraps them to (-pi, pi]."""
+        """Subtract measurements; a sensor of angles wraps them to (-pi, pi].
+
+        Parameters
+        ----------
+        z, z_pred : array (n_z, *batch)
+            Measurements, and predicted ones.
+
+        Returns
+        -------
+        array (n_z, *batch)
+            ``z - z_pred``, NaN where a component of z is missing.
+        """
         return z - z_pred
 
     def jacobian(self, x: Array, k: int) -> Array:
-        """Return d E[z_k] / d x_k at x (n_x, *batch), by central differences; (n_z, n_x, *batch)."""
+        """Return the derivatives of the mean measurement; by default by central differences.
+
+        Parameters
+        ----------
+        x : array (n_x, *batch)
+            States.
+        k : int
+            Number of the step.
+
+        Returns
+        -------
+        array (n_z, n_x) or (n_z, n_x, *batch)
+            d E[z_k] / d x_k at x.
+        """
         return central_differences(lambda s: self.measurement(s, k).mean, x, self.innovation)
 
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
-        """Return errors (d, *batch) by quantity in the sensor's coordinates."""
+        """Return errors in the sensor's coordinates, for metrics; default: none.
+
+        Parameters
+        ----------
+        mean, truth : array (n_x, *batch)
+            Estimates and true states.
+
+        Returns
+        -------
+        dict of array (d, *batch)
+            Signed errors by quantity.
+        """
         return {}
 
     def squares(self, P: Array, x: Array) -> dict[str, Array]:
-        """Return mean squared errors (K,) by quantity, of covariances P (n_x, n_x, K) at x."""
+        """Return the mean squares of the quantities of `errors`, for the Cramer-Rao bound.
+
+        Parameters
+        ----------
+        P : array (n_x, n_x, K)
+            Covariances of the state's error.
+        x : array (n_x, K)
+            States.
+
+        Returns
+        -------
+        dict of array (K,)
+            Mean squared errors by quantity.
+        """
         return {}
 
     def observables(self, x: Array) -> dict[str, Array]:
-        """Return functions (*batch) of the state whose posterior means are scored as well."""
+        """Return functions of the state whose posterior means are scored as well; default: none.
+
+        Parameters
+        ----------
+        x : array (n_x, *batch)
+            States.
+
+        Returns
+        -------
+        dict of array (*batch)
+            Values by name.
+        """
         return {}
 
     def information(self, x: Array, k: int, certain: bool = False) -> Array:
-        """Return ``H' R^-1 H`` (n_x, n_x[, M]) of a measurement of the state x (n_x[, M]) at step k.
+        """Return the Fisher information ``H' R^-1 H`` of a measurement.
 
-        It is weighted by the probability of a measurement, unless ``certain``.
+        Parameters
+        ----------
+        x : array (n_x,) or (n_x, M)
+            State.
+        k : int
+            Number of the step.
+        certain : bool
+            The measurement is certain; else it is weighted by its probability.
+
+        Returns
+        -------
+        array (n_x, n_x) or (n_x, n_x, M)
+            Information about the state.
         """
         state = x if x.ndim > 1 else x[:, None]
-        H, R = self.jacobian(state, k), self.measurement(state, k).cov
-        if x.ndim == 1:
-            H, R = (A[..., 0] if A.ndim > 2 else A for A in (H, R))
-        # H' R^-1 H, weighted by the probability of a measurement at step k
+        H = self.jacobian(state, k)
+        R = self.measurement(state, k).cov
+        if x.ndim == 1 and H.ndim > 2:
+            H = H[..., 0]
+        if x.ndim == 1 and R.ndim > 2:
+            R = R[..., 0]
         information = linalg.sandwich(linalg.transpose(H), linalg.inverse(R))
-        due = not (k - self.offset) % self.period
-        return information if certain else information * (float(self.detection) if due else 0.0)
+        if certain:
+            return information
+        is_due = not (k - self.offset) % self.period
+        probability = float(self.detection) if is_due else 0.0
+        return information * probability
 
     def measure(self, x: Array, k: int, noise: Array, rng: Streams, certain: bool = False) -> Array:
-        """Return measurements (n_z, M) of true states x (n_x, M or 1) from normal noise (n_z, M).
+        """Simulate measurements with detection, outliers, bias and period.
 
-        A missing measurement is NaN; ``certain`` means that none is missing.
+        Parameters
+        ----------
+        x : array (n_x, M) or (n_x, 1)
+            True states.
+        k : int
+            Number of the step.
+        noise : array (n_z, M)
+            Standard normal noise.
+        rng : Streams
+            Further random numbers.
+        certain : bool
+            No measurement is missing.
+
+        Returns
+        -------
+        array (n_z, M)
+            Measurements; NaN where one is missing.
         """
         # Step 1: draw from p(z | x), with larger noise for outliers, and add the bias.
         if self.outliers is not None:
@@ -161,7 +282,22 @@ class SensorBase(Part):
         return z
 
     def draw(self, x: Array, k: int, noise: Array) -> Array:
-        """Draw measurements (n_z, M) of true states x from standard normal noise (n_z, M)."""
+        """Draw measurements of true states, without outliers and bias.
+
+        Parameters
+        ----------
+        x : array (n_x, M) or (n_x, 1)
+            True states.
+        k : int
+            Number of the step.
+        noise : array (n_z, M)
+            Standard normal noise.
+
+        Returns
+        -------
+        array (n_z, M)
+            ``h(x) + root(R) noise``.
+        """
         distribution = self.measurement(x, k)
         z = linalg.matvec(linalg.root(distribution.cov), noise)
         z += distribution.mean
@@ -204,13 +340,20 @@ class Assume(HoldsComponents):
 
     def over(self, other: "Assume") -> "Assume":
         """Return these assumptions, with the other's where a key is unset."""
+        delay = self.delay
+        late = self.late
+        # `delay` and `late` exclude each other: one of these leaves out the other one of `other`.
+        if not delay and not self.late:
+            delay = other.delay
+        if not late and not self.delay:
+            late = other.late
         return Assume(
             motion=self.motion or other.motion,
             sensor=self.sensor or other.sensor,
             start=self.start or other.start,
             faults=self.faults or other.faults,
-            delay=self.delay or (None if self.late else other.delay),
-            late=self.late or (None if self.delay else other.late),
+            delay=delay,
+            late=late,
         )
 
 
@@ -230,13 +373,15 @@ class StackedSensor:
 
     def measurement(self, x: Array, k: int) -> Gaussian:
         """Return the distribution of all measurements given x_k = x (n_x, *batch)."""
-        parts = [sensor.measurement(x, k) for sensor in self.sensors]
-        # R is block diagonal, with a batch axis if any sensor's covariance has one.
-        batch = max(part.cov.ndim for part in parts) - 2
-        R = np.zeros((len(self.components),) * 2 + (parts[0].mean.shape[1:] if batch else ()))
-        for rows, part in zip(self.rows, parts, strict=True):
-            R[rows, rows] = with_trailing(part.cov, batch, leading=2)
-        return Gaussian(np.concatenate([part.mean for part in parts]), R)
+        measured = [sensor.measurement(x, k) for sensor in self.sensors]
+        # R is block diagonal, with batch axes if any sensor's covariance has them.
+        n_z = len(self.components)
+        axes = max(single.cov.ndim for single in measured) - 2
+        batch = measured[0].mean.shape[1:] if axes else ()
+        R = np.zeros((n_z, n_z, *batch))
+        for rows, single in zip(self.rows, measured, strict=True):
+            R[rows, rows] = with_trailing(single.cov, axes, leading=2)
+        return Gaussian(np.concatenate([single.mean for single in measured]), R)
 
     def has_density(self) -> bool:
         """Return whether a sensor's noise is not normal."""
@@ -244,14 +389,17 @@ class StackedSensor:
 
     def why_no_moments(self) -> str:
         """Return the reason why a measurement has no covariance, or nothing."""
-        return next(
-            (why for s in self.sensors if has_density(s) and (why := s.why_no_moments())), ""
-        )
+        for sensor in self.sensors:
+            if has_density(sensor):
+                reason = sensor.why_no_moments()
+                if reason:
+                    return reason
+        return ""
 
     def log_density(self, z: Array, x: Array, k: int) -> Array:
         """Return the sum (M[, N]) of the independent sensors' log-likelihoods."""
-        parts = zip(self.sensors, self.rows, strict=True)
-        return np.add.reduce([log_likelihood(s, z[rows], x, k) for s, rows in parts])
+        pairs = zip(self.sensors, self.rows, strict=True)
+        return np.add.reduce([log_likelihood(sensor, z[rows], x, k) for sensor, rows in pairs])
 
     def draw_known(self, x: Array, k: int, noise: Array, rng: Streams) -> Array:
         """Draw measurements (n_z, M) of true states x; ``noise`` (n_z, M) is standard normal."""
@@ -264,17 +412,20 @@ class StackedSensor:
 
     def jacobian(self, x: Array, k: int) -> Array:
         """Return d E[z_k] / d x_k (n_z, n_x[, *batch])."""
-        parts = [sensor.jacobian(x, k) for sensor in self.sensors]
-        batch = max(H.ndim for H in parts) - 2
-        parts = [with_trailing(H, batch, leading=2) for H in parts]
-        shape = x.shape[1:] if batch else ()
-        return np.concatenate([np.broadcast_to(H, (*H.shape[:2], *shape)) for H in parts])
+        jacobians = [sensor.jacobian(x, k) for sensor in self.sensors]
+        # Matrices get batch axes if any of them has some.
+        axes = max(H.ndim for H in jacobians) - 2
+        batch = x.shape[1:] if axes else ()
+        rows = []
+        for H in jacobians:
+            rows.append(np.broadcast_to(with_trailing(H, axes, leading=2), (*H.shape[:2], *batch)))
+        return np.concatenate(rows)
 
     @property
     def H(self) -> Callable[[int], Array]:
         """H (n_z, n) as a function of n; AttributeError if a sensor is nonlinear."""
-        parts = [sensor.H for sensor in self.sensors]  # type: ignore[attr-defined]
-        return lambda n: np.concatenate([H(n) for H in parts])
+        matrices = [sensor.H for sensor in self.sensors]  # type: ignore[attr-defined]
+        return lambda n: np.concatenate([H(n) for H in matrices])
 
     @property
     def linear(self) -> bool:
@@ -284,10 +435,10 @@ class StackedSensor:
     def information(self, x: Array, k: int, certain: bool = False) -> Array:
         """Return ``H' R^-1 H`` (n_x, n_x[, M]) of all measurements of x (n_x[, M]) at step k."""
         # The information of independent sensors adds.
-        each = [sensor.information(x, k, certain) for sensor in self.sensors]
-        axes = max(J.ndim for J in each) - 2
-        each = [with_trailing(J, axes, leading=2) for J in each]
-        return np.add.reduce(np.broadcast_arrays(*each))
+        informations = [sensor.information(x, k, certain) for sensor in self.sensors]
+        axes = max(J.ndim for J in informations) - 2
+        alike = [with_trailing(J, axes, leading=2) for J in informations]
+        return np.add.reduce(np.broadcast_arrays(*alike))
 
     def observables(self, x: Array) -> dict[str, Array]:
         """Return no observables."""
@@ -320,8 +471,10 @@ class ScaledNoise:
 
     def measurement(self, x: Array, k: int) -> Gaussian:
         """Return the distribution N(h(x), D R D) of z_k given x_k = x (n_x, *batch)."""
-        z, d = self.sensor.measurement(x, k), self.scales[:, k - self.first]
-        return Gaussian(z.mean, z.cov * with_trailing(np.outer(d, d), z.cov.ndim - 2, leading=2))
+        unscaled = self.sensor.measurement(x, k)
+        d = self.scales[:, k - self.first]
+        factors = with_trailing(np.outer(d, d), unscaled.cov.ndim - 2, leading=2)
+        return Gaussian(unscaled.mean, unscaled.cov * factors)
 
     def innovation(self, z: Array, z_pred: Array) -> Array:
         """Return ``z - z_pred``, angles wrapped."""
@@ -391,9 +544,11 @@ def assumed_sensor(assume: Assume, true: Sensors, components: tuple[str, ...]) -
 
 def _check_assumed(sensors: SensorBase | tuple[SensorBase, ...]) -> None:
     """Raise InvalidKeyError for a property of true measurements that filters do not model."""
-    for i, sensor in enumerate(sensors if isinstance(sensors, tuple) else (sensors,)):
+    several = sensors if isinstance(sensors, tuple) else (sensors,)
+    names = [key.name for key in fields(SensorBase)]
+    for i, sensor in enumerate(several):
         index = (i,) if isinstance(sensors, tuple) else ()
-        for name in (key.name for key in fields(SensorBase)):
+        for name in names:
             if getattr(sensor, name) != getattr(SensorBase, name):
                 what = "has no effect: no filter models it; set it at the scenario's own `sensor`"
                 raise InvalidKeyError(what, "assume", "sensor", *index, name)

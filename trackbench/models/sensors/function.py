@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import product
 from math import inf, isclose, pi
 from typing import ClassVar, Literal
 
@@ -61,8 +60,10 @@ class Noise:
     @property
     def variance(self) -> float:
         """Variance of a component of unit R; infinite for df <= 2."""
+        if self.df is not None and self.df <= 2.0:
+            return inf
         if self.df is not None:
-            return self.scale * self.scale * self.df / (self.df - 2.0) if self.df > 2.0 else inf
+            return self.scale * self.scale * self.df / (self.df - 2.0)
         share, factor = self._mixture
         return 1.0 + share * (factor * factor - 1.0)
 
@@ -86,6 +87,7 @@ class Noise:
         return logaddexp(regular, outlier)
 
     def _log_student_t(self, e: Array, df: float) -> Array:
+        """Evaluate the log-density of Student's t of df degrees of freedom at e (...)."""
         # log Gamma((v+1)/2) - log Gamma(v/2) - log(pi v s^2)/2 - (v+1)/2 log(1 + e^2 / (v s^2))
         spread = df * self.scale * self.scale
         norm = log_gamma(0.5 * (df + 1.0)) - log_gamma(0.5 * df) - 0.5 * float(log(pi * spread))
@@ -109,7 +111,8 @@ class Noise:
             return (self.df + 1.0) / (self.df + 3.0) / (self.scale * self.scale)
         share, factor = self._mixture
         # Integral of p'(e)^2 / p(e), by the trapezoidal rule over e = sinh(s) in both tails.
-        widest, narrowest = max(factor, 1.0), min(factor, 1.0)
+        widest = max(factor, 1.0)
+        narrowest = min(factor, 1.0)
         s = np.linspace(-1.0, 1.0, _RADII) * float(log(80.0 * widest / narrowest))
         e = 0.5 * narrowest * (exp(s) - exp(-s))
         step = 0.5 * narrowest * (exp(s) + exp(-s)) * (s[1] - s[0])
@@ -124,8 +127,10 @@ def log_poisson(z: Array, rate: Array) -> Array:
     """Return the log-probability of counts z at a rate, -inf unless z is a whole number >= 0."""
     counts, index = np.unique(z, return_inverse=True)
     valid = (counts >= 0.0) & (counts == np.floor(counts))
-    factorials = [log_gamma(n + 1.0) if ok else inf for n, ok in zip(counts, valid, strict=True)]
-    log_factorial = np.array(factorials)[index].reshape(z.shape)
+    log_factorials = np.full(counts.shape, inf)
+    for i in np.flatnonzero(valid):
+        log_factorials[i] = log_gamma(counts[i] + 1.0)
+    log_factorial = log_factorials[index].reshape(z.shape)
     # log p(z) = z log rate - rate - log z!; a rate of zero gives the count zero.
     with np.errstate(divide="ignore", invalid="ignore"):
         value = np.where(z == 0.0, 0.0, z * log(rate)) - rate - log_factorial
@@ -134,20 +139,26 @@ def log_poisson(z: Array, rate: Array) -> Array:
 
 def draw_poisson(rate: Array, u: Array) -> Array:
     """Draw counts of a rate (...) by inversion of uniforms (...); ValueError for no rate."""
-    if not ((rate >= 0.0) & (rate <= _MAX_RATE)).all():
-        wrong = rate[~((rate >= 0.0) & (rate <= _MAX_RATE))][0]
+    is_rate = (rate >= 0.0) & (rate <= _MAX_RATE)
+    if not is_rate.all():
+        wrong = rate[~is_rate][0]
         raise ValueError(f"the rate of a count is {wrong:g}; it may be 0 to {_MAX_RATE:g}")
     # Step 1: begin nine standard deviations below the mean, beyond which lies 1e-17.
     reach = 9.0 * np.sqrt(rate)
     count = np.maximum(np.floor(rate - reach), 0.0)
     probability = exp(log_poisson(count, rate))
-    below, last = probability.copy(), rate + reach + 40.0
+    below = probability.copy()
+    last = rate + reach + 40.0
     # Step 2: add probabilities until their sum exceeds u.
-    while (further := (below <= u) & (count < last)).any():
-        count = count + further
-        probability = np.where(further, probability * rate / np.maximum(count, 1.0), probability)
-        below = np.where(further, below + probability, below)
-    return count
+    while True:
+        goes_on = (below <= u) & (count < last)
+        if not goes_on.any():
+            return count
+        count = count + goes_on
+        # p(n) = p(n - 1) rate / n
+        next_probability = probability * rate / np.maximum(count, 1.0)
+        probability = np.where(goes_on, next_probability, probability)
+        below = np.where(goes_on, below + probability, below)
 
 
 @register("sensors", "function")
@@ -225,6 +236,7 @@ class FunctionSensor(SensorBase):
 
     @property
     def _known_noise(self) -> Noise:
+        """Noise that is not normal."""
         assert isinstance(self.noise, Noise)
         return self.noise
 
@@ -258,15 +270,17 @@ class FunctionSensor(SensorBase):
 
     def _angles_by_default(self) -> tuple[str, ...]:
         """Find the components that are angles in rad; raises InvalidKeyError for other units."""
-        equations, names = self._equations, []
+        equations = self._equations
+        names = []
         for name, term in self.h.items():
             turns = turns_at_cut(equations.parse(term, "h", name))
             if turns and not isclose(turns, 1.0):
                 what = f"an angle that jumps by {2.0 * pi * turns:.4g} at the cut of atan2"
                 way_on = "write it in rad, or `angles: []` if no target crosses the cut"
                 raise InvalidKeyError(f"{what}; only angles in rad wrap: {way_on}", "h", name)
-            names += [name] if turns else []
-        return () if self.is_count else tuple(names)
+            if turns and not self.is_count:  # a count is no angle
+                names.append(name)
+        return tuple(names)
 
     @cached_property
     def _programs(self) -> tuple[ArrayProgram, ArrayProgram, ArrayProgram]:
@@ -362,8 +376,9 @@ class FunctionSensor(SensorBase):
     def hessian(self, x: Array, k: int) -> Array:
         """Return the second derivatives of h (n_z, n_x, n_x[, *batch]), padded as `jacobian`."""
         second = self._programs[1].jacobian(x[: len(self.state)], k)
-        more = (0, len(x) - len(self.state))
-        return np.pad(second, [(0, 0), more, more, *[(0, 0)] * (second.ndim - 3)])
+        of_state = (0, len(x) - len(self.state))
+        padding = [(0, 0), of_state, of_state, *[(0, 0)] * (second.ndim - 3)]
+        return np.pad(second, padding)
 
     @property
     def H(self) -> "Constant":
@@ -379,7 +394,8 @@ class FunctionSensor(SensorBase):
     def linear(self) -> bool:
         """Return True; AttributeError unless z_k = H x_k + b + noise, H, b and R free of the state."""
         _, jacobian, R = self._programs
-        if self.is_count or any(p.uses(name) for p, name in product((jacobian, R), self.state)):
+        depends_on_state = any(jacobian.uses(name) or R.uses(name) for name in self.state)
+        if self.is_count or depends_on_state:
             raise AttributeError("h is not linear")
         return True
 

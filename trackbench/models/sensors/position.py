@@ -116,8 +116,8 @@ class PositionVelocity(LinearSensor):
     def R(self) -> Array:
         """Noise covariance (4, 4)."""
         # R = diag(sigma^2, sigma_v^2, sigma^2, sigma_v^2)
-        both = np.square([self.sigma, self.sigma_velocity])
-        return fixed(np.diag(np.tile(both, 2)))
+        of_axis = np.square([self.sigma, self.sigma_velocity])
+        return fixed(np.diag(np.tile(of_axis, 2)))
 
     def located(self, z: Array, k: int) -> Gaussian:
         """Return the measured position."""
@@ -125,7 +125,8 @@ class PositionVelocity(LinearSensor):
 
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
         """Return signed errors (1, *batch) of the positions."""
-        return {name: (mean - truth)[i : i + 1] for name, i in (("x", 0), ("y", 2))}
+        e = mean - truth
+        return {"x": e[0:1], "y": e[2:3]}
 
 
 @register("sensors", "velocity")

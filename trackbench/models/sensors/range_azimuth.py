@@ -54,13 +54,17 @@ class Radar(AngularSensor):
         square = px * px + py * py
         r = np.sqrt(square)
         H = np.zeros((2, *x.shape))
-        H[0, 0], H[0, 2] = px / r, py / r
-        H[1, 0], H[1, 2] = -py / square, px / square
+        H[0, 0] = px / r
+        H[0, 2] = py / r
+        H[1, 0] = -py / square
+        H[1, 2] = px / square
         return H
 
     def _reading(self, z: Array) -> Polar:
-        """Add the variances to the range and azimuth of a measurement."""
-        return Polar(z[0], z[1], *np.square([self.sigma_range, self.sigma_azimuth]).tolist())
+        """Add the variances to the range and azimuth of a measurement z (2, M)."""
+        sigma = np.array([self.sigma_range, self.sigma_azimuth])
+        range_variance, azimuth_variance = np.square(sigma).tolist()
+        return Polar(z[0], z[1], range_variance, azimuth_variance)
 
     def located(self, z: Array, k: int, conversion: Conversion = "mucm") -> Gaussian:
         """Return the measured Cartesian position (2, M) and its covariance (2, 2, M)."""
@@ -75,7 +79,8 @@ class Radar(AngularSensor):
         if self.platform is not None:
             return {}
         e = mean - truth
-        (r, a), (r_true, a_true) = self.polar(mean), self.polar(truth)
+        r, a = self.polar(mean)
+        r_true, a_true = self.polar(truth)
         # Along and across the line of sight: rotate the error by the true azimuth.
         c, s = cos_sin(a_true)
         return {
@@ -105,7 +110,9 @@ class Radar(AngularSensor):
 
     def observables(self, x: Array) -> dict[str, Array]:
         """Return the range, whose posterior mean differs from the range of the mean."""
-        return {} if self.platform is not None else {"mean_range": self.range(x)}
+        if self.platform is not None:
+            return {}
+        return {"mean_range": self.range(x)}
 
 
 @register("sensors", "range-azimuth")
@@ -204,13 +211,16 @@ class RangeAzimuthDoppler(Radar):
 
     def jacobian(self, x: Array, k: int) -> Array:
         """Return d(range, azimuth, range rate)/dx (3, n, *batch)."""
-        (px, py), r = self.relative_position(x, k), self.range(x, k)
+        px, py = self.relative_position(x, k)
+        r = self.range(x, k)
         rate = self._closing(x, k) / r
         H = np.zeros((3, *x.shape))
         H[:2] = self.polar_jacobian(x, k)
         # r' = (px vx + py vy) / r, so dr'/dpx = (vx - r' px / r) / r and dr'/dvx = px / r.
-        H[2, 0], H[2, 2] = (x[1] - rate * px / r) / r, (x[3] - rate * py / r) / r
-        H[2, 1], H[2, 3] = px / r, py / r
+        H[2, 0] = (x[1] - rate * px / r) / r
+        H[2, 2] = (x[3] - rate * py / r) / r
+        H[2, 1] = px / r
+        H[2, 3] = py / r
         return H
 
     def _closing(self, x: Array, k: int) -> Array:
@@ -239,8 +249,9 @@ class RangeAzimuthElevation(AngularSensor):
     @cached_property
     def R(self) -> Array:
         """Noise covariance (3, 3)."""
-        angles = 1e-3 * self.sigma_azimuth_mrad, 1e-3 * self.sigma_elevation_mrad
-        return fixed(np.diag(np.square([self.sigma_range, *angles])))
+        sigma_azimuth = 1e-3 * self.sigma_azimuth_mrad
+        sigma_elevation = 1e-3 * self.sigma_elevation_mrad
+        return fixed(np.diag(np.square([self.sigma_range, sigma_azimuth, sigma_elevation])))
 
     def measurement(self, x: Array, k: int) -> Gaussian:
         """Return N((range, azimuth, elevation), R) for x (n, *batch)."""
@@ -257,18 +268,24 @@ class RangeAzimuthElevation(AngularSensor):
         r = distance(ground, pz)
         H = np.zeros((3, *x.shape))
         # r^2 = g^2 + pz^2 with the ground range g: dr/dp = p / r.
-        H[0, 0], H[0, 2], H[0, 4] = px / r, py / r, pz / r
-        H[1, 0], H[1, 2] = -py / (ground * ground), px / (ground * ground)
+        H[0, 0] = px / r
+        H[0, 2] = py / r
+        H[0, 4] = pz / r
+        H[1, 0] = -py / (ground * ground)
+        H[1, 2] = px / (ground * ground)
         # e = atan2(pz, g): de/dpx = -px pz / (r^2 g), de/dpz = g / r^2.
         slope = pz / (r * r * ground)
-        H[2, 0], H[2, 2], H[2, 4] = -px * slope, -py * slope, ground / (r * r)
+        H[2, 0] = -px * slope
+        H[2, 2] = -py * slope
+        H[2, 4] = ground / (r * r)
         return H
 
     def located(self, z: Array, k: int) -> Gaussian:
         """Return the measured Cartesian position (3, M) and its first-order covariance (3, 3, M)."""
         # p = r (cos e cos a, cos e sin a, sin e)
         r, a, e = z
-        (ca, sa), (ce, se) = cos_sin(a), cos_sin(e)
+        ca, sa = cos_sin(a)
+        ce, se = cos_sin(e)
         position = np.stack([r * ce * ca, r * ce * sa, r * se])
         # J = d(position) / d(r, a, e), covariance J R J'
         J = np.stack(

@@ -52,15 +52,18 @@ class SquareThenLine(SensorBase):
     def preimage(self, z: Array, deviations: float, k: int) -> list[Interval]:
         """Return the intervals of x whose h(x) lies within so many standard deviations of z (1, M)."""
         margin = deviations * np.sqrt(self.R)
-        low, high = z[0] - margin, z[0] + margin
+        low = z[0] - margin
+        high = z[0] + margin
         if k > self.switch:
             # x = (z + 2) / phi3
-            ends = (low + 2.0) / self.phi3, (high + 2.0) / self.phi3
-            return [(np.minimum(*ends), np.maximum(*ends))]
+            x_of_low = (low + 2.0) / self.phi3
+            x_of_high = (high + 2.0) / self.phi3
+            return [(np.minimum(x_of_low, x_of_high), np.maximum(x_of_low, x_of_high))]
         # sqrt(low / phi2) <= |x| <= sqrt(high / phi2)
-        ratios = low / self.phi2, high / self.phi2
-        inner = np.sqrt(np.maximum(np.minimum(*ratios), 0.0))
-        outer = np.sqrt(np.maximum(np.maximum(*ratios), 0.0))
+        square_of_low = low / self.phi2
+        square_of_high = high / self.phi2
+        inner = np.sqrt(np.maximum(np.minimum(square_of_low, square_of_high), 0.0))
+        outer = np.sqrt(np.maximum(np.maximum(square_of_low, square_of_high), 0.0))
         return [(inner, outer), (-outer, -inner)]
 
     def inverse(self, z: Array, k: int) -> Array:

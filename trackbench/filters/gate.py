@@ -1,0 +1,125 @@
+"""Gates of the filters with one Gaussian: measurements that are refused because their NIS is too large.
+
+A filter with the key ``gate`` updates twice: first with all measurements, which gives the NIS, then
+without the refused ones. `GaussianFilter.step` and `IMM.step` call the functions of this file.
+"""
+
+from functools import cache
+from typing import Literal, TypeAlias, cast
+
+import numpy as np
+
+from trackbench.core.arrays import Array, Mask, fixed
+from trackbench.core.kalman import Innovation
+from trackbench.filters.robust import sensor_rows
+from trackbench.models.base import Scene, Sensor
+from trackbench.models.sensors.base import ScaledNoise, Sensors, sensors_of
+
+GateScope: TypeAlias = Literal["measurement", "sensor"]
+"""One gate for the measurement of all sensors at a step, or one for each sensor's measurement."""
+
+
+def refused_components(
+    gate: float, scope: GateScope, sensor: Sensor, z: Array, innovation: Innovation, nis: Array
+) -> Mask:
+    """Return the measured components that are beyond their gates.
+
+    The gate of one sensor judges the NIS of its own innovation, ``nu_s' S_ss^-1 nu_s``. The limit
+    depends on the number of measured components.
+
+    Parameters
+    ----------
+    gate : float
+        Probability of the chi-square quantile that is the limit, such as 0.999.
+    scope : GateScope
+        One gate for all sensors of a step, or one for each sensor.
+    sensor : Sensor
+        Sensor of the filter model, which may stand for several.
+    z : array (n_z, M)
+        Measurements of the step.
+    innovation : Innovation
+        Innovation of the update with all measurements.
+    nis : array (M,)
+        NIS of that innovation.
+
+    Returns
+    -------
+    array (n_z, M)
+        True where a measured component is refused.
+    """
+    nu = innovation.nu
+    S = innovation.S
+    limits = gate_limits(gate, len(z))
+    measured = ~np.isnan(nu)
+    rows_of_sensors = sensor_rows(sensor)
+    if scope == "measurement" or len(rows_of_sensors) == 1:
+        beyond = nis > limits[measured.sum(axis=0)]
+        return np.asarray(beyond & ~np.isnan(z))
+    refused = np.zeros(z.shape, dtype=np.bool_)
+    for rows in rows_of_sensors:
+        nis_of_sensor = Innovation(nu[rows], S[rows, rows]).nis
+        refused[rows] = nis_of_sensor > limits[measured[rows].sum(axis=0)]
+    return refused & ~np.isnan(z)
+
+
+def count_refused(scope: GateScope, sensor: Sensor, refused: Mask) -> Array:
+    """Count the measurements (M,) that have a refused component.
+
+    Parameters
+    ----------
+    scope : GateScope
+        ``measurement`` counts the measurement of all sensors as one, ``sensor`` each sensor's.
+    sensor : Sensor
+        Sensor of the filter model.
+    refused : array (n_z, M)
+        Refused components.
+
+    Returns
+    -------
+    array (M,)
+        Number of refused measurements of each run.
+    """
+    if scope == "measurement":
+        return np.asarray(refused.any(axis=0), dtype=float)
+    count = np.zeros(refused.shape[1])
+    for rows in sensor_rows(sensor):
+        count += refused[rows].any(axis=0)
+    return count
+
+
+@cache
+def gate_limits(gate: float, n_z: int) -> Array:
+    """Return the chi-square quantiles (n_z + 1,) by the number of measured components."""
+    from scipy.special import chdtri
+
+    # Without a measured component the limit is infinite: nothing is refused.
+    quantiles = [chdtri(n, 1.0 - gate) for n in range(1, n_z + 1)]
+    return fixed(np.array([np.inf, *quantiles]))
+
+
+def idle_gate_keys(gate: float | None, scenario: Scene) -> dict[str, str]:
+    """Report ``gate_by`` as idle without a gate, and with one sensor."""
+    if gate is None:
+        return {"gate_by": "without `gate`"}
+    if len(sensor_rows(scenario.model.sensor)) > 1:
+        return {}
+    return {"gate_by": "with one sensor"}
+
+
+def gate_cautions(gate: float | None, scope: GateScope, scenario: Scene) -> list[str]:
+    """Note that one gate judges the measurements of several sensors at a step together."""
+    if gate is None or scope == "sensor" or not _measure_together(scenario):
+        return []
+    what = "one gate judges all sensors of a step, so that a bad one costs the others"
+    return [f"{what}; `gate_by: sensor` gives each sensor a gate of its own"]
+
+
+def _measure_together(scenario: Scene) -> bool:
+    """Test whether two of the scenario's sensors measure at one step, by their periods."""
+    sensor = scenario.model.sensor
+    while isinstance(sensor, ScaledNoise):
+        sensor = sensor.sensor
+    sensors_per_step = np.zeros(len(scenario.steps) - 1)
+    for single in sensors_of(cast(Sensors, sensor)):
+        sensors_per_step += (scenario.steps[1:] - single.offset) % single.period == 0
+    return bool((sensors_per_step > 1).any())
