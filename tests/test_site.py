@@ -180,7 +180,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_site_is_built_and_asks_nothing_of_the_net(site: Path) -> None:
     front = (site / "index.html").read_text(encoding="utf-8")
     assert "<h2" not in front
-    assert "trackbench run hdepf --quick" in re.sub("<[^>]*>", "", front)
+    assert "trackbench run air-traffic" in re.sub("<[^>]*>", "", front)
     found = (site / "found.html").read_text(encoding="utf-8")
     assert '<a href="gallery/adaptive-kf.html" title="KF (best Q); mean(rmse_position)">' in found
     boosts = {

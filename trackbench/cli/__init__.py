@@ -58,7 +58,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     help="Monte Carlo experiments with target-tracking filters, from YAML to tables and figures.\n\n"
-    "Start with `trackbench run nile` or `trackbench new experiment`.",
+    "Start with `trackbench run air-traffic` or `trackbench new experiment`.",
 )
 
 
