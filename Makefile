@@ -11,7 +11,7 @@ export MKL_NUM_THREADS := 1
 # Else every program that the tests start compiles the package anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: install reproduce reproduce-tables reproduce-quick picture check-results check-machines record-times test test-fast lint types unit \
+.PHONY: install suite reproduce reproduce-tables reproduce-quick picture check-results check-machines record-times test test-fast lint types unit \
   sanitize lowest wheel lock docs bench audit clean
 
 install: $(VENV)/.run
@@ -39,12 +39,18 @@ $(VENV)/.bench: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps 'particles==0.4'
 	touch $@ $(VENV)/.run
 
-# `make reproduce-tables` runs the experiments on the three papers, `make reproduce` the others too. Both list the
-# verdicts that changed and the quoted numbers that are stale. A clean `git status` afterwards is the check:
+# Runs the standard suite, below an hour on two cores: its scores stand in results/standard/ (docs/which-filter.md).
+suite: $(VENV)/.run
+	@$(BIN)/trackbench suite --format svg
+	@git status --short -- results/standard || true
+
+# `make reproduce-tables` runs the experiments on the three papers, `make reproduce` the others and the suite, too.
+# Both list the verdicts that changed and the quoted numbers that are stale. A clean `git status` afterwards is the check:
 # git keeps what every machine writes alike.
 PAPERS := $(foreach paper,adaptive-kf banana hdepf merwe,$(filter experiments/$(paper)%,$(EXPERIMENTS)))
 reproduce-tables: CHOSEN := $(PAPERS)
 reproduce: CHOSEN := $(EXPERIMENTS)
+reproduce: suite
 reproduce reproduce-tables: $(VENV)/.run
 	@$(BIN)/trackbench run $(CHOSEN) --format svg
 	@$(BIN)/trackbench report results

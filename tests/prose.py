@@ -1,4 +1,4 @@
-"""Compare the numbers of README.md and docs/findings/ with results/.
+"""Compare the numbers of README.md, docs/findings/ and docs/which-filter.md with results/.
 
 ``docs/findings/numbers/PAGE.csv`` has a row for each (`docs.site.numbers`): its text on the page, a
 results folder and what it is there. ``PF; mean(rmse)`` is an expression of a filter. A third part gives
@@ -9,7 +9,8 @@ for a hundred times the number. ``claim; TEXT OF THE CLAIM`` is the verdict on a
 that the claim's note compares with the printed size. ``notes; TABLE; PATTERN`` is the groups of a
 regular expression in a table's file. ``count; numbers; agrees; fragile``
 counts verdicts of a folder, or of all: of ``numbers``, ``words`` on a bias or ``claims``. The word may
-be left out; a paper may stand in place of ``fragile``.
+be left out; a paper may stand in place of ``fragile``. The numbers of a suite have words of their own
+(`tests.suite_scores`).
 
 ``python -m tests.prose`` (in ``make reproduce``) lists what changed, and records the numbers that
 need the runs in ``results/quoted.csv``. To edit a page, run it with ``--links PAGE``: each number
@@ -31,6 +32,7 @@ from typing import NamedTuple
 from docs.site import numbers
 from docs.site.numbers import LINK
 from tests.quoted import Quoted, has_runs, recorded, write_record
+from tests.suite_scores import is_suite, suite_number
 from trackbench.config.published import split
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
@@ -44,7 +46,9 @@ FINDINGS = tuple(
     for path in sorted((HERE / "docs" / "findings").glob("*.md"))
     if path.stem != "audit"  # of other packages: test_audit.py ties it to its own results
 )
-TEXTS = (*FINDINGS, HERE / "README.md")
+PAGES = (*FINDINGS, HERE / "docs" / "which-filter.md")
+"""Pages each of whose measured numbers is tied to results."""
+TEXTS = (*PAGES, HERE / "README.md")
 _PRINTED_AT = ("paper", "table", "row", "filter", "metric")
 _NUMBER = re.compile(r"([+-]?)(\d+(?: \d{3})*(?:\.\d+)?(?:e[+-]?\d+)?)")
 
@@ -126,6 +130,8 @@ def _rank(row: dict[str, str]) -> tuple[int, float]:
 def values(folder: str, title: str) -> tuple[float, ...]:
     """Value and standard error, or z alone, or a count of verdicts."""
     parts = re.split(r"\s*[;|]\s*", title)
+    if is_suite(folder):
+        return (suite_number("; ".join(parts), folder),)
     if parts[0] == "count":
         return (float(count(folder, *parts[1:])),)
     if parts[0] == "notes":
@@ -297,7 +303,7 @@ def main() -> int:
     for path, t in stale:
         print(f"{path}:{t.line}: {t.written} is now {t.found} ({t.source})")
     for path in paths:
-        for line, text in untied(path) if path in FINDINGS else ():
+        for line, text in untied(path) if path in PAGES else ():
             print(f"{path}:{line}: {text!r} is tied to no result")
     return int(bool(stale))
 

@@ -5,6 +5,7 @@ A quoted number is named by words with semicolons between them, as a row of
 
 - ``ratio; PROBLEM; FILTER``: its error over that of the problem's best filter
 - ``ratio; PROBLEM; FILTER; OTHER``: its error over that of another filter, smoother or reference
+- ``excess; PROBLEM; FILTER``: the percent by which its error is above that of the problem's best filter
 - ``typical; GROUP; FILTER``: its typical ratio over a group's problems
 - ``cost; GROUP; FILTER``: the median of its CPU time over that of the fastest filter
 - ``cost; PROBLEM; FILTER; OTHER``: its CPU time over that of another filter
@@ -39,8 +40,9 @@ ROOT = Path(__file__).resolve().parent.parent
 def stored_suite(name: str = "standard") -> dict[str, SuiteScores]:
     """Return the stored scores of a suite by group, with the recorded CPU times."""
     times = {}
-    with (ROOT / "results" / "times" / name / "costs.csv").open(encoding="utf-8") as file:
-        for row in csv.DictReader(file):
+    costs = ROOT / "results" / "times" / name / "costs.csv"
+    if costs.is_file():  # not of another seed
+        for row in csv.DictReader(costs.read_text(encoding="utf-8").splitlines()):
             times[row["problem"], row["filter"]] = float(row["cpu_s_per_run"])
     groups: dict[str, list[Score]] = {}
     with (ROOT / "results" / name / "scores.csv").open(encoding="utf-8") as file:
@@ -114,6 +116,8 @@ def suite_number(source: str, name: str = "standard") -> float:
         return score.error / other.error if what == "ratio" else score.cpu_s / other.cpu_s
     if what == "ratio":
         return score_of(words[0], words[1], name).ratio_to_best.value
+    if what == "excess":
+        return 100.0 * (score_of(words[0], words[1], name).ratio_to_best.value - 1.0)
     if what == "lost":
         return score_of(words[0], words[1], name).lost
     group = stored_suite(name)[words[0]]

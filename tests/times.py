@@ -2,8 +2,8 @@
 
 Every run writes its times into ``results/NAME/run/``, which git ignores. The times that the docs quote
 are those of one named machine. They stand in ``results/times/`` until this command replaces them: a
-folder for each experiment that measures times, and ``README.md`` with the verdicts. The seconds that
-`trackbench list experiments` shows, with two digits, stand in ``experiments/times.csv``.
+folder for each experiment that measures times, one for each suite, and ``README.md`` with the verdicts.
+The seconds that `trackbench list experiments` shows stand in ``experiments/times.csv``.
 """
 
 import csv
@@ -18,6 +18,8 @@ from trackbench.results.folder_contents import TIMING
 HERE = Path(__file__).resolve().parent.parent
 RESULTS, RECORD = HERE / "results", HERE / "results" / "times"
 SECONDS = HERE / "experiments" / "times.csv"
+SUITE_SECONDS = HERE / "experiments" / "suites" / "times.csv"
+COSTS = "costs.csv"
 HEADER = ["experiment", "cpu_s"]
 
 
@@ -33,8 +35,15 @@ def record() -> None:
     missing = [name for name in names if not (RESULTS / name / TIMING).is_file()]
     if missing:
         raise SystemExit(f"no times of {', '.join(missing)}: run `make reproduce` first")
+    suites = sorted(path.stem for path in (SECONDS.parent / "suites").glob("*.yaml"))
+    for name in suites:
+        if not (RESULTS / name / COSTS).is_file():
+            raise SystemExit(f"no times of the suite {name}: run `make suite` first")
     results = [Results(RESULTS / name) for name in names]
     shutil.rmtree(RECORD, ignore_errors=True)
+    for name in suites:
+        record_suite(name)
+    record_suite_times(suites)
     for one in filter(_has_measured, results):
         _copy(one.folder / "run", RECORD / one.folder.name)
     (RECORD / "README.md").write_text(_page(results), encoding="utf-8")
@@ -42,6 +51,30 @@ def record() -> None:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(HEADER)
         writer.writerows((one.folder.name, f"{one.manifest['cpu_s']:.2g}") for one in results)
+
+
+def record_suite(name: str) -> None:
+    """Copy the CPU times of a suite's filters, with four digits."""
+    with (RESULTS / name / COSTS).open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    (RECORD / name).mkdir(parents=True, exist_ok=True)
+    with (RECORD / name / COSTS).open("w", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, [*rows[0]], lineterminator="\n")
+        writer.writeheader()
+        for row in rows:
+            writer.writerow({**row, "cpu_s_per_run": f"{float(row['cpu_s_per_run']):.4g}"})
+
+
+def record_suite_times(suites: list[str]) -> None:
+    """Write the seconds of each suite's problems, which `trackbench suite --dry-run` shows."""
+    with SUITE_SECONDS.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["suite", "problem", "runs", "cpu_s"])
+        for name in suites:
+            for manifest in sorted((RESULTS / name).glob("*/manifest.json")):
+                facts = Results(manifest.parent).manifest
+                row = [name, manifest.parent.name, facts["runs"], f"{facts['cpu_s']:.2g}"]
+                writer.writerow(row)
 
 
 def _has_measured(results: Results) -> bool:

@@ -34,9 +34,10 @@ class UnclearError(Exception):
 
 
 def read(page: Path) -> list[Row]:
-    """Return the rows of a page of findings or of README.md; none if it has no file."""
+    """Return the rows of a page of findings, of docs or of README.md; none if it has no file."""
     file = _file(page)
-    if page.parent not in (FINDINGS, FINDINGS.parent.parent) or not file.is_file():
+    known = (FINDINGS, FINDINGS.parent, FINDINGS.parent.parent)
+    if page.parent not in known or not file.is_file():
         return []
     with file.open(encoding="utf-8", newline="") as lines:
         return [Row(row["text"], row["folder"], row["source"]) for row in csv.DictReader(lines)]
@@ -48,7 +49,9 @@ def _file(page: Path) -> Path:
 
 def results(page: Path | str) -> str:
     """Return the path from a page to results/."""
-    return "results/" if Path(page).name == "README.md" else "../../results/"
+    if Path(page).name == "README.md":
+        return "results/"
+    return "../../results/" if Path(page).parent.name == FINDINGS.name else "../results/"
 
 
 def write(page: Path, rows: Iterable[Row]) -> None:
