@@ -196,15 +196,15 @@ def test_keys_follow_numpys_arithmetic_where_it_matters(
     task: BlockTask, apart: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(cache, "as_config", lambda part, shown: repr(part))
-    cache._part.cache_clear()
+    cache._facts_of.cache_clear()
     here = cache.block_key(task, 2)
     monkeypatch.setattr(code_digests, "numpy_arithmetic", lambda: "of another processor")
-    cache._part.cache_clear()
+    cache._facts_of.cache_clear()
     assert (cache.block_key(task, 2) != here) == apart
-    cache._part.cache_clear()
+    cache._facts_of.cache_clear()
     monkeypatch.setattr(code_digests, "own_arithmetic", lambda: "of no IEEE machine")
     assert cache.block_key(task, 2) != here
-    cache._part.cache_clear()
+    cache._facts_of.cache_clear()
 
 
 def test_a_worker_refuses_what_may_come_out_otherwise() -> None:

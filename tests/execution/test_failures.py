@@ -251,7 +251,7 @@ def test_a_worker_that_dies_as_it_is_started(
 
 
 def test_only_the_user_aborts(monkeypatch: pytest.MonkeyPatch) -> None:
-    def ended(*_: object) -> None:
+    def ended(*_: object, **__: object) -> None:
         raise EOFError
 
     monkeypatch.setattr("trackbench.commands.stored_results.plot", ended)

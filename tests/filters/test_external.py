@@ -448,9 +448,9 @@ def test_the_arithmetic_of_the_machine_is_part_of_the_key_of_a_program(
     keys = []
     for machine in ("one", "another"):
         monkeypatch.setattr(code_digests, "numpy_arithmetic", lambda digest=machine: digest)
-        cache._part.cache_clear()
+        cache._facts_of.cache_clear()
         keys.append([block_key(BlockTask(planar(), f, 1, 0, 2, 2), 2) for f in filters])
-    cache._part.cache_clear()
+    cache._facts_of.cache_clear()
     (of_program, of_kf), (elsewhere, of_kf_elsewhere) = keys
     assert of_program != elsewhere
     assert of_kf == of_kf_elsewhere

@@ -138,7 +138,7 @@ def _in_form_of_state(z: Array, part: Foreign) -> Array:
 
 def _imm_filters(target: Foreign) -> tuple[Foreign, ...]:
     """Return the filters of an IMM; none of another object."""
-    return tuple(getattr(target, "filters", ()))
+    return tuple(vars(target).get("filters", ()))
 
 
 def _copy_motion(source: Foreign, target: Foreign) -> None:

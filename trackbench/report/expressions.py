@@ -96,7 +96,7 @@ class Evaluator:
 
     @cached_property
     def _steps(self) -> dict[tuple[str, str], Array]:
-        """What each step (T,) of one recorded run adds to a number, by (filter, metric)."""
+        """Contribution of each step (T,) of one recorded run to a number, by (filter, metric)."""
         if any(len(values) > 1 for values in self.runs.values()):
             return {}
         return self.results.judged_steps(self.point)
