@@ -6,7 +6,7 @@ find positions at the even and velocities at the odd indices that all motions of
 """
 
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextvars import ContextVar
 from functools import cache
 from itertools import product
@@ -82,27 +82,33 @@ def central_differences(
         with np.errstate(invalid="ignore"):  # of a run that has diverged
             spread = np.sqrt(linalg.diagonal(at.cov))
     least = np.full(len(x), step) if spread is None else _OF_SPREAD * spread
-    displaced: list[Array] = []
-    widths: list[Array] = []
+    steps = []
     for i, value in enumerate(x):
         h = np.maximum(step * np.abs(value), with_axes_of(value, least[i]))
-        h = np.where(h > 0.0, h, step)
+        steps.append(np.where(h > 0.0, h, step))
+    displaced = _displaced_states(x, steps)
+    if side_by_side:
+        values = iter(_values_side_by_side(function, [*displaced]))
+    else:
+        values = map(function, displaced)
+    columns = []
+    for h in steps:
+        # df/dx_i = (f(x + h e_i) - f(x - h e_i)) / (2 h)
+        ahead = next(values)
+        behind = next(values)
+        columns.append(difference(ahead, behind) / (2.0 * h))
+    return np.stack(columns, axis=1)
+
+
+def _displaced_states(x: Array, steps: Sequence[Array]) -> Iterator[Array]:
+    """Yield x + h e_i and then x - h e_i for each component i, made as they are needed."""
+    for i, h in enumerate(steps):
         ahead = x.copy()
         ahead[i] += h
+        yield ahead
         behind = x.copy()
         behind[i] -= h
-        displaced += [ahead, behind]
-        widths.append(2.0 * h)
-    if side_by_side:
-        values = _values_side_by_side(function, displaced)
-    else:
-        values = [function(states) for states in displaced]
-    # df/dx_i = (f(x + h e_i) - f(x - h e_i)) / (2 h)
-    columns = [
-        difference(ahead, behind) / width
-        for ahead, behind, width in zip(values[::2], values[1::2], widths, strict=True)
-    ]
-    return np.stack(columns, axis=1)
+        yield behind
 
 
 def _values_side_by_side(

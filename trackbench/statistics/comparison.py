@@ -207,7 +207,7 @@ def compare_all(samples: Mapping[str, Sample]) -> Family:
     return Family(as_family(comparisons))
 
 
-_ROWS_AT_ONCE = 1_000_000
+_NUMBERS_AT_ONCE = 1_000_000
 """Numbers of the arrays of `_compare_side_by_side`, which are pairs of filters times runs."""
 
 
@@ -236,7 +236,7 @@ def _compare_side_by_side(samples: Mapping[str, Sample]) -> dict[tuple[str, str]
         numbers = np.array([estimate.value for estimate in overall])
         influences = np.array([estimate.influences for estimate in overall])
     compared = {}
-    at_once = max(1, _ROWS_AT_ONCE // runs)
+    at_once = max(1, _NUMBERS_AT_ONCE // runs)
     for start in range(0, len(pairs), at_once):
         piece = pairs[start : start + at_once]
         first = [i for i, _ in piece]
@@ -246,14 +246,13 @@ def _compare_side_by_side(samples: Mapping[str, Sample]) -> dict[tuple[str, str]
         if statistic == "mean":
             number = total(of_runs) / runs
             of_runs = of_runs - number[:, None]
+            centered = of_runs
             is_known = np.full(len(piece), True)
         else:
             # What is rounding in the second is no difference, and `compare` counts it so.
             is_known = ~((of_runs == 0.0) & (values[first] != values[second])).any(axis=1)
             number = numbers[first] - numbers[second]
             of_runs = influences[first] - influences[second]
-        centered = of_runs
-        if statistic != "mean":
             centered = of_runs - (total(of_runs) / runs)[:, None]
         deviation = np.sqrt(total(np.square(centered)) / (runs - 1))
         stderr = deviation / np.sqrt(runs)

@@ -19,7 +19,7 @@ difference of variances has limits of its own (`of_variances`).
 
 from dataclasses import dataclass
 from math import copysign, inf, sqrt
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -204,10 +204,9 @@ def studentized(value: float, influences: Array, other: float = 0.0) -> float:
     error: for fewer than two runs, and for 0 / 0.
     """
     error = spread(influences, other)
-    T, a = float(np.divide(value, error.stderr)), error.skewness
-    # g(T) = T + a T^2 / 3 + a^2 T^3 / 27 + a / 6
-    if a != 0.0:
-        T += a * (1.0 / 6.0 + T * T / 3.0 + a * T * T * T / 27.0)
+    T = float(np.divide(value, error.stderr))
+    if error.skewness != 0.0:
+        T += _skewness_term(T, error.skewness)
     return normal_of_t(T, error.freedom)
 
 
@@ -229,13 +228,20 @@ def studentized_rows(values: Array, influences: Array) -> Array:
     kurtosis = total(np.square(squares)) / M
     a = total(squares * unit) / M / np.sqrt(M) * third
     freedom = np.minimum(M - 1.0, 2.0 * M / np.maximum(kurtosis - 1.0, 1e-9)) / fourth
-    # Step 2: g(T) = T + a T^2 / 3 + a^2 T^3 / 27 + a / 6, and the normal z of Student's t.
+    # Step 2: g(T), and the normal z of Student's t.
     T = values / whole
-    T = np.where(a != 0.0, T + a * (1.0 / 6.0 + T * T / 3.0 + a * T * T * T / 27.0), T)
-    z = np.sqrt(freedom * log(1.0 + T * T / freedom)) * (8.0 * freedom + 1.0)
-    z = np.copysign(z / (8.0 * freedom + 3.0), T)
+    T = np.where(a != 0.0, T + _skewness_term(T, a), T)
+    z = np.copysign(normals_of_t(np.abs(T), freedom), T)
     is_known = (stderr > 0.0) & np.isfinite(freedom) & np.isfinite(T)
     return np.where(is_known, z, np.nan)
+
+
+Number = TypeVar("Number", float, Array)
+
+
+def _skewness_term(T: Number, a: Number) -> Number:
+    """Return ``g(T) - T = a / 6 + a T^2 / 3 + a^2 T^3 / 27``, Hall's correction for skewness."""
+    return a * (1.0 / 6.0 + T * T / 3.0 + a * T * T * T / 27.0)
 
 
 def two_sided(z: float) -> float:
@@ -361,8 +367,8 @@ def normal_of_t(t: float, freedom: float) -> float:
 
 
 @np.errstate(all="ignore")
-def normals_of_t(t: Array, freedom: float) -> Array:
-    """Return `normal_of_t` of values (n,) that are not negative."""
+def normals_of_t(t: Array, freedom: Array | float) -> Array:
+    """Return `normal_of_t` of values (n,) that are not negative; ``freedom`` is one number or (n,)."""
     z = np.sqrt(freedom * log(1.0 + t * t / freedom)) * (8.0 * freedom + 1.0)
     return np.asarray(z / (8.0 * freedom + 3.0))
 
