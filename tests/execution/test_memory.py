@@ -20,7 +20,7 @@ from trackbench.execution.cache import BlockStore
 from trackbench.execution.plan import block_width, check_memory, make_plan
 from trackbench.execution.queue import Queue
 from trackbench.registry import kinds
-from trackbench.results.frames import read_frame
+from trackbench.results.frames import read_columns
 
 pytestmark = pytest.mark.usefixtures("no_report")
 
@@ -186,7 +186,7 @@ def test_a_file_is_read_in_little_more_than_its_numbers_take(tmp_path: Path) -> 
     path, rows = tmp_path / "per_step.csv", 30_000
     lines = (f"KF,{k},{k / 7},rmse_position,{k / 3},0.{k},20\n" for k in range(rows))
     path.write_text("filter,step,time,metric,value,stderr,runs\n" + "".join(lines))
-    read = peak(read_frame, path)
+    read = peak(read_columns, path)
     assert 7 * 8 * rows < read < 2 * 8 * 8 * rows + 6_000_000
 
 

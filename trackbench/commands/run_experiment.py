@@ -76,11 +76,19 @@ def run_all(
     yield from run_each(configs, (options or Options()).changed(changes))
 
 
-def run_each(configs: Sequence[Config], options: Options, sweep: bool = False) -> Generator[Report]:
-    """Run experiments as `run_all` does; ``sweep`` adds the files and notes of a sweep."""
+def run_each(
+    configs: Sequence[Config],
+    options: Options,
+    sweep: bool = False,
+    validated: Sequence[Experiment] = (),
+) -> Generator[Report]:
+    """Run experiments as `run_all` does; ``sweep`` adds the files and notes of a sweep.
+
+    ``validated`` are the experiments of the configs with these options, where a suite has them already.
+    """
     # Step 1: validate all configs, and announce them.
     begin(options.engine, options.workers, DRAWER)
-    jobs = jobs_of(configs, options)
+    jobs = jobs_of(configs, options, validated)
     workers = min(most_workers(options), sum(len(job.plan.unique) for job in jobs))
     open_engine = engine(options.engine, workers, options.scheduler)
     _announce(jobs, options)
@@ -140,11 +148,10 @@ def _announce(jobs: Sequence[Job], options: Options) -> None:
 
 
 def _import_ahead() -> None:
-    """Import the libraries of tables and verdicts while workers compute blocks."""
-    # The program may be ending; the modules that need these libraries import them anyway.
+    """Import the library of tables and verdicts while workers compute blocks."""
+    # The program may be ending; the modules that need the library import it anyway.
     with suppress(Exception):
         import_module("scipy.special")
-        import_module("pandas")
 
 
 def preview(configs: Sequence[Config], options: Options) -> list[str]:

@@ -2,7 +2,6 @@
 
 import gc
 
-import pandas as pd
 from matplotlib.backends import backend_svg
 
 from trackbench.registry import kinds
@@ -10,7 +9,7 @@ from trackbench.report import paired, render
 from trackbench.report.plotting import canvas
 from trackbench.report.verdicts import numbers
 
-__all__ = ["backend_svg", "canvas", "numbers", "paired", "pd", "render"]
+__all__ = ["backend_svg", "canvas", "numbers", "paired", "render"]
 kinds("figures")  # imports the figure kinds
 # As in `__main__`.
 gc.set_threshold(50_000)

@@ -29,7 +29,7 @@ from trackbench.results.folder_contents import (
     TIMING,
     read_manifest,
 )
-from trackbench.results.frames import Columns, PointRuns, Runs, read_frame, read_runs
+from trackbench.results.frames import Columns, PointRuns, Runs, read_columns, read_runs
 from trackbench.results.point_facts import (
     POINTS_FILE,
     GridPoint,
@@ -217,22 +217,22 @@ class ResultsFolder:
     @cached_property
     def per_run(self) -> "pd.DataFrame":
         """Return per_run.csv, ``filter,run,metric,value``; tables and figures use `runs`."""
-        return self._read("per_run.csv")
+        return self._frame("per_run")
 
     @cached_property
     def per_step(self) -> "pd.DataFrame":
         """Return per_step.csv, ``filter,step,time,metric,value,stderr,runs``."""
-        return self._read("per_step.csv")
+        return self._frame("per_step")
 
     @cached_property
     def summary(self) -> "pd.DataFrame":
         """Return summary.csv, ``filter,metric,value,stderr,runs,lost``."""
-        return self._read("summary.csv")
+        return self._frame("summary")
 
     @cached_property
     def timing(self) -> "pd.DataFrame":
         """Return timing.csv, ``filter,runs,cpu_s,cpu_s_per_run,stderr,repeats,...``."""
-        return self._read("timing.csv")
+        return self._frame("timing")
 
     @cached_property
     def shown(self) -> dict[str, Array]:
@@ -324,12 +324,19 @@ class ResultsFolder:
     def columns(self, name: str, point: Mapping[str, Any] = MappingProxyType({})) -> Columns:
         """Return rows of `summary`, `per_step` or `timing`, at one grid point or at all."""
         if name not in self._columns:
-            self._columns[name] = Columns.of(self._read(f"{name}.csv"))
+            self._columns[name] = self._read(name)
         return self._columns[name].at(point)
 
-    def _read(self, name: str) -> "pd.DataFrame":
-        with self.reading(name) as path:
-            return read_frame(path, COLUMNS[name])
+    def _read(self, name: str) -> Columns:
+        file = f"{name}.csv"
+        with self.reading(file) as path:
+            return read_columns(path, COLUMNS[file])
+
+    def _frame(self, name: str) -> "pd.DataFrame":
+        """Return a file as a pandas data frame."""
+        import pandas as pd  # takes long to import
+
+        return pd.DataFrame(self._read(name).arrays, copy=True)
 
     @cached_property
     def tuning(self) -> dict[str, Record]:

@@ -1,20 +1,19 @@
-"""CSV files of a results folder: data frames, columns as arrays, and the values of runs."""
+"""CSV files of a results folder: columns as arrays, and the values of runs."""
 
-from collections import defaultdict
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+import csv
+import sys
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import groupby, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from trackbench.core.arrays import Array, fixed
 from trackbench.yaml_source import unprintable_reason
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Runs: TypeAlias = dict[tuple[str, str], Array]
 """Read-only values (M,) in the order of the runs, NaN where lost, by (filter, metric)."""
@@ -23,7 +22,7 @@ PointRuns: TypeAlias = dict[tuple[Any, ...], Runs]
 Parse: TypeAlias = Callable[[str], Any]
 """Conversion of a column's texts to values."""
 
-_ROWS_AT_A_TIME = 20_000
+_ROWS_AT_A_TIME = 5_000
 _TYPES: dict[str, type] = {
     **dict.fromkeys(["filter", "metric", "repeats", "likelihoods", "covariances"], str),
     **dict.fromkeys(["run", "step", "runs", "lost"], int),
@@ -37,15 +36,6 @@ class Columns:
     """Rows of a file: a read-only array per column, by its name."""
 
     arrays: dict[str, Array]
-
-    @classmethod
-    def of(cls, frame: "pd.DataFrame") -> "Columns":
-        """Return the columns of a data frame; words are Python's strings."""
-        arrays = {}
-        for name in frame:
-            is_number = frame[name].dtype.kind in "ifb"
-            arrays[name] = fixed(frame[name].to_numpy(None if is_number else object))
-        return cls(arrays)
 
     def __len__(self) -> int:
         return len(next(iter(self.arrays.values())))
@@ -78,13 +68,13 @@ class Columns:
 
     def _is_word(self, name: str, value: object) -> Array:
         """Compare a column of words by their numbers, which takes a hundredth of the time."""
-        import pandas as pd
-
         if name not in self._codes:
-            codes, words = pd.factorize(self[name])
-            self._codes[name] = (codes, {word: i for i, word in enumerate(words)})
-        codes, numbers = self._codes[name]
-        return np.asarray(codes == numbers.get(value, -2))
+            numbers: dict[object, int] = {}
+            words = self[name].tolist()
+            codes = [numbers.setdefault(word, len(numbers)) for word in words]
+            self._codes[name] = (np.array(codes, dtype=np.int64), numbers)
+        array, numbers = self._codes[name]
+        return np.asarray(array == numbers.get(value, -1))
 
     def chosen(self, which: Any) -> "Columns":
         """Return rows by a mask or by their numbers."""
@@ -99,32 +89,47 @@ class Columns:
         return (dict(zip(self, row, strict=True)) for row in self.tuples(self))
 
 
-def read_pieces(path: Path, needed: Collection[str]) -> Iterator["pd.DataFrame"]:
+def read_pieces(path: Path, needed: Collection[str]) -> Iterator[Columns]:
     """Yield the rows of a file, some thousands at a time; columns of a grid are words.
 
-    Raises ValueError if a row has another length, a needed column is missing, or a word has control
-    characters, some of which a terminal obeys.
-    """
-    import pandas as pd
+    The library csv reads them: pandas takes as long to import as a small experiment to run.
 
-    options: dict[str, Any] = {
-        "dtype": defaultdict(lambda: str, _TYPES),
-        "keep_default_na": False,  # a filter may be called nan
-        "na_values": {name: ["nan"] for name, kind in _TYPES.items() if kind is float},
-    }
-    if tuple(map(int, pd.__version__.split(".")[:2])) < (3, 1):
-        options["float_precision"] = "round_trip"  # else the last bit may be wrong
-    with pd.read_csv(path, encoding="utf-8", chunksize=_ROWS_AT_A_TIME, **options) as pieces:
-        for piece in pieces:
-            missing = [name for name in needed if name not in piece]
-            if missing:
-                raise ValueError(f"has no column {missing[0]!r}")
-            if not isinstance(piece.index, pd.RangeIndex):
-                raise ValueError(f"has rows of more than {len(piece.columns)} cells")
-            for name in piece:
-                if _TYPES.get(name, str) is str:
-                    _check_printable(piece[name].unique())
-            yield piece
+    Raises
+    ------
+    ValueError
+        If a row has another length, a cell is no number, a needed column is missing, or a word has
+        control characters, some of which a terminal obeys.
+    """
+    with path.open(encoding="utf-8", newline="") as file:
+        reader = csv.reader(file, strict=True)
+        header = next(reader, [])
+        for name in needed:
+            if name not in header:
+                raise ValueError(f"has no column {name!r}")
+        if not header:
+            raise ValueError("is empty")
+        while True:
+            rows = list(islice(reader, _ROWS_AT_A_TIME))
+            for row in rows:
+                if len(row) != len(header):
+                    raise ValueError(f"has a row of {len(row)} cells in place of {len(header)}")
+            arrays = {}
+            for j, name in enumerate(header):
+                texts = [row[j] for row in rows]
+                arrays[name] = _as_array(texts, _TYPES.get(name, str))
+            yield Columns(arrays)
+            if len(rows) < _ROWS_AT_A_TIME:
+                return
+
+
+def _as_array(texts: Sequence[str], kind: type) -> Array:
+    """Convert a column's texts; equal words are one string in memory."""
+    if kind is int:
+        return np.fromiter(map(int, texts), dtype=np.int64, count=len(texts))
+    if kind is float:
+        return np.fromiter(map(float, texts), dtype=np.float64, count=len(texts))
+    _check_printable(set(texts))
+    return np.fromiter(map(sys.intern, texts), dtype=object, count=len(texts))
 
 
 def _check_printable(texts: Iterable[str]) -> None:
@@ -135,17 +140,20 @@ def _check_printable(texts: Iterable[str]) -> None:
             raise ValueError(reason)
 
 
-def read_frame(path: Path, needed: Collection[str] = ()) -> "pd.DataFrame":
-    """Read a file as a data frame; the types of a grid's columns follow from their texts."""
-    import pandas as pd
-
-    frame = pd.concat(read_pieces(path, needed), ignore_index=True)
-    for name in set(frame) - _TYPES.keys():
-        texts = frame[name].unique()
-        parse = _choose_parse(texts)
-        values = {text: parse(text) for text in texts}
-        frame[name] = frame[name].map(values)
-    return frame
+def read_columns(path: Path, needed: Collection[str] = ()) -> Columns:
+    """Read a file whole; the types of a grid's columns follow from their texts."""
+    pieces = [*read_pieces(path, needed)]
+    arrays = {}
+    for name in pieces[0]:
+        array = np.concatenate([piece[name] for piece in pieces])
+        if name not in _TYPES:
+            texts = set(array.tolist())
+            parse = _choose_parse(texts)
+            values = {text: parse(text) for text in texts}
+            column = [values[text] for text in array.tolist()]
+            array = np.array(column, dtype=object if parse is str else None)
+        arrays[name] = fixed(array)
+    return Columns(arrays)
 
 
 def _choose_parse(texts: Collection[str]) -> Parse:
@@ -171,19 +179,18 @@ def read_runs(path: Path, summary: Columns, grid: list[str], labels: Collection[
     keys = [*grid, "filter", "metric"]
     pieces: dict[tuple[str, ...], dict[tuple[str, str], list[Array]]] = {}
     for piece in read_pieces(path, ["filter", "metric", "value"]):
-        of_filters = piece[piece["filter"].isin(labels)]
-        if of_filters.empty:
-            continue
-        words = of_filters[keys].to_numpy(object)
         # A filter's values of a metric stand together.
-        starts = np.flatnonzero((words[1:] != words[:-1]).any(axis=1)) + 1
-        values = np.split(of_filters["value"].to_numpy(), starts)
-        for (*texts, label, metric), run_values in zip(words[[0, *starts]], values, strict=True):
-            of_point = pieces.setdefault(tuple(texts), {})
-            of_point.setdefault((label, metric), []).append(run_values)
+        end = 0
+        for words, rows in groupby(piece.tuples(keys)):
+            start = end
+            end += sum(1 for _ in rows)
+            *texts, label, metric = words
+            if label in labels:
+                of_point = pieces.setdefault(tuple(texts), {})
+                of_point.setdefault((label, metric), []).append(piece["value"][start:end])
     parses = [_PARSES.get(summary[path].dtype.kind, str) for path in grid]
     point_runs: PointRuns = {}
-    for texts, runs in pieces.items():
-        point = tuple(parse(text) for parse, text in zip(parses, texts, strict=True))
+    for point_texts, runs in pieces.items():
+        point = tuple(parse(text) for parse, text in zip(parses, point_texts, strict=True))
         point_runs[point] = {key: fixed(np.concatenate(arrays)) for key, arrays in runs.items()}
     return point_runs
