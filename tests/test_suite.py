@@ -17,7 +17,7 @@ from trackbench.commands.prepare import Options
 from trackbench.commands.run_suite import SuiteReport, run_suite
 from trackbench.config.suite import load_suite
 from trackbench.errors import UserError
-from trackbench.report.suite.figures import ordered_problems
+from trackbench.report.suite.figures import cell_text, ordered_problems
 from trackbench.report.suite.scores import (
     FILTER,
     WORST,
@@ -363,6 +363,22 @@ def test_losing_runs_counts_as_the_worst_ratio() -> None:
     assert score("p", "x", "A", float("nan")).limited_ratio == WORST
 
 
+def test_a_filter_fails_where_it_counts_as_the_worst_ratio() -> None:
+    assert fails(score("p", "x", "A", 10.0))
+    assert fails(score("p", "x", "A", 1.2, word="loses more runs"))
+    assert not fails(score("p", "x", "A", 9.9, collapsed=3))
+    assert not fails(score("p", "x", "A", 1.2, reason="fits not"))  # left out
+
+
+def test_a_cell_of_the_matrix_has_the_ratio_and_one_mark() -> None:
+    assert cell_text(score("p", "x", "A", 1.0)) == "1.00"
+    assert cell_text(score("p", "x", "A", 1.846, consistency="overconfident")) == "1.85*"
+    assert cell_text(score("p", "x", "A", 2.26, consistency="overconfident", collapsed=3)) == "2.3!"
+    assert cell_text(score("p", "x", "A", 366.6)) == "367"
+    assert cell_text(score("p", "x", "A", 1e6)) == "999+"
+    assert cell_text(score("p", "x", "A", 1.2, word="loses more runs")) == "×"
+
+
 def test_classes_with_the_same_good_filters_are_neighbors() -> None:
     group = by_hand(
         {"A": (1.0, 5.0, 1.0, 5.0), "B": (5.0, 1.0, 5.0, 1.0)}, ("a", "b", "c", "d")
@@ -428,3 +444,9 @@ def test_filters_are_ranked_by_the_score_that_the_suite_names(tmp_path: Path) ->
     assert len(runs) == 3
     rms = float(np.sqrt(np.mean(np.square(runs))))
     assert of(report, "l", "EKF").error == pytest.approx(rms, rel=1e-6)
+
+
+def test_a_quick_suite_has_four_runs_and_two_of_a_problem_with_few() -> None:
+    suite = load_suite(Path("standard"), quick=True, chosen_problems=["squared", "lorenz96-40"])
+    runs = {problem.name: problem.experiment.settings.runs for problem in suite.problems}
+    assert runs == {"squared": 4, "lorenz96-40": 2}

@@ -146,13 +146,19 @@ class Job(NamedTuple):
     """trials of tuning, by label"""
 
 
-def jobs_of(configs: Sequence[Config], options: Options) -> list[Job]:
-    """Prepare a job for each config; raises UserError with the mistakes of all of them."""
+def jobs_of(
+    configs: Sequence[Config], options: Options, validated: Sequence[Experiment] = ()
+) -> list[Job]:
+    """Prepare a job for each config; raises UserError with the mistakes of all of them.
+
+    ``validated`` are the experiments of the configs with these options, where a suite has them already.
+    """
     jobs: list[Job] = []
     problems: dict[Problem | str, None] = {}
-    for config in configs:
+    for i, config in enumerate(configs):
         try:
-            job = _prepare_job(config, options, is_only_config=len(configs) == 1)
+            experiment = validated[i] if validated else prepare(config, options)
+            job = _prepare_job(config, experiment, options, is_only_config=len(configs) == 1)
         except UserError as error:
             problems |= dict.fromkeys(error.problems)
             continue
@@ -181,16 +187,16 @@ def _has_blocks_to_store(jobs: Sequence[Job], options: Options) -> bool:
     return any(misses_block(job) for job in jobs)
 
 
-def _prepare_job(config: Config, options: Options, is_only_config: bool) -> Job:
-    """Validate a config, choose its results folder, and plan its first batch of runs.
+def _prepare_job(
+    config: Config, experiment: Experiment, options: Options, is_only_config: bool
+) -> Job:
+    """Choose the results folder of an experiment, and plan its first batch of runs.
 
     If it is the only config, the option ``out`` is its own folder; else that of all folders.
     """
-    # Step 1: the experiment.
-    experiment = prepare(config, options)
     if options.grid:
         experiment = as_sweep(experiment)
-    # Step 2: its folder.
+    # Step 1: its folder.
     folder = Path("results" if options.out is None else options.out)
     if options.out is None or not is_only_config:
         # The folder is named after the experiment and the files of its additional filters.
@@ -205,7 +211,7 @@ def _prepare_job(config: Config, options: Options, is_only_config: bool) -> Job:
             say(f"note: {folder}/ has {stored_runs} runs and stays; --force replaces them", options)
             folder = folder.with_name(f"{folder.name}-quick")
     _check_out(folder, data_from_python(experiment, folder))
-    # Step 3: the plan.
+    # Step 2: the plan.
     check_memory(experiment, options.save_tracks)
     most_runs = experiment.settings.runs
     plan = plan_of(experiment, most_runs, options)

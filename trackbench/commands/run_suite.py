@@ -24,7 +24,9 @@ from trackbench.commands.stored_results import Report
 from trackbench.config.shipped_experiments import suite_names, suite_times
 from trackbench.config.suite import Suite, load_suite
 from trackbench.errors import Mark, Problem, UserError
+from trackbench.execution.engines import begin
 from trackbench.filters.program import REFUSAL
+from trackbench.report import DRAWER
 from trackbench.report.html.suite_page import write_suite_page
 from trackbench.report.plotting import style
 from trackbench.report.suite.figures import draw_figures
@@ -128,9 +130,10 @@ def preview_suite(file: Path, options: Options, problems: Sequence[str] = ()) ->
     lines = []
     all_seconds = 0.0
     workers = most_workers(own_options)
-    for problem, job in zip(
-        suite.problems, jobs_of([p.config for p in suite.problems], own_options), strict=True
-    ):
+    configs = [problem.config for problem in suite.problems]
+    experiments = [problem.experiment for problem in suite.problems]
+    jobs = jobs_of(configs, own_options, experiments)
+    for problem, job in zip(suite.problems, jobs, strict=True):
         time = expected_time(job, own_options)
         known = recorded.get(problem.name)
         if known is not None and time != CACHED:
@@ -167,6 +170,7 @@ def run_suite(
     UserError : bad input, with one line per mistake
     """
     options = (options or Options()).changed(changes)
+    begin(options.engine, options.workers, DRAWER)  # while the configs are read
     suite = prepare_suite(Path(file), options, problems)
     folder = suite_folder(suite, options)
     for line in _left_out_lines(_misfits(suite)):
@@ -175,7 +179,8 @@ def run_suite(
     runs: dict[str, dict[str, ProblemRuns]] = {name: {} for name in suite.settings.groups}
     failed: list[str] = []
     configs = [problem.config for problem in suite.problems]
-    reports = run_each(configs, _options_of_jobs(suite, options))
+    experiments = [problem.experiment for problem in suite.problems]
+    reports = run_each(configs, _options_of_jobs(suite, options), validated=experiments)
     with closing(reports):
         for problem, report in zip(suite.problems, reports, strict=False):
             failed += _failures(suite, problem.name, report)

@@ -33,7 +33,9 @@ from trackbench.yaml_source import (
 )
 
 QUICK_RUNS = 4
-"""Runs of each problem with `--quick`."""
+"""Runs of each problem with `--quick`, at most."""
+_QUICK_SHARE = 5
+"""Runs of a problem for each of its runs with `--quick`; it keeps two at least."""
 _QUICK_TUNING = {"evaluations": 6, "runs": 10}
 """Trials and training runs of each filter with `--quick`."""
 _COPIED = ("title", "paper", "seed", "scenario", "hold_out")
@@ -333,7 +335,9 @@ class _Assembler:
         if self.settings.seed is not None:
             put(data, "seed", self.settings.seed, self.suite.mark(("seed",)))
         if self.quick:
-            put(data, "runs", self.runs or QUICK_RUNS, Mark("--quick"))
+            full = problem.runs or self.settings.runs
+            few = min(QUICK_RUNS, max(2, full // _QUICK_SHARE))
+            put(data, "runs", self.runs or few, Mark("--quick"))
         elif problem.runs and self.runs is None:
             put(data, "runs", problem.runs, mark)
         else:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import isfinite, log10, nan
+from math import log10, nan
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +25,16 @@ from trackbench.report.suite.scores import (
     typical_ratios,
 )
 
-_CELL_IN = 0.29
-"""Height of a cell, which is at most twice as wide."""
+_CELL_IN = 0.21
+"""Height of a cell."""
+_HEAD_IN = 1.25
+"""Height of the filters' names and the legend."""
+_GAP = 0.4
+"""Space above the typical ratios, in cells."""
+_CELL_POINTS = 6.5
+_LOSES = "×"
+_COLLAPSES = "!"
+_OVERCONFIDENT = "*"
 _NOT_RUN = "#dcdcdc"
 _COLORS = "viridis_r"
 _SHOWN = 6
@@ -96,80 +104,146 @@ def ordered_problems(group: SuiteScores) -> list[str]:
 
 
 def draw_matrix(group: SuiteScores) -> Figure:
-    """Draw the ratio to the best of each filter (row) on each problem (column).
+    """Draw the ratio to the best of each problem (row) and filter (column).
 
-    The color is logarithmic from 1 to `WORST`. A cross marks a filter that loses more runs or whose
-    runs collapse, a point an overconfident one. Gray cells were not run.
+    The color is logarithmic from 1 to `WORST`. The last row has the typical ratio, by which the
+    filters are sorted. The legend below the matrix names the marks and colors.
     """
     labels = ordered_labels(group)
     problems = ordered_problems(group)
     cells = {(score.label, score.problem): score for score in group.of_role(FILTER)}
-    colors = np.full((len(labels), len(problems)), nan)
-    for i, label in enumerate(labels):
-        for j, problem in enumerate(problems):
+    # Step 1: the colors of the cells, then of the typical ratios.
+    logs = np.full((len(problems) + 1, len(labels)), nan)
+    for row, problem in enumerate(problems):
+        for column, label in enumerate(labels):
             score = cells.get((label, problem))
             if score is not None and not score.is_left_out:
-                colors[i, j] = log10(score.limited_ratio)
-    height = 1.9 + _CELL_IN * len(labels)
-    figure, ax = style.subplots(height_in=height)
-    shown = np.ma.masked_invalid(colors)
+                logs[row, column] = log10(score.limited_ratio)
+    typical = typical_ratios(group)
+    logs[-1] = [log10(typical[label]) for label in labels]
+    # Step 2: the matrix.
     from matplotlib import colormaps
 
     palette = colormaps[_COLORS].copy()
     palette.set_bad(_NOT_RUN)
-    image = ax.imshow(shown, aspect="auto", cmap=palette, vmin=0.0, vmax=log10(WORST))
-    for i, label in enumerate(labels):
-        for j, problem in enumerate(problems):
-            _write_cell(ax, i, j, cells.get((label, problem)), colors[i, j])
+    lowest = len(problems) + _GAP
+    figure, ax = style.subplots(height_in=_HEAD_IN + _CELL_IN * (lowest + 1))
+    right = len(labels) - 0.5
+    for top, rows in ((0.0, logs[:-1]), (lowest, logs[-1:])):
+        ax.imshow(
+            np.ma.masked_invalid(rows),
+            aspect="auto",
+            cmap=palette,
+            vmin=0.0,
+            vmax=log10(WORST),
+            extent=(-0.5, right, top + len(rows) - 0.5, top - 0.5),
+        )
+    ax.set_xlim(-0.5, right)
+    ax.set_ylim(lowest + 0.5, -0.5)
+    # Step 3: the numbers and marks.
+    for row, problem in enumerate(problems):
+        for column, label in enumerate(labels):
+            score = cells.get((label, problem))
+            if score is not None and not score.is_left_out:
+                _write_cell(ax, row, column, cell_text(score), logs[row, column])
+    for column, label in enumerate(labels):
+        _write_cell(ax, lowest, column, _ratio_text(typical[label]), logs[-1, column])
+    # Step 4: the names.
     ax.grid(visible=False)
-    ax.set_yticks(range(len(labels)), labels)
-    ax.set_xticks(range(len(problems)), problems, rotation=60, ha="right", rotation_mode="anchor")
+    ax.set_yticks([*range(len(problems)), lowest], [*problems, "typical ratio"])
+    ax.xaxis.tick_top()
+    ax.set_xticks(range(len(labels)), labels, rotation=40, ha="left", rotation_mode="anchor")
     ax.tick_params(length=0)
-    _separate_classes(ax, group, problems, len(labels))
-    bar = figure.colorbar(image, ax=ax, label="error / error of the best filter", pad=0.01)
-    ticks = [1.0, 1.2, 1.5, 2.0, 3.0, 5.0, WORST]
-    bar.set_ticks([log10(tick) for tick in ticks])
-    bar.set_ticklabels([*(f"{tick:g}" for tick in ticks[:-1]), f"{WORST:g} or more"])
+    for side in ax.spines.values():
+        side.set_visible(False)
+    _name_classes(ax, group, problems, right)
+    _draw_legend(ax, group, palette)
     return figure
 
 
-def _write_cell(ax: Axes, row: int, column: int, score: Score | None, color: float) -> None:
-    """Write a cell's ratio and marks."""
-    if score is None or not isfinite(color):
-        return
-    ink = "white" if color > 0.45 * log10(WORST) else "black"
-    text = ""
-    if score.failed or score.word == LOSES_MORE or score.collapsed:
-        text = "×"
-    elif score.ratio_to_best.value < WORST:
-        digits = 2 if score.ratio_to_best.value < 1.095 else 1
-        text = f"{score.ratio_to_best.value:.{digits}f}".rstrip("0").rstrip(".")
+def cell_text(score: Score) -> str:
+    """Write the ratio of a cell and its marks."""
+    if score.failed or score.word == LOSES_MORE:
+        return _LOSES
+    text = _ratio_text(score.ratio_to_best.value)
+    if score.collapsed:
+        return text + _COLLAPSES
     if score.consistency == "overconfident":
-        text += "·"
-    ax.text(column, row, text, ha="center", va="center", fontsize=5.5, color=ink)
+        return text + _OVERCONFIDENT
+    return text
 
 
-def _separate_classes(ax: Axes, group: SuiteScores, problems: Sequence[str], rows: int) -> None:
-    """Draw a line between classes, and their names above the matrix."""
+def _ratio_text(ratio: float) -> str:
+    """Write a ratio with as many digits as a reader compares."""
+    if ratio < 1.995:
+        return f"{ratio:.2f}"
+    if ratio < 9.95:
+        return f"{ratio:.1f}"
+    return f"{ratio:.0f}" if ratio < 999.5 else "999+"
+
+
+def _write_cell(ax: Axes, row: float, column: float, text: str, log: float) -> None:
+    """Write a cell's text in an ink that can be read on its color."""
+    ink = "white" if log > 0.45 * log10(WORST) else "black"
+    ax.text(column, row, text, ha="center", va="center", fontsize=_CELL_POINTS, color=ink)
+
+
+def _name_classes(ax: Axes, group: SuiteScores, problems: Sequence[str], right: float) -> None:
+    """Draw a line between classes, and their names on the right of the matrix."""
     start = 0
-    for j in range(1, len(problems) + 1):
+    for row in range(1, len(problems) + 1):
         name = group.classes[problems[start]]
-        if j < len(problems) and group.classes[problems[j]] == name:
+        if row < len(problems) and group.classes[problems[row]] == name:
             continue
-        middle = 0.5 * (start + j - 1)
-        ax.text(middle, -0.75, name, ha="left", va="bottom", fontsize=6, rotation=35)
-        if j < len(problems):
-            ax.axvline(j - 0.5, color="white", linewidth=2.0)
-        start = j
+        middle = 0.5 * (start + row - 1)
+        ax.text(right + 0.15, middle, name, ha="left", va="center", fontsize=_CELL_POINTS)
+        if row < len(problems):
+            ax.axhline(row - 0.5, color="white", linewidth=2.5)
+        start = row
+
+
+def _draw_legend(ax: Axes, group: SuiteScores, palette: Any) -> None:
+    """Explain the colors, and the marks that occur, below the matrix."""
+    from matplotlib.patches import Patch
+
+    shades = ((1.0, "as good as the best filter"), (2.0, "2 times its error"), (5.0, "5 times"))
+    handles = [
+        Patch(facecolor=palette(log10(ratio) / log10(WORST)), label=text) for ratio, text in shades
+    ]
+    handles.append(Patch(facecolor=palette(1.0), label=f"{WORST:g} times or more, or loses runs"))
+    scores = group.of_role(FILTER)
+    if any(score.is_left_out for score in scores):
+        handles.append(Patch(facecolor=_NOT_RUN, label="cannot be run"))
+    texts = [cell_text(score) for score in scores if not score.is_left_out]
+    marks = (
+        (_LOSES, "loses all runs, or more than another"),
+        (_COLLAPSES, "some runs collapse"),
+        (_OVERCONFIDENT, "overconfident"),
+    )
+    for mark, meaning in marks:
+        if any(text.endswith(mark) for text in texts):
+            handles.append(Patch(facecolor="none", edgecolor="none", label=f"{mark}  {meaning}"))
+    ax.legend(
+        handles=handles,
+        loc="upper center",
+        bbox_to_anchor=(0.5, -0.02),
+        ncols=3,
+        frameon=False,
+        fontsize=_CELL_POINTS,
+        handlelength=1.0,
+        borderaxespad=0.0,
+    )
 
 
 def matrix_caption(group: SuiteScores) -> str:
     """Return how to read the matrix."""
     return (
-        f"{group.title}: error of each filter over that of the best filter of the problem. ×: loses "
-        "all runs or significantly more than another filter, or some runs collapse. ·: overconfident. "
-        "Gray: cannot be run on this problem; scores.csv has the reason. Filters are sorted by their "
-        "typical ratio."
+        f"{group.title}: error of each filter (column) over that of the best filter of the problem "
+        f"(row). {_LOSES}: loses all runs, or significantly more than another filter. "
+        f"{_COLLAPSES}: in some runs the error is far beyond what the covariance says. "
+        f"{_OVERCONFIDENT}: overconfident. Gray: cannot be run on this problem; scores.csv has the "
+        "reason. Filters are sorted by their typical ratio, the geometric mean of the column, in which "
+        f"a number counts as {WORST:g} at most, and a cross or a gray cell as {WORST:g}."
     )
 
 

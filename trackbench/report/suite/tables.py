@@ -47,7 +47,7 @@ def roster_table(group: SuiteScores) -> TextTable:
         within = sum(score.limited_ratio <= 2.0 for score in run)
         first = sum(is_best(score) for score in run)
         failing = sum(fails(score) for score in mine)
-        overconfident = sum(score.consistency == "overconfident" for score in run)
+        overconfident = sum(is_overconfident(score) for score in run)
         cost = costs.get(label)
         table.rows.append(
             [
@@ -66,8 +66,11 @@ def roster_table(group: SuiteScores) -> TextTable:
         "Typical ratio: geometric mean over the problems of the error over that of the problem's best "
         "filter. A ratio counts as 10 at most, and a filter that cannot be run, or loses significantly "
         "more runs than another, as 10.",
-        "Best: the smallest error, significant or not. Fails: loses all runs or significantly more than "
-        "another filter, or some runs collapse. CPU time: median of its ratio to the fastest filter.",
+        "Best: the smallest error, significant or not.",
+        f"Fails: {WORST:g} times the error of the best filter or more, or all runs lost, or "
+        "significantly more than another filter loses.",
+        "Overconfident: its covariance is too small, in all runs together, or in some by far (collapsed "
+        "runs). CPU time: median of its ratio to the fastest filter.",
     ]
     return table
 
@@ -78,8 +81,17 @@ def is_best(score: Score) -> bool:
 
 
 def fails(score: Score) -> bool:
-    """Test whether a filter has no error, loses significantly more runs, or has collapsed runs."""
-    return score.failed or score.word == LOSES_MORE or score.collapsed > 0
+    """Test whether a filter counts as useless for a problem on which it was run.
+
+    Its error is `WORST` times that of the best filter or more, or it loses all runs, or significantly
+    more runs than another filter.
+    """
+    return not score.is_left_out and score.limited_ratio >= WORST
+
+
+def is_overconfident(score: Score) -> bool:
+    """Test whether a filter's covariance is too small, in all runs together or in some by far."""
+    return score.consistency == "overconfident" or score.collapsed > 0
 
 
 def smoother_table(group: SuiteScores) -> TextTable | None:
@@ -182,10 +194,10 @@ def filter_sentences(group: SuiteScores, label: str) -> list[str]:
     failing = [score.problem for score in run if fails(score)]
     if failing:
         lines.append(
-            f"It fails on {_listed(failing)}: it loses all runs or significantly more than another "
-            "filter, or some runs collapse."
+            f"It fails on {_listed(failing)}: its error is {WORST:g} times that of the best filter or "
+            "more, or it loses all runs or significantly more than another filter."
         )
-    overconfident = [score.problem for score in run if score.consistency == "overconfident"]
+    overconfident = [score.problem for score in run if is_overconfident(score)]
     if overconfident:
         lines.append(f"It is overconfident on {_listed(overconfident)}.")
     if group.is_tuned and len(group.labels(FILTER)) > 1:
