@@ -1,5 +1,7 @@
 """The words of docs/which-filter.md follow from the stored scores; `tests.prose` ties its numbers."""
 
+import re
+
 import pytest
 
 from tests.conftest import ROOT
@@ -56,6 +58,10 @@ def test_bearings() -> None:
 
 def test_multimodal() -> None:
     assert best_on("ungm") == "PF 2000"
+    for label in ("CKF", "UKF", "GHKF", "IPLF"):
+        assert ratio("ungm", "EnKF") < ratio("ungm", label)
+    assert ratio("banana", "UKF") < 1.005
+    assert ratio("banana", "PF 2000") > 2.0
     assert score_of("banana", "PF 2000").collapsed
     assert ratio("squared", "EKF") == 1.0
 
@@ -80,6 +86,10 @@ def test_singular_noise() -> None:
 def test_chaotic() -> None:
     enkf = scores_of_class("chaotic", "EnKF")
     assert len(enkf) == 5
+    for label in stored_suite()["known"].labels(FILTER):
+        if label != "EnKF":
+            others = scores_of_class("chaotic", label)
+            assert max(score.limited_ratio for score in others) > ratio("lorenz96", "EnKF")
     assert max(score.ratio_to_best.value for score in enkf) == ratio("lorenz96", "EnKF")
     assert not any(map(fails, enkf))
     for label in ("EKF", *BOOTSTRAP):
@@ -150,9 +160,34 @@ def test_one_run_makes_the_error_of_the_ukf_on_the_measured_cubes() -> None:
         assert (score.ratio_to_best.value > 10.0) == is_large
 
 
+def section(heading: str) -> str:
+    """Return the text of a section of the page."""
+    return PAGE.split(f"## {heading}\n")[1].split("\n## ")[0]
+
+
+def rows_of_table(text: str) -> list[str]:
+    """Return the rows of a table below its head."""
+    return [line for line in text.splitlines() if line.startswith("| ")][1:]
+
+
 def test_the_sentences_are_ten() -> None:
-    rows = [line for line in PAGE.splitlines() if line.startswith("| ")]
-    assert len(rows) == 11
+    assert len(rows_of_table(section("Ten sentences that you may have heard"))) == 10
+
+
+def test_every_problem_but_the_linear_one_is_like_somebodys() -> None:
+    rows = rows_of_table(section("Which rows are like my problem?"))
+    named = [name for row in rows for name in re.findall("`([^`]+)`", row)]
+    listed = {name.rstrip("0123456789-") for name in named}
+    for problem in stored_suite()["known"].problems:
+        family = problem.split("-")[0] if problem.startswith("lorenz63") else problem
+        assert family == "linear" or family.rstrip("0123456789-") in listed, problem
+    assert {*named} <= {*stored_suite()["known"].problems}
+
+
+def test_every_filter_is_explained() -> None:
+    table = section("The filters")
+    for label in stored_suite()["known"].labels(FILTER):
+        assert re.search(rf"^\|[^|]*\b{label}\b", table, re.MULTILINE), label
 
 
 def test_smoothers_and_iteration() -> None:
