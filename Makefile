@@ -2,7 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-EXPERIMENTS := $(filter-out experiments/_%,$(wildcard experiments/*.yaml))
+EXPERIMENTS := $(filter-out experiments/suites/%,$(wildcard experiments/*/*.yaml))
 
 # One BLAS thread per process: the batch over runs is what runs in parallel.
 export OMP_NUM_THREADS := 1
@@ -47,7 +47,7 @@ suite: $(VENV)/.run
 # `make reproduce-tables` runs the experiments on the three papers, `make reproduce` the others and the suite, too.
 # Both list the verdicts that changed and the quoted numbers that are stale. A clean `git status` afterwards is the check:
 # git keeps what every machine writes alike.
-PAPERS := $(foreach paper,adaptive-kf banana hdepf merwe,$(filter experiments/$(paper)%,$(EXPERIMENTS)))
+PAPERS := $(wildcard $(foreach paper,adaptive-kf banana hdepf,experiments/$(paper)/*.yaml))
 reproduce-tables: CHOSEN := $(PAPERS)
 reproduce: CHOSEN := $(EXPERIMENTS)
 reproduce: suite
@@ -74,7 +74,7 @@ picture: $(VENV)/.run
 # In a clone, which has digests in place of the runs, it recomputes all runs.
 check-results: $(VENV)/.run
 	@set -e; for copy in results/*/published/*.csv; do \
-	  cmp "$$copy" "experiments/published/$$(basename "$$copy")"; done
+	  cmp "$$copy" experiments/*/published/"$$(basename "$$copy")"; done
 	@$(BIN)/trackbench verify $(patsubst %/config.yaml,%,$(wildcard results/*/config.yaml))
 
 # Fails if another processor's kernels, as far as this one can show them, or two workers, give other bytes.

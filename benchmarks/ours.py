@@ -18,7 +18,7 @@ from trackbench.registry import kinds
 from trackbench.scenarios.base import Simulation
 
 SEED = 1
-SCENARIOS = Path(__file__).parent.parent / "experiments" / "scenarios"
+EXPERIMENTS = Path(__file__).parent.parent / "experiments"
 
 
 def make(group: Any, kind: str, **keys: Any) -> Any:
@@ -29,14 +29,20 @@ def make(group: Any, kind: str, **keys: Any) -> Any:
     return cls(**keys)
 
 
+def scenario_file(name: str) -> Path:
+    """The file of a shipped scenario."""
+    (path,) = EXPERIMENTS.glob(f"*/scenarios/{name}.yaml")
+    return path
+
+
 def shipped(name: str, **keys: Any) -> Any:
-    """A scenario of experiments/scenarios with other values for some keys; of old versions a kind."""
+    """A shipped scenario with other values for some keys; of old versions a kind."""
     if name in kinds("scenarios"):
         return make("scenarios", name, **{"T" if k == "last" else k: v for k, v in keys.items()})
     from trackbench.config.build import build_kind
     from trackbench.yaml_source import read
 
-    source = read(SCENARIOS / f"{name}.yaml")
+    source = read(scenario_file(name))
     source.data.update(keys)
     return build_kind("scenarios", source, ())
 

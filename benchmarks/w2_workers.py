@@ -4,14 +4,14 @@ import tempfile
 from pathlib import Path
 
 from benchmarks.harness import Bar, Workload
-from benchmarks.ours import SCENARIOS, shipped
+from benchmarks.ours import scenario_file, shipped
 from benchmarks.processes import FRESH, PROGRAM, command, processes
 
 EVERY_CORE = True
 RUNS = 400
 CONFIG = f"""name: banana-two-workers
 seed: 1
-scenario: {SCENARIOS / "banana.yaml"}
+scenario: {scenario_file("banana")}
 filters:
   PF: {{kind: pf, N: 10000}}
 """

@@ -1,4 +1,4 @@
-"""W7: edit, run, look: all of `trackbench run experiments/hdepf.yaml`, tables and figures included."""
+"""W7: edit, run, look: all of `trackbench run hdepf`, tables and figures included."""
 
 import os
 import subprocess
@@ -8,7 +8,7 @@ from benchmarks.harness import Entrant, Limit, Workload
 from benchmarks.processes import ENVIRONMENT, FRESH, PROGRAM, ROOT, command
 
 EVERY_CORE = True
-CONFIG = "experiments/hdepf.yaml"
+CONFIG = "hdepf"
 RUNS = 200
 
 

@@ -36,7 +36,7 @@ def workloads() -> list[Workload]:
             {
                 "--help": command("--help"),
                 "list": command("list"),
-                "check": command("check", "experiments/hdepf.yaml"),
+                "check": command("check", "hdepf"),
                 "run of a tiny experiment": command(*tiny),
                 "python that imports numpy": processes([(sys.executable, "-c", "import numpy")]),
             },

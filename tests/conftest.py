@@ -20,6 +20,7 @@ import pytest
 import typer.main
 
 from trackbench import registry
+from trackbench.config import shipped_experiments
 from trackbench.config.build import hints_of
 from trackbench.config.experiment import Experiment
 from trackbench.config.load import load
@@ -32,6 +33,8 @@ from trackbench.scenarios.base import Scenario
 
 ROOT = Path(__file__).parent.parent
 EXPERIMENTS = ROOT / "experiments"
+EXPERIMENT_FILES = shipped_experiments.files()
+"""The shipped experiments' files by name."""
 PLANE = """scenario:
   kind: tracking
   last: 8
@@ -81,7 +84,7 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
 @cache
 def shipped(name: str) -> Experiment:
     """A shipped experiment, read once."""
-    return load(EXPERIMENTS / f"{name}.yaml")
+    return load(EXPERIMENT_FILES[name])
 
 
 def make_filter(kind: str, preset: str | None = None, **keys: Any) -> AnyFilter:

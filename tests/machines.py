@@ -1,8 +1,8 @@
 """Do the same bytes come out under other processors' arithmetic? A fresh process for each setting.
 
-``python -m tests.machines --runs 20 experiments/*.yaml`` (``make check-machines``). A setting chooses
-the kernels of OpenBLAS and numpy's code for the processor as another machine would, as far as this one
-has the instructions. One setting runs on two workers, the others serially.
+``python -m tests.machines --runs 20 experiments/hdepf/*.yaml`` (``make check-machines``). A setting
+chooses the kernels of OpenBLAS and numpy's code for the processor as another machine would, as far as
+this one has the instructions. One setting runs on two workers, the others serially.
 """
 
 import argparse

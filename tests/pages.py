@@ -39,14 +39,14 @@ RUNS = 6
 BARE = ("figures={}", "key_figure=null")
 """Draws nothing, which takes longest."""
 LONG = {
-    "experiments/*.yaml": "every experiment",
+    "experiments/banana/*.yaml": "every experiment",
     "adaptive-kf-tuned": "tunes eight filters",
     "sweep hdepf": "13 filters at each of 12 points",
-    "sweep experiments/hdepf.yaml": "13 filters at each of 15 points",
+    "sweep experiments/hdepf/hdepf.yaml": "13 filters at each of 15 points",
     "solent_ais.yaml": "an hour of radio",
     "tune c.yaml": "three filters, 1700 steps",
-    "experiments/ais.yaml": "an hour of radio",
-    "experiments/uav-radar.yaml": "900 steps of seven filters",
+    "experiments/beyond/ais.yaml": "an hour of radio",
+    "experiments/beyond/uav-radar.yaml": "900 steps of seven filters",
     "trackbench suite": "filters on 42 problems",
 }
 """What is validated and not run, and why."""
@@ -185,16 +185,16 @@ TURN = next(
 
 MERWE = """
 name: c
-scenario: experiments/scenarios/merwe.yaml
+scenario: experiments/hdepf/scenarios/merwe.yaml
 filters: {PF: {kind: pf}, HDEPF: {kind: hdepf}, Exact: {kind: grid}}
 """
 TUNED = """
 name: c
 runs: 4
-scenario: experiments/scenarios/maneuver.yaml
+scenario: experiments/adaptive-kf/scenarios/maneuver.yaml
 filters:
   KF: {kind: kf, assume: {motion: {kind: cv, q: 0.1}}}
-  eta = 20: experiments/filters/adaptive-eta20.yaml
+  eta = 20: experiments/adaptive-kf/filters/adaptive-eta20.yaml
   EKF: {kind: ekf}
 """
 

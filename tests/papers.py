@@ -1,6 +1,6 @@
 """The three papers' scenarios under the few keys that tests vary, as objects and as YAML.
 
-Each lays its changes over a shipped file of experiments/scenarios, whose values are the defaults.
+Each lays its changes over a shipped file of scenarios/, whose values are the defaults.
 """
 
 import json
@@ -57,8 +57,9 @@ def maneuver_text(**keys: Any) -> str:
 
 
 def shipped(name: str) -> Mapping:
-    """The keys of a file of experiments/scenarios, those of the file that it uses included."""
-    data: Mapping = read(EXPERIMENTS / "scenarios" / name).data
+    """The keys of a file of scenarios/, those of the file that it uses included."""
+    (path,) = EXPERIMENTS.glob(f"*/scenarios/{name}")
+    data: Mapping = read(path).data
     base = data.pop("use", None)
     return deep_merge(shipped(base), data, by_kind=True) if base else data
 

@@ -14,7 +14,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from tests.conftest import EXPERIMENTS, shipped
+from tests.conftest import EXPERIMENT_FILES, EXPERIMENTS, shipped
 from trackbench.config.dump import as_yaml, resolved
 from trackbench.config.experiment import Experiment
 from trackbench.config.shipped_experiments import problems as listed
@@ -81,7 +81,7 @@ def stored(name: str, known: set[str]) -> Stored:
     ]
     recordings = {
         path.name: hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in sorted(with_parts(EXPERIMENTS / f"{name}.yaml"))
+        for path in sorted(with_parts(EXPERIMENT_FILES[name]))
         if path.is_file() and path.suffix == ".csv" and path.parent.name == "data"
     }
     text = as_yaml([config, published, recordings])

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from tests.commands import BARE, spawned, trackbench
-from tests.conftest import EXPERIMENTS, PLANE
+from tests.conftest import EXPERIMENT_FILES, PLANE
 from trackbench.registry import Group, documentation
 
 
@@ -19,7 +19,7 @@ from trackbench.registry import Group, documentation
 def hdepf(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("run") / "hdepf"
     done = spawned(
-        "run", str(EXPERIMENTS / "hdepf.yaml"), "--quick", "--out", str(out), "--save-tracks"
+        "run", str(EXPERIMENT_FILES["hdepf"]), "--quick", "--out", str(out), "--save-tracks"
     )
     assert done.returncode == 0, done.stderr
     assert "Warning" not in done.stderr
@@ -74,7 +74,7 @@ def test_resolved_config_has_every_key(hdepf: Path) -> None:
 
 def test_overrides_and_only(tmp_path: Path) -> None:
     done = trackbench(
-        *("run", str(EXPERIMENTS / "hdepf.yaml"), "--runs", "5", "--out", str(tmp_path / "o")),
+        *("run", str(EXPERIMENT_FILES["hdepf"]), "--runs", "5", "--out", str(tmp_path / "o")),
         *("--only", "PF", "--set", "filters.PF.N=33", "--set", "scenario.sensor.R=0.1"),
         *("--set", "block=fit", *BARE),
     )
@@ -89,7 +89,7 @@ def test_overrides_and_only(tmp_path: Path) -> None:
 
 def test_dry_run_writes_nothing(tmp_path: Path) -> None:
     done = trackbench(
-        "run", str(EXPERIMENTS / "hdepf.yaml"), "--dry-run", "--out", str(tmp_path / "o")
+        "run", str(EXPERIMENT_FILES["hdepf"]), "--dry-run", "--out", str(tmp_path / "o")
     )
     assert done.returncode == 0
     assert "14 filters x 3200 runs x 49 steps" in done.stdout

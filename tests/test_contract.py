@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.commands import trackbench
-from tests.conftest import EXPERIMENTS, shipped
+from tests.conftest import EXPERIMENT_FILES, shipped
 from tests.linear_problem import LINEAR
 from trackbench.contract import check_filter
 from trackbench.contract.checks import ContractError, _check_covariance
@@ -25,7 +25,7 @@ from trackbench.registry import kinds
 @pytest.fixture(scope="module")
 def used() -> dict[str, tuple[Any, Any]]:
     """A filter of each kind that an experiment uses, and the shortest scenario that it has there."""
-    points = [p for path in EXPERIMENTS.glob("*.yaml") for p in shipped(path.stem).points]
+    points = [p for name in EXPERIMENT_FILES for p in shipped(name).points]
     points.sort(key=lambda point: -len(point.scenario.steps))
     return {
         f.kind: (f, p.assumed_scenario(label)) for p in points for label, f in p.filters.items()

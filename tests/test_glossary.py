@@ -3,7 +3,7 @@
 import pytest
 from typer.testing import CliRunner
 
-from tests.conftest import EXPERIMENTS, shipped
+from tests.conftest import EXPERIMENT_FILES, shipped
 from tests.papers import merwe_text
 from trackbench.cli import app
 from trackbench.config.metric_names import names_of
@@ -11,7 +11,7 @@ from trackbench.evaluation.metric_expression import measured
 from trackbench.help import metrics
 from trackbench.metrics import metric_of
 
-SHIPPED = sorted(EXPERIMENTS.glob("*.yaml"))
+SHIPPED = EXPERIMENT_FILES.values()
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda p: p.stem)
@@ -24,7 +24,7 @@ def test_of_every_metric_it_is_known_what_it_is(path):
 
 
 def test_an_experiments_metrics_are_listed():
-    text = metrics.metrics_of_config(EXPERIMENTS / "adaptive-kf.yaml")
+    text = metrics.metrics_of_config(EXPERIMENT_FILES["adaptive-kf"])
     lines = [" ".join(line.split()) for line in text.splitlines()]
     assert (
         "rmse_position run, step m, lower is better root mean square length of the error" in lines
@@ -67,7 +67,7 @@ def test_whoever_has_a_metric_wrong_sees_the_list(tmp_path, more):
 def test_the_command_line_tells():
     assert "rmse[_quantity]" in told("list", "metrics").output
     assert "time-mean" in told("list", "statistics").output
-    assert "collapsed_steps" in told("list", "metrics", str(EXPERIMENTS / "merwe2000.yaml")).output
+    assert "collapsed_steps" in told("list", "metrics", str(EXPERIMENT_FILES["merwe2000"])).output
     assert "m/s, lower is better" in told("describe", "rmse_velocity").output
     both = told("describe", "anees").output  # a figure, and a metric
     assert "anees (figure)" in both

@@ -133,7 +133,7 @@ def test_the_design_names_every_package_and_module() -> None:
 EARLY = """
 -m trackbench --help: numpy scipy pandas matplotlib pydantic yaml
 -m trackbench list: numpy scipy pandas matplotlib yaml tqdm
--m trackbench check experiments/hdepf.yaml: scipy pandas matplotlib.pyplot trackbench.filters.adaptive_kf
+-m trackbench check hdepf: scipy pandas matplotlib.pyplot trackbench.filters.adaptive_kf
 -c import trackbench.execution.worker: scipy pandas pydantic yaml
 -c import trackbench.execution.forkserver_preload: pandas yaml matplotlib
 -c import trackbench.results.folder: scipy pandas matplotlib trackbench.report\

@@ -7,11 +7,12 @@ import sys
 
 import pytest
 
+from tests.conftest import EXPERIMENT_FILES
 from tests.machines import HERE, digests, under
 from trackbench.execution import code_digests
 
-CONFIGS = [f"{HERE}/experiments/{name}.yaml" for name in
-           ("hdepf", "merwe2000", "banana-kf", "banana-pf", "banana-rivals")]  # fmt: skip
+NAMES = ("hdepf", "merwe2000", "banana-kf", "banana-pf", "banana-rivals")
+CONFIGS = [str(EXPERIMENT_FILES[name]) for name in NAMES]
 ARGUMENTS = [*CONFIGS, "--runs", "1", "--block", "1", "--scans", "25"]
 OWN = "6e2aa4541b3c"
 """First digits of what the package's own arithmetic gives on every machine."""

@@ -11,7 +11,7 @@ import pytest
 
 from tests import problems
 from tests.commands import trackbench
-from tests.conftest import EXPERIMENTS, PLANE, plugins_forgotten, shipped
+from tests.conftest import EXPERIMENT_FILES, PLANE, plugins_forgotten, shipped
 from trackbench.config import shipped_experiments
 from trackbench.config.dump import resolved
 from trackbench.config.load import load
@@ -45,7 +45,7 @@ def filter_file(folder: Path, name: str, *kinds: str, key: str = '"""An EKF."""'
 def test_a_change_raises_the_version(name: str) -> None:
     known, there = problems.read()
     assert problems.stored(name, known) == there[name], (
-        f"{name} has changed: raise `version` in experiments/{name}.yaml, and run "
+        f"{name} has changed: raise `version` in {name}.yaml, and run "
         "python -m tests.problems (alone where no number moves)"
     )
 
@@ -55,7 +55,7 @@ def test_the_digest_sees_what_moves_a_number(monkeypatch: pytest.MonkeyPatch) ->
     before = problems.stored("bearings-two", known).digest
 
     def digest_with(*words: str) -> str:
-        changed = load(EXPERIMENTS / "bearings-two.yaml", words)
+        changed = load(EXPERIMENT_FILES["bearings-two"], words)
         mark = shipped("bearings-two").settings.problem  # which a changed scenario takes away
         changed = replace(changed, settings=replace(changed.settings, problem=mark))
         monkeypatch.setattr(problems, "shipped", lambda name: changed)
@@ -85,7 +85,7 @@ def test_the_version_is_in_no_key_and_in_the_config() -> None:
 
 
 def test_changed_problems_are_others() -> None:
-    path = EXPERIMENTS / "nile.yaml"
+    path = EXPERIMENT_FILES["nile"]
     assert load(path, ["title=Another"], seed=3).settings.problem is not None
     assert load(path, ["scenario.sensor.R=15000"]).settings.problem is None
     assert load(path, grid=["scenario.sensor.R=15000,15100"]).settings.problem is None
@@ -110,7 +110,7 @@ def test_the_list_of_problems() -> None:
         assert one.numbers == len({row.printed_at for row in rows})
         assert f"  {name} " in done.stdout
         assert one.title in done.stdout
-    marked = {p.stem for p in EXPERIMENTS.glob("*.yaml") if shipped(p.stem).settings.problem}
+    marked = {name for name in EXPERIMENT_FILES if shipped(name).settings.problem}
     assert marked == listed.keys()
 
 
@@ -183,7 +183,7 @@ def test_added_filters_are_shown_and_set(tmp_path: Path) -> None:
 
     def loaded(name: str, *words: str, **keys: Any) -> Any:
         with plugins_forgotten():
-            return load(EXPERIMENTS / f"{name}.yaml", words, filter_files=[file], **keys)
+            return load(EXPERIMENT_FILES[name], words, filter_files=[file], **keys)
 
     lorenz = loaded("lorenz63", "filters.my-a.fading=1.2")
     assert [*lorenz.points[0].filters][-2:] == ["my-a", "my-b"]

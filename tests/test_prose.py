@@ -8,6 +8,7 @@ import pytest
 
 from docs.site import numbers
 from docs.site.numbers import LINK, Row, UnclearError
+from tests.conftest import EXPERIMENT_FILES
 from tests.prose import FINDINGS, HERE, TEXTS, count, like, tied, untied, values, without_tied
 from trackbench.statistics.rules import CLAIM_WORDS, NUMBER_WORDS
 
@@ -105,8 +106,8 @@ def test_every_search_counts_in_the_ledger() -> None:
     """A table of kind `readings` gives every number of its paper that it measures a verdict."""
     ledger = (HERE / "results" / "README.md").read_text(encoding="utf-8")
     searches = [
-        path.stem
-        for path in sorted((HERE / "experiments").glob("*.yaml"))
+        name
+        for name, path in EXPERIMENT_FILES.items()
         if re.search(r"^ +kind: readings$", path.read_text(encoding="utf-8"), re.MULTILINE)
     ]
     assert {"hdepf-search", "banana-search"} <= {*searches}

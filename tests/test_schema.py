@@ -8,7 +8,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from tests.commands import trackbench
-from tests.conftest import EXPERIMENTS
+from tests.conftest import EXPERIMENT_FILES
 from trackbench.help.json_schema import schema
 from trackbench.registry import Group, kinds
 from trackbench.yaml_source import read
@@ -21,7 +21,7 @@ def validator() -> Draft202012Validator:
     return Draft202012Validator(found)
 
 
-@pytest.mark.parametrize("path", sorted(EXPERIMENTS.glob("*.yaml")), ids=lambda p: p.stem)
+@pytest.mark.parametrize("path", EXPERIMENT_FILES.values(), ids=lambda p: p.stem)
 def test_shipped_experiments_agree_with_it(validator: Draft202012Validator, path: Path) -> None:
     assert [e.message for e in validator.iter_errors(read(path).data)] == []
 

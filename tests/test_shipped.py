@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import pytest
 
 from tests.commands import BARE, trackbench
-from tests.conftest import EXPERIMENTS, ROOT
+from tests.conftest import EXPERIMENT_FILES, EXPERIMENTS, ROOT
 from tests.conftest import shipped as experiment
 from tests.times import seconds
 from trackbench import yaml_source
@@ -19,7 +19,7 @@ from trackbench.config import shipped_experiments
 from trackbench.config.load import load
 from trackbench.yaml_source import read
 
-NAMES = sorted(path.stem for path in EXPERIMENTS.glob("*.yaml"))
+NAMES = [*EXPERIMENT_FILES]
 
 
 def test_a_name_is_run_anywhere(tmp_path: Path) -> None:
@@ -28,7 +28,7 @@ def test_a_name_is_run_anywhere(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "results" / "merwe2000" / "published" / "merwe2000.csv").is_file()
     by_path = trackbench(
-        *("run", str(EXPERIMENTS / "merwe2000.yaml"), "--runs", "2", "--set", "block=fit"),
+        *("run", str(EXPERIMENT_FILES["merwe2000"]), "--runs", "2", "--set", "block=fit"),
         *("--out", "by-path", *BARE),
         cwd=tmp_path,
     )
@@ -73,11 +73,28 @@ def test_a_word_that_is_neither(tmp_path: Path) -> None:
     )
 
 
+def test_no_two_files_have_the_same_name() -> None:
+    for pattern in ("*/*.yaml", "*/published/*", "*/scenarios/*", "*/filters/*"):
+        names = [path.name for path in EXPERIMENTS.glob(pattern)]
+        assert len(names) == len(set(names)) > 0
+
+
+def test_a_path_without_the_topics_folder_is_answered_with_the_whole_path(tmp_path: Path) -> None:
+    for word in ("experiments/hdepf.yaml", "hdepf.yaml"):
+        done = trackbench("check", word, cwd=tmp_path)
+        assert done.returncode == 2
+        path = EXPERIMENT_FILES["hdepf"]
+        what = f"no such file or directory; the shipped experiment is {path}"
+        assert done.stderr == f"{word}: {what}\n"
+    done = trackbench("check", "experiments/own.yaml", cwd=tmp_path)
+    assert done.stderr == "experiments/own.yaml:1:1: no such file or directory\n"
+
+
 def test_the_list_has_titles_papers_and_times() -> None:
     listed = {one.name: one for one in shipped_experiments.listed()}
     assert sorted(listed) == NAMES
     for name, one in listed.items():
-        config = read(EXPERIMENTS / f"{name}.yaml").data
+        config = read(EXPERIMENT_FILES[name]).data
         title = config["title"].replace("{runs}", str(config.get("runs", 100)))
         assert (one.title, one.paper) == (title, config.get("paper", ""))
         assert one.cpu_s == seconds()[name] > 0.0
@@ -92,26 +109,40 @@ def test_the_list_has_titles_papers_and_times() -> None:
 
 def test_a_config_is_shown_as_it_is() -> None:
     done = trackbench("show", "hdepf")
-    assert done.stdout == (EXPERIMENTS / "hdepf.yaml").read_text()
+    assert done.stdout == EXPERIMENT_FILES["hdepf"].read_text()
 
 
 def _folders(name: str) -> str:
     """The folders of the files that an experiment names."""
-    text = (EXPERIMENTS / f"{name}.yaml").read_text()
+    text = EXPERIMENT_FILES[name].read_text()
     return " ".join(sorted({a + b for a, b in re.findall(r"\b(\w+/)[\w-]+(\.\w+)\b", text)}))
 
 
 @pytest.mark.parametrize("name", {_folders(name): name for name in NAMES}.values())
 def test_a_copy_stands_alone(tmp_path: Path, name: str) -> None:
     """Of experiments whose files lie in the same folders, one."""
-    files = shipped_experiments.copy_experiment(name, tmp_path)
-    mine, theirs = load(tmp_path / f"{name}.yaml"), experiment(name)
+    copied = shipped_experiments.copy_experiment(name, tmp_path)
+    mine, theirs = load(copied.config), experiment(name)
     assert mine.settings == theirs.settings
     # A point of recorded data holds their absolute paths.
-    assert mine.points == theirs.points or tmp_path / "data" in {path.parent for path in files}
+    has_recordings = tmp_path / "data" in {path.parent for path in copied.written}
+    assert mine.points == theirs.points or has_recordings
     assert mine.published == theirs.published
-    for path in files:
-        assert path.read_bytes() == (EXPERIMENTS / path.relative_to(tmp_path)).read_bytes()
+    depth = len(copied.config.relative_to(tmp_path).parts)
+    root = EXPERIMENT_FILES[name].parents[depth - 1]
+    for path in copied.written:
+        assert path.read_bytes() == (root / path.relative_to(tmp_path)).read_bytes()
+
+
+def test_a_copy_with_recordings_has_their_folder_beside_its_own(tmp_path: Path) -> None:
+    done = trackbench("copy", "nile", cwd=tmp_path)
+    assert done.stdout.splitlines() == [
+        "wrote data/nile.csv",
+        "wrote nile/nile.yaml",
+        "wrote nile/published/nile.csv",
+        "run it: trackbench run nile/nile.yaml",
+    ]
+    assert trackbench("check", "nile/nile.yaml", cwd=tmp_path).returncode == 0
 
 
 def test_a_copy_writes_over_nothing(tmp_path: Path) -> None:
@@ -128,7 +159,7 @@ def test_a_copy_writes_over_nothing(tmp_path: Path) -> None:
 
 
 def test_a_config_comes_on_stdin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    config = (EXPERIMENTS / "merwe2000.yaml").read_text()
+    config = EXPERIMENT_FILES["merwe2000"].read_text()
     shipped_experiments.copy_experiment("merwe2000", tmp_path)
 
     def piped(text: str, *words: str) -> subprocess.CompletedProcess[str]:

@@ -19,7 +19,7 @@ import yaml
 import trackbench
 from docs.site import gallery, problems, reference
 from docs.site.pages import pages, rewritten
-from tests.conftest import ROOT
+from tests.conftest import EXPERIMENT_FILES, ROOT
 from tests.test_shipped import NAMES
 from trackbench.commands.gate import NEGLIGIBLE
 from trackbench.config import shipped_experiments
@@ -81,7 +81,7 @@ def test_the_gallery_has_every_experiment() -> None:
     for e in gallery.experiments():
         page = found[f"gallery/{e.name}.md"]
         assert f"trackbench run {e.name}" in page
-        assert (ROOT / "experiments" / f"{e.name}.yaml").read_text().strip() in page
+        assert EXPERIMENT_FILES[e.name].read_text().strip() in page
         assert all(line in page for line in e.verdict)
         for picture in re.findall(r'src="([^"]+)"', page + found["gallery/index.md"]):
             assert f"gallery/{picture}" in files
@@ -96,7 +96,7 @@ def test_every_problem_has_its_picture_verdicts_and_finding() -> None:
         assert f'Cite as "trackbench/{e.name} v{row.problem.version}, ' in page
         assert page.count("<figure") == len(e.figures) >= 1
         assert "](../findings/" in page
-        comment = read(ROOT / "experiments" / f"{e.name}.yaml", "#")
+        comment = read(EXPERIMENT_FILES[e.name], "#")
         assert comment.removeprefix("# ").split(". ")[0].replace("\n# ", " ") in page
         for row_of in csv.DictReader(io.StringIO(read(e.folder / "comparison.csv"))):
             assert f"| {row_of['verdict']}" in page

@@ -11,6 +11,7 @@ import shutil
 import sys
 from pathlib import Path
 
+from trackbench.config import shipped_experiments
 from trackbench.report.results import Results
 from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
 from trackbench.results.folder_contents import TIMING
@@ -31,11 +32,11 @@ def seconds() -> dict[str, float]:
 
 def record() -> None:
     """Replace the record by the times in ``results/``; raises SystemExit unless all runs are there."""
-    names = sorted(path.stem for path in SECONDS.parent.glob("[!_]*.yaml"))
+    names = shipped_experiments.names()
     missing = [name for name in names if not (RESULTS / name / TIMING).is_file()]
     if missing:
         raise SystemExit(f"no times of {', '.join(missing)}: run `make reproduce` first")
-    suites = sorted(path.stem for path in (SECONDS.parent / "suites").glob("*.yaml"))
+    suites = shipped_experiments.suite_names()
     for name in suites:
         if not (RESULTS / name / COSTS).is_file():
             raise SystemExit(f"no times of the suite {name}: run `make suite` first")

@@ -213,7 +213,7 @@ def _versions() -> dict[str, int]:
 
 
 def _text(name: str) -> str:
-    return (shipped_experiments.folder() / f"{name}.yaml").read_text(encoding="utf-8")
+    return shipped_experiments.find_shipped(name).read_text(encoding="utf-8")
 
 
 def _picture(e: Experiment, path: Path) -> str:

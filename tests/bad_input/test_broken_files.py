@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 
 from tests.bad_input.test_bad_input import LISTS, MAIN, good_files
 from tests.commands import trackbench
-from tests.conftest import EXPERIMENTS
+from tests.conftest import EXPERIMENT_FILES, EXPERIMENTS
 from trackbench.yaml_source import parse
 
 GOOD = good_files(LISTS["config"])[MAIN]
 RECORDED = good_files(LISTS["scalar_recordings"])[MAIN]
-SHIPPED = {path.stem: path.read_text() for path in sorted(EXPERIMENTS.glob("*.yaml"))}
+SHIPPED = {name: path.read_text() for name, path in EXPERIMENT_FILES.items()}
 
 
 def assert_refused(code: int, out: str, err: str) -> None:
@@ -65,9 +65,14 @@ def test_a_broken_shipped_config(
     assume(places)
     place = places[n % len(places)]
     rest = "" if how == "cut" else text[place.end() :]
-    folder = tmp_path_factory.mktemp("broken")
-    for part in ("scenarios", "filters", "published"):
-        (folder / part).symlink_to(EXPERIMENTS / part)
+    experiments = tmp_path_factory.mktemp("broken")
+    for neighbor in EXPERIMENTS.iterdir():
+        (experiments / neighbor.name).symlink_to(neighbor)
+    folder = experiments / "own"
+    folder.mkdir()
+    for part in EXPERIMENT_FILES[name].parent.iterdir():
+        if part.is_dir():
+            (folder / part.name).symlink_to(part)
     (folder / MAIN).write_text(text[: place.start()] + place.expand(words[n % len(words)]) + rest)
     done = trackbench("check", MAIN, cwd=folder)
     if done.returncode:

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from tests.conftest import EXPERIMENTS
+from tests.conftest import EXPERIMENT_FILES
 from trackbench import api
 from trackbench.execution.plan import cautions, check_memory, make_plan
 from trackbench.registry import kinds
@@ -15,7 +15,7 @@ def _refused(*_: Any, **__: Any) -> Any:
     raise AssertionError("validation computes")
 
 
-@pytest.mark.parametrize("path", sorted(EXPERIMENTS.glob("*.yaml")), ids=lambda p: p.stem)
+@pytest.mark.parametrize("path", EXPERIMENT_FILES.values(), ids=lambda p: p.stem)
 def test_validation_computes_nothing(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if "\nexact:" in path.read_text(encoding="utf-8"):
         api.prepare(path, api.Options())  # caches whether a few runs show a linear filter

@@ -6,16 +6,16 @@ from pathlib import Path
 
 import pytest
 
-from tests.conftest import EXPERIMENTS, shipped
+from tests.conftest import EXPERIMENT_FILES, EXPERIMENTS, shipped
 from trackbench.config.published import picks, read_published
 from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import measure
 
-FILES = sorted((EXPERIMENTS / "published").glob("*.csv"))
+FILES = {path.name: path for path in sorted(EXPERIMENTS.glob("*/published/*.csv"))}
 
 
 def rows(name: str) -> list[dict[str, str]]:
-    with (EXPERIMENTS / "published" / name).open() as file:
+    with FILES[name].open() as file:
         return list(csv.DictReader(file))
 
 
@@ -52,7 +52,7 @@ def test_a_number_of_a_printed_table_is_measured_or_listed_as_left_out() -> None
     }
     for name, count in {**toolbox, **dapper}.items():
         assert sum(printed(name + ".csv").values()) == count, name
-    left_out = [r for path in FILES for r in rows(path.name) if not r.get("label", r.get("left"))]
+    left_out = [r for name in FILES for r in rows(name) if not r.get("label", r.get("left"))]
     assert all(r["note"] for r in left_out)
 
 
@@ -86,7 +86,7 @@ def test_claims_of_every_paper() -> None:
         assert {r["paper"] for r in rows(f"{paper}-claims.csv")} == {paper}
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda p: p.name)
+@pytest.mark.parametrize("path", FILES.values(), ids=lambda p: p.name)
 def test_every_row_is_well_formed(path: Path) -> None:
     experiments = {name for r in rows(path.name) for name in r["experiment"].split(";") if name}
     assert experiments
@@ -106,12 +106,12 @@ def test_a_quote_that_is_not_closed_is_said_with_its_line(tmp_path: Path) -> Non
 
 def test_experiments_that_measure_something_name_the_file() -> None:
     named = set()
-    for path in EXPERIMENTS.glob("*.yaml"):
+    for path in EXPERIMENT_FILES.values():
         experiment = shipped(path.stem)
         name = experiment.settings.name
         for file in FILES:
-            if any(name in r["experiment"].split(";") for r in rows(file.name)):
-                assert file.name in experiment.published.files, f"{path.name} misses {file.name}"
+            if any(name in r["experiment"].split(";") for r in rows(file)):
+                assert file in experiment.published.files, f"{path.name} misses {file}"
                 named.add(file)
     assert named == {*FILES}
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.conftest import EXPERIMENTS, make_filter, shipped
+from tests.conftest import EXPERIMENT_FILES, make_filter, shipped
 from tests.papers import maneuver, merwe
 from trackbench.core.random_streams import SomeRuns, block_stream, side_by_side
 from trackbench.evaluation import run_block
@@ -49,7 +49,7 @@ def shortened(scenario: Any) -> Any:
 def of_every_kind() -> Iterator[tuple[str, BlockTask]]:
     """Return a block of each filter class, with its parts, and the experiment where it is cheapest."""
     cheapest: dict[frozenset[type], tuple[int, str, BlockTask]] = {}
-    for path in sorted(EXPERIMENTS.glob("*.yaml")):
+    for path in EXPERIMENT_FILES.values():
         for (point, _), tasks in make_plan(shipped(path.stem)).tasks.items():
             task = replace(tasks[0], width=WIDTH, runs_used=WIDTH, extra_run_counts=())
             if point or stack_limit(task) == 1:
@@ -105,7 +105,7 @@ def equal_bytes(one: BlockResult, other: BlockResult) -> bool:
 
 
 # By experiment: a list of the cases would load all experiments whenever tests are collected.
-@pytest.mark.parametrize("name", sorted(path.stem for path in EXPERIMENTS.glob("*.yaml")))
+@pytest.mark.parametrize("name", [*EXPERIMENT_FILES])
 def test_a_block_has_the_same_bytes_beside_others(name: str) -> None:
     for task in cases().get(name, []):
         # The middle block has neighbors on both sides.

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from tests.commands import trackbench
-from tests.conftest import EXPERIMENTS, PLANE, shipped
+from tests.conftest import EXPERIMENT_FILES, PLANE, shipped
 from tests.papers import maneuver_text, merwe_text
 from trackbench import api
 from trackbench.config.dump import as_yaml, resolved
@@ -83,7 +83,7 @@ def again(experiment: Experiment, folder: Path) -> Experiment:
     return found
 
 
-@pytest.mark.parametrize("name", sorted(path.stem for path in EXPERIMENTS.glob("*.yaml")))
+@pytest.mark.parametrize("name", [*EXPERIMENT_FILES])
 def test_the_resolved_config_is_the_same_experiment(tmp_path: Path, name: str) -> None:
     experiment = shipped(name)
     assert again(experiment, tmp_path).points == experiment.points

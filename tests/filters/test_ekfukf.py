@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.conftest import ROOT
+from tests.conftest import EXPERIMENT_FILES
 from trackbench.config.load import load
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.run_filter import run_filter
@@ -94,7 +94,7 @@ CASES: dict[str, tuple[str, tuple[Any, ...]]] = {
 
 def simulated(name: str, label: str) -> tuple[Any, Any, Any, Any]:
     """Return a run's measurements, a filter's estimates (K, n), and the prior's moments."""
-    point = load(ROOT / "experiments" / f"{name}.yaml").points[0]
+    point = load(EXPERIMENT_FILES[name]).points[0]
     task = BlockTask(point.scenario, point.filters[label], seed=3, index=0, width=1, runs_used=1)
     data = task.data
     prior = data.prior
@@ -153,7 +153,7 @@ def second_order_of_the_toolbox(z: Any, m: Any, P: Any) -> tuple[Any, Any]:
 
 def test_the_printed_second_order_errors_have_the_toolboxs_derivatives() -> None:
     """0.202 and 0.074 (1000 runs) are those of wrong second derivatives; ours has 0.110 and 0.056."""
-    point = load(ROOT / "experiments" / "bearings-two.yaml").points[0]
+    point = load(EXPERIMENT_FILES["bearings-two"]).points[0]
     task = BlockTask(
         point.scenario, point.filters["EKF2"], seed=3, index=0, width=200, runs_used=200
     )

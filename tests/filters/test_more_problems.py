@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.conftest import ROOT
+from tests.conftest import EXPERIMENT_FILES
 from tests.filters.test_ekfukf import straight, white_acceleration
 from tests.filters.test_standard_problems import (
     check_points,
@@ -145,7 +145,7 @@ def pendulums(x: Any) -> Any:
 
 @pytest.mark.parametrize("steps", [10, 20, 30, 60, 100])
 def test_step_of_the_double_pendulum(steps: int) -> None:
-    scenario: Any = load(ROOT / "experiments" / f"double-pendulum-{steps}.yaml").points[0].scenario
+    scenario: Any = load(EXPERIMENT_FILES[f"double-pendulum-{steps}"]).points[0].scenario
     x = np.random.default_rng(1).standard_normal((4, 5))
     moved = scenario.model.motion.transition(x, 1).mean
     np.testing.assert_allclose(moved, runge_kutta(pendulums, x, 0.01, steps), rtol=1e-9, atol=1e-9)
@@ -213,7 +213,7 @@ def test_optimal_interpolation(name: str, climate: tuple[Any, Any], H: Any, r: f
 
 
 def test_step_of_lorenz_96_in_twenty_parts() -> None:
-    scenario: Any = load(ROOT / "experiments" / "lorenz96-spantini.yaml").points[0].scenario
+    scenario: Any = load(EXPERIMENT_FILES["lorenz96-spantini"]).points[0].scenario
     x = 3.0 + np.random.default_rng(1).standard_normal((40, 5))
     moved = scenario.model.motion.transition(x, 1).mean
     np.testing.assert_allclose(moved, runge_kutta(lorenz96, x, 0.02, 20), rtol=1e-9)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.conftest import EXPERIMENTS, shipped
+from tests.conftest import EXPERIMENT_FILES, shipped
 from tests.filters.test_standard_problems import first_block
 from trackbench.config.shipped_experiments import problems
 from trackbench.evaluation.run_filter import run_filter
@@ -66,4 +66,4 @@ def test_twice_the_particles_on_the_recording_of_the_pendulum() -> None:
 
 @pytest.mark.parametrize("name", [problem.name for problem in problems() if not problem.reference])
 def test_a_problem_without_a_reference_says_why(name: str) -> None:
-    assert "\n# No reference: " in (EXPERIMENTS / f"{name}.yaml").read_text(encoding="utf-8")
+    assert "\n# No reference: " in EXPERIMENT_FILES[name].read_text(encoding="utf-8")

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 
 from tests.commands import trackbench
-from tests.conftest import EXPERIMENTS, ROOT
+from tests.conftest import EXPERIMENT_FILES, ROOT
 from trackbench.config.load import load
 
 
 def exact_rms(q: float) -> float:
     """Return the root mean square position error (m) over the scored steps, by recursion."""
-    scenario = load(EXPERIMENTS / "adaptive-kf.yaml").points[0].scenario
+    scenario = load(EXPERIMENT_FILES["adaptive-kf"]).points[0].scenario
     T, sigma = scenario.T, scenario.sensor.sigma
     path = scenario.target.path(scenario._timeline)
     steps = scenario._timeline.steps

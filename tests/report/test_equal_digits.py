@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from tests.conftest import EXPERIMENTS
+from tests.conftest import EXPERIMENT_FILES
 from tests.report.forging import reseal
 from trackbench import api
 from trackbench.report.compare_folders import compare_folders
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.usefixtures("no_report")
 @pytest.mark.parametrize("name", ["car-track", "nile", "nile-diffuse", "nile-models", "pendulum"])
 def test_equal_numbers_round_to_all_printed_digits(tmp_path: Path, name: str) -> None:
     """As an independent reading of per_run.csv says; a folder of seven digits does not show them."""
-    folder = api.run(EXPERIMENTS / f"{name}.yaml", out=tmp_path / "old", **QUIET).folder
+    folder = api.run(EXPERIMENT_FILES[name], out=tmp_path / "old", **QUIET).folder
     verdicts = compare(open_results(folder)).rows
     assert {row.verdict.word for row in verdicts} == {"equal"}
     with (folder / "per_run.csv").open() as file:

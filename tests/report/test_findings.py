@@ -10,7 +10,7 @@ import yaml
 from scipy.stats import norm
 
 from tests.commands import ran
-from tests.conftest import EXPERIMENTS
+from tests.conftest import EXPERIMENT_FILES
 from tests.papers import merwe_text
 from trackbench import api
 from trackbench.report.findings.ranking import Candidate, ranking_of, rankings
@@ -329,7 +329,7 @@ def test_runs_that_are_lost_by_chance_take_no_filter_out(rng) -> None:
 @pytest.mark.parametrize("name", SHIPPED)
 def test_what_is_said_of_shipped_results_is_in_their_files(name: str, tmp_path: Path) -> None:
     """Compare the sentences with paired.csv and per_run.csv, as pandas reads them."""
-    path = EXPERIMENTS / f"{name}.yaml"
+    path = EXPERIMENT_FILES[name]
     few = 12 if read(path).data.get("runs", 1) > 12 else None
     keys = ["block=fit", "figures={}", "key_figure=null"]
     options = api.Options(engine="serial", quiet=True, out=tmp_path, formats=(), set=keys)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.commands import ran
-from tests.conftest import EXPERIMENTS, shipped, track
+from tests.conftest import EXPERIMENT_FILES, shipped, track
 from trackbench import api
 from trackbench.evaluation.block import simulate
 from trackbench.filters.kf import KF
@@ -174,7 +174,7 @@ def test_consistency_counts_steps_in_the_band(results: Results) -> None:
 
 def test_shipped_configs_are_good() -> None:
     """Each has a seed of its own, so that what is chosen in one is judged on other runs."""
-    loaded = [shipped(path.stem) for path in EXPERIMENTS.glob("adaptive-kf*.yaml")]
+    loaded = [shipped(name) for name in EXPERIMENT_FILES if name.startswith("adaptive-kf")]
     assert all(experiment.points for experiment in loaded)
     names = {e.settings.name: e.settings.seed for e in loaded}
     assert names.pop("adaptive-kf-tuned-paths") == names["adaptive-kf-tuned"]  # one training

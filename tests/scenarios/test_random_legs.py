@@ -6,7 +6,7 @@ from math import cos, hypot, pi, sin
 import numpy as np
 import pytest
 
-from tests.conftest import EXPERIMENTS, track
+from tests.conftest import EXPERIMENT_FILES, track
 from trackbench.config.load import load
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import simulate
@@ -19,7 +19,7 @@ RUNS = 400
 
 @pytest.fixture(scope="module")
 def lidar():
-    return load(EXPERIMENTS / "lidar.yaml").points[0]
+    return load(EXPERIMENT_FILES["lidar"]).points[0]
 
 
 def _flown(target: RandomLegs, steps: int, seed: int, run: int) -> np.ndarray:

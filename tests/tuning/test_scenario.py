@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.commands import trackbench as command
-from tests.conftest import EXPERIMENTS
+from tests.conftest import EXPERIMENT_FILES
 from trackbench.config.dump import as_yaml, resolved
 from trackbench.config.load import load
 from trackbench.config.tuned_entries import held_out_data
@@ -228,9 +228,9 @@ def test_a_scenario_among_the_filters_is_pointed_to_its_place(config: Path) -> N
 
 def test_the_papers_experiment_holds_its_track_out() -> None:
     """Settings for a track that is printed are found on tracks of the kind, not on it."""
-    experiment: Any = load(EXPERIMENTS / "adaptive-kf-tuned.yaml")
+    experiment: Any = load(EXPERIMENT_FILES["adaptive-kf-tuned"])
     assert held_out_data(experiment) == "noise and path"
-    others = load(EXPERIMENTS / "adaptive-kf-tuned-paths.yaml")
+    others = load(EXPERIMENT_FILES["adaptive-kf-tuned-paths"])
     assert experiment.training.scenario == others.training.scenario  # type: ignore[union-attr]
     assert experiment.settings.tune == others.settings.tune
     assert experiment.settings.seed == others.settings.seed

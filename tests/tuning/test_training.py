@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.conftest import EXPERIMENTS
+from tests.conftest import EXPERIMENT_FILES
 from trackbench.config.load import load
 from trackbench.core.random_streams import RunStreams, block_stream
 from trackbench.errors import UserError
@@ -75,7 +75,7 @@ def test_every_filter_is_tuned_on_the_same_runs(tmp_path: Path) -> None:
 
 
 def test_it_begins_with_the_values_of_the_config() -> None:
-    experiment = load(EXPERIMENTS / "adaptive-kf-tuned.yaml")
+    experiment = load(EXPERIMENT_FILES["adaptive-kf-tuned"])
     assert given_values(experiment, "IMM")["motions.1.q"] == 1e-4
     assert given_values(experiment, "eta = 35")["detector.eta"] == 35.0  # of a preset
     training = Training(experiment, "Any threshold")

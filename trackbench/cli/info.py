@@ -104,9 +104,10 @@ def copy(
     """Copy a shipped experiment and its parts for editing; existing files stay."""
     from trackbench.config.shipped_experiments import copy_experiment
 
-    for path in copy_experiment(name, to):
+    copied = copy_experiment(name, to)
+    for path in copied.written:
         typer.echo(f"wrote {path}")
-    typer.echo(f"run it: trackbench run {to / name}.yaml")
+    typer.echo(f"run it: trackbench run {copied.config}")
 
 
 def new(

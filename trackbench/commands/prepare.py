@@ -18,7 +18,7 @@ from trackbench.config import load as configurations
 from trackbench.config.dump import as_yaml, data_from_python, resolved
 from trackbench.config.experiment import Experiment
 from trackbench.config.python_tables import name_rows
-from trackbench.config.shipped_experiments import folder as shipped_folder
+from trackbench.config.shipped_experiments import files as shipped_files
 from trackbench.config.shipped_experiments import listed, located
 from trackbench.config.tuned_entries import Chosen
 from trackbench.errors import Mark, Problem, UserError, reason
@@ -340,7 +340,8 @@ def _cost_of_shipped(job: Job, options: Options, missing: Sequence[BlockTask]) -
         return None
     with suppress(UserError):
         path = located(Path(job.config), lambda line: None)
-        if not path.parent.samefile(shipped_folder()):
+        shipped_file = shipped_files().get(path.stem)
+        if shipped_file is None or not path.samefile(shipped_file):
             return None
         cpu_s_by_name = {shipped.name: shipped.cpu_s for shipped in listed()}
         cpu_s = cpu_s_by_name.get(path.stem)

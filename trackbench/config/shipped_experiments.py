@@ -1,9 +1,11 @@
 """The experiments that come with the package: found by their names, listed, and copied to be edited.
 
-A wheel holds them beside the code; in a checkout, editable installs included, they are the repository's.
+Each stands in the folder of its paper or topic, and no two have the same name. A wheel holds them
+beside the code; in a checkout, editable installs included, they are the repository's.
 """
 
 import csv
+import os
 import re
 from collections.abc import Callable, Iterable, Iterator
 from importlib import resources
@@ -14,6 +16,7 @@ from trackbench.atomic_files import ensure_folder, write_bytes
 from trackbench.errors import Mark, Problem, UserError
 
 _TIMES = "times.csv"
+_SUITES = "suites"
 _PROBLEM = re.compile(r"^problem: \{version: (\d+)(?:, reference: (.+))?\}$", re.MULTILINE)
 _PRINTED_AT = ("paper", "table", "row", "filter", "metric", "point")
 
@@ -42,7 +45,7 @@ class ShippedProblem(NamedTuple):
 
 
 def folder() -> Path:
-    """Find the folder of the shipped experiments, their parts and the published numbers."""
+    """Find the folder that holds the folders of the shipped experiments, the data and the suites."""
     package = Path(str(resources.files("trackbench")))
     in_package = package / "experiments"
     if in_package.is_dir():
@@ -50,9 +53,15 @@ def folder() -> Path:
     return package.parent / "experiments"
 
 
+def files() -> dict[str, Path]:
+    """Map every shipped experiment's name to its file, sorted by name."""
+    paths = [path for path in folder().glob("*/*.yaml") if path.parent.name != _SUITES]
+    return {path.stem: path for path in sorted(paths, key=lambda path: path.stem)}
+
+
 def names() -> list[str]:
     """List every shipped experiment's name, sorted."""
-    return sorted(path.stem for path in folder().glob("[!_]*.yaml"))
+    return [*files()]
 
 
 def listed() -> list[Shipped]:
@@ -60,8 +69,8 @@ def listed() -> list[Shipped]:
     with (folder() / _TIMES).open(encoding="utf-8", newline="") as file:
         times = {row["experiment"]: float(row["cpu_s"]) for row in csv.DictReader(file)}
     shipped = []
-    for name in names():
-        text = _shipped_file(name).read_text(encoding="utf-8")
+    for name, path in files().items():
+        text = path.read_text(encoding="utf-8")
         # The title has the number of runs in place of {runs}.
         runs = _value_of_key("runs", text) or "100"
         shipped.append(
@@ -78,8 +87,10 @@ def listed() -> list[Shipped]:
 def problems() -> list[ShippedProblem]:
     """List every standard problem, sorted by name."""
     shipped_problems = []
+    file_by_name = files()
     for shipped in listed():
-        text = _shipped_file(shipped.name).read_text(encoding="utf-8")
+        file = file_by_name[shipped.name]
+        text = file.read_text(encoding="utf-8")
         mark = _PROBLEM.search(text)
         if mark is None:
             continue
@@ -89,7 +100,7 @@ def problems() -> list[ShippedProblem]:
                 name=shipped.name,
                 version=int(version),
                 title=shipped.title,
-                numbers=_count_published_numbers(shipped.name, _value_of_key("published", text)),
+                numbers=_count_published_numbers(file, _value_of_key("published", text)),
                 reference=(
                     reference or _value_of_key("reference", text) or _value_of_key("bound", text)
                 ),
@@ -100,17 +111,17 @@ def problems() -> list[ShippedProblem]:
     return shipped_problems
 
 
-def _count_published_numbers(name: str, files: str) -> int:
-    """Count the published numbers that an experiment measures, each once.
+def _count_published_numbers(experiment: Path, published: str) -> int:
+    """Count the published numbers that an experiment's file measures, each once.
 
-    ``files`` is the YAML list of the published files.
+    ``published`` is the YAML list of the files with the numbers.
     """
     printed_places = set()
-    for path in re.findall(r"[^\[\], ]+", files):
-        with (folder() / path).open(encoding="utf-8", newline="") as file:
+    for path in re.findall(r"[^\[\], ]+", published):
+        with (experiment.parent / path).open(encoding="utf-8", newline="") as file:
             for row in csv.DictReader(file):
-                experiments = (row["experiment"] or name).split("; ")
-                is_measured = row.get("label") and name in experiments
+                experiments = (row["experiment"] or experiment.stem).split("; ")
+                is_measured = row.get("label") and experiment.stem in experiments
                 if is_measured and not row["value"].endswith("biased"):
                     printed_places.add(tuple(row.get(key) for key in _PRINTED_AT))
     return len(printed_places)
@@ -119,12 +130,17 @@ def _count_published_numbers(name: str, files: str) -> int:
 def located(config: Path, note: Callable[[str], None]) -> Path:
     """Find the file of a config: of that path, or else the shipped experiment of that name.
 
-    Raises UserError for a word that is neither. ``note`` gets a line to print if it is both.
+    Raises UserError for a word that is neither, and for a path that is missing and ends in a shipped
+    experiment's name. ``note`` gets a line to print if it is both.
     """
     word = str(config)
     if config.is_file() or not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", word):
-        if word in names():
-            note(f"note: using the file {word}; the shipped experiment is {_shipped_file(word)}")
+        shipped_file = files().get(config.stem)
+        if shipped_file is not None and word == config.stem:
+            note(f"note: using the file {word}; the shipped experiment is {shipped_file}")
+        if shipped_file is not None and config.suffix == ".yaml" and not config.exists():
+            what = f"no such file or directory; the shipped experiment is {shipped_file}"
+            raise UserError(Problem(Mark(word), "", what))
         return config
     if config.exists():
         note(f"note: using the shipped experiment {word}; the folder of this name is ignored")
@@ -133,11 +149,12 @@ def located(config: Path, note: Callable[[str], None]) -> Path:
 
 def find_shipped(name: str) -> Path:
     """Find the file of the shipped experiment; raises UserError if there is none of this name."""
-    if name in names():
-        return _shipped_file(name)
+    file_by_name = files()
+    if name in file_by_name:
+        return file_by_name[name]
     from trackbench.config.mistakes import unknown
 
-    hint = unknown(name, names())
+    hint = unknown(name, [*file_by_name])
     for ending in (".yml", ".yaml"):
         if Path(f"{name}{ending}").is_file():
             hint = f"did you mean {name}{ending}?"
@@ -145,14 +162,28 @@ def find_shipped(name: str) -> Path:
     raise UserError(Problem(Mark(name), "", what))
 
 
-def copy_experiment(name: str, target: Path) -> list[Path]:
-    """Copy a shipped experiment and its parts into a folder; returns the files written.
+class Copied(NamedTuple):
+    """A shipped experiment in a folder of the user's."""
 
-    An existing file with the same content is left alone. Raises UserError, before anything is written,
-    for every existing file with another content.
+    config: Path
+    """the copy of the experiment's file"""
+    written: list[Path]
+    """files that were not there before"""
+
+
+def copy_experiment(name: str, target: Path) -> Copied:
+    """Copy a shipped experiment and its parts into a folder.
+
+    The copies lie to each other as the files do. The experiment's file lies in ``target`` itself unless
+    it has parts outside of its own folder, as those with recorded data have: then it lies one folder
+    deeper. An existing file with the same content is left alone. Raises UserError, before anything is
+    written, for every existing file with another content.
     """
-    files = sorted(part for part in with_parts(find_shipped(name)) if part.is_file())
-    content = {target / path.relative_to(folder()): path.read_bytes() for path in files}
+    experiment_file = find_shipped(name)
+    parts = sorted(part for part in with_parts(experiment_file) if part.is_file())
+    paths = [Path(os.path.normpath(part)) for part in parts]
+    root = os.path.commonpath([path.parent for path in paths])
+    content = {target / path.relative_to(root): path.read_bytes() for path in paths}
     # Step 1: reject changed files before anything is written.
     existing = {path for path in content if path.exists()}
     problems = []
@@ -167,12 +198,12 @@ def copy_experiment(name: str, target: Path) -> list[Path]:
     for path in new_files:
         ensure_folder(path.parent)
         write_bytes(path, content[path])
-    return new_files
+    return Copied(config=target / experiment_file.relative_to(root), written=new_files)
 
 
 def suite_names() -> list[str]:
     """List the shipped suites' names, sorted."""
-    return sorted(path.stem for path in (folder() / "suites").glob("*.yaml"))
+    return sorted(path.stem for path in (folder() / _SUITES).glob("*.yaml"))
 
 
 def suite_file(suite: Path) -> Path:
@@ -181,7 +212,7 @@ def suite_file(suite: Path) -> Path:
     if suite.is_file() or suite.suffix:
         return suite
     if word in suite_names():
-        return folder() / "suites" / f"{word}.yaml"
+        return folder() / _SUITES / f"{word}.yaml"
     from trackbench.config.mistakes import unknown
 
     what = f"is neither a file nor a shipped suite; {unknown(word, suite_names())}"
@@ -197,7 +228,7 @@ class SuiteTime(NamedTuple):
 
 def suite_times(name: str) -> dict[str, SuiteTime]:
     """Return the recorded times of a shipped suite's problems by name; empty for another suite."""
-    with (folder() / "suites" / _TIMES).open(encoding="utf-8", newline="") as file:
+    with (folder() / _SUITES / _TIMES).open(encoding="utf-8", newline="") as file:
         return {
             row["problem"]: SuiteTime(int(row["runs"]), float(row["cpu_s"]))
             for row in csv.DictReader(file)
@@ -232,10 +263,6 @@ def _walk_words(data: object) -> Iterator[str]:
             yield value
         else:
             yield from _walk_words(value)
-
-
-def _shipped_file(name: str) -> Path:
-    return folder() / f"{name}.yaml"
 
 
 def _value_of_key(key: str, text: str) -> str:
