@@ -29,7 +29,8 @@ from trackbench.results.folder_contents import (
     TIMING,
     read_manifest,
 )
-from trackbench.results.frames import Columns, PointRuns, Runs, read_frame, read_runs
+from trackbench.results.frames import Columns, PointRuns, Runs, as_read, read_frame, read_runs
+from trackbench.results.long_runs import PER_STEP_FILE, read_steps
 from trackbench.results.point_facts import (
     POINTS_FILE,
     GridPoint,
@@ -221,7 +222,11 @@ class ResultsFolder:
 
     @cached_property
     def per_step(self) -> "pd.DataFrame":
-        """Return per_step.csv, ``filter,step,time,metric,value,stderr,runs``."""
+        """Return per_step.csv or per_step.npz, ``filter,step,time,metric,value,stderr,runs``."""
+        if self.per_step_file == PER_STEP_FILE:
+            import pandas as pd
+
+            return pd.DataFrame(self.columns("per_step").arrays)
         return self._read("per_step.csv")
 
     @cached_property
@@ -324,8 +329,30 @@ class ResultsFolder:
     def columns(self, name: str, point: Mapping[str, Any] = MappingProxyType({})) -> Columns:
         """Return rows of `summary`, `per_step` or `timing`, at one grid point or at all."""
         if name not in self._columns:
-            self._columns[name] = Columns.of(self._read(f"{name}.csv"))
+            if name == "per_step" and self.per_step_file == PER_STEP_FILE:
+                self._columns[name] = self._read_step_arrays()
+            else:
+                self._columns[name] = Columns.of(self._read(f"{name}.csv"))
         return self._columns[name].at(point)
+
+    @property
+    def per_step_file(self) -> str:
+        """Name of the file with the numbers per step, which is another of very long runs."""
+        if (self.folder / PER_STEP_FILE).is_file():
+            return PER_STEP_FILE
+        return "per_step.csv"
+
+    def _read_step_arrays(self) -> Columns:
+        """Read the numbers per step of very long runs."""
+        # Values of the grid as those of a CSV file are read.
+        by_path = {}
+        for path in self.grid:
+            by_path[path] = as_read([point[path] for point in self.grid_points])
+        points = []
+        for i in range(len(self.grid_points)):
+            points.append({path: values[i] for path, values in by_path.items()})
+        with self.reading(PER_STEP_FILE) as file:
+            return read_steps(file, [*self.grid, *COLUMNS["per_step.csv"]], points)
 
     def _read(self, name: str) -> "pd.DataFrame":
         with self.reading(name) as path:

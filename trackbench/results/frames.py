@@ -1,7 +1,7 @@
 """CSV files of a results folder: data frames, columns as arrays, and the values of runs."""
 
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -146,6 +146,13 @@ def read_frame(path: Path, needed: Collection[str] = ()) -> "pd.DataFrame":
         values = {text: parse(text) for text in texts}
         frame[name] = frame[name].map(values)
     return frame
+
+
+def as_read(values: Sequence[Any]) -> list[Any]:
+    """Return the values of a grid's column as they are read back from a file."""
+    texts = ["" if value is None else str(value) for value in values]
+    parse = _choose_parse(texts)
+    return [parse(text) for text in texts]
 
 
 def _choose_parse(texts: Collection[str]) -> Parse:
