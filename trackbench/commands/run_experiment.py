@@ -50,6 +50,7 @@ from trackbench.report.render import render
 from trackbench.report.results import Results
 from trackbench.report.sweep import write_sweep
 from trackbench.results.folder_contents import locked, write_manifest
+from trackbench.results.long_runs import is_long, long_run_note
 from trackbench.results.write import Losses, write_results
 from trackbench.tuning.search import write_tuning
 from trackbench.yaml_source import Config
@@ -201,6 +202,8 @@ def _write_results_and_report(job: Job, outcome: Outcome, options: Options, swee
     notes = list(_loss_notes(job.experiment, losses))
     notes += _bound_notes(job.experiment)
     notes += _digit_notes(job.experiment, outcome)
+    if is_long(job.experiment):
+        notes.append(long_run_note(job.experiment))
     return Report(
         results=results,
         failed_filters=list(_failure_lines(job.experiment, outcome, losses)),

@@ -29,7 +29,8 @@ from trackbench.results.folder_contents import (
     TIMING,
     read_manifest,
 )
-from trackbench.results.frames import Columns, PointRuns, Runs, read_columns, read_runs
+from trackbench.results.frames import Columns, PointRuns, Runs, as_read, read_columns, read_runs
+from trackbench.results.long_runs import PER_STEP_FILE, read_steps
 from trackbench.results.point_facts import (
     POINTS_FILE,
     GridPoint,
@@ -221,7 +222,7 @@ class ResultsFolder:
 
     @cached_property
     def per_step(self) -> "pd.DataFrame":
-        """Return per_step.csv, ``filter,step,time,metric,value,stderr,runs``."""
+        """Return per_step.csv or per_step.npz, ``filter,step,time,metric,value,stderr,runs``."""
         return self._frame("per_step")
 
     @cached_property
@@ -328,6 +329,8 @@ class ResultsFolder:
         return self._columns[name].at(point)
 
     def _read(self, name: str) -> Columns:
+        if name == "per_step" and self.per_step_file == PER_STEP_FILE:
+            return self._read_step_arrays()
         file = f"{name}.csv"
         with self.reading(file) as path:
             return read_columns(path, COLUMNS[file])
@@ -337,6 +340,25 @@ class ResultsFolder:
         import pandas as pd  # takes long to import
 
         return pd.DataFrame(self._read(name).arrays, copy=True)
+
+    @property
+    def per_step_file(self) -> str:
+        """Name of the file with the numbers per step, which is another of very long runs."""
+        if (self.folder / PER_STEP_FILE).is_file():
+            return PER_STEP_FILE
+        return "per_step.csv"
+
+    def _read_step_arrays(self) -> Columns:
+        """Read the numbers per step of very long runs."""
+        # Values of the grid as those of a CSV file are read.
+        by_path = {}
+        for path in self.grid:
+            by_path[path] = as_read([point[path] for point in self.grid_points])
+        points = []
+        for i in range(len(self.grid_points)):
+            points.append({path: values[i] for path, values in by_path.items()})
+        with self.reading(PER_STEP_FILE) as file:
+            return read_steps(file, [*self.grid, *COLUMNS["per_step.csv"]], points)
 
     @cached_property
     def tuning(self) -> dict[str, Record]:

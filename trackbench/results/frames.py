@@ -156,6 +156,13 @@ def read_columns(path: Path, needed: Collection[str] = ()) -> Columns:
     return Columns(arrays)
 
 
+def as_read(values: Sequence[Any]) -> list[Any]:
+    """Return the values of a grid's column as they are read back from a file."""
+    texts = ["" if value is None else str(value) for value in values]
+    parse = _choose_parse(texts)
+    return [parse(text) for text in texts]
+
+
 def _choose_parse(texts: Collection[str]) -> Parse:
     """Find the first type that all texts have: whole numbers, numbers, truth values, words."""
     for parse in (int, float, _parse_truth):

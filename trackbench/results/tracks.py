@@ -15,6 +15,7 @@ from trackbench.execution.plan import Key
 from trackbench.models.sensors.angular import AngularSensor
 from trackbench.models.sensors.base import Sensors, StackedSensor
 from trackbench.models.sensors.position import LinearSensor
+from trackbench.results.long_runs import is_long, write_arrays
 from trackbench.results.point_facts import array_prefix
 from trackbench.scenarios.base import Scenario
 from trackbench.scenarios.starts.base import position_part
@@ -63,6 +64,9 @@ class TrackFile:
     def write(self, path: Path) -> None:
         """Write the file as `np.load` reads it, unless it would be empty."""
         if not self.arrays:
+            return
+        if is_long(self.experiment):  # LZMA would take longer than the filters
+            write_arrays(path, self.arrays)
             return
         with atomic_write(path) as file, ZipFile(file, "w", ZIP_LZMA) as archive:
             for name, array in self.arrays.items():

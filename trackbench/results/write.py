@@ -57,6 +57,7 @@ from trackbench.results.folder_contents import (
     TIMING,
     remove_outputs,
 )
+from trackbench.results.long_runs import PER_STEP_FILE, StepArrays, is_long
 from trackbench.results.point_facts import POINTS_FILE, points_text
 from trackbench.results.run_facts import facts_of_run
 from trackbench.results.tracks import FigureTracks, TrackFile
@@ -159,6 +160,8 @@ def write_results(
             for track_file in track_files.values():
                 track_file.add(key, result)
         csv_files.add_numbers_without_runs()
+    if csv_files.step_arrays is not None:
+        csv_files.step_arrays.write(folder / PER_STEP_FILE)
     for name, track_file in track_files.items():
         track_file.write(folder / name)
     # Step 3: the arrivals of late measurements, and the facts of the run.
@@ -206,12 +209,18 @@ def _arrival_rows(experiment: Experiment, outcome: Outcome) -> Iterator[Row]:
 
 
 class CsvFiles:
-    """Files of a results folder, to which each filter's rows are added."""
+    """Files of a results folder, to which each filter's rows are added.
+
+    The rows of per_step.csv are arrays in ``step_arrays`` if the runs are very long.
+    """
 
     def __init__(self, files: ExitStack, folder: Path, experiment: Experiment) -> None:
         self._experiment = experiment
+        self.step_arrays = StepArrays(experiment) if is_long(experiment) else None
         self._writers: dict[str, CsvWriter] = {}
         for name, columns in COLUMNS.items():
+            if name == "per_step.csv" and self.step_arrays is not None:
+                continue
             path = folder / (TIMING if name == "timing.csv" else name)
             writer = CsvWriter(files.enter_context(atomic_write(path)))
             writer.writerow([*experiment.settings.grid, *columns])
@@ -279,6 +288,9 @@ class CsvFiles:
 
     def _add_steps(self, point: int, label: str, columns: Iterable[StepColumns]) -> None:
         """Add rows of per_step.csv, a series at a time: all metrics of a step, then the next step."""
+        if self.step_arrays is not None:
+            self.step_arrays.add(point, label, columns)
+            return
         scenario = self._experiment.points[point].scenario
         stored = stored_metrics(self._experiment.settings, "per_step.csv")
         digits = DIGITS["per_step.csv"]

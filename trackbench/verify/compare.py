@@ -36,18 +36,18 @@ def compare_first_runs(stored: Results, computed: Results) -> Iterator[str]:
     frames = [_values_of_runs(results, runs) for results in (stored, computed)]
     yield from compare_frames("per_run.csv", *frames)
     without_runs = [stored.config.get("bound"), *stored.exact]
-    for name in ("summary", "per_step"):
-        if not (stored.folder / f"{name}.csv").is_file():
+    for name, file in (("summary", "summary.csv"), ("per_step", stored.per_step_file)):
+        if not (stored.folder / file).is_file():
             continue
         whole = [getattr(results, name) for results in (stored, computed)]
         # Whether any component is left out of a NEES depends on all runs.
         whole = [frame[~frame["metric"].str.startswith("unused_")] for frame in whole]
         names = [set(frame[[*grid, "filter", "metric"]].itertuples(False, None)) for frame in whole]
         if names[0] != names[1]:
-            yield f"{name}.csv: has other rows than are computed again"
+            yield f"{file}: has other rows than are computed again"
         else:
             frames = [frame[frame["filter"].isin(without_runs)] for frame in whole]
-            yield from compare_frames(f"{name}.csv", *frames)
+            yield from compare_frames(file, *frames)
     for name in _TRACKS:
         if (computed.folder / name).is_file() and (stored.folder / name).is_file():
             yield from compare_arrays(name, stored, computed)
@@ -107,7 +107,7 @@ def _explain(name: str, stored: Results, computed: Results) -> Iterator[str]:
     if name == ARRIVALS:
         lines = [*compare_arrivals(stored, computed)]
     else:
-        frames = [getattr(results, name.removesuffix(".csv")) for results in (stored, computed)]
+        frames = [getattr(results, Path(name).stem) for results in (stored, computed)]
         lines = [*compare_frames(name, *frames)]
     yield from lines or [f"{name}: has other bytes when it is computed again, of equal numbers"]
 

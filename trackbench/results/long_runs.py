@@ -1,0 +1,205 @@
+"""Numbers per step of very long runs: ``per_step.npz``, arrays in place of the rows of per_step.csv.
+
+A recording of 90 000 steps would fill per_step.csv with millions of rows, which take longer to write
+and to read than a Kalman filter takes.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
+
+import numpy as np
+
+from trackbench.atomic_files import atomic_write
+from trackbench.config.experiment import Experiment
+from trackbench.config.metric_names import is_stored, stored_metrics
+from trackbench.core.arrays import Array, Index, fixed
+from trackbench.evaluation.metric_expression import measured
+from trackbench.evaluation.summary import StepColumns
+from trackbench.results.frames import Columns
+from trackbench.results.point_facts import array_prefix
+
+PER_STEP_FILE = "per_step.npz"
+"""File of the numbers per step, if the runs are very long."""
+LONG_RUN = 10_000
+"""Steps of a run beyond which the numbers per step are arrays, and other files are packed faster."""
+_NO_ROW = -1
+"""Number of runs at a step that per_step.csv would have no row of; a bound has rows of no runs."""
+_PRECISION = 6e-7
+"""Relative error up to which a series is float32: less than the last digit of per_step.csv."""
+
+
+def is_long(experiment: Experiment) -> bool:
+    """Test whether the runs of any grid point have more than `LONG_RUN` steps."""
+    return any(len(point.scenario.steps) > LONG_RUN for point in experiment.points)
+
+
+def long_run_note(experiment: Experiment) -> str:
+    """Say where the numbers per step of an experiment with very long runs are."""
+    steps = max(len(point.scenario.steps) - 1 for point in experiment.points)
+    return (
+        f"{PER_STEP_FILE} has the numbers of all {steps} steps in place of per_step.csv, which would be "
+        "large and slow; in Python trackbench.load(FOLDER).per_step reads either"
+    )
+
+
+def write_arrays(path: Path, arrays: Mapping[str, Any], stored: Iterable[str] = ()) -> None:
+    """Write arrays as `np.load` reads them, packed fast; those named in ``stored`` are not packed."""
+    as_they_are = set(stored)
+    with atomic_write(path) as file, ZipFile(file, "w", ZIP_DEFLATED, compresslevel=1) as archive:
+        for name, array in arrays.items():
+            # A fixed date: the same arrays are the same bytes.
+            member_info = ZipInfo(f"{name}.npy")
+            member_info.compress_type = ZIP_STORED if name in as_they_are else ZIP_DEFLATED
+            with archive.open(member_info, "w", force_zip64=True) as member:
+                np.lib.format.write_array(member, np.ascontiguousarray(array))
+
+
+class StepArrays:
+    """Writer of ``per_step.npz``: arrays (T + 1,) over the steps, by filter and metric.
+
+    ``step`` and ``time`` are the numbers and times of the steps. ``value/<filter>/<metric>`` is NaN
+    where ``runs/<filter>/<metric>``, the number of runs with a value, is -1. Series with standard errors
+    have ``stderr/<filter>/<metric>``. Names of a grid's points have a prefix.
+    """
+
+    def __init__(self, experiment: Experiment) -> None:
+        self._experiment = experiment
+        self._stored = stored_metrics(experiment.settings, "per_step.csv")
+        self._arrays: dict[str, Any] = {}
+
+    def add(self, point: int, label: str, columns: Iterable[StepColumns]) -> None:
+        """Add the metrics of one filter at one grid point."""
+        prefix = array_prefix(point, len(self._experiment.points))
+        scenario = self._experiment.points[point].scenario
+        self._arrays[f"{prefix}step"] = scenario.steps
+        self._arrays[f"{prefix}time"] = scenario.times
+        number = len(scenario.steps)
+        for of_series in columns:
+            runs = np.full(number, _NO_ROW, dtype=np.int32)
+            runs[of_series.positions] = of_series.runs
+            for metric, estimates in of_series.metrics.items():
+                if not is_stored(self._stored, measured(metric).base):
+                    continue
+                name = f"{label}/{metric}"
+                value = _at_positions(estimates.value, of_series.positions, number)
+                self._arrays[f"{prefix}value/{name}"] = value
+                self._arrays[f"{prefix}runs/{name}"] = runs
+                if not np.isnan(estimates.stderr).all():
+                    stderr = _at_positions(estimates.stderr, of_series.positions, number)
+                    self._arrays[f"{prefix}stderr/{name}"] = stderr
+
+    def write(self, path: Path) -> None:
+        """Write the file."""
+        numbers = [name for name in self._arrays if "value/" in name or "stderr/" in name]
+        write_arrays(path, self._arrays, stored=numbers)
+
+
+def _at_positions(values: Array, positions: Index, number: int) -> Any:
+    """Put values (S,) at their places among so many steps, as float32 where that is exact enough."""
+    whole = np.full(number, np.nan)
+    whole[positions] = values
+    with np.errstate(over="ignore", under="ignore"):
+        short = whole.astype(np.float32)
+    is_exact = np.allclose(short, whole, rtol=_PRECISION, atol=0.0, equal_nan=True)
+    return short if is_exact else whole
+
+
+class Series(NamedTuple):
+    """Rows of one metric of one filter at one grid point."""
+
+    words: dict[str, Any]
+    """value in each row of the grid's columns, of ``filter`` and of ``metric``"""
+    numbers: dict[str, Array]
+    """columns (S,) ``step``, ``time``, ``value``, ``stderr`` and ``runs``"""
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return len(self.numbers["step"])
+
+
+class SeriesColumns(Columns):
+    """Rows of per_step.npz, as those of per_step.csv; only the series that are chosen are joined."""
+
+    def __init__(self, series: Sequence[Series], names: Sequence[str]) -> None:
+        object.__setattr__(self, "_series", tuple(series))
+        object.__setattr__(self, "_names", tuple(names))
+
+    _series: tuple[Series, ...]
+    _names: tuple[str, ...]
+
+    @cached_property
+    def arrays(self) -> dict[str, Array]:
+        """All rows: a read-only array per column, by its name."""
+        arrays: dict[str, Array] = {}
+        for name in self._names:
+            parts = [_column(series, name) for series in self._series]
+            arrays[name] = fixed(np.concatenate(parts) if parts else np.empty(0))
+        return arrays
+
+    def at(self, values: Mapping[str, Any]) -> Columns:
+        """Return the rows that have these values, by names of columns."""
+        words = set(self._names).difference(_NUMBERS)
+        of_series = {name: value for name, value in values.items() if name in words}
+        chosen = [
+            series
+            for series in self._series
+            if all(series.words[name] == value for name, value in of_series.items())
+        ]
+        columns = SeriesColumns(chosen, self._names)
+        of_rows = {name: value for name, value in values.items() if name not in words}
+        if not of_rows:
+            return columns
+        return Columns(columns.arrays).at(of_rows)
+
+
+_NUMBERS = ("step", "time", "value", "stderr", "runs")
+
+
+def _column(series: Series, name: str) -> Array:
+    """Return one column (S,) of a series' rows."""
+    if name in series.numbers:
+        return series.numbers[name]
+    value = series.words[name]
+    if isinstance(value, str):
+        return np.full(series.rows, value, dtype=object)
+    return np.full(series.rows, value)
+
+
+def read_steps(path: Path, columns: Sequence[str], points: Sequence[Mapping[str, Any]]) -> Columns:
+    """Read ``per_step.npz`` as the rows of per_step.csv.
+
+    ``columns`` are that file's, those of the grid first; ``points`` are the values of the grid's points.
+    """
+    with path.open("rb") as file, np.load(file) as archive:
+        arrays = dict(archive)
+    series = []
+    for i, point in enumerate(points):
+        prefix = array_prefix(i, len(points))
+        head = f"{prefix}value/"
+        for name, value in arrays.items():
+            if not name.startswith(head):
+                continue
+            label_and_metric = name.removeprefix(head)
+            label, _, metric = label_and_metric.rpartition("/")
+            runs = arrays[f"{prefix}runs/{label_and_metric}"]
+            stderr = arrays.get(f"{prefix}stderr/{label_and_metric}")
+            if stderr is None:
+                stderr = np.full(len(value), np.nan)
+            known = np.flatnonzero(runs != _NO_ROW)
+            series.append(
+                Series(
+                    words={**point, "filter": label, "metric": metric},
+                    numbers={
+                        "step": arrays[f"{prefix}step"][known],
+                        "time": arrays[f"{prefix}time"][known],
+                        "value": value[known].astype(float),
+                        "stderr": stderr[known].astype(float),
+                        "runs": runs[known],
+                    },
+                )
+            )
+    return SeriesColumns(series, columns)
