@@ -25,7 +25,10 @@ AXES = ("x", "y", "z")
 _DELAY = (
     "the key is `delay`, of a sensor: {delay: 3} or {delay: {kind: uniform, most: 5}}, in steps"
 )
-_CONTROL = "not supported: write known inputs as expressions of k and t in a motion `map` or `ode`"
+_CONTROL = (
+    "the key is `input`, of a motion `map` or `ode` ({input: [v, w]}) and of a recording ({input: {v: "
+    "COLUMN}}); in a simulation write known inputs as expressions of k and t"
+)
 _CORRELATION = "not supported: process noise and measurement noise are independent"
 UNSUPPORTED_KEYS = (
     dict.fromkeys(("delay", "delays", "latency"), _DELAY)
@@ -256,6 +259,11 @@ class Motion(Part):
     def uses_time(self) -> bool:
         """True if the motion depends on the time k T, so that all steps must be equal."""
         return False
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of known inputs in the motion's equations, whose values the scenario has."""
+        return ()
 
 
 class Sensor(Protocol):
