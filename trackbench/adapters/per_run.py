@@ -24,6 +24,7 @@ from trackbench.models.base import (
     central_differences,
     jacobian_at,
 )
+from trackbench.models.inputs import inputs_of
 from trackbench.models.motions.irregular import step_length
 from trackbench.registry import register
 
@@ -206,11 +207,14 @@ class LoopFilter(Filter[RunObjects]):
         dt = step_length(model, k)
         mean = np.empty_like(state.mean)
         cov = np.empty_like(state.cov)
+        inputs = inputs_of(model.motion)
         is_missing: Mask = np.asarray(np.isnan(z).all(axis=0))
         # A row per run, which the object may write to.
         measurements = z[state.order.rows].T.copy()
         for m, run in enumerate(state.objects):
             run.k = k
+            if inputs is not None:
+                run.inputs = dict(zip(inputs.names, inputs.at(k), strict=True))
             returned = run.step(None if is_missing[m] else measurements[m], dt)
             mean[:, m], cov[..., m] = _checked_moments(returned, len(mean), type(run))
         return state._replace(mean=mean, cov=cov)
@@ -333,7 +337,7 @@ class _LazyGenerator:
         return NoiseGenerator(SFC64(run_seed))
 
 
-_SET_BY_THE_LOOP = ("model", "functions", "rng", "dt", "k")
+_SET_BY_THE_LOOP = ("model", "functions", "rng", "dt", "k", "inputs")
 
 
 @dataclass_transform(eq_default=False, kw_only_default=True)
@@ -357,6 +361,9 @@ class PerRun:
         The same model as functions f, F, Q, h, H, R of this run's state, set before ``start``.
     k : int
         Number of the step, set before every ``step``.
+    inputs : dict of str to float
+        Known inputs that hold since the step before, such as a robot's speed, by the names that the
+        motion gives them; set before every ``step`` if the motion has inputs.
     """
 
     _loop_filter: ClassVar[type[LoopFilter]]
@@ -486,3 +493,4 @@ class PerRun:
     rng: Generator
     dt: float
     k: int
+    inputs: dict[str, float]

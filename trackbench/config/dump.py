@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable
-from dataclasses import asdict, fields, is_dataclass
+from dataclasses import MISSING, asdict, fields, is_dataclass
 from pathlib import Path
 from typing import Any, TypeAlias, cast
 
@@ -220,15 +220,21 @@ _LATER = (
     "environment",
     "clockwise",
     "thousands",
+    "input",
+    "input_file",
+    "input_gap",
 )
 """Keys that older results folders lack: left out if unset, so that their configs stay as they are."""
-_LATER_WITH_DEFAULT = ("gate_by",)
+_LATER_WITH_DEFAULT = ("gate_by", "input_holds")
 """Keys of this kind whose default is a word: left out at the default."""
 
 
 def _without_unset_later_keys(component: Any, values: PlainData) -> PlainData:
     """Leave out keys that older results folders lack, if they are unset."""
-    defaults = {key_of(field.name): field.default for field in fields(component)}
+    defaults = {}
+    for field in fields(component):
+        is_made = field.default_factory is not MISSING
+        defaults[key_of(field.name)] = None if is_made else field.default
     remaining = {}
     for key, value in values.items():
         is_unset = key in _LATER and not value and not defaults[key]

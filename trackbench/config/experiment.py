@@ -214,6 +214,10 @@ class DrawnExhibit(Exhibit):
         """Components to store, if the figure draws only lines of them over the plane."""
         return None
 
+    def shown_components_of(self, scenario: Scenario) -> tuple[int, ...] | None:
+        """Return `shown_components` of a scenario's state, for a figure that looks them up by name."""
+        return self.shown_components
+
     @property
     def shown_measurements(self) -> bool:
         """True if the positions measured in the first run must be stored."""

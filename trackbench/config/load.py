@@ -48,7 +48,7 @@ from trackbench.config.tuned_entries import (
 from trackbench.errors import Mark, Problem, RunError, UserError
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.filters.base import AnyFilter
-from trackbench.models.base import position_velocity_names
+from trackbench.models.base import rows_in_plane
 from trackbench.plugins.checks import check_scenario
 from trackbench.plugins.errors import PluginError, foreign_line, guarded
 from trackbench.plugins.load import Plugin
@@ -438,7 +438,8 @@ def _add_default_exhibits(source: Source, settings: Settings, points: list[Point
     chooses_metrics = settings.metrics is not None or settings.per_step is not None
     if chooses_metrics or not points:
         return
-    is_planar = points[0].scenario.components[:4] == position_velocity_names(2)
+    scenario = points[0].scenario
+    is_planar = rows_in_plane(scenario.components, {}) is not None
     # With ground truth: the track of the first run.
     if any(p.scenario.has_truth for p in points):
         if is_planar and not settings.grid and not settings.tables and not settings.figures:

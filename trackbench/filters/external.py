@@ -3,9 +3,10 @@
 Lines are UTF-8 text with fields separated by spaces, and NaN stands for what is missing. The program
 answers each line but the last with one line:
 
-- ``trackbench 1 {JSON}``: components, measurement, T, parameters, model. Answer: ``ready``.
+- ``trackbench 1 {JSON}``: components, measurement, T, parameters, model, and input if the motion has
+  known inputs. Answer: ``ready``.
 - ``init SEED TIME mean(n) cov(n n)``: a run begins. Answer: ``mean(n) cov(n n)``, or ``mean(n)``.
-- ``step TIME z(n_z)``: predict to TIME, update with z. Answer: as of ``init``.
+- ``step TIME z(n_z)``: predict to TIME, update with z. Answer: as of ``init``. Inputs follow z.
 - ``end``: the program ends with code 0.
 
 A program keeps the state of one run. A state of the filter is the lines of its run so far, so that it
@@ -44,6 +45,7 @@ from trackbench.field_types import (
 from trackbench.filters.base import Filter, Steps, WrongReturnError
 from trackbench.filters.program import PROTOCOL, Program, ProgramError, end_programs
 from trackbench.models.base import Model, Scene, measured_angle_rows
+from trackbench.models.inputs import inputs_of
 from trackbench.models.motions.irregular import step_length
 from trackbench.models.motions.kinematic import Linear
 from trackbench.models.sensors.base import SensorBase, StackedSensor
@@ -260,6 +262,9 @@ class External(Filter[ProgramState]):
             "parameters": self.parameters,
             "model": None,
         }
+        inputs = inputs_of(motion)
+        if inputs is not None:
+            facts["input"] = inputs.names
         # R of any other sensor may differ from step to step.
         H = None
         if isinstance(sensor, SensorBase | StackedSensor):
@@ -318,8 +323,10 @@ def _digest_of_variable(name: str) -> str:
 def _step_lines(model: Model, before: _Line, z: Array, k: int) -> Iterator[_Line]:
     """Yield the lines of steps k, k + 1, ... with their times; z is (n_z, T, M).
 
-    Angles are sent in (-pi, pi], also recorded ones and those that noise carried over the cut.
+    Angles are sent in (-pi, pi], also recorded ones and those that noise carried over the cut. The known
+    inputs of a step follow its measurement.
     """
+    inputs = inputs_of(model.motion)
     z = z.copy()
     for row in measured_angle_rows(model.sensor):
         z[row] = wrap_angle(z[row])
@@ -329,6 +336,9 @@ def _step_lines(model: Model, before: _Line, z: Array, k: int) -> Iterator[_Line
         # A product has no rounding error that grows from step to step.
         time = number * length if hasattr(model.motion, "T") else before.time + length
         lines = [f"step {time:.17g} {_fields(z_of_run)}" for z_of_run in z[:, i].T]
+        if inputs is not None:
+            inputs_of_step = _fields(np.array(inputs.at(k + i)))
+            lines = [f"{line} {inputs_of_step}" for line in lines]
         before = _Line(lines, number, time, before)
         yield before
 

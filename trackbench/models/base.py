@@ -6,7 +6,7 @@ find positions at the even and velocities at the odd indices that all motions of
 """
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextvars import ContextVar
 from functools import cache
 from itertools import product
@@ -25,7 +25,10 @@ AXES = ("x", "y", "z")
 _DELAY = (
     "the key is `delay`, of a sensor: {delay: 3} or {delay: {kind: uniform, most: 5}}, in steps"
 )
-_CONTROL = "not supported: write known inputs as expressions of k and t in a motion `map` or `ode`"
+_CONTROL = (
+    "the key is `input`, of a motion `map` or `ode` ({input: [v, w]}) and of a recording ({input: {v: "
+    "COLUMN}}); in a simulation write known inputs as expressions of k and t"
+)
 _CORRELATION = "not supported: process noise and measurement noise are independent"
 UNSUPPORTED_KEYS = (
     dict.fromkeys(("delay", "delays", "latency"), _DELAY)
@@ -42,6 +45,21 @@ _OF_SPREAD = 1e-4  # least step, in standard deviations of the component
 def position_velocity_names(axes: int) -> tuple[str, ...]:
     """Return the names of position and velocity along so many axes: px, vx, py, ..."""
     return tuple(kind + axis for axis, kind in product(AXES[:axes], "pv"))
+
+
+def rows_in_plane(
+    components: Sequence[str], errors: Mapping[str, Sequence[str]]
+) -> tuple[int, int] | None:
+    """Return the rows of the two components of a position; None if a state has none.
+
+    They are px and py, or the first two of the error ``position`` if the ``errors`` of a score have it.
+    """
+    named = [name for name in errors.get("position", ()) if name in components]
+    if len(named) < 2:
+        named = [name for name in ("px", "py") if name in components]
+    if len(named) < 2:
+        return None
+    return components.index(named[0]), components.index(named[1])
 
 
 def by_component(
@@ -256,6 +274,11 @@ class Motion(Part):
     def uses_time(self) -> bool:
         """True if the motion depends on the time k T, so that all steps must be equal."""
         return False
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of known inputs in the motion's equations, whose values the scenario has."""
+        return ()
 
 
 class Sensor(Protocol):

@@ -145,7 +145,9 @@ class Equations:
     parts : mapping of str to Term
         Parts of expressions, each of names that stand before it.
     T : float, optional
-        Time between two steps, s, if there is one.
+        Time between two steps, s, if it is a constant.
+    inputs : sequence of str
+        Known inputs, which are variables after the scalars.
 
     Raises
     ------
@@ -160,15 +162,18 @@ class Equations:
         parameters: Mapping[str, float],
         parts: Mapping[str, Term],
         T: float | None = None,
+        inputs: Sequence[str] = (),
     ) -> None:
         self.components = tuple(components)
-        self.scalars = tuple(scalars)
+        self.scalars = (*scalars, *inputs)
         self.names: dict[str, Node] = {}
         for i, name in enumerate(components):
             self._add(name, variable(name), "components", i)
         self.names |= {name: variable(name) for name in scalars}
         if T is not None:
             self.names["T"] = number(T)
+        for i, name in enumerate(inputs):
+            self._add(name, variable(name), "input", i)
         for name, value in parameters.items():
             self._add(name, number(value), "parameters", name)
         for name, term in parts.items():

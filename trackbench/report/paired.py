@@ -1,9 +1,10 @@
 """Differences of every two filters on common runs, with the word of the rule for filters; paired.csv."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from trackbench.evaluation.metric_expression import measured
+from trackbench.metrics import joined
 from trackbench.results.folder_contents import TRACK
 from trackbench.statistics.comparison import Comparison, Sample, compare_all
 
@@ -50,6 +51,17 @@ def primary_metrics(metrics: list[str]) -> list[str]:
         if family.name in ("rmse", "crps") or family.is_score:
             primary.append(name)
     return primary
+
+
+def named_errors_first(config: Mapping[str, Any], errors: Sequence[str]) -> list[str]:
+    """Put the errors that the score of an experiment's ``config`` names before the others.
+
+    They rank the filters: who writes ``errors: {position: [px, py]}`` asks for that error.
+    """
+    score = config["scenario"].get("score") or {}
+    names = [joined("rmse", name) for name in score.get("errors") or {}]
+    first = [name for name in names if name in errors]
+    return [*first, *(name for name in errors if name not in first)]
 
 
 def compared_statistics(config: Mapping[str, Any]) -> dict[str, str]:

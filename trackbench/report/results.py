@@ -4,7 +4,7 @@ A table or figure that fails becomes a line with its place; the others are made.
 """
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -29,7 +29,13 @@ from trackbench.models.sensors.base import Assume
 from trackbench.plugins.errors import PluginError, message_of, package_line, plugin_code
 from trackbench.registry import Group, kinds
 from trackbench.report.findings import phrases
-from trackbench.report.paired import Pair, compared_statistic, pairs_of, primary_metrics
+from trackbench.report.paired import (
+    Pair,
+    compared_statistic,
+    named_errors_first,
+    pairs_of,
+    primary_metrics,
+)
 from trackbench.report.plotting import style
 from trackbench.report.table import Table, results_html
 from trackbench.results.folder import ResultsFolder
@@ -48,14 +54,18 @@ _MOST_ROWS = 50
 """Of more there is `sweep.csv`."""
 
 
-def default_keys(group: Group, metrics: Iterable[str], points: int, filters: int) -> dict[str, Any]:
+def default_keys(
+    group: Group, metrics: Iterable[str], points: int, filters: int, config: Mapping[str, Any]
+) -> dict[str, Any]:
     """Return keys of the default table or figure; none if too large or unmeasured.
 
-    ``metrics`` are those of summary.csv: the first two errors over the whole run are shown. ``points``
-    and ``filters`` are numbers of them, by which the table grows.
+    ``metrics`` are those of summary.csv: the first two errors over the whole run are shown, those that
+    the score of the experiment's ``config`` names before the others. ``points`` and ``filters`` are
+    numbers of them, by which the table grows.
     """
     metrics = list(dict.fromkeys(metrics))
-    errors = [match for match in map(_ERROR.fullmatch, metrics) if match]
+    matches = {match[1]: match for match in map(_ERROR.fullmatch, metrics) if match}
+    errors = [matches[name] for name in named_errors_first(config, [*matches])]
     if group == "figures":
         if points > 1 or not errors:
             return {}
@@ -178,7 +188,8 @@ class Results(ResultsFolder):
     def _default_parts(self, group: Group) -> dict[str, Any]:
         """Make the default tables or figures of an experiment that names none."""
         metrics = self.columns("summary")["metric"]
-        keys = default_keys(group, metrics, len(self.grid_points), len(self.labels))
+        points = len(self.grid_points)
+        keys = default_keys(group, metrics, points, len(self.labels), self.config)
         if not keys:
             return {}
         kind = kinds(group)[keys.pop("kind")]

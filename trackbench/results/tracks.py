@@ -14,6 +14,7 @@ from trackbench.evaluation.summary import FilterResult
 from trackbench.execution.plan import Key
 from trackbench.models.sensors.angular import AngularSensor
 from trackbench.models.sensors.base import Sensors, StackedSensor
+from trackbench.models.sensors.landmark import Landmark
 from trackbench.models.sensors.position import LinearSensor
 from trackbench.results.long_runs import is_long, write_arrays
 from trackbench.results.point_facts import array_prefix
@@ -79,7 +80,8 @@ class FigureTracks(TrackFile):
 
     A figure that only draws lines over the plane names its components in ``shown_components``. Its
     estimates are float32, rounded to the resolution of the page, and NaN in the other components. If it
-    draws measurements, ``seen`` has the positions of the first run's, ``sensor/<n>`` those of a sensor.
+    draws measurements, ``seen`` has the positions of the first run's, ``sensor/<n>`` those of a sensor,
+    and ``landmark/<n>`` the place of a landmark.
     """
 
     def _arrays(self, label: str, tracks: Tracks, scenario: Scenario) -> dict[str, Array]:
@@ -95,6 +97,8 @@ class FigureTracks(TrackFile):
                 arrays["seen"] = _quantize(positions, list(range(len(positions))))
             for n, path in sensor_paths(scenario):
                 arrays[f"sensor/{n}"] = path
+            for n, place in landmark_places(scenario):
+                arrays[f"landmark/{n}"] = place
         # A figure of one filter shows no other; any other figure may show the best, too.
         figures_of_filter = []
         for figure in figures:
@@ -108,7 +112,7 @@ class FigureTracks(TrackFile):
         elif only_lines:
             components: set[int] = set()
             for figure in only_lines:
-                components.update(figure.shown_components or ())
+                components.update(figure.shown_components_of(scenario) or ())
             arrays[f"mean/{label}"] = _quantize(means, sorted(components))
         if tracks.cov is not None and any(f.shown_covariances for f in figures_of_filter):
             arrays[f"cov/{label}"] = tracks.cov[..., :exact_runs]
@@ -130,6 +134,17 @@ def sensor_paths(scenario: Scenario) -> list[tuple[int, Array]]:
                 places.append(place[:2])
             paths.append((n, np.array(places).T))
     return paths
+
+
+def landmark_places(scenario: Scenario) -> list[tuple[int, Array]]:
+    """Find the number and place (2,) of each landmark that is measured."""
+    sensor = scenario.true_sensor
+    sensors = sensor.sensors if isinstance(sensor, StackedSensor) else (sensor,)
+    places = []
+    for n, each in enumerate(sensors, 1):
+        if isinstance(each, Landmark):
+            places.append((n, np.array(each.at)))
+    return places
 
 
 def measured_positions(scenario: Scenario, z: Array) -> Array | None:

@@ -216,7 +216,12 @@ class Tracking(Scenario):
         # The motion's first components are the target's; more may follow.
         if isinstance(motion, AngledMotion) and self.angles:
             motion = motion.with_angles(self.angles, self.target.axes)
-        sampled = with_angle_names(self._timeline.sampled(motion, self.target.axes), self.angles)
+        try:
+            sampled = self._timeline.sampled(motion, self.target.axes)
+        except InvalidKeyError as error:
+            path = error.path or ("assume", "motion", "input")
+            raise InvalidKeyError(str(error), *path) from None
+        sampled = with_angle_names(sampled, self.angles)
         if sampled.components[: len(self.components)] != self.components:
             what = f"a motion of {', '.join(sampled.components)} for {', '.join(self.components)}"
             raise InvalidKeyError(what, "assume")

@@ -6,7 +6,9 @@ from functools import cached_property
 
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution
+from trackbench.field_types import InvalidKeyError
 from trackbench.models.base import Model, Motion, SampledMotion, angle_rows, extra_std
+from trackbench.models.inputs import KnownInputs, inputs_of
 from trackbench.models.motions.kinematic import Linear
 from trackbench.models.motions.nonlinear import SteppedMotion
 
@@ -24,10 +26,18 @@ class Irregular:
     intervals: Array
     named_angles: tuple[int, ...] = ()
     """rows of all angles, where the motion itself does not name each of them"""
+    recorded_inputs: KnownInputs | None = None
+    """inputs of the recording, if it has any"""
 
     def motion_at(self, k: int) -> SampledMotion:
         """Return the motion from step k - 1 to step k."""
-        return self.motion.sampled(float(self.intervals[k - self.first]), self.axes)
+        sampled = self.motion.sampled(float(self.intervals[k - self.first]), self.axes)
+        return motion_with_inputs(self.motion, sampled, self.recorded_inputs)
+
+    @property
+    def known_inputs(self) -> KnownInputs | None:
+        """Inputs in the motion's equations, as `inputs.inputs_of`."""
+        return inputs_of(self._first_motion)
 
     def transition(self, x: Array, k: int) -> Distribution:
         """Return the distribution of x_k given x_{k-1} = x (n_x, *batch)."""
@@ -76,13 +86,29 @@ class Irregular:
         return self.motion_at(k).jacobian(x, k)  # type: ignore[attr-defined]
 
 
+def motion_with_inputs(
+    motion: Motion, sampled: SampledMotion, recorded: KnownInputs | None
+) -> SampledMotion:
+    """Give a sampled motion the values of its inputs; raises InvalidKeyError if they are unknown."""
+    if not motion.input_names:
+        return sampled
+    if recorded is None:
+        names = ", ".join(motion.input_names)
+        what = f"the motion has the inputs {names}, and there are no values of them"
+        way = "a recording has them: target `measured`, `input: {NAME: COLUMN}`"
+        raise InvalidKeyError(f"{what}; {way}")
+    assert isinstance(sampled, SteppedMotion)
+    return sampled.with_inputs(recorded)
+
+
 def sample_alike(motion: Motion, other: SampledMotion) -> SampledMotion:
-    """Sample the motion over the intervals, and along the axes, of another."""
+    """Sample the motion over the intervals, and along the axes, of another; with its inputs."""
     if isinstance(other, Irregular):
-        return Irregular(motion, other.axes, other.first, other.intervals)
+        return replace(other, motion=motion, named_angles=())
     # Each axis has two components; further ones come after them.
     axes = (len(other.components) - len(extra_std(other))) // 2
-    return motion.sampled(other.T, axes)  # type: ignore[attr-defined]
+    sampled = motion.sampled(other.T, axes)  # type: ignore[attr-defined]
+    return motion_with_inputs(motion, sampled, inputs_of(other))
 
 
 def angle_names(motion: SampledMotion) -> set[str]:

@@ -2,6 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import product
@@ -22,6 +23,7 @@ from trackbench.models.base import (
     hessian_by_differences,
 )
 from trackbench.models.equations import ArrayProgram, Covariance, Equations, Term
+from trackbench.models.inputs import KnownInputs
 from trackbench.models.motions.kinematic import Linear
 from trackbench.registry import register
 
@@ -62,14 +64,17 @@ class EquationMotion(AngledMotion):
     """Base of the motions whose equations stand in the config.
 
     Expressions have numbers, ``+ - * / **``, the functions sin, cos, tan, exp, log, sqrt, atan2, abs,
-    min and max, and the names of components, parameters and parts; ``k`` is the number of the new step,
-    ``T`` the time between steps, s, and ``pi``.
+    min and max, and the names of components, parameters, inputs and parts; ``k`` is the number of the
+    new step, ``T`` the time between steps, s, and ``pi``.
     """
 
     components: tuple[str, ...]
     """names of the state's components, in order"""
     parameters: dict[str, Finite] = field(default_factory=dict)
     """names and values of constants"""
+    input: tuple[str, ...] = ()
+    """names of known inputs in the equations, such as a robot's speed and turn rate: {input: [v, w]};
+    the recording gives their values, by the target's key `input`"""
     where: dict[str, Term] = field(default_factory=dict)
     """names and expressions of parts of the equations, each of what stands above it"""
     Q: Covariance
@@ -81,7 +86,10 @@ class EquationMotion(AngledMotion):
         if not self.components:
             raise InvalidKeyError("name at least one component", "components")
         self.angle_rows(self.components)
-        self._compiled(1.0)
+        if self.input:
+            self._compiled_with_inputs()
+        else:
+            self._compiled(1.0)
 
     @property
     @abstractmethod
@@ -90,7 +98,24 @@ class EquationMotion(AngledMotion):
 
     def _compiled(self, T: float) -> tuple[ArrayProgram, ArrayProgram, ArrayProgram]:
         """Compile the right sides (n,), their Jacobian (n, n) and Q (n, n); raises InvalidKeyError."""
-        equations = Equations(self.components, ("k", "t"), self.parameters, self.where, T)
+        return self._compile(Equations(self.components, ("k", "t"), self.parameters, self.where, T))
+
+    @lru_cache(maxsize=64)  # noqa: B019 (a motion is a few numbers)
+    def _compiled_with_inputs(self) -> tuple[ArrayProgram, ArrayProgram, ArrayProgram]:
+        """Compile as `_compiled` does, with T and the inputs as variables."""
+        scalars = ("k", "t", "T")
+        programs = self._compile(
+            Equations(self.components, scalars, self.parameters, self.where, inputs=self.input)
+        )
+        f, _, Q = programs
+        for i, name in enumerate(self.input):
+            if not (f.uses(name) or Q.uses(name)):
+                what = f"no equation uses the input {name!r}: use it, or leave it out"
+                raise InvalidKeyError(what, "input", i)
+        return programs
+
+    def _compile(self, equations: Equations) -> tuple[ArrayProgram, ArrayProgram, ArrayProgram]:
+        """Compile the right sides (n,), their Jacobian (n, n) and Q (n, n); raises InvalidKeyError."""
         key, terms = self._terms
         for name in terms:
             if name not in self.components:
@@ -104,17 +129,38 @@ class EquationMotion(AngledMotion):
     @property
     def uses_time(self) -> bool:
         """True if the time t is in the equations."""
-        return any(program.uses("t") for program in self._compiled(1.0))
+        programs = self._compiled_with_inputs() if self.input else self._compiled(1.0)
+        return any(program.uses("t") for program in programs)
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of the known inputs in the equations."""
+        return self.input
 
     @lru_cache(maxsize=64)  # noqa: B019 (a motion is a few numbers)
     def sampled(self, T: float, axes: int = 1) -> SampledMotion:
         """Return the motion over T seconds."""
+        if self.input:
+            return self._sampled_with_inputs(T)
         f, jacobian, Q = self._compiled(T)
         step = self._step(T, f, jacobian)
         angles = self.angle_rows(self.components)
         if Q.constant is not None:
             return AdditiveNoise(self.components, T, step, Q.constant, rows_of_angles=angles)
         return StateNoise(self.components, T, step, Q, rows_of_angles=angles)
+
+    def _sampled_with_inputs(self, T: float) -> "AdditiveNoise | StateNoise":
+        """Return the motion over T seconds, whose inputs are not known yet."""
+        f, jacobian, Q = self._compiled_with_inputs()
+        step = self._step(T, f, jacobian)
+        step.inputs = self.input
+        angles = self.angle_rows(self.components)
+        # Q is one matrix for all steps of this length if nothing else is in it.
+        if any(map(Q.uses, (*self.components, "k", "t", *self.input))):
+            return StateNoise(self.components, T, step, Q, rows_of_angles=angles)
+        unused = (0.0, 0.0, T, *(0.0 for _ in self.input))
+        Q_of_step = fixed(Q(np.zeros(len(self.components)), *unused))
+        return AdditiveNoise(self.components, T, step, Q_of_step, rows_of_angles=angles)
 
     @abstractmethod
     def _step(self, T: float, f: ArrayProgram, jacobian: ArrayProgram) -> "Step":
@@ -131,6 +177,16 @@ class Step:
         self.f = f
         self.J = jacobian
         self.angles = angles
+        self.inputs: tuple[str, ...] = ()
+        self.known_inputs: KnownInputs | None = None
+
+    def scalars(self, k: int, t: float) -> tuple[float, ...]:
+        """Return the variables of the equations beside the state: k and t, or k, t, T and inputs."""
+        if not self.inputs:
+            return k, t
+        if self.known_inputs is None:
+            raise InvalidKeyError(f"the inputs {', '.join(self.inputs)} have no values")
+        return k, t, self.T, *self.known_inputs.at(k)
 
     def __call__(self, x: Array, k: int) -> Array:
         """Move states x (n, *batch) at step k - 1 to step k.
@@ -138,12 +194,12 @@ class Step:
         An angle stays within half a turn of the one before: equations with a cut, as of `atan2`, must
         not tear particles or sigma points apart.
         """
-        moved = with_trailing(self.f(x, k, k * self.T), x.ndim - 1)
+        moved = with_trailing(self.f(x, *self.scalars(k, k * self.T)), x.ndim - 1)
         return near(np.broadcast_to(moved, x.shape), x, self.angles)
 
     def jacobian(self, x: Array, k: int) -> Array:
         """Return the derivative (n, n[, *batch]) at x (n, *batch)."""
-        return self.J(x, k, k * self.T)
+        return self.J(x, *self.scalars(k, k * self.T))
 
 
 class MapStep(Step):
@@ -151,7 +207,7 @@ class MapStep(Step):
 
     def hessian(self, x: Array, k: int) -> Array:
         """Return the second derivatives (n, n, n[, *batch]) at x (n, *batch)."""
-        return self.J.jacobian(x, k, k * self.T)
+        return self.J.jacobian(x, *self.scalars(k, k * self.T))
 
 
 class RungeKuttaStep(Step):
@@ -190,7 +246,7 @@ class RungeKuttaStep(Step):
         state = x
         # k1 = f(x, t), k2 = f(x + h/2 k1, t + h/2), k3 = f(x + h/2 k2, t + h/2), k4 = f(x + h k3, t + h)
         for ahead in (0.5, 0.5, 1.0, None):
-            slope = with_trailing(self.f(state, k, t), x.ndim - 1)
+            slope = with_trailing(self.f(state, *self.scalars(k, t)), x.ndim - 1)
             stages.append((slope, state))
             if ahead is not None:
                 state = x + (ahead * h) * slope
@@ -208,7 +264,7 @@ class RungeKuttaStep(Step):
             # K1 = J(x), K2 = J(x + h/2 k1) (I + h/2 K1), ...: the derivatives of the stages by x.
             for (_, state), ahead in zip(stages, (0.0, 0.5, 0.5, 1.0), strict=True):
                 t = (k - 1) * self.T + (i + ahead) * h
-                J = with_trailing(self.J(state, k, t), x.ndim - 1, leading=2)
+                J = with_trailing(self.J(state, *self.scalars(k, t)), x.ndim - 1, leading=2)
                 if slopes:
                     inner = identity + (ahead * h) * slopes[-1]
                     slopes.append(linalg.matmul(J, inner))
@@ -238,6 +294,17 @@ class SteppedMotion:
     T: float
     step: Step
     rows_of_angles: tuple[int, ...] = field(default=(), kw_only=True)
+
+    @property
+    def known_inputs(self) -> KnownInputs | None:
+        """Inputs in the equations, as `inputs.inputs_of`."""
+        return self.step.known_inputs
+
+    def with_inputs(self, known: KnownInputs) -> Self:
+        """Return the motion with the values of its inputs; raises InvalidKeyError for an unknown one."""
+        step = copy(self.step)
+        step.known_inputs = known.chosen(step.inputs)
+        return replace(self, step=step)
 
     def jacobian(self, x: Array, k: int) -> Array:
         """Return df/dx (n, n[, *batch])."""
@@ -281,7 +348,7 @@ class StateNoise(SteppedMotion):
 
     def transition(self, x: Array, k: int) -> Gaussian:
         """Return N(f(x, k), Q(x, k)) for x (n, *batch)."""
-        return Gaussian(self.step(x, k), self.cov(x, k, k * self.T))
+        return Gaussian(self.step(x, k), self.cov(x, *self.step.scalars(k, k * self.T)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -343,6 +410,7 @@ class FunctionStep(Step):
         self.motion = motion
         self.T = T
         self.angles = motion.angle_rows(motion.components)
+        self.known_inputs = None
 
     def __call__(self, x: Array, k: int) -> Array:
         """Move states x (n, *batch) at step k - 1 to step k."""
@@ -373,6 +441,8 @@ class MapMotion(EquationMotion):
     @lru_cache(maxsize=64)  # noqa: B019 (a motion is a few numbers)
     def sampled(self, T: float, axes: int = 1) -> SampledMotion:
         """Return the motion from step to step; of linear equations with constant noise a `Linear`."""
+        if self.input:
+            return self._sampled_with_inputs(T)
         f, jacobian, Q = self._compiled(T)
         # Linear: the Jacobian and Q are constant, and f(0) = 0.
         F = jacobian.constant

@@ -1,6 +1,6 @@
 """Figure kinds of a target in the plane: `track` and `mean-and-std`; the scene of `check --picture`."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
@@ -10,7 +10,7 @@ from trackbench.config.experiment import Experiment, Point
 from trackbench.core.arrays import Array
 from trackbench.evaluation.block import simulate
 from trackbench.field_types import Count, Natural
-from trackbench.models.base import position_velocity_names
+from trackbench.models.base import position_velocity_names, rows_in_plane
 from trackbench.registry import register
 from trackbench.report.findings.phrases import listed, named
 from trackbench.report.findings.ranking import rankings
@@ -19,12 +19,18 @@ from trackbench.report.plotting import filter_lines, style
 from trackbench.report.plotting.page_formats import sheet
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.results import Results
+from trackbench.results.point_facts import PointFacts
 from trackbench.results.tracks import measured_positions, sensor_paths
 from trackbench.scenarios.base import Scenario
 
 _AXES = ("x", "y")
 _LONG_M = 2000.0
 """Extent of tracks from which on axes are in km."""
+_HEADINGS = ("heading", "theta", "yaw", "psi", "course", "direction", "orientation")
+"""Names of a state's component that is drawn as arrows, if it is an angle."""
+_ARROWS = 16
+_ARROW_LENGTH = 0.06
+"""Number of arrows, and their length as a share of the path's extent."""
 _FAR = 4.0
 """Extent, as a multiple of that of the tracks, beyond which a picture with a sensor shows no track."""
 
@@ -43,8 +49,9 @@ class Track(FigureKind):
     """number of the best filters, if no filters are named; 0 draws the truth alone"""
     runs: Count = 50
     """number of runs drawn over each other"""
-    components: tuple[int, int] = (0, 2)
-    """numbers of the state's two positions, from 0"""
+    components: tuple[int | str, int | str] | None = None
+    """names, or numbers from 0, of the two components that are drawn; default: those of the position,
+    which are those of the error `position` of the score, or else px and py"""
     measurements: bool = True
     """sensors, and the first run's measurements as dots where a sensor tells positions"""
 
@@ -52,13 +59,35 @@ class Track(FigureKind):
         """Reject components that are not positions of the state."""
         last = min(len(p.scenario.components) for p in points) - 1
         names = points[0].scenario.components
-        if len(names) > 1 and names[:2] != ("px", "vx"):
-            return {"": f"shows positions, and the state is {', '.join(names)}: take `estimates`"}
+        if self.components is None and any(self._rows_of(p.scenario) is None for p in points):
+            what = f"shows positions, and the state is {', '.join(names)}"
+            return {"": f"{what}: name its two as `components`, or take `estimates`"}
         if not (self.filters or self.best) and not all(p.scenario.has_truth for p in points):
             return {"filters": "there is no truth to draw: name the filters whose tracks to draw"}
-        if all(0 <= c <= last for c in self.components):
-            return {}
-        return {"components": f"{list(self.components)}: the state has components 0 to {last}"}
+        for component in self.components or ():
+            if isinstance(component, str) and component not in names:
+                return {"components": f"{component!r} is no component; known: {', '.join(names)}"}
+            if not isinstance(component, str) and not 0 <= component <= last:
+                what = f"{list(self.components or ())}: the state has components 0 to {last}"
+                return {"components": what}
+        return {}
+
+    def _rows(
+        self, names: Sequence[str], errors: Mapping[str, Sequence[str]]
+    ) -> tuple[int, int] | None:
+        """Return the rows that are drawn of a state with these components; None if it has no position.
+
+        ``errors`` are those of the score, by name.
+        """
+        if self.components is None:
+            return rows_in_plane(names, errors)
+        x, y = (names.index(c) if isinstance(c, str) else c for c in self.components)
+        return x, y
+
+    def _rows_of(self, scenario: Scenario) -> tuple[int, int] | None:
+        """Return the rows that are drawn of a scenario's state; None if it has no position."""
+        score = getattr(scenario, "score", None)
+        return self._rows(scenario.components, score.errors if score is not None else {})
 
     @property
     def shown_runs(self) -> int:
@@ -69,8 +98,13 @@ class Track(FigureKind):
 
     @property
     def shown_components(self) -> tuple[int, ...]:
-        """Components that are drawn of those tracks, as lines."""
-        return self.components
+        """Components that are drawn of those tracks, as lines; which ones is looked up by name."""
+        return ()
+
+    def shown_components_of(self, scenario: Scenario) -> tuple[int, ...]:
+        """Return the components that are drawn of a scenario's state: two positions, and a heading."""
+        rows = self._rows_of(scenario) or ()
+        return (*rows, *heading_rows(scenario.components, scenario.angles))
 
     @property
     def shown_measurements(self) -> bool:
@@ -91,8 +125,10 @@ class Track(FigureKind):
         """Return a panel per filter, equal scales."""
         # The first point where not every filter failed.
         point = next(filter(results.tracks, results.grid_points))
-        scene = self._read_scene(results, results.tracks(point))
+        facts = results.facts(point)
+        scene = self._read_scene(results, results.tracks(point), facts)
         every = [scene.truth, scene.measured, *scene.sensors.values()]
+        every += [place[:, None] for place in scene.landmarks.values()]
         every += [estimate[..., 0] for estimate in scene.estimates.values()]
         metres, unit = plane_unit(*every)
         panels = max(len(self.filters), 1)
@@ -100,10 +136,9 @@ class Track(FigureKind):
         figure, axes = style.subplots(
             1, panels, height, width, squeeze=False, sharex=True, sharey=True
         )
-        turning = results.facts(point).spans
         for place, ax in enumerate(axes[0]):
             label = self.filters[place] if self.filters else ""
-            self._draw_panel(ax, results, scene, label, metres, turning)
+            self._draw_panel(ax, results, scene, label, metres, facts.spans)
             ax.set_aspect("equal")
             ax.set_xlabel(f"x ({unit})")
             ax.locator_params(nbins=5)
@@ -111,9 +146,15 @@ class Track(FigureKind):
         axes[0][0].set_ylabel(f"y ({unit})")
         return style.add_title_and_legend(figure, self.title)
 
-    def _read_scene(self, results: Results, tracks: dict[str, Array]) -> "_Scene":
+    def _read_scene(
+        self, results: Results, tracks: dict[str, Array], facts: PointFacts
+    ) -> "_Scene":
         """Read the tracks of a grid point: those of sensors only if they are near the target."""
-        components = list(self.components)
+        errors = (facts.scenario.get("score") or {}).get("errors") or {}
+        rows = self._rows(facts.components, errors)
+        assert rows is not None
+        components = list(rows)
+        is_position = rows == rows_in_plane(facts.components, errors)
         truth = tracks["truth"][components, :, 0]
         estimates: dict[str, Array] = {}
         for label in self.filters or self._best_filters(results):
@@ -121,15 +162,33 @@ class Track(FigureKind):
                 estimates[label] = tracks[f"mean/{label}"][components, :, : self.runs]
         measured = np.empty((2, 0))
         sensors: dict[str, Array] = {}
+        landmarks: dict[str, Array] = {}
         all_sensors = [name for name in tracks if name.startswith("sensor/")]
-        if self.measurements and self.components == (0, 2):
+        if self.measurements and is_position:
             if "seen" in tracks:
                 measured = tracks["seen"][:2, :, 0]
             first_run = [truth, measured, *(estimate[..., 0] for estimate in estimates.values())]
             for name in all_sensors:
                 if _is_near(tracks[name], first_run):
                     sensors[name.removeprefix("sensor/")] = tracks[name]
+            names = (facts.scenario.get("target") or {}).get("sensors") or ()
+            for name in tracks:
+                if name.startswith("landmark/") and _is_near(tracks[name][:, None], first_run):
+                    number = name.removeprefix("landmark/")
+                    called = names[int(number) - 1] if names else number
+                    landmarks[str(called)] = tracks[name]
+        path = truth
+        headings = tracks["truth"][heading_rows(facts.components, facts.angles or ()), :, 0]
+        if not np.isfinite(truth).any() and estimates:
+            # Without ground truth the heading is that of the first filter.
+            label, estimate = next(iter(estimates.items()))
+            path = estimate[..., 0]
+            of_filter = tracks[f"mean/{label}"]
+            headings = of_filter[heading_rows(facts.components, facts.angles or ()), :, 0]
         return _Scene(
+            landmarks=landmarks,
+            path_of_headings=path,
+            headings=headings,
             truth=truth,
             times=tracks["times"],
             measured=measured,
@@ -173,6 +232,9 @@ class Track(FigureKind):
         for number, path in scene.sensors.items():
             name = f"Sensor {number}" if scene.has_many_sensors else "Sensor"
             draw_sensor(ax, path / metres, name)
+        _draw_landmarks(ax, scene.landmarks, metres)
+        for heading in scene.headings:
+            _draw_heading(ax, scene.path_of_headings / metres, heading)
 
     def _best_filters(self, results: Results) -> list[str]:
         """Choose the best filters of the first ranking, else the first ones."""
@@ -209,6 +271,12 @@ class _Scene:
     """paths of the sensors near the target, by number, (2, T)"""
     has_many_sensors: bool
     """whether sensors need their number, although only those near the target are drawn"""
+    landmarks: dict[str, Array]
+    """places of the landmarks near the target, by name or number, (2,)"""
+    path_of_headings: Array
+    """positions to which the headings belong, (2, T)"""
+    headings: Array
+    """heading from x to y, rad, (1, T); (0, T) if the state has none"""
 
 
 def _draw_best(ax: Axes, results: Results, estimates: Mapping[str, Array], metres: float) -> None:
@@ -257,6 +325,43 @@ def draw_sensor(ax: Axes, path: Array, name: str) -> None:
     x, y = path
     ax.plot(x, y, color=style.COLORS[1], linewidth=1.0)
     ax.plot(x[:1], y[:1], "^", color=style.COLORS[1], markersize=8, label=name)
+
+
+def heading_rows(components: Sequence[str], angles: Collection[str]) -> list[int]:
+    """Return the row of the heading among the angles of a state; none if it has no such angle."""
+    for name in _HEADINGS:
+        if name in components and name in angles:
+            return [list(components).index(name)]
+    return []
+
+
+def _draw_landmarks(ax: Axes, places: Mapping[str, Array], metres: float) -> None:
+    """Draw landmarks (2,) with their names."""
+    for name, place in places.items():
+        x, y = place / metres
+        ax.plot([x], [y], "s", color="#777777", markersize=5, label="Landmarks")
+        ax.annotate(name, (x, y), (4, 4), textcoords="offset points", fontsize=7)
+
+
+def _draw_heading(ax: Axes, path: Array, heading: Array) -> None:
+    """Draw the heading (T,), rad from x to y, as arrows at some points of a path (2, T)."""
+    is_known = np.isfinite(path).all(axis=0) & np.isfinite(heading)
+    known = np.flatnonzero(is_known)
+    if not len(known):
+        return
+    length = _ARROW_LENGTH * np.ptp(path[:, known], axis=1).max()
+    chosen = known[np.linspace(0, len(known) - 1, _ARROWS).astype(int)]
+    for x, y, angle in zip(*path[:, chosen], heading[chosen], strict=True):
+        tip = (x + length * np.cos(angle), y + length * np.sin(angle))
+        arrow = {
+            "arrowstyle": "-|>",
+            "color": "black",
+            "linewidth": 0.8,
+            "shrinkA": 0,
+            "shrinkB": 0,
+        }
+        ax.annotate("", tip, (x, y), arrowprops=arrow)
+    ax.plot([], [], color="black", marker=">", linewidth=0.8, markersize=4, label="Heading")
 
 
 def _fit_figure(panels: int, *tracks: Array) -> tuple[float, float]:

@@ -18,7 +18,12 @@ from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import Measure, measured
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import named
-from trackbench.report.paired import compared_statistic, compared_statistics, primary_metrics
+from trackbench.report.paired import (
+    compared_statistic,
+    compared_statistics,
+    named_errors_first,
+    primary_metrics,
+)
 from trackbench.report.results import Results, own_values, points_of, scenes
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import rules
@@ -219,6 +224,7 @@ def ranking_metrics(results: Results) -> list[str]:
         names |= dict.fromkeys(metric for _, metric in results.runs(point))
     metrics = primary_metrics(list(names))
     errors = [name for name in metrics if measured(name).is_error]
+    errors = named_errors_first(results.config, errors)
     scores = [name for name in ("held_log_score", "log_score") if name in metrics]
     return [*errors, *scores]
 

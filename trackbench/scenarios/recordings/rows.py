@@ -98,6 +98,7 @@ class Gathered:
     ``has_delays``: a column has the times at which rows were received.
     ``unavailable`` counts cells with codes of "not available".
     ``rest`` names columns that look like further parts of the time, and are not read.
+    ``has_inputs``: rows may hold inputs alone, without a sensor.
     ``geodetic`` is the first file with latitude and longitude, and ``planar`` the first one with another
     quantity that depends on the position (``in_frame``). ``origin`` is given by the config's key
     ``origin_key``, or the first position of the ``chosen`` runs (default: of all); ``own_origins`` are
@@ -126,6 +127,7 @@ class Gathered:
     says_utc: bool = False
     clock_of: str = ""
     has_delays: bool = False
+    has_inputs: bool = False
     rest: dict[str, NamedColumn] = field(default_factory=dict)
     unavailable: Counter[str] = field(default_factory=Counter)
     runs: list[str] = field(default_factory=list)
@@ -349,7 +351,7 @@ def _read_file(
     gathered.rest = gathered.rest or rest_of_stamp(columns.names, clock, parts)
     arrival = columns.take("received", columns.contents[clock])
     run = columns.take("run", "label")
-    which = columns.take("sensor", "label")
+    which = columns.take("sensor", "word" if gathered.has_inputs else "label")
     several = columns.take_unnamed_runs() if run is None else None
     labels = _possible_labels(columns, [rest.column for rest in gathered.rest.values()])
     # Step 2: read them; times become seconds.
@@ -382,6 +384,8 @@ def _read_file(
     if gathered.chosen:
         is_read = np.isin(runs, gathered.numbers_of_known(gathered.chosen))
     rows_by_sensor: list[Numbers | slice] = [slice(None)] * len(sensors)
+    if which is not None and gathered.has_inputs:
+        _check_rows_without_sensor(columns, table, which, wanted)
     if which is not None and (len(sensors) > 1 or len(table.words[which]) > 1 or names):
         sensor_masks = [
             _find_sensor_rows(gathered, columns, table, which, m, len(sensors), names)
@@ -665,7 +669,7 @@ def _find_sensor_rows(
 
     The ``column`` has the sensors' ``names``, or their numbers from 1 on.
     """
-    words = table.words[column]
+    words = [word for word in table.words[column] if word]
     known = names or [str(i + 1) for i in range(number)]
     strange = [word for word in words if word not in known]
     if strange and not names:
@@ -678,13 +682,30 @@ def _find_sensor_rows(
         what = f"column {column} has no {absent[0]!r}; there are {', '.join(words[:20])[:200]}"
         raise columns.mistake(what)
     if strange and not m:
-        codes = [words.index(word) for word in strange]
+        codes = [table.words[column].index(word) for word in strange]
         left_out = int(np.isin(table.columns[column], codes).sum())
         gathered.notices.append(
             f"{left_out} rows of {', '.join(strange)[:80]} were left out (`sensors`)"
         )
-    code = words.index(known[m]) if known[m] in words else -1
+    code = table.words[column].index(known[m]) if known[m] in words else -1
     return np.asarray(table.columns[column] == code)
+
+
+def _check_rows_without_sensor(
+    columns: Columns, table: Table, column: str, quantities: Collection[str]
+) -> None:
+    """Raise DataError for a row that measures something and names no sensor in the ``column``."""
+    if "" not in table.words[column]:
+        return
+    is_blank = table.columns[column] == table.words[column].index("")
+    for name in quantities:
+        source = columns.column(name)
+        if source is None:
+            continue
+        rows = np.flatnonzero(is_blank & np.isfinite(table.columns[source]))
+        if len(rows):
+            what = f"{column}: is missing beside a value of {source}"
+            raise DataError(Place(columns.path, int(table.lines[rows[0]]), 1, what))
 
 
 def chosen_runs(

@@ -13,7 +13,8 @@ from trackbench.extension_points import Part
 from trackbench.field_types import MOST_STEPS, Finite, InvalidKeyError
 from trackbench.metrics import in_window
 from trackbench.models.base import Motion, SampledMotion, position_velocity_names
-from trackbench.models.motions.irregular import Irregular
+from trackbench.models.inputs import KnownInputs
+from trackbench.models.motions.irregular import Irregular, motion_with_inputs
 from trackbench.models.motions.turn import CoordinatedTurn
 from trackbench.models.sensors.base import Sensors
 from trackbench.scenarios.starts.base import Start
@@ -36,15 +37,20 @@ class Timeline(NamedTuple):
     """True if all steps are equally far apart, as those of simulated data"""
     apart: Array | float | None = None
     """time between the two scans of a start, s; (M,) if it differs from run to run; None: T"""
+    inputs: KnownInputs | None = None
+    """recorded inputs of motions, if there are any"""
 
     def sampled(self, motion: Motion, axes: int) -> SampledMotion:
         """Return a motion from step to step; raises InvalidKeyError."""
         if self.equal:
-            return motion.sampled(self.T, axes)
+            return motion_with_inputs(motion, motion.sampled(self.T, axes), self.inputs)
         if motion.uses_time:
             what = "the motion depends on the time t = k T, and these steps are not equal"
             raise InvalidKeyError(what, "assume")
-        return Irregular(motion, axes, int(self.steps[1]), fixed(np.diff(self.times)))
+        # Check the inputs here, where a mistake is reported with its key.
+        motion_with_inputs(motion, motion.sampled(self.T, axes), self.inputs)
+        intervals = fixed(np.diff(self.times))
+        return Irregular(motion, axes, int(self.steps[1]), intervals, recorded_inputs=self.inputs)
 
     def between_scans(self, rng: Streams) -> Array | float:
         """Return the time between the two scans of a start, s, of each run (M,) if they differ."""

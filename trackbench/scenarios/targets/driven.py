@@ -78,6 +78,9 @@ class Driven(Target):
             raise InvalidKeyError(f"the state is {names}: give its values in `initial`", *keys)
         if self.initial is not None:
             by_component(self.initial, self.components, "initial")
+        if self.motion.input_names:
+            what = "a simulation has no recorded inputs: write them as expressions of k and t"
+            raise InvalidKeyError(what, "motion", "input")
 
     @property
     def _first(self) -> Launch | PolarLaunch:

@@ -1,20 +1,34 @@
 """Target with recorded measurements, and perhaps a recorded truth. Nothing is simulated."""
 
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import Streams
-from trackbench.field_types import DataFile, InvalidKeyError, Positive
+from trackbench.field_types import (
+    DataError,
+    DataFile,
+    InvalidKeyError,
+    Place,
+    Positive,
+    freeze_mappings,
+)
 from trackbench.models.base import position_velocity_names
+from trackbench.models.inputs import KnownInputs
 from trackbench.models.priors import TwoPoint
 from trackbench.models.sensors.base import SensorBase, Sensors, rows_of, sensors_of
 from trackbench.registry import register
-from trackbench.scenarios.recordings.column_mapping import Naming, plain_name
+from trackbench.scenarios.recordings.column_mapping import KEYS, Naming, plain_name
+from trackbench.scenarios.recordings.inputs import (
+    InputRows,
+    aligned_with,
+    inputs_at,
+    with_inputs_only,
+)
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import (
     TICK,
@@ -55,6 +69,8 @@ class Recording(NamedTuple):
     """notes on changes to the rows"""
     arrivals: Array | None
     """steps (S, K, M) at which measurements of S sensors were received, if that is known"""
+    inputs: KnownInputs | None
+    """inputs of motions"""
 
 
 def _angles(sensor: SensorBase) -> dict[str, int]:
@@ -89,6 +105,16 @@ class Measured(FromFiles, Naming, Target):
     """names of the runs that are taken, in this order; default: all"""
     sensors: tuple[str | int, ...] = ()
     """names in the column `sensor`, in the order of the scenario's sensors; default: 1, 2, ..."""
+    input: dict[str, str] = field(default_factory=dict)
+    """columns of known inputs, by the names that motions use: {v: odometry_speed, w: yaw_rate}; their
+    units are among `units`"""
+    input_file: DataFile | None = None
+    """CSV or Parquet of the inputs, at times of its own; default: the file of the measurements"""
+    input_holds: Literal["before", "after"] = "before"
+    """when the values of a row hold: before its time, back to the row before, as wheels measure them, or
+    after it, until the next row, as commands do"""
+    input_gap: Positive | None = None
+    """longest time between two rows over which inputs hold, s (or steps); default: 1.5 usual ones"""
     resample: Positive | None = None
     """seconds between steps, for filters that need equal ones: a measurement counts at the nearest"""
     axes: Literal[0, 1, 2, 3] = 2
@@ -101,6 +127,11 @@ class Measured(FromFiles, Naming, Target):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        freeze_mappings(self)
+        if not self.input:
+            for key in ("input_file", "input_gap"):
+                if getattr(self, key) is not None:
+                    raise InvalidKeyError("there is no `input`", key)
         for i, name in enumerate(self.angles):
             if name not in self.components:
                 what = f"{name!r} is not one of {', '.join(self.components)}"
@@ -118,9 +149,8 @@ class Measured(FromFiles, Naming, Target):
     @property
     def patterns(self) -> tuple[str, ...]:
         """All files, as they are given."""
-        if self.truth is None:
-            return self._measurement_files
-        return (*self._measurement_files, self.truth)
+        further = [path for path in (self.truth, self.input_file) if path is not None]
+        return (*self._measurement_files, *further)
 
     @property
     def _measurement_files(self) -> tuple[str, ...]:
@@ -209,7 +239,16 @@ class Measured(FromFiles, Naming, Target):
             T=between,
             equal=clock.T is not None,
             apart=apart,
+            inputs=self._recording.inputs,
         )
+
+    def check(self, timeline: Timeline) -> None:
+        """Raise DataError if a step up to the last one of the timeline has no inputs."""
+        inputs = timeline.inputs
+        if inputs is None or inputs.gap is None:
+            return
+        if inputs.gap_step <= timeline.steps[-1]:
+            raise DataError(inputs.gap)
 
     def _read_recording(self, sensor: Sensors, scans: int, T: float) -> Recording:
         """Read the files; ``scans`` is the number of scans that the start uses up."""
@@ -232,6 +271,7 @@ class Measured(FromFiles, Naming, Target):
             in_frame=in_frame,
             in_space="z" in quantities,
             chosen=chosen,
+            has_inputs=bool(self.input),
         )
         names = [str(name) for name in self.sensors]
         rows = read_rows(gathered, self._measurement_files, components, names=names)
@@ -247,7 +287,14 @@ class Measured(FromFiles, Naming, Target):
             number = sensor_rows.index(locating_rows)
         start = initial_scans(gathered, rows[number], scans) if scans else None
         # Step 3: put all runs on one clock, and the measurements on its steps.
-        clock = common_clock(gathered, rows, start, T, self.resample)
+        inputs = None
+        timed_rows = rows
+        if self.input:
+            gathered_inputs, inputs = self._read_inputs(gathered)
+            # There is a step at every row of the inputs. The earliest rows give the usual interval.
+            timed_rows = [inputs.measured, *rows]
+            timed_rows.sort(key=lambda each: float(each.time.min()))
+        clock = common_clock(gathered, timed_rows, start, T, self.resample)
         resampled = self.resample is not None
         measurements, arrivals = measurement_array(gathered, rows, clock, resampled)
         # Step 4: add the scans of the start and the truth.
@@ -263,18 +310,67 @@ class Measured(FromFiles, Naming, Target):
             later = truth[:, 1:]
             steps = clock.steps[1:]
             gathered.notices += contradictions(sensor, self.components, later, measurements, steps)
+        known_inputs = None
+        if inputs is not None:
+            known_inputs = inputs_at(
+                gathered_inputs,
+                [*self.input],
+                inputs,
+                clock,
+                gathered.runs,
+                self.input_holds,
+                self.input_gap,
+                self.resample,
+            )
         gathered.check_origin(origin, *origin_key)
         gathered.note_distances()
         notices = tuple(dict.fromkeys(gathered.notices))
+        whole_clock = with_scans(clock, gathered, scans, apart)
+        if known_inputs is not None:
+            known_inputs = aligned_with(known_inputs, whole_clock.steps)
         return Recording(
-            clock=with_scans(clock, gathered, scans, apart),
+            clock=whole_clock,
             scans=first_scans,
             apart=apart,
             measurements=measurements,
             truth=truth,
             notices=notices,
             arrivals=arrivals,
+            inputs=known_inputs,
         )
+
+    def _read_inputs(self, gathered: Gathered) -> tuple[Gathered, InputRows]:
+        """Read the rows of the inputs, from their own file or that of the measurements."""
+        path = self.input_file or self._measurement_files[0]
+        columns = {**self.columns, **self.input, "sensor": ""}
+        naming = Naming(
+            columns=columns,
+            units=self.units,
+            time_format=self.time_format,
+            missing=self.missing,
+            same_time=self.same_time,
+            format=None if self.input_file else self.format,
+        )
+        gathered_inputs = replace(
+            gathered,
+            naming=naming,
+            runs=[],
+            files=[],
+            notices=[],
+            unavailable=Counter(),
+            chosen=(*gathered.runs, ONE_RUN),
+        )
+        names = [*self.input]
+        (rows,) = read_rows(gathered_inputs, [path], [names])
+        # Number the runs as those of the measurements; inputs without names of runs are those of all.
+        is_shared = gathered_inputs.runs == [ONE_RUN]
+        chosen = [] if is_shared else gathered.runs
+        without = [name for name in chosen if name not in gathered_inputs.runs]
+        if without:
+            what = f"run {without[0]} has no rows with the inputs {', '.join(names)}"
+            raise DataError(Place(path, 1, 1, what))
+        (rows,) = chosen_runs(gathered_inputs, [rows], chosen)
+        return gathered_inputs, with_inputs_only(gathered_inputs, names, rows)
 
     def _position_dependent(self, sensor: Sensors) -> set[str]:
         """Find the components of the measurement that depend on the position."""
@@ -305,7 +401,8 @@ class Measured(FromFiles, Naming, Target):
         # Columns and units must be of known quantities.
         plain = (name.rpartition(".")[2] for name in sensor.components)
         names = tuple(dict.fromkeys((*sensor.components, *plain, *self.components)))
-        self.check_names(names, "target")
+        self._check_inputs(names)
+        self.check_names((*names, *self.input), "target")
         if self.truth_naming is not None:
             self.truth_naming.check_names(names, "target", "truth_naming")
         files = len(self._measurement_files)
@@ -316,6 +413,18 @@ class Measured(FromFiles, Naming, Target):
         if names_of_sensors not in (0, len(sensors)):
             what = f"names {names_of_sensors} of {len(sensors)} sensors: give each a name"
             raise InvalidKeyError(what, "target", "sensors")
+
+    def _check_inputs(self, quantities: Collection[str]) -> None:
+        """Raise InvalidKeyError for an input that is also a quantity, or whose file is not named."""
+        for name in self.input:
+            if name in quantities or name in self.columns or name in KEYS:
+                what = (
+                    f"{name!r} is the name of a quantity or of a key of `columns`: choose another"
+                )
+                raise InvalidKeyError(what, "target", "input", name)
+        if self.input and self.input_file is None and len(self._measurement_files) > 1:
+            what = "there are several files of measurements: name that of the inputs, `input_file`"
+            raise InvalidKeyError(what, "target", "input")
 
     def _read_truth(self, gathered: Gathered, clock: Clock) -> Array:
         """Read the truth (n_x, K + 1, M) at the clock's steps."""

@@ -1,0 +1,99 @@
+"""A robot's map: the position is what the user calls so, with heading and landmarks; it also ranks."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.report.test_scene import lines
+from trackbench import api
+from trackbench.config.load import load
+from trackbench.errors import UserError
+from trackbench.report.findings.ranking import rankings
+
+CONFIG = """
+name: robot
+seed: 1
+runs: 3
+scenario:
+  kind: tracking
+  T: 0.5
+  last: 40
+  target:
+    kind: driven
+    motion:
+      kind: map
+      components: [heading, SPEED, px, py]
+      angles: [heading]
+      next:
+        heading: heading + 0.1*T
+        SPEED: SPEED
+        px: px + SPEED*T*cos(heading)
+        py: py + SPEED*T*sin(heading)
+      Q: {heading: 1e-4, SPEED: 1e-6}
+    initial: {SPEED: 1, px: 1}
+  sensor:
+    - {kind: landmark, at: [5, 20], sigma_range: 0.1, sigma_bearing_mrad: 30}
+    - {kind: landmark, at: [-9, 4], sigma_range: 0.1, sigma_bearing_mrad: 30}
+    - {kind: landmark, at: [5000, 4], sigma_range: 0.1, sigma_bearing_mrad: 30}
+  start: {kind: gaussian, sigma: {heading: 0.1, px: 0.3, py: 0.3}}
+  score: {errors: {place: [px, py]}}
+filters:
+  EKF: {kind: ekf}
+  UKF: {kind: ukf}
+"""
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> api.Report:
+    folder = tmp_path_factory.mktemp("robot")
+    (folder / "robot.yaml").write_text(CONFIG.replace("SPEED", "v"))
+    return api.run(folder / "robot.yaml", out=folder / "out", workers=1, quiet=True, formats=())
+
+
+def test_the_named_error_ranks_and_stands_first_in_the_table(report: api.Report) -> None:
+    (ranking,) = rankings(report.results)
+    assert ranking.metric.metric == "rmse_place"
+    assert report.results.tables["results"].value_headers[0] == "RMSE of place"
+
+
+def test_the_map_shows_position_heading_and_landmarks_near_it(report: api.Report) -> None:
+    figure = report.results.figure("track")
+    (ax,) = figure.axes
+    drawn = lines(ax)
+    truth = report.results.tracks({})["truth"][:, :, 0]
+    np.testing.assert_array_equal(drawn["Truth"], truth[[2, 3]])
+    names = [text.get_text() for text in ax.texts if text.get_text()]
+    assert names == ["1", "2"]
+    # Each arrow begins on the path and has the direction of the heading there.
+    arrows = [text for text in ax.texts if not text.get_text()]
+    assert len(arrows) == 16
+    for arrow in arrows:
+        step = int(np.abs(truth[[2, 3]] - np.array(arrow.xyann)[:, None]).sum(axis=0).argmin())
+        dx, dy = np.subtract(arrow.xy, arrow.xyann)
+        assert np.arctan2(dy, dx) == pytest.approx(np.arctan2(*_sin_cos(truth[0, step])), abs=1e-9)
+
+
+def _sin_cos(angle: float) -> tuple[float, float]:
+    return np.sin(angle), np.cos(angle)
+
+
+def test_the_error_position_names_the_axes_and_an_own_choice_comes_first(tmp_path: Path) -> None:
+    text = CONFIG.replace("SPEED", "v").replace("px", "east").replace("py", "north")
+    text = text.replace("kind: landmark, at: [5, 20], sigma_range: 0.1, sigma_bearing_mrad: 30",
+                        "kind: function, h: {z: east, y: north}, R: 1")  # fmt: skip
+    text = "\n".join(line for line in text.splitlines() if "landmark" not in line)
+    text += "\nfigures:\n  map: {kind: track, best: 1}\n"
+    config = tmp_path / "robot.yaml"
+    config.write_text(text)
+    with pytest.raises(UserError, match=r"heading, v, east, north: name its two as `components`"):
+        load(config)
+    config.write_text(text.replace("place:", "position:"))
+    figure = load(config).figures["map"]
+    assert figure.shown_components_of(load(config).points[0].scenario) == (2, 3, 0)
+    config.write_text(text.replace("best: 1", "components: [north, v]"))
+    figure = load(config).figures["map"]
+    assert figure.shown_components_of(load(config).points[0].scenario) == (3, 1, 0)
+    config.write_text(text.replace("best: 1", "components: [north, up]"))
+    with pytest.raises(UserError, match="components: 'up' is no component; known: heading, v"):
+        load(config)

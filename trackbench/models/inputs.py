@@ -1,0 +1,42 @@
+"""Known inputs of a motion, such as a robot's measured speed and turn rate: numbers of each step."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from trackbench.core.arrays import Array
+from trackbench.field_types import InvalidKeyError, Place
+
+
+@dataclass(frozen=True, eq=False)
+class KnownInputs:
+    """Inputs by step: those of step k hold from step k - 1 to step k, in every run."""
+
+    names: tuple[str, ...]
+    """names, in order"""
+    first: int
+    """number of the step of the first column"""
+    values: Array
+    """values (n_u, K), NaN where there are none"""
+    gap: Place | None = None
+    """row of the file after which the first values are missing"""
+    gap_step: int = 0
+    """number of the first step without values, if there is a gap"""
+
+    def chosen(self, names: Sequence[str]) -> "KnownInputs":
+        """Return the inputs of these names; raises InvalidKeyError for one that is unknown."""
+        for name in names:
+            if name not in self.names:
+                known = ", ".join(self.names)
+                what = f"the target's `input` has no {name!r}; known: {known}"
+                raise InvalidKeyError(what)
+        rows = [self.names.index(name) for name in names]
+        return KnownInputs(tuple(names), self.first, self.values[rows], self.gap, self.gap_step)
+
+    def at(self, k: int) -> tuple[float, ...]:
+        """Return the values that hold from step k - 1 to step k, in the order of the names."""
+        return tuple(self.values[:, k - self.first].tolist())
+
+
+def inputs_of(motion: object) -> KnownInputs | None:
+    """Return the inputs that enter the equations of a sampled motion; None if it has none."""
+    return getattr(motion, "known_inputs", None)

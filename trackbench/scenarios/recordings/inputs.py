@@ -1,0 +1,209 @@
+"""Recorded inputs of motions, such as odometry: which values hold over which step."""
+
+from collections.abc import Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from trackbench.core.arrays import Array, Index, fixed
+from trackbench.field_types import DataError, InvalidKeyError, Place
+from trackbench.models.inputs import KnownInputs
+from trackbench.scenarios.recordings.row_order import in_order
+from trackbench.scenarios.recordings.rows import TICK, Gathered, Rows, usual_interval
+from trackbench.scenarios.recordings.time_alignment import ONE_RUN, Clock
+
+_MOST_INTERVALS = 1.5
+"""Usual intervals between two rows over which a value holds, unless the config has a `gap`."""
+
+
+class InputRows(NamedTuple):
+    """Rows with all inputs in order, and the rows without any."""
+
+    measured: Rows
+    blank: Rows
+
+
+def with_inputs_only(gathered: Gathered, names: Sequence[str], rows: Rows) -> InputRows:
+    """Part rows with all inputs from those with none. Raises DataError for rows with some of them."""
+    is_missing = np.isnan(rows.values)
+    has_all = ~is_missing.any(axis=0)
+    has_none = is_missing.all(axis=0)
+    partial = np.flatnonzero(~has_all & ~has_none)
+    if len(partial):
+        row = int(partial[0])
+        name = names[int(np.flatnonzero(is_missing[:, row])[0])]
+        more = f", nor have {len(partial) - 1} more rows all inputs" if len(partial) > 1 else ""
+        what = f"{name}: there is no value beside the other inputs{more}: fill the cell"
+        raise DataError(gathered.place(rows, row, what))
+    if not has_all.any():
+        what = f"the columns of the inputs {', '.join(names)} are empty"
+        raise DataError(Place(gathered.files[0], 1, 1, what))
+    measured = in_order(gathered, rows.at(np.flatnonzero(has_all)))
+    return InputRows(measured=measured, blank=rows.at(np.flatnonzero(has_none)))
+
+
+def inputs_at(
+    gathered: Gathered,
+    names: Sequence[str],
+    rows: InputRows,
+    clock: Clock,
+    runs: Sequence[str],
+    holds: Literal["before", "after"],
+    gap: float | None,
+    resample: float | None,
+) -> KnownInputs:
+    """Return the inputs of each step of the clock: their mean over the time since the step before.
+
+    A row's values hold ``before`` its time, back to the row before, or ``after`` it, until the next row;
+    over ``gap`` (s, or steps) at most. ``resample`` is the length of resampled steps, s. Rows without
+    names of runs are those of every run. Raises InvalidKeyError if the runs' inputs differ, since a
+    motion has one table of them.
+    """
+    number = {name: i for i, name in enumerate(gathered.runs)}
+    is_shared = gathered.runs == [ONE_RUN]
+    tables = []
+    for m, name in enumerate(runs):
+        i = 0 if is_shared else number.get(name)
+        of_run = np.flatnonzero(rows.measured.run == i)
+        if not len(of_run):
+            what = f"run {name} has no rows with the inputs {', '.join(names)}"
+            raise DataError(Place(gathered.files[0], 1, 1, what))
+        blank = rows.blank.at(np.flatnonzero(rows.blank.run == i))
+        shift = float(clock.shift[m])
+        one_run = InputRows(measured=rows.measured.at(of_run), blank=blank)
+        tables.append(_inputs_of_run(gathered, names, one_run, clock, shift, holds, gap, resample))
+    first = tables[0]
+    for name, table in zip(runs, tables, strict=True):
+        if not np.array_equal(first.values, table.values, equal_nan=True):
+            what = f"runs {runs[0]} and {name} have different inputs, and a motion has one table"
+            way = f"choose one run, `runs: [{runs[0]}]`, or make the runs values of a grid"
+            raise InvalidKeyError(f"{what}; {way}", "target", "input")
+    return first
+
+
+def _inputs_of_run(
+    gathered: Gathered,
+    names: Sequence[str],
+    rows: InputRows,
+    clock: Clock,
+    shift: float,
+    holds: Literal["before", "after"],
+    gap: float | None,
+    resample: float | None,
+) -> KnownInputs:
+    """Return the inputs of one run, whose times are shifted to those of the clock."""
+    # Step 1: pieces of constant values, each from one edge to the next.
+    times = clock.steps.astype(float) if gathered.stepped else clock.times
+    row_times = rows.measured.time + shift
+    usual = usual_interval(row_times)
+    longest = _MOST_INTERVALS * usual if gap is None else gap
+    # The first and last values hold for one interval more, as the first state lies before the first
+    # row, and the last measurement may come after the last one.
+    margin = usual if resample is None else max(usual, resample)
+    edges = np.concatenate([[row_times[0] - margin], row_times, [row_times[-1] + margin]])
+    values = rows.measured.values
+    if holds == "before":
+        pieces = np.concatenate([values, values[:, -1:]], axis=1)
+    else:
+        pieces = np.concatenate([values[:, :1], values], axis=1)
+    # Step 2: the piece in which each step begins, and the one in which it ends.
+    earlier = times[:-1]
+    later = times[1:]
+    last_piece = pieces.shape[1] - 1
+    first_of_step = np.clip(np.searchsorted(edges, earlier + TICK) - 1, 0, last_piece)
+    last_of_step = np.clip(np.searchsorted(edges, later - TICK) - 1, 0, last_piece)
+    means = _means(edges, pieces, earlier, later)
+    is_constant = first_of_step == last_of_step
+    means[:, is_constant] = pieces[:, first_of_step[is_constant]]
+    # Step 3: no values outside the rows, and none in a piece that is too long.
+    is_long = np.diff(edges) > longest + TICK
+    is_long[[0, -1]] = False
+    longs_before = np.concatenate([[0], np.cumsum(is_long)])
+    is_missing = longs_before[last_of_step + 1] > longs_before[first_of_step]
+    is_missing |= (earlier < edges[0] - TICK) | (later > edges[-1] + TICK)
+    means[:, is_missing] = np.nan
+    table = np.full((len(values), len(times)), np.nan)
+    table[:, 1:] = means
+    known = KnownInputs(names=tuple(names), first=int(clock.steps[0]), values=fixed(table))
+    missing_steps = np.flatnonzero(is_missing) + 1
+    if not len(missing_steps):
+        return known
+    step = int(missing_steps[0])
+    place = _gap_place(gathered, names, rows, shift, times, step, usual)
+    return KnownInputs(
+        names=known.names,
+        first=known.first,
+        values=known.values,
+        gap=place,
+        gap_step=int(clock.steps[step]),
+    )
+
+
+def _means(edges: Array, pieces: Array, earlier: Array, later: Array) -> Array:
+    """Return the means (n, K) of piecewise constant values (n, P) over intervals (K,)."""
+    # C(t) is the integral from the first edge to t.
+    integrals = np.cumsum(pieces * np.diff(edges), axis=1)
+    integrals = np.concatenate([np.zeros((len(pieces), 1)), integrals], axis=1)
+    means = np.empty((len(pieces), len(earlier)))
+    for row, integral in enumerate(integrals):
+        change = np.interp(later, edges, integral) - np.interp(earlier, edges, integral)
+        means[row] = change / (later - earlier)
+    return means
+
+
+def _gap_place(
+    gathered: Gathered,
+    names: Sequence[str],
+    rows: InputRows,
+    shift: float,
+    times: Array,
+    step: int,
+    usual: float,
+) -> Place:
+    """Describe the first step without inputs: the blank row there, or the row before it."""
+    unit = " steps" if gathered.stepped else " s"
+    inputs = ", ".join(names)
+    row_times = rows.measured.time + shift
+    before = int(np.searchsorted(row_times, times[step - 1] + TICK, side="right")) - 1
+    after = min(before + 1, len(row_times) - 1)
+    low = row_times[before] if before >= 0 else -np.inf
+    high = row_times[after] if after > before else np.inf
+    blank_times = rows.blank.time + shift
+    blank = np.flatnonzero((blank_times > low + TICK) & (blank_times < high - TICK))
+    if before < 0:
+        what = f"the first values of the inputs {inputs} are at {row_times[0]:.9g}{unit}"
+        what += f", and the first step begins at {times[step - 1]:.9g}{unit}"
+        way = "give earlier values"
+        return gathered.place(rows.measured, 0, f"{what}: {way}")
+    if after == before:
+        what = f"the inputs {inputs} end at {row_times[-1]:.9g}{unit}"
+        what += f", and a step ends at {times[step]:.9g}{unit}"
+        return gathered.place(rows.measured, before, f"{what}: give later values, or say `last`")
+    length = row_times[after] - row_times[before]
+    way = f"fill them, or say `input_gap: {_rounded_up(length):g}` to hold the nearest values"
+    if len(blank):
+        what = f"there is no value of the inputs {inputs}"
+        return gathered.place(rows.blank, int(blank[0]), f"{what}: {way}")
+    what = f"no values of the inputs {inputs} follow for {length:.4g}{unit}"
+    what += f", where {usual:.4g}{unit} are usual"
+    return gathered.place(rows.measured, before, f"{what}: {way}")
+
+
+def _rounded_up(length: float) -> float:
+    """Round a time up to two digits."""
+    digit = 10.0 ** (np.floor(np.log10(length)) - 1.0)
+    return float(f"{np.ceil(length / digit - 1e-9) * digit:.3g}")
+
+
+def aligned_with(inputs: KnownInputs, steps: Index) -> KnownInputs:
+    """Return the inputs for a clock with further steps before the first, which need none."""
+    added = len(steps) - inputs.values.shape[1]
+    shift = int(steps[0]) + added - inputs.first
+    values = np.pad(inputs.values, [(0, 0), (added, 0)], constant_values=np.nan)
+    return KnownInputs(
+        names=inputs.names,
+        first=int(steps[0]),
+        values=fixed(values),
+        gap=inputs.gap,
+        gap_step=inputs.gap_step + shift,
+    )
