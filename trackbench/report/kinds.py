@@ -86,8 +86,8 @@ class FigureKind(DrawnExhibit):
 
         Parameters
         ----------
-        results : results folder, as in ``TableKind.table``. ``results.line_style(label)`` is the color
-            and dash of a filter in all figures
+        results : results folder, as in ``TableKind.table``. ``results.line_styles(labels)`` has color
+            and dash of each filter that the figure draws
 
         Returns
         -------

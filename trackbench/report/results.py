@@ -294,9 +294,10 @@ class Results(ResultsFolder):
         return values_by_metric
 
     def line_style(self, label: str) -> dict[str, Any]:
-        """Return color and dash of a filter, the same in every figure of the experiment.
+        """Return the usual color and dash of a filter in the figures of the experiment.
 
-        The floor or baseline of any figure is drawn as such in all figures.
+        The reference, the bound and the floor or baseline of any figure are black or gray in every
+        figure. A figure of several filters takes `line_styles`.
 
         Parameters
         ----------
@@ -306,19 +307,56 @@ class Results(ResultsFolder):
         -------
         Keyword arguments of matplotlib's ``plot``.
         """
-        default = style.line([*self.config["filters"], label].index(label))
-        return self._styles_of_references.get(label, default)
+        return self._usual_looks[label]
+
+    def line_styles(
+        self, labels: Sequence[str], floor: str | None = None, baseline: str | None = None
+    ) -> dict[str, dict[str, Any]]:
+        """Return color and dash of each filter that one figure draws.
+
+        A filter has its usual look unless another one of this figure has the color already. Only if
+        there are more filters than colors, two have the same color, and different dashes.
+
+        Parameters
+        ----------
+        labels : all labels that the figure draws, in their order
+        floor : label of the figure's floor, which is black
+        baseline : label of the figure's baseline, which is gray
+
+        Returns
+        -------
+        Keyword arguments of matplotlib's ``plot``, by label.
+        """
+        looks = {label: self.line_style(label) for label in labels}
+        for label, reference_look in ((baseline, style.BASELINE), (floor, style.FLOOR)):
+            if label in looks and looks[label]["color"] != reference_look["color"]:
+                looks[label] = reference_look
+        return style.distinct_looks(looks)
 
     @cached_property
-    def _styles_of_references(self) -> dict[str, dict[str, Any]]:
-        """Styles of lines that filters are compared with: exact errors, baselines and floors."""
-        styles = dict.fromkeys(self.exact, style.EXACT)
-        for key, reference_style in (("baseline", style.BASELINE), ("floor", style.FLOOR)):
-            for figure in self.figure_configs.values():
-                label = figure.get(key)
-                if isinstance(label, str):
-                    styles[label] = reference_style
-        return styles
+    def _usual_looks(self) -> dict[str, dict[str, Any]]:
+        """Usual looks of all labels of the config, with those that this run leaves out."""
+        black: list[str] = []
+        gray: list[str] = []
+        for figure in self.figure_configs.values():
+            for key, labels in (("floor", black), ("baseline", gray)):
+                if isinstance(figure.get(key), str):
+                    labels.append(figure[key])
+        black += [
+            label for label in (self.config.get("reference"), self.config.get("bound")) if label
+        ]
+        black += self.exact
+        looks = dict.fromkeys(gray, style.BASELINE)
+        for number, label in enumerate(dict.fromkeys(black)):
+            looks[label] = style.reference_line(number)
+        others = [label for label in self.config["filters"] if label not in looks]
+        drawn_together: list[list[str]] = []
+        for figure in self.figure_configs.values():
+            wanted = figure.get("filters") or others
+            drawn_together.append([label for label in others if label in wanted])
+        for label, number in style.number_lines(others, drawn_together).items():
+            looks[label] = style.line(number)
+        return looks
 
     def axis(self, path: str) -> str:
         """Return a swept path as the label of an axis: ``q (m^2/s^3)``."""

@@ -162,13 +162,13 @@ class PosteriorEllipses(FigureKind):
                 label="Predicted, 2 σ",
             )
         ax.plot(0.0, 0.0, "k+", label="Target")
-        for label in results.chosen(self.filters):
-            if f"cov/{label}" not in tracks:
-                continue
+        labels = [label for label in results.chosen(self.filters) if f"cov/{label}" in tracks]
+        looks = results.line_styles(labels)
+        for label in labels:
             mean = tracks[f"mean/{label}"][[0, 2], k, run]
             cov = tracks[f"cov/{label}"][np.ix_([0, 2], [0, 2])][..., k, run]
             along, across = view.ellipse_of(Gaussian(mean, cov))
-            ax.plot(1e-3 * across, along, label=f"{label}, 2 σ", **results.line_style(label))
+            ax.plot(1e-3 * across, along, label=f"{label}, 2 σ", **looks[label])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -50,19 +50,19 @@ class Bars(FigureKind):
     def draw(self, results: Results) -> Figure:
         """Return a row per filter, a panel per point of the grid."""
         points = results.points()[: style.MOST_PANELS]
-        references = {self.floor: style.FLOOR, self.baseline: style.BASELINE}
+        references = [label for label in (self.floor, self.baseline) if label in results.labels]
         labels = [label for label in results.chosen(self.filters) if label not in references]
+        looks = results.line_styles([*labels, *map(str, references)], self.floor, self.baseline)
         height = 0.9 + 0.26 * len(labels)
         figure, axes = style.make_panels(len(points), 1, height, sharex=True, sharey=True)
         headings = style.wrap_headings([phrases.heading(point) for point in points])
         for (ax,), point, heading in zip(axes, points, headings, strict=True):
             expressions = Evaluator(results, point)
-            self._draw_measured(ax, results, expressions, labels)
+            self._draw_measured(ax, expressions, {label: looks[label]["color"] for label in labels})
             # Floor and baseline are lines through all bars.
-            for label, look in references.items():
-                if label in results.labels:
-                    value = expressions.term(self.metric.of(str(label))).value
-                    ax.axvline(value, label=label, **look)
+            for label in map(str, references):
+                value = expressions.term(self.metric.of(label)).value
+                ax.axvline(value, label=label, **looks[label])
             self._draw_published(ax, results, point, labels)
             ax.set_title(heading)
             ax.set_xlabel(self.x_label or str(self.metric))
@@ -74,17 +74,14 @@ class Bars(FigureKind):
         axes[0][0].invert_yaxis()
         return style.add_title_and_legend(figure, self.title, len(results.points()))
 
-    def _draw_measured(
-        self, ax: Axes, results: Results, expressions: Evaluator, labels: list[str]
-    ) -> None:
-        """Draw a dot with its confidence interval for each filter."""
+    def _draw_measured(self, ax: Axes, expressions: Evaluator, colors: dict[str, str]) -> None:
+        """Draw a dot with its confidence interval for each filter; ``colors`` are by label."""
         look: LineStyle = {"fmt": "o", "markersize": 4, "capsize": 3}
-        for row, label in enumerate(labels):
+        for row, (label, color) in enumerate(colors.items()):
             value, low, high = self._estimate(expressions, label)
             if isfinite(value):
                 below = max(value - low, 0.0)
                 above = max(high - value, 0.0)
-                color = results.line_style(label)["color"]
                 ax.errorbar(value, row, xerr=[[below], [above]], color=color, **look)
         legend_text = f"Measured, {100 * self.level:g} %"
         ax.errorbar([], [], xerr=[], color=style.ANY, label=legend_text, **look)

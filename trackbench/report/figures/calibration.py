@@ -91,8 +91,9 @@ class CalibrationFigure(FigureKind):
         figure, axes = style.subplots(
             len(shown), len(self.columns), height, sharex=True, squeeze=False
         )
+        looks = results.line_styles(results.chosen(self.filters))
         for row, (point, label) in zip(axes, shown, strict=True):
-            color = results.line_style(label)["color"]
+            color = looks[label]["color"]
             for ax, metric in zip(row, self.columns.values(), strict=True):
                 ranks = histogram(results, point, label, metric)
                 if ranks.runs:

@@ -37,6 +37,11 @@ class Anees(OverTime):
     level: OpenShare = 0.95
     """probability of the chi-square band"""
 
+    @property
+    def drawn_metric(self) -> str:
+        """Metric of per_step.csv without which a filter has no line."""
+        return str(self.metric)
+
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
         """Reject another number of components than there are."""
         for point in points:
@@ -195,6 +200,7 @@ class Dots(FigureKind):
     ) -> None:
         """Draw a dot with two standard errors per filter, and a line at the expected value."""
         rows = results.columns("summary", point).where(metric=metric)
+        looks = results.line_styles(labels)
         estimates: dict[str, tuple[float, float]] = {}
         for label, value, stderr in rows.tuples(["filter", "value", "stderr"]):
             estimates[label] = (value, stderr)
@@ -204,7 +210,7 @@ class Dots(FigureKind):
                 value,
                 place,
                 xerr=2 * np.nan_to_num(stderr),
-                color=results.line_style(label)["color"],
+                color=looks[label]["color"],
                 marker="o",
                 markersize=3.5,
                 capsize=2,

@@ -108,13 +108,17 @@ class AccuracyVsCost(FigureKind):
     def _draw_panel(self, ax: Axes, results: Results, scene: GridPoint) -> None:
         """Draw the filters' curves, the front and the floor of one scene."""
         drawn = self._curves(results, scene)
+        floor = self._floor(results)
+        looks = results.line_styles(
+            [label for label in compared_labels(results, self.filters) if label != floor]
+        )
         # Step 1: curves; those of one filter have a marker each.
         curves_by_label: dict[str, int] = {}
         for curve in drawn:
             number = curves_by_label.get(curve.label, 0)
             curves_by_label[curve.label] = number + 1
             marker = _MARKERS[number % len(_MARKERS)]
-            look = results.line_style(curve.label) | {"marker": marker}
+            look = looks[curve.label] | {"marker": marker}
             _draw_curve(ax, curve, look)
         # Step 2: the front, which goes on to the largest CPU time.
         front_values = _values_of(self._front(drawn))
@@ -127,7 +131,6 @@ class AccuracyVsCost(FigureKind):
             errors.append(errors[-1])
         ax.step(times, errors, where="post", label="Front", **_FRONT)
         # Step 3: the floor.
-        floor = self._floor(results)
         least = self._floor_value(results, scene, floor)
         if np.isfinite(least):
             ax.axhline(least, label=floor, **style.FLOOR)

@@ -41,6 +41,11 @@ class Nis(OverTime):
     over: Count | None = None
     """number of steps that are averaged together; default: as many as have 60 measured components"""
 
+    @property
+    def drawn_metric(self) -> str:
+        """Metric of per_step.csv without which a filter has no line."""
+        return "anis"
+
     def draw(self, results: Results) -> Figure:
         """Return one line per filter."""
         titles = self.panel_titles(results, self.count_steps(results, measured("anis")))

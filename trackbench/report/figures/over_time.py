@@ -78,13 +78,20 @@ class Curves(FigureKind):
         look : dict
             Color and dash, as keyword arguments of matplotlib's ``Axes.plot``.
         """
-        references = {self.baseline: style.BASELINE, self.floor: style.FLOOR}
-        for label in results.chosen(self.filters, exact):
-            if label not in references:
-                yield label, results.line_style(label)
-        for name, look in references.items():
-            if name in results.labels:
-                yield str(name), look
+        references = [label for label in (self.baseline, self.floor) if label in results.labels]
+        chosen = results.chosen(self.filters, exact)
+        if self.drawn_metric:
+            rows = results.columns("per_step").where(metric=self.drawn_metric)
+            labels_with_values = set(rows["filter"].tolist())
+            chosen = [label for label in chosen if label in labels_with_values]
+        labels = [label for label in chosen if label not in references]
+        labels += [str(label) for label in references]
+        yield from results.line_styles(labels, self.floor, self.baseline).items()
+
+    @property
+    def drawn_metric(self) -> str:
+        """Metric of per_step.csv without which a filter has no line; empty if there is none."""
+        return ""
 
     @property
     def x_name(self) -> str:
@@ -315,6 +322,11 @@ class RmseVsTime(OverTime):
 
     metric: OfStep = measure("rmse")
     """metric of per_step.csv"""
+
+    @property
+    def drawn_metric(self) -> str:
+        """Metric of per_step.csv without which a filter has no line."""
+        return str(self.metric)
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter."""

@@ -71,10 +71,11 @@ class ParticlesOfOneRun(FigureKind):
         tracks = results.tracks(point)
         labels = [b for b in results.chosen(self.filters) if f"particles/{b}" in tracks]
         figure, axes = style.make_panels(max(len(labels), 1), 1, 3.0, sharey=True)
+        looks = results.line_styles(labels)
         if labels:
             for (ax,), label in zip(axes, labels, strict=True):
                 ax.set_title(style.wrap_label(label))
-                self._draw_panel(ax, tracks, label, results.line_style(label)["color"])
+                self._draw_panel(ax, tracks, label, looks[label]["color"])
                 ax.set_xlabel("Step k")
         component = results.facts(point).components[self.component - 1]
         y_label = phrases.in_unit(component, unit_of(f"rmse_{component}"))

@@ -1,6 +1,6 @@
 """Figure kinds over the keys that a grid varies: `sweep`, and a metric over one key."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -105,9 +105,10 @@ class RmseVsParameter(FigureKind):
         ascending = np.argsort(x, kind="stable")
         marked_by = None if is_of_scenario(path) else self.metric
         figure, ax = style.subplots(1, 1, 3.6)
+        looks = results.line_styles(results.chosen(self.filters))
         for label in results.chosen(self.filters):
             chosen = ascending[rows["filter"][ascending] == label]
-            look = {"label": label, **results.line_style(label)}
+            look = {"label": label, **looks[label]}
             if len(chosen) and np.ptp(y[chosen]) == 0.0:
                 ax.axhline(y[chosen[0]], **look | {"linewidth": 0.9})
             else:
@@ -309,8 +310,14 @@ class SweepFigure(FigureKind):
         values = section.values[path]
         is_numeric = all(map(is_number, values))
         figure, axes = style.panel_grid(len(metrics), _ROW_IN, _EXTRA_IN)
+        drawn_labels = set[str]()
+        for metric in metrics.values():
+            drawn_labels.update(self._labels_to_draw(section, metric))
+        looks = results.line_styles(
+            [label for label in results.chosen(self.filters) if label in drawn_labels]
+        )
         for ax, (y_label, metric) in zip(axes, metrics.items(), strict=False):
-            heights = self._draw_metric(ax, section, metric, is_numeric)
+            heights = self._draw_metric(ax, section, metric, looks, is_numeric)
             if not is_numeric:
                 ax.set_xticks(range(len(values)), [str(value) for value in values])
             elif scales.spans(values, _WIDE_X):
@@ -321,9 +328,14 @@ class SweepFigure(FigureKind):
         return style.add_title_and_legend(figure, self.title)
 
     def _draw_metric(
-        self, ax: Axes, section: _Section, metric: Measure, is_numeric: bool
+        self,
+        ax: Axes,
+        section: _Section,
+        metric: Measure,
+        looks: Mapping[str, LineStyle],
+        is_numeric: bool,
     ) -> list[float]:
-        """Draw a metric of each filter over the path; return all its values.
+        """Draw a metric of each filter, with its look, over the path; return all its values.
 
         If the values of the path are no numbers, they stand at 0, 1, 2, ...
         """
@@ -334,7 +346,7 @@ class SweepFigure(FigureKind):
         for label in self._labels_to_draw(section, metric):
             points = section.points_of(label, metric)
             heights += [float(point.value) for point in points]
-            look = {"label": label, **section.results.line_style(label)}
+            look = {"label": label, **looks[label]}
             if points and label not in varied:
                 ax.axhline(points[0].value, **look | {"linewidth": 0.9})
             elif points:

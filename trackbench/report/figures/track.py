@@ -223,7 +223,7 @@ class Track(FigureKind):
                 zorder=0,
             )
         if label in scene.estimates:
-            color = results.line_style(label)["color"]
+            color = results.line_styles(self.filters)[label]["color"]
             self._draw_runs(ax, scene.estimates[label] / metres, color)
         if not self.filters:
             _draw_best(ax, results, scene.estimates, metres)
@@ -284,8 +284,9 @@ def _draw_best(ax: Axes, results: Results, estimates: Mapping[str, Array], metre
 
     A solid line that would hide an equal line lies below all.
     """
+    looks = results.line_styles(list(estimates))
     for rank, (label, estimate) in enumerate(estimates.items()):
-        look = results.line_style(label)
+        look = looks[label]
         equal = [
             np.allclose(estimate, other, equal_nan=True) for other in estimates.values()
         ]  # with itself
@@ -434,6 +435,7 @@ class MeanAndStd(FigureKind):
         point = results.points()[0]
         frame = results.columns("per_step", point)
         labels = results.chosen(self.filters, exact=True)
+        looks = results.line_styles(labels)
         for statistic, row in zip(_STATISTICS, axes, strict=True):
             for quantity, ax in zip(_AXES, row, strict=True):
                 for start, end in results.facts(point).spans:
@@ -450,7 +452,7 @@ class MeanAndStd(FigureKind):
                 for label in labels:
                     curve = rows.where(filter=label)
                     value = statistic.sign * curve["value"]
-                    look = results.line_style(label) | {"linewidth": 0.8, "label": label}
+                    look = looks[label] | {"linewidth": 0.8, "label": label}
                     filter_lines.draw_filter_line(ax, curve["time"], value, look)
                 ax.set_ylabel(statistic.axis_label.format(quantity))
         for ax in axes[1]:

@@ -7,7 +7,7 @@ import io
 import sys
 import textwrap
 import warnings
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
@@ -23,8 +23,9 @@ else:
     Axes = Axis = Figure = Any
 
 
-# Okabe & Ito 2008, without its yellow, which disappears on paper.
-COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#6F4E37", "#999999")
+# Okabe & Ito 2008. Brown and indigo stand for its yellow, which disappears on paper, and its black.
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#6F4E37", "#332288")
+"""Colors of filters. References and bounds are black or gray, filters never are."""
 DASHES: tuple[Any, ...] = (
     "-",
     (0, (5, 1.5)),
@@ -38,8 +39,15 @@ DASHES: tuple[Any, ...] = (
 LineStyle: TypeAlias = dict[str, Any]
 """Keyword arguments with which matplotlib draws a line or a marker."""
 FLOOR: LineStyle = {"color": "black", "linestyle": (0, (6, 2)), "linewidth": 1.0}
-EXACT: LineStyle = {"color": "black", "linestyle": (0, (4, 3)), "linewidth": 0.9}
 BASELINE: LineStyle = {"color": "#777777", "linestyle": (0, (1, 1.6)), "linewidth": 1.4}
+_REFERENCE_DASHES: tuple[Any, ...] = (
+    (0, (6, 2)),
+    (0, (1.5, 1.5)),
+    (0, (8, 1.5, 1.5, 1.5)),
+    (0, (3, 3)),
+    (0, (8, 1.5, 1.5, 1.5, 1.5, 1.5)),
+)
+"""Dashes of black lines, of which `FLOOR` has the first."""
 ANY = "#555555"
 """Color in a legend that stands for every filter."""
 MANEUVER = "#f3d9a4"
@@ -103,10 +111,74 @@ def subplots(
 
 
 def line(index: int) -> LineStyle:
-    """Return color and dash of the filter at ``index`` among the experiment's filters."""
+    """Return color and dash of number ``index``: the first 8 differ in both, the first 64 in one."""
     color = COLORS[index % len(COLORS)]
     dash = DASHES[(index + index // len(COLORS)) % len(DASHES)]
     return {"color": color, "linestyle": dash}
+
+
+def reference_line(index: int) -> LineStyle:
+    """Return the look of the reference or bound at ``index`` among those of an experiment."""
+    return FLOOR | {"linestyle": _REFERENCE_DASHES[index % len(_REFERENCE_DASHES)]}
+
+
+def number_lines(labels: Sequence[str], figures: Iterable[Collection[str]]) -> dict[str, int]:
+    """Return a number for `line` of each label, so that a label has one color in every figure.
+
+    Parameters
+    ----------
+    labels
+        All labels that need a color, in their order.
+    figures
+        The labels of each figure.
+
+    Returns
+    -------
+    numbers : dict
+        Labels of one figure have different colors, unless the figure has more labels than there are
+        colors, or no color is left that a label has in no other figure.
+    """
+    small_figures = [figure for figure in figures if len(figure) <= len(COLORS)]
+    numbers: dict[str, int] = {}
+    for place, label in enumerate(labels):
+        taken_colors = set()
+        for figure in small_figures:
+            if label in figure:
+                taken_colors |= {
+                    numbers[other] % len(COLORS) for other in figure if other in numbers
+                }
+        candidates = range(place, place + len(COLORS))
+        free = [number for number in candidates if number % len(COLORS) not in taken_colors]
+        numbers[label] = free[0] if free else place
+    return numbers
+
+
+def distinct_looks(usual_looks: Mapping[str, LineStyle]) -> dict[str, LineStyle]:
+    """Return the looks of one figure's labels, in which no two filters have the same color.
+
+    A label keeps its usual look unless a label before it has this color. If there are more filters than
+    colors, two filters of one color have different dashes. Black and gray looks stay as they are.
+    """
+    looks: dict[str, LineStyle] = {}
+    colors: set[str] = set()
+    waiting: list[str] = []
+    # Step 1: usual looks; the first label of a color keeps it.
+    for label, look in usual_looks.items():
+        color = look["color"]
+        if color in COLORS and color in colors:
+            waiting.append(label)
+        else:
+            looks[label] = look
+            colors.add(color)
+    # Step 2: the other labels have a new color, else a color with another dash.
+    every = [line(number) for number in range(len(COLORS) * len(DASHES))]
+    for label in waiting:
+        new_colors = [look for look in every if look["color"] not in colors]
+        new_looks = [look for look in every if look not in looks.values()]
+        look = [*new_colors, *new_looks, usual_looks[label]][0]
+        looks[label] = look
+        colors.add(look["color"])
+    return {label: looks[label] for label in usual_looks}
 
 
 def fault_look(number: int) -> LineStyle:

@@ -1,0 +1,101 @@
+"""Colors of filters: no two filters of a figure have the same one, and each keeps its own."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from tests.commands import ran
+from trackbench.evaluation.metric_expression import measure
+from trackbench.report.figures.over_time import RmseVsTime
+from trackbench.report.plotting import style
+from trackbench.report.results import Results
+
+ONLY_OF_PARTICLES = ("F2", "F10")
+CONFIG = {
+    "name": "colors",
+    "runs": 2,
+    "scenario": {
+        "kind": "tracking",
+        "last": 3,
+        "target": {"kind": "driven", "motion": {"kind": "cv", "q": 1}, "launch": {"x": 10}},
+        "sensor": {"kind": "position", "sigma": 2},
+        "start": {"kind": "gaussian", "sigma": [2, 1, 2, 1]},
+    },
+    "reference": "Reference",
+    "bound": "PCRLB",
+    "filters": {
+        "Reference": {"kind": "kf"},
+        **{f"F{i}": {"kind": "ekf"} for i in range(1, 13)},
+        **{label: {"kind": "pf", "N": 10} for label in ONLY_OF_PARTICLES},
+    },
+    "metrics": ["rmse_position", "ess"],
+    "tables": {"t": {"kind": "metrics", "columns": {"ESS": "mean(ess)"}}},
+    "figures": {
+        "pair": {"kind": "rmse-vs-time", "metric": "rmse_position", "filters": ["F1", "F9"]},
+        "three": {"kind": "rmse-vs-time", "metric": "rmse_position", "filters": ["F1", "F3", "F9"]},
+        "all": {"kind": "rmse-vs-time", "metric": "rmse_position"},
+    },
+}
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> Results:
+    return ran(tmp_path_factory.mktemp("colors"), yaml.safe_dump(CONFIG, sort_keys=False)).results
+
+
+def test_two_filters_of_a_figure_have_two_colors(results: Results) -> None:
+    for name in ("pair", "three"):
+        looks = dict(results.parts("figures")[name].labels_and_looks(results))
+        assert len({look["color"] for look in looks.values()}) == len(looks)
+
+
+def test_a_filter_keeps_its_color_where_there_is_room(results: Results) -> None:
+    pair, three = (
+        dict(results.parts("figures")[name].labels_and_looks(results)) for name in ("pair", "three")
+    )
+    assert pair["F1"] == three["F1"] == results.line_style("F1")
+    assert pair["F9"] == three["F9"] == results.line_style("F9")
+
+
+def test_more_filters_than_colors_differ_in_color_or_dash(results: Results) -> None:
+    looks = dict(results.parts("figures")["all"].labels_and_looks(results))
+    assert len(looks) == 14
+    pairs = {(look["color"], str(look["linestyle"])) for look in looks.values()}
+    assert len(pairs) == len(looks)
+    assert {look["color"] for look in looks.values()} >= set(style.COLORS)
+
+
+def test_reference_and_bound_are_black_in_every_figure(results: Results) -> None:
+    reference = results.line_style("Reference")
+    bound = results.line_style("PCRLB")
+    assert reference["color"] == bound["color"] == "black"
+    assert reference["linestyle"] != bound["linestyle"]
+    others = [label for label in results.config["filters"] if label != "Reference"]
+    assert {results.line_style(label)["color"] for label in others} <= set(style.COLORS)
+
+
+def test_a_filter_without_the_metric_takes_no_color(results: Results) -> None:
+    looks = dict(RmseVsTime(metric=measure("ess")).labels_and_looks(results))
+    assert set(looks) == set(ONLY_OF_PARTICLES)
+    assert len({look["color"] for look in looks.values()}) == 2
+
+
+def test_a_run_of_some_filters_has_a_color_for_each(tmp_path: Path) -> None:
+    text = yaml.safe_dump(CONFIG, sort_keys=False)
+    some = ran(tmp_path, text, only=("F1", "F9", "F5"), set=("figures={}", "tables={}")).results
+    looks = some.line_styles(some.labels)
+    assert set(looks) >= {"F1", "F5", "F9"}
+    colors = [looks[label]["color"] for label in ("F1", "F5", "F9")]
+    assert len(set(colors)) == 3
+    assert set(colors) <= set(style.COLORS)
+
+
+def test_looks_of_many_filters_are_distinct() -> None:
+    usual = {str(number): style.line(0) for number in range(70)}
+    looks = style.distinct_looks(usual)
+    assert list(looks) == list(usual)
+    first = [looks[str(number)]["color"] for number in range(len(style.COLORS))]
+    assert len(set(first)) == len(style.COLORS)
+    pairs = {(look["color"], str(look["linestyle"])) for look in looks.values()}
+    assert len(pairs) == len(style.COLORS) * len(style.DASHES)
