@@ -103,7 +103,7 @@ def test_a_share_beside_an_error_or_of_no_run_is_normal():
 
 def test_a_term_that_is_divided_has_the_error_divided():
     term = RunEstimate(3.0, 0.3, np.array([1.0, -1.0]), 2)
-    found = term.scaled(1.5, by=-2.0, over=4.0)
+    found = term.scaled(1.5, factor=-2.0, divisor=4.0)
     assert (found.value, found.stderr) == (1.5, pytest.approx(0.15))
     assert found.influences.tolist() == [-0.5, 0.5]
 

@@ -219,7 +219,7 @@ def curves(
                 steps = results.steps(point)
                 form.spots[size] = Spot(
                     size=size,
-                    cost=time.scaled(time.value / steps, over=steps),
+                    cost=time.scaled(time.value / steps, divisor=steps),
                     error=evaluator.term(metric.of(label)),
                     lost=evaluator.runs.get((label, "lost"), np.empty(0)),
                 )
@@ -239,7 +239,7 @@ def curves(
 @ignore_float_errors
 def logarithm(term: RunEstimate) -> RunEstimate:
     """Return the logarithm of a positive number, with its error (delta method)."""
-    return term.scaled(float(log(term.value)), over=term.value)
+    return term.scaled(float(log(term.value)), divisor=term.value)
 
 
 def _second_difference(x: Sequence[float], y: Sequence[RunEstimate], i: int) -> float:

@@ -216,7 +216,7 @@ class Cell(NamedTuple):
         words : text in place of the number; default: the number
         """
         if isinstance(term, Share) and term.value in (0.0, 1.0):
-            words = in_words(round(term.value * term.runs), term.runs, what="")
+            words = in_words(round(term.value * term.runs), term.runs, noun="")
         return cls(estimate=term.estimate, runs=term.runs, lost=term.lost, words=words)
 
     @classmethod
@@ -369,7 +369,7 @@ def _losses_text(cells: list[Cell]) -> Text:
     runs = most.lost + most.runs
     if not runs:  # a bound has none
         return Text("–", most.lost)
-    return Text(in_words(most.lost, runs, what=""), most.lost)
+    return Text(in_words(most.lost, runs, noun=""), most.lost)
 
 
 _ROUNDING = 0.5e-7

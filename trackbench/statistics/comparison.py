@@ -53,12 +53,15 @@ class Sample:
     @classmethod
     def of(cls, values: Array, statistic: str, steps: Array | None = None) -> "Sample":
         """Return the sample of values (M,); of one recording with what each step (T,) adds to it."""
-        of_steps = None if steps is None else OfSteps.of(float(values[0]), steps)
-        return cls(values, statistic, of_steps)
+        if steps is None:
+            return cls(values, statistic)
+        return cls(values, statistic, OfSteps.of(float(values[0]), steps))
 
     def over(self, runs: Mask) -> "Sample":
         """Return the sample of some of the runs (M,); itself if these are all."""
-        return self if runs.all() else replace(self, values=self.values[runs])
+        if runs.all():
+            return self
+        return replace(self, values=self.values[runs])
 
     @cached_property
     def overall(self) -> RunEstimate:
@@ -121,7 +124,10 @@ class Comparison(NamedTuple):
             return rules.EQUAL
         if not self.is_tested:
             return rules.UNTESTED
-        return (rules.ALIKE, rules.BETTER, rules.WORSE)[self.sign if more_is_better else -self.sign]
+        if self.sign == 0:
+            return rules.ALIKE
+        is_more = self.sign > 0
+        return rules.BETTER if is_more == more_is_better else rules.WORSE
 
     @property
     def swapped(self) -> "Comparison":
@@ -135,10 +141,11 @@ class Family(dict[tuple[str, str], Comparison]):
 
     def between(self, a: str, b: str) -> Comparison | None:
         """Return the comparison of a with b in this order; None without common runs."""
-        if (comparison := self.get((a, b))) is not None:
-            return comparison
-        comparison = self.get((b, a))
-        return None if comparison is None else comparison.swapped
+        if (a, b) in self:
+            return self[a, b]
+        if (b, a) in self:
+            return self[b, a].swapped
+        return None
 
 
 @np.errstate(all="ignore")
@@ -154,7 +161,8 @@ def compare(a: Sample, b: Sample) -> Comparison | None:
     if not both.any():
         return None
     # Step 2: runs are compared by their influences on the statistic.
-    a, b = a.over(both), b.over(both)
+    a = a.over(both)
+    b = b.over(both)
     difference = _difference_of(a, b)
     if a.statistic == "variance":
         difference = as_difference_of_variances(difference, a.overall, b.overall, 1.0)
@@ -185,7 +193,9 @@ def compare_independent(a: RunEstimate, b: RunEstimate) -> Comparison:
 
 def as_family(comparisons: Mapping[Key, Comparison], tests: int = 0) -> dict[Key, Comparison]:
     """Return comparisons with p-values by Holm over all of them, or over so many ``tests``."""
-    zs = [c.z if rules.is_tested(c.difference) else np.nan for c in comparisons.values()]
+    zs = []
+    for comparison in comparisons.values():
+        zs.append(comparison.z if rules.is_tested(comparison.difference) else np.nan)
     adjusted = rules.adjusted(zs, tests)
     tests = tests or int(np.sum(~np.isnan(adjusted)))
     return {
@@ -278,8 +288,12 @@ def _difference_of(a: Sample, b: Sample) -> RunEstimate:
     rounded = (differences == 0.0) & (a.values != b.values)
     if rounded.any():
         b = replace(b, values=np.where(rounded, a.values, b.values))
-    of_a, of_b = a.overall.influences, b.overall.influences
-    assert of_a is not None
-    assert of_b is not None
-    of = of_a - of_b
-    return RunEstimate(a.overall.value - b.overall.value, mean(of).stderr, of, len(of))
+    assert a.overall.influences is not None
+    assert b.overall.influences is not None
+    influences = a.overall.influences - b.overall.influences
+    return RunEstimate(
+        value=a.overall.value - b.overall.value,
+        stderr=mean(influences).stderr,
+        influences=influences,
+        runs=len(influences),
+    )

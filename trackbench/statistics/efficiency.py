@@ -54,18 +54,23 @@ def runs_saved(plain: RunEstimate, controlled: RunEstimate) -> RunEstimate:
 
 
 @np.errstate(all="ignore")
-def _root_share(part: Array, whole: Array) -> RunEstimate:
-    share, influences = _share(part, whole)
+def _root_share(numerator: Array, denominator: Array) -> RunEstimate:
+    """Return the square root of the ratio of two means over the runs, from values (M,)."""
+    share, influences = _share(numerator, denominator)
     # d sqrt(s) = ds / (2 sqrt(s))
     root = float(np.sqrt(share))
     return _over_runs(root, influences / (2.0 * root))
 
 
 @np.errstate(all="ignore")
-def _share(part: Array, whole: Array) -> tuple[float, Array]:
-    a, b = float(sums.mean(part)), float(sums.mean(whole))
-    of_a, of_b = influence("mean", part), influence("mean", whole)
-    return float(np.divide(a, b)), influence_of_ratio(a, b, of_a, of_b)
+def _share(numerator: Array, denominator: Array) -> tuple[float, Array]:
+    """Return the ratio of two means over the runs, with the influences (M,) on it."""
+    a = float(sums.mean(numerator))
+    b = float(sums.mean(denominator))
+    influences = influence_of_ratio(
+        a, b, influence("mean", numerator), influence("mean", denominator)
+    )
+    return float(np.divide(a, b)), influences
 
 
 def _over_runs(value: float, influences: Array) -> RunEstimate:

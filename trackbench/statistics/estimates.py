@@ -23,12 +23,13 @@ from trackbench.statistics.over_runs import Estimate, influence_of_ratio, mean, 
 from trackbench.statistics.series import series_mean
 
 
-def in_words(lost: int, runs: int, what: str = " runs lost") -> str:
-    """Return ``3 of 800 runs lost (0.077 to 1.1 %)``."""
-    low, high = (
-        f"{100 * end:.{3 if end > 0.995 else 2}g}" for end in inference.share_interval(lost, runs)
-    )
-    return f"{lost} of {runs}{what} ({low} to {high} %)"
+def in_words(events: int, runs: int, noun: str = " runs lost") -> str:
+    """Return ``3 of 800 runs lost (0.077 to 1.1 %)``, the number of runs with an event."""
+    ends = []
+    for end in inference.share_interval(events, runs):
+        digits = 3 if end > 0.995 else 2
+        ends.append(f"{100 * end:.{digits}g}")
+    return f"{events} of {runs}{noun} ({ends[0]} to {ends[1]} %)"
 
 
 _COLLAPSED_ANEES = 1e4
@@ -50,7 +51,9 @@ def collapsed_in_words(anees: Array) -> str:
     """
     runs = anees[~np.isnan(anees)]
     collapsed = collapsed_runs(runs)
-    return f"collapsed in {collapsed} of {len(runs)} runs" if collapsed and len(runs) > 1 else ""
+    if not collapsed or len(runs) == 1:
+        return ""
+    return f"collapsed in {collapsed} of {len(runs)} runs"
 
 
 # A filter that left the numbers has infinite statistics; they are shown, not warned about.
@@ -73,10 +76,13 @@ class RunEstimate(NamedTuple):
         """Value and standard error."""
         return Estimate(self.value, self.stderr)
 
-    def scaled(self, value: float, by: float = 1.0, over: float = 1.0) -> "RunEstimate":
+    def scaled(self, value: float, factor: float = 1.0, divisor: float = 1.0) -> "RunEstimate":
         """Return an estimate of another value that changes by a multiple of this one's changes."""
-        of_runs = None if self.influences is None else self.influences * by / over
-        return self._replace(value=value, stderr=self.stderr * abs(by) / over, influences=of_runs)
+        influences = None
+        if self.influences is not None:
+            influences = self.influences * factor / divisor
+        stderr = self.stderr * abs(factor) / divisor
+        return self._replace(value=value, stderr=stderr, influences=influences)
 
     @property
     def splits(self) -> bool:
@@ -96,7 +102,9 @@ class RunEstimate(NamedTuple):
     @property
     def losses(self) -> str:
         """Number of lost runs in words; empty for none."""
-        return in_words(self.lost, self.runs + self.lost) if self.lost else ""
+        if not self.lost:
+            return ""
+        return in_words(self.lost, self.runs + self.lost)
 
     @property
     def sides(self) -> Sides | None:
@@ -106,11 +114,14 @@ class RunEstimate(NamedTuple):
         a, b, factor = self.pair
         assert a.influences is not None
         assert b.influences is not None
-        others = factor * b.influences
+        influences_of_b = factor * b.influences
         if not isinstance(a, Share) or not isinstance(b, Share):
-            return of_variances(a.influences, others)
-        first, second = Events(a.events, a.runs), Events(b.events, b.runs, factor)
-        return Sides(first, second, correlation(a.influences, others))
+            return of_variances(a.influences, influences_of_b)
+        return Sides(
+            first=Events(a.events, a.runs),
+            second=Events(b.events, b.runs, factor),
+            correlation=correlation(a.influences, influences_of_b),
+        )
 
     def parts(self, number: int) -> "list[RunEstimate]":
         """Return the number without each of so many batches of consecutive runs in turn.
@@ -128,9 +139,13 @@ class RunEstimate(NamedTuple):
 
         An event that none of M runs had may have a probability of 3 / M. A share's test counts that.
         """
-        x = None if self.influences is None else self.influences[~np.isnan(self.influences)]
-        is_share = isinstance(self if self.pair is None else self.pair[0], Share)
-        if x is None or len(x) < 3 or is_share:
+        tested: RunEstimate = self
+        if self.pair is not None:
+            tested, _, _ = self.pair
+        if self.influences is None or isinstance(tested, Share):
+            return []
+        x = self.influences[~np.isnan(self.influences)]
+        if len(x) < 3:
             return []
         far = int(np.argmax(np.abs(x)))
         more = np.append(x, np.full(3, 2.0 * x[far]))
@@ -223,11 +238,9 @@ class OfSteps(RunEstimate):
         """Return the difference, step by step."""
         assert self.influences is not None
         assert other.influences is not None
-        value, of_steps = (
-            self.value - factor * other.value,
-            self.influences - factor * other.influences,
-        )
-        return OfSteps.of(value, of_steps + value)
+        value = self.value - factor * other.value
+        influences = self.influences - factor * other.influences
+        return OfSteps.of(value, influences + value)
 
     @property
     def why(self) -> str:
@@ -271,14 +284,15 @@ MISSING = RunEstimate(np.nan, np.nan, None, 0)
 @ignore_float_errors
 def quotient(a: RunEstimate, b: RunEstimate) -> RunEstimate:
     """Return ``a / b``, paired where it can be; else by the delta method."""
-    ratio, scale = (float(np.divide(x, b.value)) for x in (a.value, 1.0))
+    ratio = float(np.divide(a.value, b.value))
     if isinstance(a, OfSteps) and isinstance(b, OfSteps):
         return a.minus(b, ratio).over(ratio, b.value)
-    of_a, of_b = a.influences, b.influences
+    # d(a / b) = da / b - (a / b) db / b
+    scale = float(np.divide(1.0, b.value))
     term = linear_combination(ratio, a, b, scale, -scale * ratio)
-    if of_a is None or of_b is None or not term.splits:
+    if a.influences is None or b.influences is None or not term.splits:
         return term
-    influences = influence_of_ratio(a.value, b.value, of_a, of_b)
+    influences = influence_of_ratio(a.value, b.value, a.influences, b.influences)
     stderr = mean(influences[~np.isnan(influences)]).stderr
     return term._replace(influences=influences, stderr=stderr)
 
@@ -323,7 +337,9 @@ def ratio_interval(a: RunEstimate, b: RunEstimate, level: float = 0.95) -> tuple
     # Doubled steps look for a ratio that is excluded, down to zero and up to the farthest.
     low = _limit_of_ratio(excludes, ratio, -_RATIO_STEP * ratio, 0.0)
     high = _limit_of_ratio(excludes, ratio, _RATIO_STEP * ratio, _FARTHEST_RATIO * ratio)
-    return low, high if high < _FARTHEST_RATIO * ratio else np.inf
+    if high >= _FARTHEST_RATIO * ratio:
+        high = np.inf
+    return low, high
 
 
 def _ratio_interval_of_steps(a: OfSteps, b: OfSteps, level: float) -> tuple[float, float]:
@@ -347,10 +363,12 @@ def _limit_of_ratio(
 ) -> float:
     """Return where a test begins to exclude ratios on one side; the farthest one if it does nowhere."""
     # Step 1: double the step until the test excludes.
-    inside, outside = ratio, ratio + step
+    inside = ratio
+    outside = ratio + step
     while not excludes(outside):
         step *= 2.0
-        inside, outside = outside, ratio + step
+        inside = outside
+        outside = ratio + step
         if abs(step) >= abs(farthest - ratio):
             if not excludes(farthest):
                 return farthest
@@ -368,33 +386,35 @@ def _limit_of_ratio(
 @ignore_float_errors
 def gain(ratio: RunEstimate) -> RunEstimate:
     """Return the percent by which the ratio is below one."""
-    return ratio.scaled(100.0 * (1.0 - ratio.value), by=-100.0)
+    return ratio.scaled(100.0 * (1.0 - ratio.value), factor=-100.0)
 
 
 @ignore_float_errors
 def linear_combination(
-    value: float, a: RunEstimate, b: RunEstimate, of_a: float, of_b: float
+    value: float, a: RunEstimate, b: RunEstimate, factor_a: float, factor_b: float
 ) -> RunEstimate:
-    """Return the estimate of ``of_a`` times a plus ``of_b`` times b, paired by runs."""
-    runs, of_runs = min(a.runs, b.runs), _combined(a, b, a.influences, b.influences, of_a, of_b)
-    if of_runs is not None:
-        known = of_runs[~np.isnan(of_runs)]
-        return RunEstimate(value, mean(known).stderr, of_runs, len(known), a.lost)
-    stderr = float(np.hypot(of_a * a.stderr, of_b * b.stderr))
-    return RunEstimate(value, stderr, None, runs, a.lost)
+    """Return the estimate of ``factor_a a + factor_b b``, paired by runs; ``value`` is its value."""
+    influences = _combined_influences(a, b, factor_a, factor_b)
+    if influences is not None:
+        known = influences[~np.isnan(influences)]
+        return RunEstimate(value, mean(known).stderr, influences, len(known), a.lost)
+    stderr = float(np.hypot(factor_a * a.stderr, factor_b * b.stderr))
+    return RunEstimate(value, stderr, None, min(a.runs, b.runs), a.lost)
 
 
-def _combined(
-    a: RunEstimate, b: RunEstimate, x: Array | None, y: Array | None, of_a: float, of_b: float
+def _combined_influences(
+    a: RunEstimate, b: RunEstimate, factor_a: float, factor_b: float
 ) -> Array | None:
-    """Return ``of_a x + of_b y`` of influences; None if a side has none and is inexact."""
+    """Return the influences on ``factor_a a + factor_b b``; None if a side has none and is inexact."""
+    x = a.influences
+    y = b.influences
     if x is None and y is not None and a.stderr == 0.0:
-        return of_b * y
+        return factor_b * y
     if y is None and x is not None and b.stderr == 0.0:
-        return of_a * x
+        return factor_a * x
     if x is None or y is None or len(x) != len(y):
         return None
-    return of_a * x + of_b * y
+    return factor_a * x + factor_b * y
 
 
 def as_difference_of_variances(

@@ -27,7 +27,10 @@ from trackbench.core.arrays import Array, Mask
 from trackbench.core.elementary import exp, log, power
 from trackbench.core.sums import total
 
-_FARTHEST, _CLOSE = 1024.0, 1e-10  # of a z, and relative
+_FARTHEST = 1024.0
+"""A z beyond which the search of `studentized_difference` ends with infinity."""
+_CLOSE = 1e-10
+"""Share of a z to which it is found."""
 
 
 class Limits(Protocol):
@@ -76,10 +79,13 @@ def of_variances(first: Array, second: Array) -> Sides | None:
 def correlation(a: Array, b: Array) -> float:
     """Return the correlation of two numbers from their influences (M,); zero without spread."""
     common = ~np.isnan(a - b)
-    a, b = a[common], b[common]
+    a = a[common]
+    b = b[common]
     # rho = sum a b / sqrt(sum a^2 sum b^2) over the common runs
     scale = sqrt(float(total(a * a)) * float(total(b * b)))
-    return float(total(a * b)) / scale if scale > 0.0 else 0.0
+    if not scale > 0.0:
+        return 0.0
+    return float(total(a * b)) / scale
 
 
 @np.errstate(all="ignore")
@@ -87,17 +93,23 @@ def studentized_difference(value: float, sides: Sides, other: float = 0.0) -> fl
     """Return z of the hypothesis of no difference: the deviations at which a limit is zero."""
     if value == 0.0 or not abs(value) < inf:
         return value
-    reach, distance = sides.below if value > 0.0 else sides.above, abs(value)
+    distance = abs(value)
+    reach = sides.below if value > 0.0 else sides.above
     # Step 1: double z until the limit reaches zero.
-    low, high = 0.0, 1.0
+    low = 0.0
+    high = 1.0
     while reach(high, other) < distance:
         if high > _FARTHEST:
             return copysign(inf, value)
-        low, high = high, 2.0 * high
+        low = high
+        high = 2.0 * high
     # Step 2: bisect between the last two z.
     while high - low > _CLOSE * high:
         z = 0.5 * (low + high)
-        low, high = (z, high) if reach(z, other) < distance else (low, z)
+        if reach(z, other) < distance:
+            low = z
+        else:
+            high = z
     return copysign(high, value)
 
 
@@ -141,9 +153,13 @@ def _limits(events: int, runs: int, tail: float) -> tuple[float, float]:
     from scipy.special import betaincinv
 
     # P(X >= events) = tail at the low end, P(X <= events) = tail at the high end
-    low = betaincinv(events, runs - events + 1, tail) if events else 0.0
-    high = 1.0 - betaincinv(runs - events, events + 1, tail) if events < runs else 1.0
-    return float(low), float(high)
+    low = 0.0
+    high = 1.0
+    if events > 0:
+        low = float(betaincinv(events, runs - events + 1, tail))
+    if events < runs:
+        high = float(1.0 - betaincinv(runs - events, events + 1, tail))
+    return low, high
 
 
 def share_stderr(events: int, runs: int) -> float:
@@ -166,18 +182,23 @@ def share_z(events: int, runs: int, probability: float) -> float:
     """
     from scipy.special import bdtr, bdtrc, ndtri
 
-    if not 0.0 <= probability <= 1.0:
-        return float("inf") if probability < 0.0 else -float("inf")
+    if probability < 0.0:
+        return inf
+    if not probability <= 1.0:
+        return -inf
     # Upper tail P(X >= events) of more events than expected, lower tail P(X <= events) of fewer.
     if events > runs * probability:
-        return max(0.0, -float(ndtri(bdtrc(events - 1, runs, probability) if events else 1.0)))
+        return max(0.0, -float(ndtri(bdtrc(events - 1, runs, probability))))
     return min(0.0, float(ndtri(bdtr(events, runs, probability))))
 
 
 def sign_test(a: Array | Mask, b: Array | Mask) -> float:
     """Return the normal deviate of a more often larger than b in the same runs (M,); 0 if never."""
-    larger, smaller = int(np.sum(a > b)), int(np.sum(a < b))
-    return share_z(larger, larger + smaller, 0.5) if larger + smaller else 0.0
+    larger = int(np.sum(a > b))
+    smaller = int(np.sum(a < b))
+    if larger + smaller == 0:
+        return 0.0
+    return share_z(larger, larger + smaller, 0.5)
 
 
 class Spread(NamedTuple):
@@ -278,7 +299,8 @@ def interval_of(
     value: float, influences: Array, level: float = 0.95, other: float = 0.0
 ) -> tuple[float, float]:
     """Return the confidence interval: all values that `studentized` accepts."""
-    error, z = spread(influences, other), deviations(level)
+    error = spread(influences, other)
+    z = deviations(level)
     return value - error.below(z), value + error.above(z)
 
 
@@ -317,11 +339,14 @@ class AcceptedNis:
     def mean(self) -> tuple[float, float]:
         """Least and largest mean of a consistent filter: equal for one sensor."""
         means = [self._moments(n)[0] for n in self._numbers]
-        return min(means), 1.0 if self._may_be_whole else max(means)
+        if self._may_be_whole:
+            return min(means), 1.0
+        return min(means), max(means)
 
     def band(self, components: float, level: float = 0.95) -> tuple[float, float]:
         """Return the band of a mean over so many components, as `anees_band` without a gate."""
-        lows, highs = [], []
+        lows = []
+        highs = []
         for n in self._numbers:
             # A chi-square over its degrees of freedom, times a factor, with the mean's two moments.
             mean, variance = self._moments(n)
@@ -336,7 +361,9 @@ class AcceptedNis:
     @property
     def _numbers(self) -> set[int]:
         """Numbers of components that one gate may judge: of the smallest to all sensors."""
-        return {*self.sizes} if self.each else {*self.sizes, sum(self.sizes)}
+        if self.each:
+            return set(self.sizes)
+        return {*self.sizes, sum(self.sizes)}
 
     @property
     def _may_be_whole(self) -> bool:
@@ -393,16 +420,18 @@ def spread(influences: Array, other: float = 0.0) -> Spread:
     stderr = float(np.sqrt(total(np.square(x)) / (M * (M - 1.0))))
     whole = float(np.sqrt(stderr * stderr + other * other))
     if not stderr > 0.0:
-        return Spread(whole, 0.0, np.inf if whole > 0.0 else M - 1.0)
+        freedom = np.inf if whole > 0.0 else M - 1.0
+        return Spread(whole, 0.0, freedom)
     unit = x / (stderr * np.sqrt(M - 1.0))  # so that the mean square is one
-    squares, share = np.square(unit), stderr / whole
+    squares = np.square(unit)
+    share = stderr / whole
     if not share**4 > 0.0:  # all of the error is the other's, which is normal
         return Spread(whole, 0.0, np.inf)
     # Hall's a and Satterthwaite's degrees of freedom, from the third and fourth moment.
     kurtosis = float(total(np.square(squares))) / M
     a = float(total(squares * unit)) / M / np.sqrt(M) * share**3
     freedom = min(M - 1.0, 2.0 * M / max(kurtosis - 1.0, 1e-9))
-    return Spread(whole, float(a), freedom / share**4)
+    return Spread(stderr=whole, skewness=float(a), freedom=freedom / share**4)
 
 
 def has_heavy_tail(influences: Array) -> bool:

@@ -48,7 +48,10 @@ def variance(x: Array) -> Estimate:
     if M < 2:
         return Estimate(np.nan, np.nan)
     s2 = total(np.square(x - _mean(x))) / (M - 1)  # of numpy: its square overflows to infinity
-    return Estimate(float(s2), mean(influence("variance", x)).stderr if M > 3 else np.nan)
+    stderr = np.nan
+    if M > 3:
+        stderr = mean(influence("variance", x)).stderr
+    return Estimate(float(s2), stderr)
 
 
 @_quietly
@@ -56,7 +59,9 @@ def rms(x: Array) -> Estimate:
     """Return the root mean square (eq. 15 of the hdepf paper for per-run RMSEs); delta method."""
     squares = mean(np.square(x))
     value = float(np.sqrt(squares.value))
-    return Estimate(value, squares.stderr / (2.0 * value) if value != 0.0 else 0.0)
+    if value == 0.0:
+        return Estimate(0.0, 0.0)
+    return Estimate(value, squares.stderr / (2.0 * value))
 
 
 @_quietly
@@ -83,27 +88,29 @@ def deviation(x: Array) -> Estimate:
     return Estimate(float(np.sqrt(_mean(np.square(x - _mean(x))))), stderr)
 
 
-def _of_rms(x: Array) -> Array:
-    squares, M = np.square(x), len(x)
+def _influence_on_rms(x: Array) -> Array:
+    M = len(x)
+    squares = np.square(x)
     # Mean square of the other runs, from which the jackknife takes the root.
     others = np.maximum(total(squares) - squares, 0.0) / max(M - 1, 1)
     return _left_out(float(np.sqrt(_mean(squares))), np.sqrt(others))
 
 
-def _of_deviation(x: Array) -> Array:
+def _influence_on_deviation(x: Array) -> Array:
     # ds = ((x - m)^2 - s^2) / (2 s)
     squares = np.square(x - _mean(x))
     return (squares - _mean(squares)) / (2.0 * np.sqrt(_mean(squares)))
 
 
-def _of_variance(x: Array) -> Array:
+def _influence_on_variance(x: Array) -> Array:
     """Return jackknife values: the variance without each run."""
-    squares, M = np.square(x - _mean(x)), len(x)
+    M = len(x)
+    squares = np.square(x - _mean(x))
     return (squares - _mean(squares)) * (M / max(M - 2.0, 1.0))
 
 
-def _of_median(x: Array) -> Array:
-    """Return influences: the sign of each deviation over twice the density, from the standard error."""
+def _influence_on_median(x: Array) -> Array:
+    """Return the sign of each deviation over twice the density, by the standard error."""
     value, stderr = median(x)
     return np.sign(x - value) * stderr * np.sqrt(len(x))
 
@@ -124,13 +131,17 @@ class Statistic(NamedTuple):
 
 STATISTICS = {
     "mean": Statistic(mean, lambda x: x - _mean(x), "mean over the runs"),
-    "variance": Statistic(variance, _of_variance, "unbiased variance over the runs", power=2),
-    "rms": Statistic(rms, _of_rms, "root mean square over the runs"),
-    "median": Statistic(median, _of_median, "median over the runs"),
+    "variance": Statistic(
+        variance, _influence_on_variance, "unbiased variance over the runs", power=2
+    ),
+    "rms": Statistic(rms, _influence_on_rms, "root mean square over the runs"),
+    "median": Statistic(median, _influence_on_median, "median over the runs"),
 }
 """Those that summary.csv has of every metric per run."""
 OVER_RUNS = STATISTICS | {
-    "std": Statistic(deviation, _of_deviation, "standard deviation over the runs, at a step")
+    "std": Statistic(
+        deviation, _influence_on_deviation, "standard deviation over the runs, at a step"
+    )
 }
 
 
@@ -146,8 +157,10 @@ def mean_from_sums(total: Array, squares: Array, count: Array) -> Estimates:
 @_quietly
 def rooted(estimates: Estimates) -> Estimates:
     """Return square roots of estimates; delta method."""
-    value, stderr = np.sqrt(estimates.value), estimates.stderr
-    return Estimates(value, np.where(value > 0, stderr / (2.0 * value), stderr))
+    value = np.sqrt(estimates.value)
+    # d sqrt(x) = dx / (2 sqrt(x))
+    stderr = np.where(value > 0, estimates.stderr / (2.0 * value), estimates.stderr)
+    return Estimates(value, stderr)
 
 
 @_quietly
@@ -163,16 +176,17 @@ def influence(name: str, x: Array) -> Array:
 
 
 @_quietly
-def influence_of_ratio(a: float, b: float, of_a: Array, of_b: Array) -> Array:
+def influence_of_ratio(a: float, b: float, influences_a: Array, influences_b: Array) -> Array:
     """Return each run's influence on ``a / b`` from the influences (M,) on both, NaN if missing.
 
     With each run left out of both in turn, not by the delta method: a run that moves ``b`` a lot does
     not move the ratio in proportion.
     """
-    others = max(int((~np.isnan(of_a + of_b)).sum()) - 1, 1)
-    whole = float(np.divide(a, b))  # of floats: Python's own refuses a zero
-    # Without run m, a is a - of_a / (M - 1), and b likewise.
-    return _left_out(whole, (a - of_a / others) / (b - of_b / others))
+    others = max(int((~np.isnan(influences_a + influences_b)).sum()) - 1, 1)
+    ratio = float(np.divide(a, b))  # of floats: Python's own refuses a zero
+    # Without run m, a is a - influences_a[m] / (M - 1), and b likewise.
+    ratio_without = (a - influences_a / others) / (b - influences_b / others)
+    return _left_out(ratio, ratio_without)
 
 
 def _left_out(value: float, without: Array) -> Array:
@@ -220,7 +234,8 @@ def _rank_interval(x: Array, level: float) -> tuple[float, float]:
     """
     from scipy.special import bdtr
 
-    n, tail = len(x), 0.5 - level / 2.0
+    n = len(x)
+    tail = 0.5 - level / 2.0
     first = max(0, int(n / 2.0 - 20.0 * np.sqrt(n)))  # forty standard deviations below the middle
     # k - 1 is the largest j with P(X <= j) below the tail, X binomial (n, 1/2).
     below = bdtr(np.arange(first, n // 2 + 1), n, 0.5)
@@ -232,8 +247,12 @@ def _rank_interval(x: Array, level: float) -> tuple[float, float]:
 
 
 def _mean(x: Array) -> float:
-    return float(total(x) / len(x)) if len(x) else np.nan
+    if len(x) == 0:
+        return np.nan
+    return float(total(x) / len(x))
 
 
 def _sd(x: Array) -> float:
-    return float(np.sqrt(total(np.square(x - _mean(x))) / (len(x) - 1))) if len(x) > 1 else np.nan
+    if len(x) < 2:
+        return np.nan
+    return float(np.sqrt(total(np.square(x - _mean(x))) / (len(x) - 1)))

@@ -37,8 +37,11 @@ NATS_NEAR_BEST = log(NEAR_BEST)
 """Nats below the best up to which a log score shares it: the predicted density is half as large."""
 NOT_CHANCE = 4.0
 """Standard errors from which a number that should be zero, one of some dozens, is not."""
-EQUAL, BETTER, WORSE = "equal", "better", "worse"
-ALIKE, UNTESTED = "no significant difference", "untested"
+EQUAL = "equal"
+BETTER = "better"
+WORSE = "worse"
+ALIKE = "no significant difference"
+UNTESTED = "untested"
 DECIDED = 5.0
 """Standard errors of all runs from which a difference is decided."""
 SURE = 3.0
@@ -98,7 +101,9 @@ class Verdict(NamedTuple):
     def weak_part(self) -> float | None:
         """Least z without a batch of runs, if it does not show the difference."""
         least = min(self.parts, key=abs, default=self.z)
-        return least if abs(least) < SURE or least * self.z < 0.0 else None
+        if abs(least) < SURE or least * self.z < 0.0:
+            return least
+        return None
 
 
 def adjusted(zs: Sequence[float], tests: int = 0) -> Array:
@@ -111,8 +116,10 @@ def adjusted(zs: Sequence[float], tests: int = 0) -> Array:
 
 def signs(zs: Sequence[float]) -> list[int]:
     """Return the signs of significant differences of a family, 0 of any other, by Holm at `LEVEL`."""
-    pairs = zip(zs, adjusted(zs), strict=True)
-    return [int(copysign(1.0, z)) if p < LEVEL else 0 for z, p in pairs]
+    signs_of_family = []
+    for z, p in zip(zs, adjusted(zs), strict=True):
+        signs_of_family.append(int(copysign(1.0, z)) if p < LEVEL else 0)
+    return signs_of_family
 
 
 def beyond(zs: Sequence[float], sigmas: float) -> tuple[Array, list[int]]:
@@ -123,9 +130,12 @@ def beyond(zs: Sequence[float], sigmas: float) -> tuple[Array, list[int]]:
     """
     from scipy.special import ndtr
 
-    tail, z = ndtr(-sigmas), np.array(zs, dtype=float)
-    larger, smaller = holm(ndtr(-z)), holm(ndtr(z))
-    return larger, [*((larger <= tail) * 1 - (smaller <= tail)).tolist()]
+    z = np.array(zs, dtype=float)
+    tail = ndtr(-sigmas)
+    p_larger = holm(ndtr(-z))
+    p_smaller = holm(ndtr(z))
+    signs_beyond = (p_larger <= tail).astype(int) - (p_smaller <= tail).astype(int)
+    return p_larger, signs_beyond.tolist()
 
 
 def is_tested(difference: RunEstimate) -> bool:
@@ -168,11 +178,13 @@ def credibility(low: float, high: float, sign: int, mean: tuple[float, float] = 
     return {1: "overconfident", -1: "underconfident"}.get(sign, "")
 
 
-def share_that_matters(of_config: float | str | None) -> float:
+def share_that_matters(share: float | str | None) -> float:
     """Return the share of a number from which a difference matters: the config's, 0.05 or 5%."""
-    if isinstance(of_config, str):
-        return float(of_config.removesuffix("%")) / 100.0
-    return TINY if of_config is None else of_config
+    if share is None:
+        return TINY
+    if isinstance(share, str):
+        return float(share.removesuffix("%")) / 100.0
+    return share
 
 
 def deviations_needed(tests: int) -> float:
@@ -184,7 +196,9 @@ def runs_that_decide(runs: int, z: float, needed: float) -> float:
     """Return the runs at which a difference as large as measured has the z that is needed."""
     # To first order z grows with the root of the runs.
     wanted = runs * (needed / z) ** 2
-    return max(wanted, runs + 1.0) if runs > 1 else wanted
+    if runs > 1:
+        return max(wanted, runs + 1.0)
+    return wanted
 
 
 def decided(z: float, parts: Sequence[float] = (), exact: bool = False) -> int:
@@ -198,7 +212,9 @@ def decided(z: float, parts: Sequence[float] = (), exact: bool = False) -> int:
         shown = abs(z) >= SURE and not any(sign * part <= -SURE for part in parts)
     else:
         shown = abs(z) >= DECIDED and all(sign * part >= SURE for part in parts)
-    return sign if shown else 0
+    if not shown:
+        return 0
+    return sign
 
 
 def difference_sign(term: RunEstimate, batches: int) -> int:
@@ -228,8 +244,10 @@ class Printed:
         """Number of digits from the first that is not zero to the last that is printed; 0 of a word."""
         if isinstance(self.value, str):
             return 0
-        before = floor(log10(abs(self.value))) + 1 if self.value else 0
-        return max(before + self.digits, 0)
+        digits_before_point = 0
+        if self.value:
+            digits_before_point = floor(log10(abs(self.value))) + 1
+        return max(digits_before_point + self.digits, 0)
 
 
 def number_verdict(
@@ -238,27 +256,44 @@ def number_verdict(
     parts: Sequence[RunEstimate],
 ) -> Verdict:
     """Return the verdict on a published number from all runs and from the parts of them."""
-    judge = _bias if isinstance(number.value, str) else _difference
-    word, z = judge(number, whole, DECIDED)
-    verdicts = [judge(number, part, SURE) for part in parts]
+    if isinstance(number.value, str):
+        judge = _judge_bias
+        needed = nan
+    else:
+        judge = _judge_difference
+        needed = DECIDED
+    word_of_all, z = judge(number, whole, DECIDED)
+    words_of_parts = []
+    zs_of_parts = []
+    for part in parts:
+        word_of_part, z_of_part = judge(number, part, SURE)
+        words_of_parts.append(word_of_part)
+        zs_of_parts.append(z_of_part)
     # Fragile: what other runs could well have measured changes the word.
-    turns = any(judge(number, other, DECIDED)[0] != word for other in _others(whole))
+    words_of_others = {judge(number, other, DECIDED)[0] for other in _other_measurements(whole)}
+    turns = not words_of_others <= {word_of_all}
     # Batches that do not show the word, or contradict it, make it inconclusive.
-    word = combine_batches(word, [w for w, _ in verdicts])
+    word = combine_batches(word_of_all, words_of_parts)
     if word in ("biased", "unbiased"):
         word = "agrees" if word == number.value else "differs"
     if number.chosen:
         word = UNDECIDED  # a value that was chosen for the number shows nothing
-    needed = nan if isinstance(number.value, str) else DECIDED
-    return Verdict(word, z, tuple(z for _, z in verdicts), turns and word != UNDECIDED, needed)
+    return Verdict(
+        word=word,
+        z=z,
+        parts=tuple(zs_of_parts),
+        fragile=turns and word != UNDECIDED,
+        needed=needed,
+    )
 
 
-def _others(whole: RunEstimate) -> Iterator[RunEstimate]:
+def _other_measurements(whole: RunEstimate) -> Iterator[RunEstimate]:
     """Generate what other runs could well have measured."""
     yield from whole.stressed()
     room = ANOTHER_SEED * whole.stderr
-    for end in (-room, room) if isfinite(room) else ():
-        yield whole._replace(value=whole.value + end)
+    if isfinite(room):
+        yield whole._replace(value=whole.value - room)
+        yield whole._replace(value=whole.value + room)
 
 
 def claim_verdict(
@@ -274,16 +309,24 @@ def claim_verdict(
     parts may not contradict it.
     """
 
-    def claimed(z: float, parts: Sequence[float] = ()) -> str:
-        sign = decided(z, parts, exact or (equal and z > 0.0))
-        return (UNDECIDED, "holds", "fails")[sign]
+    def is_shown_beyond_sure(z: float) -> bool:
+        return exact or (equal and z > 0.0)
 
     # What another seed, or runs under stress, could well have shown.
-    others = (z - ANOTHER_SEED, z + ANOTHER_SEED, *stressed)
-    turns = any(claimed(other) != claimed(z) for other in others)
-    word = claimed(z, parts)
-    needed = SURE if exact or (equal and z > 0.0) else DECIDED
-    return Verdict(word, z, tuple(parts), turns and word != UNDECIDED, needed)
+    sign_of_all = decided(z, (), is_shown_beyond_sure(z))
+    turns = False
+    for other in (z - ANOTHER_SEED, z + ANOTHER_SEED, *stressed):
+        if decided(other, (), is_shown_beyond_sure(other)) != sign_of_all:
+            turns = True
+    sign = decided(z, parts, is_shown_beyond_sure(z))
+    word = {1: "holds", -1: "fails", 0: UNDECIDED}[sign]
+    return Verdict(
+        word=word,
+        z=z,
+        parts=tuple(parts),
+        fragile=turns and word != UNDECIDED,
+        needed=SURE if is_shown_beyond_sure(z) else DECIDED,
+    )
 
 
 def weakest(zs: Sequence[float], steps: int = 1) -> float:
@@ -304,32 +347,46 @@ def weakest(zs: Sequence[float], steps: int = 1) -> float:
 def combine_batches(word: str, parts: Sequence[str]) -> str:
     """Return the word of all runs, unless a part of them does not show it or contradicts it."""
     if word in _OPPOSITE.values():
-        return word if all(part == word for part in parts) else UNDECIDED
-    return UNDECIDED if _OPPOSITE.get(word) in parts else word
+        is_shown = all(part == word for part in parts)
+    else:
+        is_shown = _OPPOSITE.get(word) not in parts
+    return word if is_shown else UNDECIDED
 
 
 _OPPOSITE = {"agrees": "differs", "compatible": "differs", "unbiased": "biased"}
 
 
-def _difference(number: Printed, measured: RunEstimate, least: float) -> tuple[str, float]:
-    """Compare a number with the printed one, whose error is the paper's own where it prints a spread."""
-    value, printed = measured.value, number.value
+def _judge_difference(number: Printed, measured: RunEstimate, least: float) -> tuple[str, float]:
+    """Compare a number with the printed one; return the word and z.
+
+    The error of the printed number is the paper's own where it prints a spread. ``least`` is the z from
+    which the numbers differ.
+    """
+    value = measured.value
+    printed = number.value
     if measured.lost > measured.runs > 0:
         return "differs", inf  # what survives says nothing of the filter
     if not isfinite(value):
-        return (UNDECIDED, nan) if not measured.lost else ("differs", inf)
+        if measured.lost:
+            return "differs", inf
+        return UNDECIDED, nan
     assert not isinstance(printed, str)
-    theirs, nearest = _of_the_paper(number, measured), _nearest(number, value)
-    z = measured.z(nearest, theirs)
+    stderr_of_paper = _stderr_of_paper(number, measured)
+    nearest = _nearest(number, value)
+    z = measured.z(nearest, stderr_of_paper)
     if value == nearest and not isnan(measured.stderr):
         z = 0.0  # it rounds to the printed number
     # Agreement: no difference, and an interval within 10 % or within the printed digits.
     if abs(z) <= SURE:
-        reach = max(abs(end - printed) for end in measured.interval(other=theirs))
+        reach = max(abs(end - printed) for end in measured.interval(other=stderr_of_paper))
         room = max(NEAR * abs(printed), _rounding(number))
-        return ("agrees" if reach <= room else "compatible"), z
+        if reach <= room:
+            return "agrees", z
+        return "compatible", z
     # Otherwise z decides whether it differs. It may be too small, or unknown without an error.
-    return ("differs" if abs(z) >= least else UNDECIDED), z
+    if abs(z) >= least:
+        return "differs", z
+    return UNDECIDED, z
 
 
 def difference(number: Printed, value: float) -> float:
@@ -352,7 +409,7 @@ def _rounding(number: Printed) -> float:
     return 0.5 * 10.0**-number.digits
 
 
-def _of_the_paper(number: Printed, measured: RunEstimate) -> float:
+def _stderr_of_paper(number: Printed, measured: RunEstimate) -> float:
     """Return the standard error of the printed number: from its own spread, else from ours."""
     if not number.runs:
         return 0.0
@@ -362,12 +419,17 @@ def _of_the_paper(number: Printed, measured: RunEstimate) -> float:
     return measured.stderr * sqrt(measured.runs / number.runs)
 
 
-def _bias(number: Printed, measured: RunEstimate, least: float) -> tuple[str, float]:
-    """Compare a bias with its margin: biased if beyond it for certain, unbiased if within it."""
+def _judge_bias(number: Printed, measured: RunEstimate, least: float) -> tuple[str, float]:
+    """Compare a bias with its margin; return the word and z.
+
+    It is biased if beyond the margin by ``least`` standard errors, unbiased if within it for certain.
+    """
     value, stderr = measured.estimate
     if not isfinite(value):
         return UNDECIDED, nan
     z = measured.z()
     if abs(value) - number.margin >= least * stderr:
         return "biased", z
-    return ("unbiased" if abs(value) + SURE * stderr <= number.margin else UNDECIDED), z
+    if abs(value) + SURE * stderr <= number.margin:
+        return "unbiased", z
+    return UNDECIDED, z

@@ -55,15 +55,19 @@ class SeriesMean(NamedTuple):
     @property
     def stderr(self) -> float:
         """Half the width of the interval with the probability of one standard deviation."""
-        if self.distribution is not None:
-            return self.distribution.half_width(1.0)
-        return np.nan if self.why else 0.0
+        if self.why:
+            return np.nan
+        if self.distribution is None:
+            return 0.0
+        return self.distribution.half_width(1.0)
 
     def half_width(self, level: float) -> float:
         """Return half the width of the confidence interval."""
-        if self.distribution is not None:
-            return self.distribution.half_width(deviations(level))
-        return np.nan if self.why else 0.0
+        if self.why:
+            return np.nan
+        if self.distribution is None:
+            return 0.0
+        return self.distribution.half_width(deviations(level))
 
 
 class ErrorDistribution(NamedTuple):
@@ -85,14 +89,18 @@ class ErrorDistribution(NamedTuple):
         most = float(logs.max())
         if not isfinite(most):
             return copysign(inf, error)
+        if error == 0.0:
+            return 0.0
         tail = most + log(float(total(exp(logs - most))))
-        return float(copysign(ndtri_exp(min(tail, log(0.5))), error)) if error else 0.0
+        return float(copysign(ndtri_exp(min(tail, log(0.5))), error))
 
     def half_width(self, z: float) -> float:
         """Return the error that has this normal deviate, by bisection."""
-        low, high = 0.0, float(self.scales.max())
+        low = 0.0
+        high = float(self.scales.max())
         while self.z(high) < z:
-            low, high = high, 2.0 * high
+            low = high
+            high = 2.0 * high
         while high - low > 1e-8 * high:
             middle = 0.5 * (low + high)
             if self.z(middle) < z:
@@ -115,7 +123,7 @@ def series_mean(series: Array) -> SeriesMean:
     mean = float(total(x)) / T
     d = x - mean
     if not d.any():
-        return SeriesMean(mean, 0.0 if mean == 0.0 else copysign(inf, mean))
+        return _mean_without_spread(mean)
     if why := _refused_autocorrelation(d):
         return SeriesMean(mean, np.nan, why=why)
     # Step 1: cosine weights Y_j = sqrt(2 / T) sum_k cos(pi j (k + 1/2) / T) d_k, j = 1 ... q.
@@ -126,7 +134,7 @@ def series_mean(series: Array) -> SeriesMean:
     models = _models(q, T)
     quadratic = dot(1.0 / models.of_cosines, weights * weights)
     if not (quadratic > 0.0).all():
-        return SeriesMean(mean, copysign(inf, mean) if mean else 0.0)
+        return _mean_without_spread(mean)
     scales = np.sqrt(models.of_mean * quadratic / (q * T))
     # Step 3: likelihood of the cosine weights, prod v_j^(-1/2) Q^(-q/2), times the prior.
     logs = models.log_prior - 0.5 * models.log_determinant - 0.5 * q * elementwise_log(quadratic)
@@ -134,6 +142,13 @@ def series_mean(series: Array) -> SeriesMean:
     logs -= log(float(total(exp(logs))))
     distribution = ErrorDistribution(log_weights=logs, scales=scales, freedom=q)
     return SeriesMean(mean, distribution.z(mean), distribution)
+
+
+def _mean_without_spread(mean: float) -> SeriesMean:
+    """Return the mean of steps that do not differ, of which anything but zero is certain."""
+    if mean == 0.0:
+        return SeriesMean(mean, z=0.0)
+    return SeriesMean(mean, z=copysign(inf, mean))
 
 
 def _refused_autocorrelation(d: Array) -> str:
