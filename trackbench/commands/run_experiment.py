@@ -179,9 +179,10 @@ def _write_results_and_report(job: Job, outcome: Outcome, options: Options, swee
         say(f"note: {label} has no measured CPU time: {why}", options)
     # Step 2: the data.
     with record_writes() as data_files:
-        losses, facts = write_results(
+        written = write_results(
             job.folder, job.experiment, outcome, options.save_tracks, times.measured
         )
+        facts = written.facts
         if job.tuning:
             write_tuning(job.folder / "tuning.csv", job.tuning)
             facts["training_holds_out"] = held_out_data(job.experiment)
@@ -189,7 +190,7 @@ def _write_results_and_report(job: Job, outcome: Outcome, options: Options, swee
             facts["cpu_s"] = round(facts["cpu_s"] + training_s, 3)
     write_manifest(job.folder, facts, data_files)
     # Step 3: the outputs that are computed from the data.
-    results = Results(job.folder, facts)
+    results = Results(job.folder, facts, run_values=written.run_values)
     with record_writes() as derived_files:
         drawers = most_drawers(options)
         _, comparison = render(results, options.formats, drawers, options.fresh, progress)
@@ -199,14 +200,14 @@ def _write_results_and_report(job: Job, outcome: Outcome, options: Options, swee
         with results.without("report.html"):
             write_report(results, comparison)
     write_manifest(job.folder, facts, [*data_files, *derived_files])
-    notes = list(_loss_notes(job.experiment, losses))
+    notes = list(_loss_notes(job.experiment, written.losses))
     notes += _bound_notes(job.experiment)
     notes += _digit_notes(job.experiment, outcome)
     if is_long(job.experiment):
         notes.append(long_run_note(job.experiment))
     return Report(
         results=results,
-        failed_filters=list(_failure_lines(job.experiment, outcome, losses)),
+        failed_filters=list(_failure_lines(job.experiment, outcome, written.losses)),
         run_notes=notes,
         _compared=comparison,
     )

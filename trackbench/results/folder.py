@@ -56,6 +56,8 @@ class ResultsFolder:
     """content of the manifest, until it is written"""
     point_facts: tuple[PointFacts, ...] | None = None
     """facts about the points, instead of those in the folder"""
+    run_values: tuple[Runs, ...] | None = None
+    """numbers of per_run.csv at each point of the config's grid, if they need not be read"""
     _columns: dict[str, Columns] = field(default_factory=dict, init=False, compare=False)
 
     @cached_property
@@ -290,6 +292,12 @@ class ResultsFolder:
 
     @cached_property
     def _runs(self) -> PointRuns:
+        if self.run_values is not None:
+            points = self._points_as_read()
+            return {
+                tuple(point.values()): runs
+                for point, runs in zip(points, self.run_values, strict=True)
+            }
         with self.reading("per_run.csv") as path:
             return read_runs(path, self.columns("summary"), self.grid, self.filters)
 
@@ -350,15 +358,19 @@ class ResultsFolder:
 
     def _read_step_arrays(self) -> Columns:
         """Read the numbers per step of very long runs."""
-        # Values of the grid as those of a CSV file are read.
+        points = self._points_as_read()
+        with self.reading(PER_STEP_FILE) as file:
+            return read_steps(file, [*self.grid, *COLUMNS["per_step.csv"]], points)
+
+    def _points_as_read(self) -> list[dict[str, Any]]:
+        """Return the points of the config's grid with the values that a CSV file would give."""
         by_path = {}
         for path in self.grid:
             by_path[path] = as_read([point[path] for point in self.grid_points])
         points = []
         for i in range(len(self.grid_points)):
             points.append({path: values[i] for path, values in by_path.items()})
-        with self.reading(PER_STEP_FILE) as file:
-            return read_steps(file, [*self.grid, *COLUMNS["per_step.csv"]], points)
+        return points
 
     @cached_property
     def tuning(self) -> dict[str, Record]:

@@ -89,10 +89,21 @@ class Columns:
         return (dict(zip(self, row, strict=True)) for row in self.tuples(self))
 
 
-def read_pieces(path: Path, needed: Collection[str]) -> Iterator[Columns]:
+def read_pieces(
+    path: Path, needed: Collection[str], only: Collection[str] | None = None
+) -> Iterator[Columns]:
     """Yield the rows of a file, some thousands at a time; columns of a grid are words.
 
     The library csv reads them: pandas takes as long to import as a small experiment to run.
+
+    Parameters
+    ----------
+    path
+        File to read.
+    needed
+        Names of columns that the file must have.
+    only
+        Names of the columns to read. Default: all.
 
     Raises
     ------
@@ -115,6 +126,8 @@ def read_pieces(path: Path, needed: Collection[str]) -> Iterator[Columns]:
                     raise ValueError(f"has a row of {len(row)} cells in place of {len(header)}")
             arrays = {}
             for j, name in enumerate(header):
+                if only is not None and name not in only:
+                    continue
                 texts = [row[j] for row in rows]
                 arrays[name] = _as_array(texts, _TYPES.get(name, str))
             yield Columns(arrays)
@@ -185,7 +198,7 @@ def read_runs(path: Path, summary: Columns, grid: list[str], labels: Collection[
     """Read the filters' runs by the values of the grid, which have their types in the summary."""
     keys = [*grid, "filter", "metric"]
     pieces: dict[tuple[str, ...], dict[tuple[str, str], list[Array]]] = {}
-    for piece in read_pieces(path, ["filter", "metric", "value"]):
+    for piece in read_pieces(path, ["filter", "metric", "value"], only=[*keys, "value"]):
         # A filter's values of a metric stand together.
         end = 0
         for words, rows in groupby(piece.tuples(keys)):

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack
+from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
@@ -26,7 +27,7 @@ from trackbench.config.dump import as_yaml, data_files, resolved
 from trackbench.config.experiment import Experiment
 from trackbench.config.metric_names import is_stored, stored_metrics
 from trackbench.config.requested_metrics import requested_contributions
-from trackbench.core.arrays import Array, Index
+from trackbench.core.arrays import Array, Index, fixed
 from trackbench.core.sums import total
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.consistency_and_calibration import sizes
@@ -57,6 +58,7 @@ from trackbench.results.folder_contents import (
     TIMING,
     remove_outputs,
 )
+from trackbench.results.frames import Runs
 from trackbench.results.long_runs import PER_STEP_FILE, StepArrays, is_long
 from trackbench.results.point_facts import POINTS_FILE, points_text
 from trackbench.results.run_facts import facts_of_run
@@ -104,17 +106,29 @@ class Losses(NamedTuple):
         return f"{self.lost} of {self.runs} runs lost, {', '.join(reasons)}"
 
 
+@dataclass(frozen=True, kw_only=True)
+class WrittenResults:
+    """What the report needs of a run whose files are written."""
+
+    losses: dict[Key, Losses]
+    """lost runs of each filter"""
+    facts: dict[str, Any]
+    """facts for the manifest"""
+    run_values: tuple[Runs, ...]
+    """numbers of per_run.csv at each point, as they are read from it"""
+
+
 def write_results(
     folder: Path,
     experiment: Experiment,
     outcome: Outcome,
     tracks: bool,
     times: Mapping[Key, Measured] = MappingProxyType({}),
-) -> tuple[dict[Key, Losses], dict[str, Any]]:
+) -> WrittenResults:
     """Write the files of a run, from which all other files are made, in place of earlier runs' files.
 
-    With ``tracks`` the tracks of all runs are written; ``times`` are measured CPU times. Return the lost
-    runs of each filter, and the facts for the manifest, which the caller writes after all other files.
+    With ``tracks`` the tracks of all runs are written; ``times`` are measured CPU times. The caller
+    writes the manifest after all other files.
     """
     # Step 1: config, published numbers and data files.
     published = experiment.published.files
@@ -170,7 +184,7 @@ def write_results(
         write_csv(folder / ARRIVALS, columns, _arrival_rows(experiment, outcome))
     facts = facts_of_run(experiment, outcome)
     facts["cpu_s"] = round(float(total(np.array(list(cpu_s_of_block.values())))), 3)
-    return losses, facts
+    return WrittenResults(losses=losses, facts=facts, run_values=tuple(csv_files.run_values))
 
 
 _ARRIVAL_RUNS = 20
@@ -211,11 +225,13 @@ def _arrival_rows(experiment: Experiment, outcome: Outcome) -> Iterator[Row]:
 class CsvFiles:
     """Files of a results folder, to which each filter's rows are added.
 
-    The rows of per_step.csv are arrays in ``step_arrays`` if the runs are very long.
+    The rows of per_step.csv are arrays in ``step_arrays`` if the runs are very long. ``run_values`` has
+    the numbers of per_run.csv at each point, as they are read from it.
     """
 
     def __init__(self, files: ExitStack, folder: Path, experiment: Experiment) -> None:
         self._experiment = experiment
+        self.run_values: list[Runs] = [{} for _ in experiment.points]
         self.step_arrays = StepArrays(experiment) if is_long(experiment) else None
         self._writers: dict[str, CsvWriter] = {}
         for name, columns in COLUMNS.items():
@@ -231,7 +247,7 @@ class CsvFiles:
         point, label = key
         scenario = self._experiment.points[point].scenario
         digits = _digits_per_run(self._experiment, key)
-        self._add_runs(self._head_text(point, label), result.per_run, digits)
+        self._add_runs(point, label, result.per_run, digits)
         self._add_steps(point, label, step_columns(result, sizes(scenario)))
         # Only metrics that are written need a summary.
         stored = stored_metrics(self._experiment.settings, "summary.csv")
@@ -276,8 +292,9 @@ class CsvFiles:
                 self._add_summary(i, label, without_stderr)
                 self._add_steps(i, label, map(_without_runs, steps))
 
-    def _add_runs(self, head: str, per_run: dict[str, Array], digits: int) -> None:
+    def _add_runs(self, point: int, label: str, per_run: dict[str, Array], digits: int) -> None:
         """Add rows of per_run.csv, a metric at a time: for their number `csv` is too slow."""
+        head = self._head_text(point, label)
         stored = stored_metrics(self._experiment.settings, "per_run.csv")
         for metric, values in per_run.items():
             if is_stored(stored, measured(metric).base):
@@ -285,6 +302,8 @@ class CsvFiles:
                 name = cells([metric])
                 lines = [f"{head},{run},{name},{text}\n" for run, text in enumerate(texts)]
                 self._writers["per_run.csv"].write("".join(lines))
+                as_written = np.fromiter(map(float, texts), dtype=np.float64, count=len(texts))
+                self.run_values[point][label, metric] = fixed(as_written)
 
     def _add_steps(self, point: int, label: str, columns: Iterable[StepColumns]) -> None:
         """Add rows of per_step.csv, a series at a time: all metrics of a step, then the next step."""

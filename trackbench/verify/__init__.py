@@ -105,5 +105,5 @@ def recompute(experiment: Experiment, folder: Path, runs: int, tracks: bool) -> 
     store, processes = BlockStore(cache_folder()), engine("processes", workers)
     outcomes = execute([plan], store, processes, workers, fresh=True, progress=False)
     with closing(outcomes):
-        _, facts = write_results(folder, fewer, next(outcomes), tracks)
+        facts = write_results(folder, fewer, next(outcomes), tracks).facts
     return Results(folder, facts)
