@@ -173,7 +173,7 @@ def run_suite(
     begin(options.engine, options.workers, DRAWER)  # while the configs are read
     suite = prepare_suite(Path(file), options, problems)
     folder = suite_folder(suite, options)
-    for line in _left_out_lines(_misfits(suite)):
+    for line in _left_out_notes(_misfits(suite)):
         say(f"note: {line}", options)
     scores: dict[str, list[Score]] = {name: [] for name in suite.settings.groups}
     runs: dict[str, dict[str, ProblemRuns]] = {name: {} for name in suite.settings.groups}
@@ -201,7 +201,7 @@ def run_suite(
         if scores[name]
     ]
     refusals = _refusals(suite, groups)
-    for line in _left_out_lines(refusals):
+    for line in _left_out_notes(refusals):
         say(f"note: {line}", options)
     result = SuiteReport(suite=suite, folder=folder, groups=groups, failed=failed)
     ensure_folder(folder)
@@ -274,6 +274,25 @@ def _left_out_lines(misfits: Sequence[_LeftOut]) -> Iterator[str]:
         problems.setdefault((left.label, left.why), []).append(left.problem)
     for (label, why), names in problems.items():
         yield f"{label} is left out of {', '.join(names)}: {why}"
+
+
+_MOST_REASONS = 3
+"""Reasons that the screen says of one filter; of more it has an example."""
+
+
+def _left_out_notes(misfits: Sequence[_LeftOut]) -> Iterator[str]:
+    """Yield `_left_out_lines` for the screen: one line for a filter that has many reasons."""
+    for label in dict.fromkeys(left.label for left in misfits):
+        of_filter = [left for left in misfits if left.label == label]
+        lines = [*_left_out_lines(of_filter)]
+        if len(lines) <= _MOST_REASONS:
+            yield from lines
+        else:
+            example = of_filter[0]
+            yield (
+                f"{label} is left out of {len(of_filter)} problems, such as {example.problem}: "
+                f"{example.why}; --dry-run and scores.csv have all reasons"
+            )
 
 
 def _failures(suite: Suite, name: str, report: Report) -> list[str]:
