@@ -189,7 +189,11 @@ def _prepare_job(config: Config, options: Options, is_only_config: bool) -> Job:
     # Step 1: the experiment.
     experiment = prepare(config, options)
     if options.grid:
+        left_out = list(experiment.settings.figures)
         experiment = as_sweep(experiment)
+        if left_out:
+            names = ", ".join(left_out)
+            say(f"note: a sweep draws figures over its keys, not the config's ({names})", options)
     # Step 2: its folder.
     folder = Path("results" if options.out is None else options.out)
     if options.out is None or not is_only_config:
