@@ -90,7 +90,7 @@ def test_a_swept_key_has_its_unit_and_a_scenario_no_best(tmp_path, path, marks):
         ]
         assert ax.get_xlabel() == "q (m^2/s^3)"
         assert len(best) == marks
-        assert bool(spec.default_caption(results)) == bool(marks)
+        assert ("Best" in spec.default_caption(results)) == bool(marks)
         panel = json.loads(ET.fromstring(style.content(figure, "svg")).get("data-live"))["axes"][0]
         rows = results.summary.query("filter == 'Wide' and metric == 'mean(rmse_position)'")
         for key, column in (("y", "value"), ("stderr", "stderr")):

@@ -1,5 +1,8 @@
 """Colors of filters: no two filters of a figure have the same one, and each keeps its own."""
 
+import html
+import json
+import re
 from pathlib import Path
 
 import pytest
@@ -99,3 +102,49 @@ def test_looks_of_many_filters_are_distinct() -> None:
     assert len(set(first)) == len(style.COLORS)
     pairs = {(look["color"], str(look["linestyle"])) for look in looks.values()}
     assert len(pairs) == len(style.COLORS) * len(style.DASHES)
+
+
+STORED = Path(__file__).parents[2] / "results"
+FIGURES = sorted(STORED.glob("*/figures/*.svg"))
+
+
+def curves_of(svg: Path) -> dict[str, set[str]]:
+    """Colors of the curves of a stored figure, by label."""
+    match = re.search(r'data-live="([^"]*)"', svg.read_text())
+    if match is None:
+        return {}
+    data = json.loads(html.unescape(match[1]))
+    colors: dict[str, set[str]] = {}
+    for panel in data["axes"]:
+        for curve in panel["curves"]:
+            colors.setdefault(data["labels"][curve["of"]], set()).add(curve["color"])
+    return colors
+
+
+def test_the_filters_of_every_stored_figure_have_colors_of_their_own() -> None:
+    """The looks of the curves that each stored figure has, as it is drawn now."""
+    checked = 0
+    for svg in FIGURES:
+        folder = svg.parents[1]
+        if not (folder / "config.yaml").is_file():  # a suite
+            continue
+        results = Results(folder)
+        known = [*results.labels, *(f"{label}, 2 σ" for label in results.labels)]
+        curves = [label for label in curves_of(svg) if label in known]
+        labels = [label.removesuffix(", 2 σ") for label in curves]
+        keys = results.figure_configs.get(svg.stem, {})
+        looks = results.line_styles(labels, keys.get("floor"), keys.get("baseline"))
+        colors = [look["color"] for look in looks.values() if look["color"] in style.COLORS]
+        assert len(set(colors)) == min(len(colors), len(style.COLORS)), svg
+        pairs = {(look["color"], str(look["linestyle"])) for look in looks.values()}
+        assert len(pairs) == len(looks), svg
+        checked += len(looks) > 1
+    assert checked > 50
+
+
+@pytest.mark.parametrize("name", ["hdepf", "merwe-cost", "banana-pf", "air-traffic"])
+def test_stored_references_and_bounds_are_black_or_gray(name: str) -> None:
+    results = Results(STORED / name)
+    for label in (results.config.get("reference"), results.config.get("bound")):
+        if label:
+            assert results.line_style(label)["color"] == "black"

@@ -1,5 +1,7 @@
 """Every kind of figure is drawn, of one experiment: what stands in it is what the CSV files say."""
 
+import inspect
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -125,6 +127,18 @@ def test_a_figure_shows_the_numbers_of_the_files(results: Results, name: str) ->
         nearest = there[np.abs(there[:, None] - asked).argmin(axis=0)]
         np.testing.assert_allclose(nearest, asked, rtol=1e-6, atol=1e-12)
     style.close(figure)
+
+
+@pytest.mark.parametrize("name", sorted(set(kinds("figures")) - set(ELSEWHERE)))
+def test_a_caption_says_what_this_figure_shows(results: Results, name: str) -> None:
+    """Filters and runs, in place of the description of the kind."""
+    spec = results.parts("figures")[name]
+    caption = spec.default_caption(results)
+    assert caption.endswith(".")
+    assert (inspect.getdoc(type(spec)) or "").partition("\n")[0] not in caption
+    if name != "banana":  # of no run
+        assert "EKF" in caption
+        assert re.search(r"\b12 runs|[Rr]un 1\b", caption)
 
 
 @pytest.mark.parametrize(

@@ -117,7 +117,10 @@ def test_a_plugin_declares_the_unit_of_a_quantity() -> None:
         ("mean(rmse_heading)", "Heading RMSE"),
         ("mean(rmse)", "RMSE"),
         ("variance(rmse_position)", "variance(rmse_position)"),
-        ("mean(rmse_position[turns])", "mean(rmse_position[turns])"),
+        ("mean(rmse_position[turns])", "Position RMSE in turns (m)"),
+        ("rmse_position@20", "Position RMSE at step 20 (m)"),
+        ("anees_position", "ANEES position"),
+        ("rmse_position@5..9", "rmse_position@5..9"),
         ("mean(nees)", "mean(nees)"),
     ],
 )

@@ -149,8 +149,8 @@ def test_the_arc_of_a_measurement_is_that_of_the_point(tmp_path: Path) -> None:
     for point in (1, 2):
         results = with_offset(tmp_path, text.replace("{kind: estimates}", figure % point))
         drawn = results.parts("figures")["f"].draw(results)
-        (arc,) = drawn.axes[0].collections
-        middle = arc.get_paths()[0].vertices
+        (arc,) = drawn.axes[0].patches
+        middle = arc.get_xy()
         heights.append(np.ptp(middle[np.abs(middle[:, 0]) < 1e-3 * np.ptp(middle[:, 0]), 1]))
         style.close(drawn)
     assert heights[1] == pytest.approx(2.0 * heights[0], rel=0.05)

@@ -1,6 +1,7 @@
 """The picture of a scenario before it is run: `check --picture`."""
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 
 from tests.commands import trackbench
 from trackbench.config.load import load
-from trackbench.report.figures.track import draw_scene
+from trackbench.report.figures.track import _draw_scene_over_time, draw_scene
 
 RADAR = """name: c
 scenario:
@@ -75,3 +76,14 @@ def test_a_picture_that_cannot_be_written_is_one_line(name: str, tmp_path: Path)
     assert done.returncode in (1, 2)
     assert "Traceback" not in done.stderr
     assert not (tmp_path / name).exists()
+
+
+def test_many_measured_components_are_six_rows_of_usual_height() -> None:
+    scenario: Any = SimpleNamespace(
+        components=("a",),
+        true_sensor=SimpleNamespace(components=tuple("bcdefghij")),
+        times=np.arange(4.0),
+    )
+    figure = _draw_scene_over_time(scenario, np.zeros((1, 4, 2)), np.zeros((9, 3, 2)))
+    assert len(figure.axes) == 7
+    assert figure.get_figheight() == pytest.approx(7 * 1.1)

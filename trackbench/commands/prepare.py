@@ -195,7 +195,11 @@ def _prepare_job(
     If it is the only config, the option ``out`` is its own folder; else that of all folders.
     """
     if options.grid:
+        left_out = list(experiment.settings.figures)
         experiment = as_sweep(experiment)
+        if left_out:
+            names = ", ".join(left_out)
+            say(f"note: a sweep draws figures over its keys, not the config's ({names})", options)
     # Step 1: its folder.
     folder = Path("results" if options.out is None else options.out)
     if options.out is None or not is_only_config:

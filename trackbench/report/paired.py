@@ -58,7 +58,8 @@ def named_errors_first(config: Mapping[str, Any], errors: Sequence[str]) -> list
 
     They rank the filters: who writes ``errors: {position: [px, py]}`` asks for that error.
     """
-    score = config["scenario"].get("score") or {}
+    scenario = config.get("scenario") or {}
+    score = scenario.get("score") or {}
     names = [joined("rmse", name) for name in score.get("errors") or {}]
     first = [name for name in names if name in errors]
     return [*first, *(name for name in errors if name not in first)]

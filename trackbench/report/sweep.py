@@ -47,7 +47,10 @@ def as_sweep(experiment: Experiment) -> Experiment:
 
 
 def _figures(settings: Settings) -> dict[str, DrawnExhibit]:
-    """Make a figure for each group of paths that are varied together, if they are one or two."""
+    """Make a figure for each group of paths that are varied together.
+
+    Of more than two paths the figure shows the first two of the filter, else of the scenario.
+    """
     grid = list(settings.grid)
     # Paths of one filter vary independently of those of the others, all other paths with each of them.
     groups = independent_filter_paths(grid, settings.filters, settings.reference)
@@ -56,7 +59,9 @@ def _figures(settings: Settings) -> dict[str, DrawnExhibit]:
     for group in groups or [[]]:
         paths = [path for path in grid if path in group or path not in independent]
         if len(paths) > _AXES:
-            continue
+            of_filter = [path for path in paths if path in group]
+            of_scenario = [path for path in paths if path not in group]
+            paths = [*of_filter, *of_scenario][:_AXES]
         # A title such as ``q of KF``.
         title = " and ".join(map(phrases.axis, paths))
         labels: dict[str, None] = {}

@@ -108,7 +108,7 @@ class Losses(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class WrittenResults:
-    """What the report needs of a run whose files are written."""
+    """Losses, facts and numbers of a run whose files are written, for its report."""
 
     losses: dict[Key, Losses]
     """lost runs of each filter"""

@@ -16,10 +16,17 @@ from trackbench.core.random_streams import block_stream
 from trackbench.field_types import Count, Positive
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.registry import register
+from trackbench.report.findings import phrases
+from trackbench.report.findings.phrases import listed, named
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
-from trackbench.report.plotting.style import Axes, Figure
+from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.results import Results
+
+_LONG_M = 2000.0
+"""Extent of an axis from which on it is in km."""
+_SIMILAR = 4.0
+"""Ratio of height and width up to which both axes have equal scales."""
 
 
 @register("figures", "banana")
@@ -40,6 +47,17 @@ class Banana(FigureKind):
     """conversions whose 1- and 2-sigma ellipses are drawn"""
     samples: Count = 3000
     """number of points"""
+
+    def default_caption(self, results: Results) -> str:
+        """Return the noise, and which conversions are drawn."""
+        caption = (
+            f"Samples of the target's position, given its range and azimuth with standard deviations of "
+            f"{self.sigma_range:g} m and {self.sigma_azimuth_mrad:g} mrad, seen along the line of sight."
+        )
+        if self.conversions:
+            names = listed([conversion.upper() for conversion in self.conversions])
+            caption += f" The ellipses are 1 and 2 standard deviations of {names}."
+        return caption
 
     def draw(self, results: Results) -> Figure:
         """Return a panel per range."""
@@ -101,8 +119,8 @@ class PosteriorEllipses(FigureKind):
     """number of the step, as the horizontal axes of other figures count it"""
     point: Count = 1
     """number of the grid's point, from 1"""
-    half_height_m: Positive = 20.0
-    """half the height of the panel, m"""
+    half_height_m: Positive | None = None
+    """half the height of the panel, m; default: the panel shows all that is drawn"""
     predicted: str | None = None
     """label of a filter whose prediction from the step before is drawn, too"""
     label_keys: ClassVar[tuple[str, ...]] = ("predicted",)
@@ -126,6 +144,16 @@ class PosteriorEllipses(FigureKind):
             return {"step": f"{self.step} is not one of the steps {first_measured} to {last}"}
         return {}
 
+    def default_caption(self, results: Results) -> str:
+        """Return what is drawn: the run, the step and the filters."""
+        labels = listed([named(label) for label in results.chosen(self.filters)])
+        point = results.points()[self.point - 1]
+        where = f" at {phrases.heading(point)}" if point else ""
+        return (
+            f"Run {self.run}, step {self.step}{where}: the 2-sigma ellipses of {labels} around the true "
+            "target, and the region of the measurement."
+        )
+
     def draw(self, results: Results) -> Figure:
         """Return the measurement's arc of two standard deviations, and an ellipse per filter."""
         figure, ax = style.subplots(height_in=3.4)
@@ -133,9 +161,6 @@ class PosteriorEllipses(FigureKind):
         tracks = results.tracks(point)
         if tracks:  # not every filter failed here
             self._draw_panel(ax, tracks, results, results.facts(point).scenario)
-        ax.set_xlabel("Across the line of sight (km)")
-        ax.set_ylabel("Along it (m)")
-        ax.set_ylim(-self.half_height_m, self.half_height_m)
         return style.add_title_and_legend(figure, self.title)
 
     def _draw_panel(
@@ -145,30 +170,48 @@ class PosteriorEllipses(FigureKind):
         k = int(np.flatnonzero(tracks["steps"] == self.step)[0])
         run = self.run - 1
         view = _View.toward(tracks["truth"][[0, 2], k, run])
-        _draw_measurement(ax, tracks["measurements"][:, k - 1, run], view, scenario["sensor"])
+        # Step 1: outlines (2, n) along and across the line of sight, m.
+        measured = _measured_region(tracks["measurements"][:, k - 1, run], view, scenario["sensor"])
+        predicted: list[Array] = []
         if f"cov/{self.predicted}" in tracks:
             posterior_before = Gaussian(
                 tracks[f"mean/{self.predicted}"][..., k - 1, run],
                 tracks[f"cov/{self.predicted}"][..., k - 1, run],
             )
-            prediction = predicted_position(posterior_before, scenario)
-            along, across = view.ellipse_of(prediction)
-            ax.fill(
-                1e-3 * across,
-                along,
-                color="#c9b26b",
-                alpha=0.35,
-                lw=0,
-                label="Predicted, 2 σ",
-            )
-        ax.plot(0.0, 0.0, "k+", label="Target")
+            predicted.append(view.ellipse_of(predicted_position(posterior_before, scenario)))
         labels = [label for label in results.chosen(self.filters) if f"cov/{label}" in tracks]
-        looks = results.line_styles(labels)
+        ellipses: dict[str, Array] = {}
         for label in labels:
             mean = tracks[f"mean/{label}"][[0, 2], k, run]
             cov = tracks[f"cov/{label}"][np.ix_([0, 2], [0, 2])][..., k, run]
-            along, across = view.ellipse_of(Gaussian(mean, cov))
-            ax.plot(1e-3 * across, along, label=f"{label}, 2 σ", **looks[label])
+            ellipses[label] = view.ellipse_of(Gaussian(mean, cov))
+        # Step 2: units of the two axes, which may differ.
+        outlines = np.concatenate(
+            [measured, *predicted, *ellipses.values(), np.zeros((2, 1))], axis=1
+        )
+        half_height = self.half_height_m or 1.05 * float(np.nanmax(np.abs(outlines[0])))
+        half_width = 1.05 * float(np.nanmax(np.abs(outlines[1])))
+        along_m, along_unit = _length_unit(2.0 * half_height)
+        across_m, across_unit = _length_unit(2.0 * half_width)
+        # Step 3: regions, and the target at the origin.
+        along, across = measured
+        look: LineStyle = {"color": "#999999", "alpha": 0.6, "lw": 0.8}
+        ax.fill(across / across_m, along / along_m, label="Measurement, 2 σ", **look)
+        for along, across in predicted:
+            look = {"color": "#c9b26b", "alpha": 0.35, "lw": 0}
+            ax.fill(across / across_m, along / along_m, label="Predicted, 2 σ", **look)
+        ax.plot(0.0, 0.0, "k+", label="Target")
+        looks = results.line_styles(labels)
+        for label, (along, across) in ellipses.items():
+            ax.plot(across / across_m, along / along_m, label=f"{label}, 2 σ", **looks[label])
+        # Step 4: axes; where both have similar lengths, with equal scales.
+        ax.set_ylim(-half_height / along_m, half_height / along_m)
+        ax.set_xlim(-half_width / across_m, half_width / across_m)
+        ratio = half_height / half_width
+        if along_unit == across_unit and 1.0 / _SIMILAR < ratio < _SIMILAR:
+            ax.set_aspect("equal", adjustable="datalim")
+        ax.set_xlabel(f"Across the line of sight ({across_unit})")
+        ax.set_ylabel(f"Along it ({along_unit})")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -199,23 +242,22 @@ class _View:
         return ellipse(mean, cov, 2.0)
 
 
-def _draw_measurement(ax: Axes, z: Array, view: _View, sensor: dict[str, Any]) -> None:
-    """Draw the region within two standard deviations of a range and azimuth (2,)."""
+def _measured_region(z: Array, view: _View, sensor: dict[str, Any]) -> Array:
+    """Return the outline (2, 402) of the region within two sigma of a range and azimuth (2,)."""
     half_width = 2e-3 * sensor["sigma_azimuth_mrad"]
     azimuths = z[1] + half_width * np.linspace(-1.0, 1.0, 201)
     near_ranges = np.full(201, z[0] - 2.0 * sensor["sigma_range"])
     far_ranges = np.full(201, z[0] + 2.0 * sensor["sigma_range"])
-    near_along, near_across = view.transform(position(near_ranges, azimuths))
-    far_along, _ = view.transform(position(far_ranges, azimuths))
-    ax.fill_between(
-        1e-3 * near_across,
-        near_along,
-        far_along,
-        color="#999999",
-        alpha=0.6,
-        lw=0.8,
-        label="Measurement, 2 σ",
-    )
+    near = view.transform(position(near_ranges, azimuths))
+    far = view.transform(position(far_ranges, azimuths))
+    return np.concatenate([near, far[:, ::-1]], axis=1)
+
+
+def _length_unit(extent: float) -> tuple[float, str]:
+    """Return meters per unit of an axis of this extent (m), and the unit's name."""
+    if extent >= _LONG_M:
+        return 1000.0, "km"
+    return 1.0, "m"
 
 
 def _kind(component: Any) -> str | None:

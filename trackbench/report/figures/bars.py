@@ -8,6 +8,7 @@ from trackbench.evaluation.metric_expression import Expression, measure
 from trackbench.field_types import OpenShare
 from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
+from trackbench.report.figures import captions
 from trackbench.report.findings import phrases
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import scales, style
@@ -16,6 +17,9 @@ from trackbench.report.results import Results
 from trackbench.report.verdicts.claims import point_of
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics.over_runs import interval
+
+_WITHOUT_NUMBER = "no finite value"
+"""Text in the row of a filter that lost all its runs, or does not measure the metric."""
 
 
 @register("figures", "bars")
@@ -41,17 +45,24 @@ class Bars(FigureKind):
     """label of the filter that every other should beat: a gray dotted line"""
 
     def default_caption(self, results: Results) -> str:
-        """Return what the diamonds are, if there are any."""
+        """Return metric, filters and number of runs, and what the diamonds are, if there are any."""
+        labels = captions.measured_labels(results, results.chosen(self.filters), self.metric)
+        caption = captions.of_curves(results, captions.quantity(self.metric), labels)
+        caption += f" Bars are {100 * self.level:g} % confidence intervals."
         is_published = any(number.expression == self.metric for number in results.published.numbers)
-        if not is_published:
-            return ""
-        return "Diamonds are the numbers that were published."
+        if is_published:
+            caption += " Diamonds are the numbers that were published."
+        return caption
 
     def draw(self, results: Results) -> Figure:
         """Return a row per filter, a panel per point of the grid."""
         points = results.points()[: style.MOST_PANELS]
         references = [label for label in (self.floor, self.baseline) if label in results.labels]
-        labels = [label for label in results.chosen(self.filters) if label not in references]
+        chosen = results.chosen(self.filters)
+        bound = results.config.get("bound")
+        if bound in chosen and bound not in references:
+            references.append(bound)  # it has no runs, and so no interval
+        labels = [label for label in chosen if label not in references]
         looks = results.line_styles([*labels, *map(str, references)], self.floor, self.baseline)
         height = 0.9 + 0.26 * len(labels)
         figure, axes = style.make_panels(len(points), 1, height, sharex=True, sharey=True)
@@ -59,15 +70,16 @@ class Bars(FigureKind):
         for (ax,), point, heading in zip(axes, points, headings, strict=True):
             expressions = Evaluator(results, point)
             self._draw_measured(ax, expressions, {label: looks[label]["color"] for label in labels})
-            # Floor and baseline are lines through all bars.
+            # Floor, baseline and bound are lines through all bars.
             for label in map(str, references):
                 value = expressions.term(self.metric.of(label)).value
-                ax.axvline(value, label=label, **looks[label])
+                if isfinite(value):
+                    ax.axvline(value, label=label, **looks[label])
             self._draw_published(ax, results, point, labels)
             ax.set_title(heading)
-            ax.set_xlabel(self.x_label or str(self.metric))
+            ax.set_xlabel(self.x_label or phrases.axis_of(self.metric))
             if self.log:
-                scales.set_possible_log_scale(ax.xaxis)
+                scales.set_plain_log_scale(ax.xaxis)
             ax.grid(visible=False, axis="y")
         # The first filter is on top.
         axes[0][0].set_yticks(range(len(labels)), [style.wrap_label(label) for label in labels])
@@ -79,10 +91,13 @@ class Bars(FigureKind):
         look: LineStyle = {"fmt": "o", "markersize": 4, "capsize": 3}
         for row, (label, color) in enumerate(colors.items()):
             value, low, high = self._estimate(expressions, label)
-            if isfinite(value):
-                below = max(value - low, 0.0)
-                above = max(high - value, 0.0)
-                ax.errorbar(value, row, xerr=[[below], [above]], color=color, **look)
+            if not isfinite(value):
+                place = ax.get_yaxis_transform()
+                ax.text(0.01, row, _WITHOUT_NUMBER, transform=place, va="center", fontsize=7)
+                continue
+            below = max(value - low, 0.0)
+            above = max(high - value, 0.0)
+            ax.errorbar(value, row, xerr=[[below], [above]], color=color, **look)
         legend_text = f"Measured, {100 * self.level:g} %"
         ax.errorbar([], [], xerr=[], color=style.ANY, label=legend_text, **look)
 

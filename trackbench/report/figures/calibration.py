@@ -13,6 +13,7 @@ from trackbench.evaluation.metric_expression import Measure, OfRank, measure
 from trackbench.evaluation.uniformity_tests import Histogram, kolmogorov_band
 from trackbench.field_types import OpenShare
 from trackbench.registry import register
+from trackbench.report.figures import captions
 from trackbench.report.figures.over_time import Curves
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import joined, named, percent, verb
@@ -81,7 +82,9 @@ class CalibrationFigure(FigureKind):
             return ""
         where = f"At {phrases.heading(point)}: " if point else ""
         tests = f"({verdict.tests} tests, {_ALPHA:g} for all of them)"
-        return f"{where}{'; '.join(sentences)} {tests}."
+        labels = captions.filters(results.chosen(self.filters))
+        words = f"Rank histograms of {labels}, {captions.runs(results)}."
+        return f"{words} {where}{'; '.join(sentences)} {tests}."
 
     def draw(self, results: Results) -> Figure:
         """Return a row of panels per filter (and point of the grid), a column per PIT."""
@@ -107,8 +110,7 @@ class CalibrationFigure(FigureKind):
             ax.set_title(f"{heading}\n{p_value}".strip())
         for ax in axes[-1]:
             ax.set_xlabel("Rank of the truth")
-        style.set_title(figure, self.title, len(every))
-        return figure
+        return style.add_title_and_legend(figure, self.title, len(every))
 
 
 def _say_of_ranks(labels: list[str], adjective: str) -> str:
@@ -128,12 +130,18 @@ def _draw_histogram(ax: Axes, ranks: Histogram, color: str, over_steps: bool) ->
         stderr = np.full(TENTHS, np.sqrt(level * (1.0 - level) / ranks.runs))
     width = _NORMAL_95 * stderr
     ax.bar(edges[:-1], ranks.shares, 1.0 / TENTHS, align="edge", color=color, alpha=0.6, lw=0)
+    bar_look: LineStyle = {"color": style.ANY, "alpha": 0.6, "lw": 0}
+    ax.fill_between([], [], [], label="Share of the truths", **bar_look)
     # The last step of the band ends at the last edge.
     low = np.append(level - width, level - width[-1])
     high = np.append(level + width, level + width[-1])
-    ax.fill_between(edges, low, high, step="post", color="black", alpha=0.25, lw=0, zorder=3)
-    ax.axhline(level, color="black", linewidth=0.6, zorder=3)
+    band_look: LineStyle = {"color": "black", "alpha": 0.25, "lw": 0, "zorder": 3}
+    ax.fill_between(edges, low, high, step="post", **band_look)
+    ax.fill_between([], [], [], label="95 % band", **band_look)
+    ax.axhline(level, color="black", linewidth=0.6, zorder=3, label="Calibrated filter")
     ax.set_xlim(0.0, 1.0)
+    ax.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
+    ax.tick_params(labelbottom=True)
     highest = max(float(ranks.shares.max()), float(high.max()))
     ax.set_ylim(0.0, max(2.0 * level, 1.1 * highest))
     if ranks.p > _LEAST_P:
@@ -181,7 +189,8 @@ class Reliability(Curves):
         if not shares:
             return ""
         where = f" at {phrases.heading(point)}" if point else ""
-        return f"In the region of 90 %{where} are, of the truths: {', '.join(shares)}."
+        words = f"Share of the truths within the regions of each level, {captions.runs(results)}."
+        return f"{words} In the region of 90 %{where} are, of the truths: {', '.join(shares)}."
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter."""

@@ -6,13 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from trackbench.config.experiment import Point
+from trackbench.core.arrays import Array
 from trackbench.evaluation.consistency_and_calibration import sizes
 from trackbench.evaluation.metric_expression import OfStep, OfSummary, measure
 from trackbench.field_types import Count, OpenShare, Positive
 from trackbench.registry import register
+from trackbench.report.figures import captions
 from trackbench.report.figures.over_time import MetricSeries, OverTime
 from trackbench.report.findings import phrases
-from trackbench.report.findings.phrases import named
+from trackbench.report.findings.phrases import joined, named
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import filter_lines, style
 from trackbench.report.plotting.style import Axes, Figure
@@ -64,8 +66,11 @@ class Anees(OverTime):
         shares.sort(reverse=True)
         texts = [f"{named(label)} {100 * share:.0f} %" for share, label in shares]
         where = f" at {phrases.heading(point)}" if point else ""
+        labels = [label for _, label in shares]
+        words = f"{captions.quantity(self.metric)} over {self.x_words}"
+        what = captions.of_curves(results, words, labels)
         beginning = f"Of the steps{where} so many are in the {100 * self.level:g} % band: "
-        return f"{beginning}{', '.join(texts)}. Above it a filter is overconfident."
+        return f"{what} {beginning}{', '.join(texts)}. Above it a filter is overconfident."
 
     def _share_in_band(self, results: Results, point: GridPoint, series: MetricSeries) -> float:
         """Return the share of a filter's steps at which the metric is in the band."""
@@ -83,6 +88,14 @@ class Anees(OverTime):
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter; between the gray lines a consistent filter stays."""
+        curves: list[Array] = []
+        for point in results.points()[: style.MOST_PANELS]:
+            for series in self.metric_series(results, point, self.metric):
+                curves.append(series.rows["value"])
+        return self.with_vertical_axis(self.metric, curves)._draw_curves(results)
+
+    def _draw_curves(self, results: Results) -> Figure:
+        """Draw the figure, whose vertical axis is determined."""
         titles = self.panel_titles(results, self.count_steps(results, self.metric))
         figure, panels = self.make_panels_over_time(results, titles)
         for panel in panels:
@@ -139,6 +152,13 @@ class Bias(OverTime):
     linear_within: Positive | None = None
     """half-width of the linear part of a symmetric logarithmic axis; default: a linear axis"""
 
+    def default_caption(self, results: Results) -> str:
+        """Return metrics, filters and number of runs."""
+        labels = [label for label, _ in self.labels_and_looks(results, exact=True)]
+        metrics = joined(f"`{metric}`" for metric in self.rows.values())
+        caption = captions.of_curves(results, f"mean errors {metrics} over {self.x_words}", labels)
+        return f"{caption} Errors are within two standard errors of zero if there is no bias."
+
     def draw(self, results: Results) -> Figure:
         """Return one line per filter."""
         figure, panels = self.make_panels(results, len(self.rows))
@@ -175,6 +195,17 @@ class Dots(FigureKind):
     """horizontal axis with its unit: metric of summary.csv, such as `mean(bias_radial)`"""
     expected: dict[str, float]
     """value of each metric for a filter without fault, drawn as a line"""
+
+    def default_caption(self, results: Results) -> str:
+        """Return metrics, filters and number of runs."""
+        metrics = joined(f"`{metric}`" for metric in self.columns.values())
+        labels = results.chosen(self.filters, exact=True)
+        words = f"{metrics} of {captions.filters(labels)}, {captions.runs(results)}"
+        caption = captions.sentence(f"{words}{captions.panels(results)}")
+        caption += " Bars are two standard errors on either side."
+        if self.expected:
+            caption += " A line is the value of a filter without fault."
+        return caption
 
     def draw(self, results: Results) -> Figure:
         """Return a column of panels per metric."""

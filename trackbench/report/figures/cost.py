@@ -22,6 +22,7 @@ from trackbench.report.costs import (
     own_sizes,
 )
 from trackbench.report.expressions import Evaluator
+from trackbench.report.figures import captions
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import joined
 from trackbench.report.kinds import FigureKind
@@ -87,10 +88,15 @@ class AccuracyVsCost(FigureKind):
                     f" with {self.along} = {joined(phrases.number(spot.size) for spot in spots)}"
                 )
             names.append(name)
+        labels = compared_labels(results, self.filters)
+        words = f"{captions.quantity(self.metric)} over CPU time per step"
+        caption = captions.sentence(
+            f"{words} of {captions.filters(labels)}, {captions.runs(results)}"
+        )
         if not names:
-            return ""
+            return caption
         where = f" at {phrases.heading(scene)}" if scene else ""
-        return f"On the front{where}: {'; '.join(names)}."
+        return f"{caption} On the front{where}: {'; '.join(names)}."
 
     def draw(self, results: Results) -> Figure:
         """Return one panel per scene."""

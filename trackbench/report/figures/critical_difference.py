@@ -8,6 +8,7 @@ from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import OfRun, measure
 from trackbench.field_types import OpenShare
 from trackbench.registry import register
+from trackbench.report.figures import captions
 from trackbench.report.findings import phrases
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
@@ -30,6 +31,13 @@ class CriticalDifference(FigureKind):
     """metric of per_run.csv; smaller is better, unless of this one larger is"""
     alpha: OpenShare = 0.05
     """probability of a false difference anywhere in the figure"""
+
+    def default_caption(self, results: Results) -> str:
+        """Return metric, filters, number of runs and level of the test."""
+        words = f"mean rank by {captions.quantity(self.metric)}"
+        caption = captions.of_curves(results, words, results.chosen(self.filters))
+        level = f"Nemenyi test at {100 * self.alpha:g} %"
+        return f"{caption} A bar joins filters that do not differ significantly ({level})."
 
     def draw(self, results: Results) -> Figure:
         """Return a panel per point of the grid, one below the other."""

@@ -1,6 +1,6 @@
 """Figure kind `heat-map`: a statistic over two paths of the grid, or the z of every pair of filters."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +12,9 @@ from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import Comparison, measure, measured
 from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
+from trackbench.report.figures import captions
 from trackbench.report.findings import phrases
+from trackbench.report.findings.phrases import joined
 from trackbench.report.kinds import FigureKind
 from trackbench.report.paired import Pair
 from trackbench.report.plotting import style
@@ -20,9 +22,11 @@ from trackbench.report.plotting.page_formats import sheet
 from trackbench.report.plotting.scales import has_logarithm
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.results import Results, missing_paths, points_of
+from trackbench.report.table import rounded
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import rules
 from trackbench.statistics.estimates import MISSING
+from trackbench.statistics.over_runs import Estimate
 
 _LETTER_IN = 0.075
 """Width of a letter of a tick's label."""
@@ -55,7 +59,14 @@ class HeatMap(FigureKind):
     def default_caption(self, results: Results) -> str:
         """Return how to read the map, and for pairs how many differ."""
         if results.grid:
-            return ""
+            paths = [self.x or results.grid[0]]
+            if self.y is not None:
+                paths.append(self.y)
+            keys = joined(phrases.quantity(path)[0] for path in paths)
+            words = f"{captions.quantity(self.metric)} over {keys} of"
+            labels = captions.filters(self._labels(results))
+            caption = f"{words} {labels}, {captions.runs(results)} at each value"
+            return f"{captions.sentence(caption)} Cells have the value and its standard error."
         pairs = self._shown_pairs(results)
         alike = sum(pair.word not in ("better", "worse") for pair in pairs)
         blue = "Blue: the filter on the left has the smaller one"
@@ -82,18 +93,20 @@ class HeatMap(FigureKind):
             return self._draw_filters_over_path(results)
         return self._draw_paths(results, self.y)
 
+    def _labels(self, results: Results) -> list[str]:
+        """Return the shown filters; the bound has no number per run."""
+        return captions.measured_labels(results, results.chosen(self.filters), self.metric)
+
     def _draw_filters_over_path(self, results: Results) -> Figure:
         """Draw one panel with a row per filter, over one path of the grid."""
-        labels = results.chosen(self.filters)
+        labels = self._labels(results)
         x_path = self.x or results.grid[0]
         columns = _values_of_path(results, x_path)
         rows = []
         for label in labels:
-            rows.append([self._value(results, {x_path: x}, label) for x in columns])
+            rows.append([self._estimate(results, {x_path: x}, label) for x in columns])
         row_names = [style.wrap_label(label) for label in labels]
-        return self._draw_panels(
-            {"": np.array(rows)}, columns, row_names, results.axis(x_path), y_label=""
-        )
+        return self._draw_panels({"": rows}, columns, row_names, results.axis(x_path), y_label="")
 
     def _draw_paths(self, results: Results, y_path: str) -> Figure:
         """Draw a panel per filter over two paths of the grid."""
@@ -101,51 +114,59 @@ class HeatMap(FigureKind):
         columns = _values_of_path(results, x_path)
         levels = _values_of_path(results, y_path)
         fields = {}
-        for label in results.chosen(self.filters):
+        for label in self._labels(results):
             rows = []
             for y in levels:
-                rows.append([self._value(results, {x_path: x, y_path: y}, label) for x in columns])
-            fields[label] = np.array(rows)
+                row = [self._estimate(results, {x_path: x, y_path: y}, label) for x in columns]
+                rows.append(row)
+            fields[label] = rows
         row_names = [phrases.number(level) for level in levels]
         x_label = results.axis(x_path)
         return self._draw_panels(fields, columns, row_names, x_label, results.axis(y_path))
 
-    def _value(self, results: Results, path_values: GridPoint, label: str) -> float:
+    def _estimate(self, results: Results, path_values: GridPoint, label: str) -> Estimate:
         """Return a filter's metric at the first point with these values; NaN if there is none."""
         points = points_of(results, path_values)
         if not points:
-            return MISSING.value
-        return Evaluator(results, points[0]).term(self.metric.of(label)).value
+            return MISSING.estimate
+        return Evaluator(results, points[0]).term(self.metric.of(label)).estimate
 
     def _draw_panels(
         self,
-        fields: dict[str, Array],
+        fields: dict[str, list[list[Estimate]]],
         columns: list[Any],
         row_names: list[str],
         x_label: str,
         y_label: str,
     ) -> Figure:
-        """Draw the metric (rows, columns) of each panel on one color scale.
+        """Draw the metric of each panel on one color scale.
 
-        ``fields`` has the values of each panel by its title, ``columns`` the values of the horizontal
-        path, and ``row_names`` the labels of the rows.
+        ``fields`` has the rows of estimates of each panel by its title, ``columns`` the values of the
+        horizontal path, and ``row_names`` the labels of the rows.
         """
-        norm = self._color_scale(list(fields.values()))
+        values_by_title: dict[str, Array] = {}
+        for title, rows in fields.items():
+            values_by_title[title] = np.array([[cell.value for cell in row] for row in rows])
+        norm = self._color_scale(list(values_by_title.values()))
         drawn = dict(list(fields.items())[: style.MOST_PANELS])
-        height = 1.2 + 0.28 * len(row_names)
+        height = 1.2 + 0.36 * len(row_names)
         figure, axes = style.make_panels(len(drawn), 1, height, sharey=True)
         across = min(len(drawn), sheet().across)
         cell_in = (sheet().width_in - 2.0) / across / len(columns)
         column_names = [phrases.number(value) for value in columns]
-        for (ax,), (title, values) in zip(axes, drawn.items(), strict=True):
+        for (ax,), (title, rows) in zip(axes, drawn.items(), strict=True):
+            values = values_by_title[title]
             image = ax.imshow(values, aspect="auto", cmap="viridis", norm=norm)
             _set_ticks(ax, column_names, row_names, cell_in)
             ax.set_title(style.wrap_label(title))
             ax.set_xlabel(x_label)
-            if _has_room(values, "{:.3g}".format, cell_in):
-                write_cells(ax, values, "{:.3g}".format, image)
+            texts = cell_texts(rows)
+            if has_room(texts, cell_in):
+                write_cells(ax, values, texts, image)
         axes[0][0].set_ylabel(y_label)
-        figure.colorbar(image, ax=list(axes[:, 0]), label=self.bar_label or str(self.metric))
+        figure.colorbar(
+            image, ax=list(axes[:, 0]), label=self.bar_label or phrases.axis_of(self.metric)
+        )
         style.set_title(figure, self.title)
         return figure
 
@@ -178,8 +199,9 @@ class HeatMap(FigureKind):
         for tick in ax.get_xticklabels():
             tick.set_ha("right")
         cell_in = (sheet().width_in - 2.5) / len(labels)
-        if _has_room(z, _z_text, cell_in):
-            write_cells(ax, z, _z_text, image)
+        texts = [[_z_text(value) for value in row] for row in z]
+        if has_room(texts, cell_in):
+            write_cells(ax, z, texts, image)
             # Texts within the axes do not change the layout, which would measure each of them.
             for text in ax.texts:
                 text.set_in_layout(False)
@@ -215,18 +237,30 @@ def _z_text(z: float) -> str:
     return f"{z:+.0f}"
 
 
-def _has_room(values: Array, write: Callable[[float], str], cell_in: float) -> bool:
-    """Return whether all values, as ``write`` writes them, have room in cells of this width."""
-    longest = max(len(write(value)) for value in values.flat)
+def cell_texts(rows: Sequence[Sequence[Estimate]]) -> list[list[str]]:
+    """Return the texts of the cells: a value, and below it its standard error."""
+    return [[rounded(*cell, 3).replace(" ± ", "\n± ") for cell in row] for row in rows]
+
+
+def has_room(texts: Sequence[Sequence[str]], cell_in: float) -> bool:
+    """Return whether all texts have room in cells of this width in inches."""
+    longest = 0
+    for row in texts:
+        for text in row:
+            longest = max(longest, *(len(line) for line in text.split("\n")))
     return longest * _DIGIT_IN <= cell_in
 
 
 def write_cells(
-    ax: Axes, values: Array, write: Callable[[float], str], image: Any, size: float = 6.5
+    ax: Axes,
+    values: Array,
+    texts: Sequence[Sequence[str]],
+    image: Any,
+    size: float = 6.5,
 ) -> None:
-    """Write the finite values (rows, columns) into the cells, in black, or white on dark colors.
+    """Write texts into the cells with finite values (rows, columns): black, or white on dark colors.
 
-    ``write`` turns a value into text, ``image`` is the drawn map, and ``size`` is that of the letters.
+    ``texts`` are those of the cells, ``image`` is the drawn map, and ``size`` is that of the letters.
     """
     colors = image.cmap(image.norm(values))
     for (row, column), value in np.ndenumerate(values):
@@ -237,7 +271,7 @@ def write_cells(
         ax.text(
             column,
             row,
-            write(value),
+            texts[row][column],
             ha="center",
             va="center",
             fontsize=size,

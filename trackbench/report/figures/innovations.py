@@ -10,6 +10,7 @@ from trackbench.evaluation.metric_expression import measured
 from trackbench.evaluation.predictive_scores import LAGS
 from trackbench.field_types import Count
 from trackbench.registry import register
+from trackbench.report.figures import captions
 from trackbench.report.figures.over_time import Curves, OverTime, Panel
 from trackbench.report.plotting import filter_lines, style
 from trackbench.report.plotting.style import Axes, Figure
@@ -45,6 +46,13 @@ class Nis(OverTime):
     def drawn_metric(self) -> str:
         """Metric of per_step.csv without which a filter has no line."""
         return "anis"
+
+    def default_caption(self, results: Results) -> str:
+        """Return filters, number of runs and what the band is."""
+        labels = [label for label, _ in self.labels_and_looks(results)]
+        words = f"normalized innovation squared per component over {self.x_words}"
+        caption = captions.of_curves(results, words, labels)
+        return f"{caption} The band has 95 % of the points of a consistent filter."
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter."""
@@ -149,6 +157,13 @@ class Autocorrelation(Curves):
     """label of the horizontal axis"""
     y_label: str = "Autocorrelation"
     """label of the vertical axis"""
+
+    def default_caption(self, results: Results) -> str:
+        """Return filters, number of runs and what the band is."""
+        labels = [label for label, _ in self.labels_and_looks(results)]
+        words = "autocorrelation of the whitened innovations by lag"
+        caption = captions.of_curves(results, words, labels)
+        return f"{caption} The band has 95 % of the points of white innovations."
 
     def draw(self, results: Results) -> Figure:
         """Draw a point per lag, one line per filter, and the band 1.96 / sqrt(number)."""

@@ -10,9 +10,11 @@ from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import Measure, OfStep, measure
 from trackbench.field_types import Count
 from trackbench.registry import register
+from trackbench.report.figures import captions
 from trackbench.report.findings import phrases
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import filter_lines, scales, style
+from trackbench.report.plotting.page_formats import sheet
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.results import Results
 from trackbench.results.frames import Columns
@@ -94,6 +96,11 @@ class Curves(FigureKind):
         return ""
 
     @property
+    def has_integer_x(self) -> bool:
+        """True if the horizontal axis counts something, such as steps."""
+        return False
+
+    @property
     def x_name(self) -> str:
         """Label of the horizontal axis."""
         return self.x_label
@@ -131,9 +138,11 @@ class Curves(FigureKind):
         for column, point, heading in zip(axes, points, headings, strict=True):
             column[0].set_title(heading)
             column[-1].set_xlabel(self.x_name)
-            if self.log:
-                for ax in column:
+            for ax in column:
+                if self.log:
                     ax.set_yscale("log")
+                if self.has_integer_x:
+                    ax.xaxis.get_major_locator().set_params(integer=True)
             panels.append(Panel(axes=list(column), point=point, title=""))
         if self.y_label:
             axes[0][0].set_ylabel(self.y_label)
@@ -217,6 +226,16 @@ class OverTime(Curves):
             return self.x_label
         return {"step": "Step k", "time": "Time (s)"}[self.x]
 
+    @property
+    def x_words(self) -> str:
+        """Words of a caption for the horizontal axis."""
+        return {"step": "the steps", "time": "time"}[self.x]
+
+    @property
+    def has_integer_x(self) -> bool:
+        """True if the horizontal axis counts steps."""
+        return self.x == "step"
+
     def panel_titles(self, results: Results, steps: Mapping[str, int]) -> list[str]:
         """Return the labels that get a panel each; an empty list if all share one panel.
 
@@ -259,6 +278,8 @@ class OverTime(Curves):
                 ax.tick_params(labelbottom=True)
             if self.log:
                 ax.set_yscale("log")
+            if self.has_integer_x:
+                ax.xaxis.get_major_locator().set_params(integer=True)
             panels.append(Panel(axes=[ax], point=point, title=label))
         figure.supylabel(self.y_label)
         style.set_title(figure, self.title)
@@ -328,6 +349,18 @@ class RmseVsTime(OverTime):
         """Metric of per_step.csv without which a filter has no line."""
         return str(self.metric)
 
+    def default_caption(self, results: Results) -> str:
+        """Return metric, filters, number of runs and what bands or bars are."""
+        labels = [label for label, _ in self.labels_and_looks(results, exact=True)]
+        words = f"{captions.quantity(self.metric)} over {self.x_words}"
+        caption = captions.of_curves(results, words, labels)
+        if results.config["runs"] > 1:
+            spread = "Bars" if len(labels) > filter_lines.MOST_BANDS else "Bands"
+            caption += f" {spread} are two standard errors on either side."
+        if results.facts(results.points()[0]).scenario.get("faults"):
+            caption += " The times of faults are shaded."
+        return caption
+
     def draw(self, results: Results) -> Figure:
         """Return one line per filter."""
         curves: list[Array] = []
@@ -381,9 +414,12 @@ class EstimatesOfOneRun(OverTime):
         return self.run
 
     def default_caption(self, results: Results) -> str:
-        """Return which component and run is shown."""
+        """Return which component, filters and run are shown."""
         name, _ = results.facts(results.points()[0]).component(self.component - 1)
-        return f"Estimates of {name} in run {self.run}, and their errors where there is a truth."
+        labels = [label for label, _ in self.labels_and_looks(results)]
+        filters = captions.filters([label for label in labels if label in results.filters])
+        words = f"Estimates of {name} by {filters} in run {self.run}{captions.panels(results)}"
+        return f"{words}, and their errors where there is a truth."
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter over the truth's points; errors only where there is a truth."""
@@ -393,7 +429,8 @@ class EstimatesOfOneRun(OverTime):
         titles = self._panel_titles(results, tracks[0])
         # Step 1: empty panels; with a truth each has axes for estimates, and below for errors.
         if has_truth:
-            blocks = -(-len(tracks) // 4)
+            across = min(len(tracks), sheet().across)
+            blocks = -(-len(tracks) // across)
             figure, panels = self.make_panels_over_time(
                 results, titles, 2, height_ratios=[3, 2] * blocks
             )

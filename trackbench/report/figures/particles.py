@@ -11,6 +11,7 @@ from trackbench.core.arrays import Array
 from trackbench.field_types import Count, Natural
 from trackbench.metrics import unit_of
 from trackbench.registry import register
+from trackbench.report.figures import captions
 from trackbench.report.findings import phrases
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
@@ -64,6 +65,16 @@ class ParticlesOfOneRun(FigureKind):
     def shown_particles(self) -> tuple[int, int]:
         """First and last step of which the particles must be kept."""
         return self.steps
+
+    def default_caption(self, results: Results) -> str:
+        """Return component, filters, run and steps."""
+        first, last = self.steps
+        tracks = results.tracks(results.grid_points[0])
+        labels = [b for b in results.chosen(self.filters) if f"particles/{b}" in tracks]
+        component = results.facts(results.grid_points[0]).components[self.component - 1]
+        words = f"particles of {captions.filters(labels)} for {component} in run {self.run}"
+        caption = captions.sentence(f"{words}, steps {first} to {last}")
+        return f"{caption} The area of a dot is its weight; a line leads to the particle's parent."
 
     def draw(self, results: Results) -> Figure:
         """Return a panel per filter of the first grid point."""

@@ -8,6 +8,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import OfRun, measure
 from trackbench.registry import register
+from trackbench.report.figures import captions
 from trackbench.report.figures.over_time import Curves
 from trackbench.report.plotting import filter_lines, style
 from trackbench.report.plotting.style import Figure
@@ -38,6 +39,21 @@ class RmsePerRun(Curves):
         if self.x_label:
             return self.x_label
         return {"sorted": "Share of runs (%)", "runs": "Run m"}[self.form]
+
+    @property
+    def has_integer_x(self) -> bool:
+        """True if the horizontal axis counts runs."""
+        return self.form == "runs"
+
+    def default_caption(self, results: Results) -> str:
+        """Return metric, filters and number of runs, and how to read a line."""
+        labels = [label for label, _ in self.labels_and_looks(results)]
+        words = f"{captions.quantity(self.metric)} of each run"
+        caption = captions.of_curves(results, words, labels)
+        if self.form == "sorted":
+            caption += " Each filter's runs are in the order of their errors."
+            caption += " At 90 % stands the error that 90 % of them do not exceed."
+        return caption
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter."""

@@ -12,15 +12,20 @@ from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import Measure, OfSummary, measure, measured
 from trackbench.field_types import is_number
 from trackbench.registry import register
-from trackbench.report.figures.heat_map import write_cells
+from trackbench.report.figures import captions
+from trackbench.report.figures.heat_map import cell_texts, write_cells
 from trackbench.report.findings import phrases
-from trackbench.report.findings.phrases import head_of, named, rounded
+from trackbench.report.findings.phrases import head_of, joined, listed, named, rounded
 from trackbench.report.findings.ranking import ranking_metrics
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import filter_lines, scales, style
+from trackbench.report.plotting.page_formats import sheet
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.results import Results, missing_paths
 from trackbench.results.frames import Columns
+from trackbench.results.point_facts import GridPoint
+from trackbench.statistics.estimates import MISSING
+from trackbench.statistics.over_runs import Estimate
 
 
 @register("figures", "rmse-vs-parameter")
@@ -64,10 +69,18 @@ class RmseVsParameter(FigureKind):
         return {}
 
     def default_caption(self, results: Results) -> str:
-        """Return where each filter is best."""
+        """Return metric, key, filters and number of runs, and where each filter is best."""
         path = self._path(results)
+        words = f"{captions.quantity(self.metric)} over {phrases.quantity(path)[0]}"
+        labels = captions.filters(
+            captions.measured_labels(results, results.chosen(self.filters), self.metric)
+        )
+        caption = captions.sentence(f"{words} of {labels}, {captions.runs(results)} at each value")
+        fixed_values = {p: v for p, v in results.points()[0].items() if p != path}
+        if fixed_values:
+            caption += f" At {captions.heading(results, fixed_values)}."
         if is_of_scenario(path):
-            return ""
+            return caption
         all_rows = self._rows(results, path)
         name, unit = phrases.quantity(path)
         parts = []
@@ -81,8 +94,8 @@ class RmseVsParameter(FigureKind):
                 number = rounded(float(values[best]), 3)
                 parts.append(f"{named(label)} {number} at {parameter:g} {unit}".rstrip())
         if not parts:
-            return ""
-        return f"Best over {name}: {', '.join(parts)}."
+            return caption
+        return f"{caption} Best over {name}: {', '.join(parts)}."
 
     def _path(self, results: Results) -> str:
         """Return the path of the grid that is the horizontal axis."""
@@ -113,10 +126,18 @@ class RmseVsParameter(FigureKind):
                 ax.axhline(y[chosen[0]], **look | {"linewidth": 0.9})
             else:
                 estimates = _Estimates(x=x[chosen], value=y[chosen], stderr=stderr[chosen])
-                bars = {"capsize": 1.5, "elinewidth": 0.8}
-                _draw_estimates(ax, estimates, look, bars, marked_by, marker_size=5)
+                best: int | None = None
+                if marked_by is not None and np.isfinite(estimates.value).any():
+                    best = best_place(estimates.value, marked_by)
+                _draw_estimates(ax, estimates, look | {"marker": "o", "markersize": 2.5}, best)
+        values = np.unique(parameters)
         if log_x:
-            scales.set_log_scale_with_zero(ax, np.unique(parameters))
+            scales.set_log_scale_with_zero(ax, values)
+            if values[0] > 0.0:
+                scales.set_plain_log_scale(ax.xaxis, most=np.inf)
+        places = scales.places_with_zero(values) if log_x else values
+        texts = [phrases.number(value) for value in values]
+        scales.set_ticks_at_values(ax, places, texts, sheet().width_in - _AXIS_IN)
         if self.log_y:
             scales.set_plain_log_scale(ax.yaxis, most=np.inf)
         has_horizontal_lines_alone = not len(scales.drawn_values(ax.xaxis))
@@ -137,18 +158,10 @@ class _Estimates:
     stderr: Array
 
 
-def _draw_estimates(
-    ax: Axes,
-    estimates: _Estimates,
-    look: LineStyle,
-    bars: LineStyle,
-    marked_by: Measure | None,
-    marker_size: float,
-) -> None:
-    """Draw a filter's line with error bars, and mark the best value by a metric.
+def _draw_estimates(ax: Axes, estimates: _Estimates, look: LineStyle, best: int | None) -> None:
+    """Draw a filter's line with bars of two standard errors, and mark the value at the place ``best``.
 
-    ``look`` has the line's label. ``bars`` is the look of the error bars. No value is marked if the
-    metric ``marked_by`` is None.
+    ``look`` has the line's label. No value is marked if ``best`` is None.
     """
     x = estimates.x
     y = estimates.value
@@ -156,18 +169,13 @@ def _draw_estimates(
         return
     label = look["label"]
     color = look["color"]
-    filter_lines.draw_error_bars(ax, x, y, estimates.stderr, label, color, **bars)
-    if marked_by is not None:
-        best = best_place(y, marked_by)
-        ax.plot(
-            x[best],
-            y[best],
-            "o",
-            color=color,
-            markersize=marker_size,
-            zorder=3,
-            label=f"_{label}",
-        )
+    filter_lines.draw_error_bars(
+        ax, x, y, estimates.stderr, label, color, capsize=2, elinewidth=0.8
+    )
+    if best is not None:
+        mark: LineStyle = {"linestyle": "", "marker": "o", "markersize": 6}
+        ax.plot(x[best], y[best], color=color, zorder=3, label=f"_{label}", **mark)
+        ax.plot([], [], color=style.ANY, label="Best value", **mark)
 
 
 def _common_number(value: object) -> float | None:
@@ -203,26 +211,31 @@ _ROW_IN = 2.6
 """Height of a row of panels."""
 _EXTRA_IN = 0.6
 """Height of titles and labels beside the rows."""
+_AXIS_IN = 0.8
+"""Width of the labels beside a panel."""
+_MARGIN = 0.05
+"""Share of an axis between its ends and the first and last value."""
 _MOST_ERRORS = 2
 """Number of errors that are shown by default."""
 _MOST_TEXT = 8
 """Values along an axis up to which a heat map shows its numbers."""
+_MOST_LEVEL_PANELS = 6
+"""Values of a second path up to which each has a panel; two paths with more have a heat map."""
 _WIDE = 10.0
-"""Ratio of the largest to the least metric from which on the vertical axis is logarithmic."""
-_WIDE_X = 50.0
-"""Ratio of the largest to the least parameter from which on the horizontal axis is logarithmic."""
+"""Ratio of the largest to the least number from which on an axis is logarithmic."""
 _MOST_LEVELS = 3
 """Filters that are not varied and are all drawn; of more only the best is drawn."""
+_WITHOUT_NUMBER = "No finite value"
 
 
 @dataclass(frozen=True, kw_only=True)
 class _SectionPoint:
     """A filter's metric at one combination of the shown paths' values."""
 
-    path_values: tuple[Any, ...]
-    """values of the shown paths, in their order"""
+    path_values: GridPoint
     value: float
     stderr: float
+    """NaN if it is unknown"""
 
 
 class _Section:
@@ -232,20 +245,40 @@ class _Section:
         self.results = results
         self.paths = paths
         first_point = results.points()[0]
-        first_values = {path: v for path, v in first_point.items() if path not in paths}
-        self._rows = results.columns("summary", first_values)
+        self.fixed_values = {path: v for path, v in first_point.items() if path not in paths}
+        """values of the other paths"""
+        self._rows = results.columns("summary", self.fixed_values)
         self.values = {path: list(dict.fromkeys(self._rows[path].tolist())) for path in paths}
         """values of each shown path, in order"""
 
     def points_of(self, label: str, metric: Measure) -> list[_SectionPoint]:
-        """Return the points at which a filter's metric has a number."""
+        """Return the points at which a filter's metric is stored; its value may be NaN or infinite."""
         rows = self._rows.where(filter=label, metric=str(metric))
         points = []
         for *path_values, value, stderr in rows.tuples([*self.paths, "value", "stderr"]):
-            if np.isfinite(value):
-                point = _SectionPoint(path_values=tuple(path_values), value=value, stderr=stderr)
-                points.append(point)
+            point = _SectionPoint(
+                path_values=dict(zip(self.paths, path_values, strict=True)),
+                value=value,
+                stderr=stderr,
+            )
+            points.append(point)
         return points
+
+    def best_of(self, label: str, metric: Measure) -> _SectionPoint | None:
+        """Return the point at which a filter is best; None if its metric is finite nowhere."""
+        finite = [point for point in self.points_of(label, metric) if np.isfinite(point.value)]
+        if not finite:
+            return None
+        return finite[best_place(np.array([point.value for point in finite]), metric)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _SweepPanel:
+    """A panel: a metric at values of those paths that have a panel for each value."""
+
+    metric: Measure
+    y_label: str
+    path_values: GridPoint
 
 
 @register("figures", "sweep")
@@ -253,11 +286,12 @@ class _Section:
 class SweepFigure(FigureKind):
     """Metrics of summary.csv over one path of the grid, a panel each; the first one over two paths.
 
-    Over one path: the filters that it varies, the best value of each marked, with bars of two standard
-    errors. A filter that the path leaves as it is is a horizontal line; of more than three such filters
-    only the best is drawn. Over two paths: a heat map for each filter that they vary, the best value
-    framed. Other paths keep their first values, and filters that only they vary are left out. A key of
-    the scenario changes the problem, so that no value is marked the best.
+    Of two paths the one with fewer values has a panel for each of them. If both have more than six
+    values, each filter has a heat map, in which its best value is framed. The figure shows the filters
+    that its paths vary, with bars of two standard errors and the best value of each filter marked. A
+    filter that no path varies is a horizontal line; of more than three such filters only the best is
+    drawn. Other paths keep their first values, and filters that only they vary are left out. A key of
+    the scenario changes the problem, so that no value is marked as the best.
     """
 
     paths: tuple[str, ...]
@@ -278,88 +312,182 @@ class SweepFigure(FigureKind):
         return {}
 
     def default_caption(self, results: Results) -> str:
-        """Return where each filter is best by the first metric."""
-        metrics = list(self._metrics(results).values())
-        if not metrics or self._changes_problem():
+        """Return what is drawn over which keys, where each filter is best, and what is not finite."""
+        metrics = self._metrics(results)
+        if not metrics:
             return ""
-        metric = metrics[0]
         section = _Section(results, self.paths)
-        parts = []
+        x_path, level_path = self._axes(section)
+        shown = metrics if level_path is None else dict(list(metrics.items())[:1])
+        names = [y_label.partition(" (")[0] for y_label in shown]
+        words = f"{joined(names)} over {phrases.quantity(x_path)[0]}"
+        if level_path is not None and self._has_panels(section):
+            words += f", a panel for each value of {phrases.quantity(level_path)[0]}"
+        elif level_path is not None:
+            words += f" and {phrases.quantity(level_path)[0]}"
+        sentences = [f"{words}; {captions.runs(results)} at each value."]
+        if section.fixed_values:
+            sentences.append(f"In all panels {captions.heading(results, section.fixed_values)}.")
+        metric = next(iter(metrics.values()))
+        best = []
+        missing = []
         for label in self._varied_labels(results):
-            points = section.points_of(label, metric)
-            if points:
-                best = points[best_place(np.array([point.value for point in points]), metric)]
-                where = phrases.heading(dict(zip(self.paths, best.path_values, strict=False)))
-                parts.append(f"{named(label)} {rounded(best.value, 3)} at {where}")
-        if not parts:
-            return ""
-        return f"Best: {'; '.join(parts)}."
+            point = section.best_of(label, metric)
+            if point is not None and not self._changes_problem():
+                where = captions.heading(results, point.path_values)
+                best.append(f"{named(label)} {rounded(point.value, 3)} at {where}")
+            for other in section.points_of(label, metric):
+                if not np.isfinite(other.value):
+                    missing.append(
+                        f"{named(label)} at {captions.heading(results, other.path_values)}"
+                    )
+        if best:
+            sentences.append(f"Best: {'; '.join(best)}.")
+        if missing:
+            sentences.append(f"{_WITHOUT_NUMBER}: {listed(missing)}.")
+        return " ".join(sentences)
 
     def draw(self, results: Results) -> Figure:
-        """Return panels of metrics, or of filters."""
+        """Return panels of metrics, of values of the second path, or of filters."""
         section = _Section(results, self.paths)
-        if len(self.paths) == 2:
-            return self._draw_heat_maps(section)
-        return self._draw_lines(section)
-
-    def _draw_lines(self, section: _Section) -> Figure:
-        """Draw a panel per metric over the one path."""
-        results = section.results
-        path = self.paths[0]
         metrics = self._metrics(results)
-        values = section.values[path]
-        is_numeric = all(map(is_number, values))
-        figure, axes = style.panel_grid(len(metrics), _ROW_IN, _EXTRA_IN)
-        drawn_labels = set[str]()
-        for metric in metrics.values():
-            drawn_labels.update(self._labels_to_draw(section, metric))
-        looks = results.line_styles(
-            [label for label in results.chosen(self.filters) if label in drawn_labels]
-        )
-        for ax, (y_label, metric) in zip(axes, metrics.items(), strict=False):
-            heights = self._draw_metric(ax, section, metric, looks, is_numeric)
-            if not is_numeric:
-                ax.set_xticks(range(len(values)), [str(value) for value in values])
-            elif scales.spans(values, _WIDE_X):
-                ax.set_xscale("log")
-            if scales.spans(heights, _WIDE):
-                scales.set_plain_log_scale(ax.yaxis, most=np.inf)
-            ax.set(xlabel=results.axis(path), ylabel=y_label)
-        return style.add_title_and_legend(figure, self.title)
+        x_path, level_path = self._axes(section)
+        panels: list[_SweepPanel] = []
+        if level_path is None:
+            for y_label, metric in metrics.items():
+                panels.append(_SweepPanel(metric=metric, y_label=y_label, path_values={}))
+            return self._draw_panels(section, panels, x_path)
+        if not self._has_panels(section):
+            return self._draw_heat_maps(section)
+        for y_label, metric in list(metrics.items())[:1]:
+            for value in section.values[level_path]:
+                level = {level_path: value}
+                panels.append(_SweepPanel(metric=metric, y_label=y_label, path_values=level))
+        return self._draw_panels(section, panels, x_path)
 
-    def _draw_metric(
-        self,
-        ax: Axes,
-        section: _Section,
-        metric: Measure,
-        looks: Mapping[str, LineStyle],
-        is_numeric: bool,
-    ) -> list[float]:
-        """Draw a metric of each filter, with its look, over the path; return all its values.
+    def _axes(self, section: _Section) -> tuple[str, str | None]:
+        """Return the path along the horizontal axis, and the path that has a panel for each value."""
+        if len(self.paths) == 1:
+            return self.paths[0], None
+        first, second = self.paths
+        if len(section.values[first]) < len(section.values[second]):
+            return second, first
+        return first, second
+
+    def _has_panels(self, section: _Section) -> bool:
+        """Return whether the path with fewer values has few enough of them for a panel each."""
+        return min(len(section.values[path]) for path in self.paths) <= _MOST_LEVEL_PANELS
+
+    def _draw_panels(self, section: _Section, panels: list[_SweepPanel], x_path: str) -> Figure:
+        """Draw the metric of each panel over the path, with equal horizontal axes.
 
         If the values of the path are no numbers, they stand at 0, 1, 2, ...
         """
-        values = section.values[self.paths[0]]
+        results = section.results
+        x_values = section.values[x_path]
+        is_numeric = all(map(is_number, x_values))
+        if is_numeric:
+            x_values = sorted(x_values)
+        places = np.array(x_values if is_numeric else range(len(x_values)), dtype=float)
+        has_one_metric = len({panel.metric for panel in panels}) == 1
+        figure, axes = style.panel_grid(len(panels), _ROW_IN, _EXTRA_IN, sharey=has_one_metric)
+        # Step 1: the lines; a filter has one look in all panels.
+        drawn_labels = set[str]()
+        for panel in panels:
+            drawn_labels.update(self._labels_to_draw(section, panel.metric))
+        looks = results.line_styles(
+            [label for label in results.chosen(self.filters) if label in drawn_labels]
+        )
+        heights: list[list[float]] = []
+        for ax, panel in zip(axes, panels, strict=False):
+            place_of_value = dict(zip(x_values, places, strict=True))
+            heights.append(self._draw_panel(ax, section, panel, x_path, place_of_value, looks))
+        # Step 2: the axes.
+        if has_one_metric:
+            heights = [[height for of_panel in heights for height in of_panel]] * len(panels)
+        across = max(1, min(len(panels), style.MOSAIC))
+        panel_in = sheet().width_in / across - _AXIS_IN
+        for place, (ax, panel) in enumerate(zip(axes, panels, strict=False)):
+            if is_numeric and scales.spans(x_values, _WIDE):
+                ax.set_xscale("log")
+            _set_limits(ax, places)
+            if is_numeric:
+                texts = [phrases.number(value) for value in x_values]
+                scales.set_ticks_at_values(ax, places, texts, panel_in)
+            else:
+                ax.set_xticks(places, [str(value) for value in x_values])
+            if scales.spans(heights[place], _WIDE):
+                scales.set_plain_log_scale(ax.yaxis, most=np.inf)
+            ax.set_xlabel(results.axis(x_path))
+            is_first_of_row = place % across == 0
+            if is_first_of_row or not has_one_metric:
+                ax.set_ylabel(panel.y_label)
+            heading = captions.heading(results, panel.path_values)
+            ax.set_title(style.wrapped(heading, across))
+        return style.add_title_and_legend(figure, self.title)
+
+    def _draw_panel(
+        self,
+        ax: Axes,
+        section: _Section,
+        panel: _SweepPanel,
+        x_path: str,
+        place_of_value: Mapping[Any, float],
+        looks: Mapping[str, LineStyle],
+    ) -> list[float]:
+        """Draw the metric of each filter in its look; return all its finite values.
+
+        ``place_of_value`` has the place of each value of the path ``x_path`` on the axis.
+        """
         varied = self._varied_labels(section.results)
-        marked_by = None if self._changes_problem() else metric
         heights: list[float] = []
-        for label in self._labels_to_draw(section, metric):
-            points = section.points_of(label, metric)
-            heights += [float(point.value) for point in points]
+        labels_without_number = 0
+        for label in self._labels_to_draw(section, panel.metric):
+            # Step 1: the filter's points in this panel, in order of their places.
+            points = {
+                place_of_value[point.path_values[x_path]]: point
+                for point in section.points_of(label, panel.metric)
+                if panel.path_values.items() <= point.path_values.items()
+            }
+            if not points:  # such as a bound, which has no mean per run
+                continue
             look = {"label": label, **looks[label]}
-            if points and label not in varied:
-                ax.axhline(points[0].value, **look | {"linewidth": 0.9})
-            elif points:
-                x = [point.path_values[0] for point in points]
-                if not is_numeric:
-                    x = [values.index(value) for value in x]
-                estimates = _Estimates(
-                    x=np.array(x, dtype=float),
-                    value=np.array([point.value for point in points], dtype=float),
-                    stderr=np.array([point.stderr for point in points], dtype=float),
+            finite = [place for place in sorted(points) if np.isfinite(points[place].value)]
+            heights += [float(points[place].value) for place in finite]
+            # Step 2: a line.
+            if label not in varied:
+                if finite:
+                    ax.axhline(points[finite[0]].value, **look | {"linewidth": 0.9})
+                continue
+            values = [points[place].value for place in finite]
+            errors = [points[place].stderr for place in finite]
+            estimates = _Estimates(
+                x=np.array(finite), value=np.array(values), stderr=np.array(errors)
+            )
+            best = None
+            best_point = section.best_of(label, panel.metric)
+            if best_point is not None and not self._changes_problem():
+                best_values = best_point.path_values
+                if panel.path_values.items() <= best_values.items():
+                    best = finite.index(place_of_value[best_values[x_path]])
+            _draw_estimates(ax, estimates, look | {"marker": "o", "markersize": 3}, best)
+            # Step 3: a cross at the top for each value of the path without a number.
+            missing = [place for place in place_of_value.values() if place not in finite]
+            if missing:
+                height = 0.97 - 0.06 * labels_without_number
+                labels_without_number += 1
+                cross: LineStyle = {"linestyle": "", "marker": "x", "markersize": 5}
+                ax.plot(
+                    missing,
+                    [height] * len(missing),
+                    color=look["color"],
+                    transform=ax.get_xaxis_transform(),
+                    label="_without_number",
+                    **cross,
                 )
-                dotted = look | {"marker": "o", "markersize": 3}
-                _draw_estimates(ax, estimates, dotted, {"capsize": 2}, marked_by, marker_size=6)
+                ax.plot([], [], color=style.ANY, label=_WITHOUT_NUMBER, **cross)
+        if panel.metric.family[0].better == "one":
+            ax.axhline(1.0, color="black", linewidth=0.6)  # a consistent filter
         return heights
 
     def _draw_heat_maps(self, section: _Section) -> Figure:
@@ -383,7 +511,7 @@ class SweepFigure(FigureKind):
             ax.grid(visible=False)
             most_text = _MOST_TEXT if len(axes) == 1 else _MOST_TEXT // 2
             if max(values.shape) <= most_text:
-                write_cells(ax, values, "{:.3g}".format, image, 8)
+                write_cells(ax, values, self._cell_texts(section, label, metric), image, 7)
             if not self._changes_problem():
                 best = best_place(values.ravel(), metric)
                 row, column = np.unravel_index(best, values.shape)
@@ -407,11 +535,25 @@ class SweepFigure(FigureKind):
         for label in self._varied_labels(section.results):
             values = np.full((len(rows), len(columns)), np.nan)
             for point in section.points_of(label, metric):
-                x, y = point.path_values
-                values[rows.index(y), columns.index(x)] = point.value
+                x = point.path_values[x_path]
+                y = point.path_values[y_path]
+                if np.isfinite(point.value):
+                    values[rows.index(y), columns.index(x)] = point.value
             if np.isfinite(values).any():
                 fields[label] = values
         return fields
+
+    def _cell_texts(self, section: _Section, label: str, metric: Measure) -> list[list[str]]:
+        """Return the texts of a filter's heat map: each value with its standard error."""
+        x_path, y_path = self.paths
+        columns = section.values[x_path]
+        rows = section.values[y_path]
+        cells = [[MISSING.estimate] * len(columns) for _ in rows]
+        for point in section.points_of(label, metric):
+            row = rows.index(point.path_values[y_path])
+            column = columns.index(point.path_values[x_path])
+            cells[row][column] = Estimate(point.value, point.stderr)
+        return cell_texts(cells)
 
     def _metrics(self, results: Results) -> dict[str, Measure]:
         """Return the metrics to draw, by the label of their axis."""
@@ -435,12 +577,26 @@ class SweepFigure(FigureKind):
         for label in chosen:
             if not _is_varied(results, results.grid, label):
                 points = section.points_of(label, metric)
-                if points:
+                if points and np.isfinite(points[0].value):
                     levels[label] = points[0].value
         if len(levels) > _MOST_LEVELS:
             best = list(levels)[best_place(np.array(list(levels.values())), metric)]
             levels = {best: levels[best]}
         return [label for label in chosen if label in varied or label in levels]
+
+
+def _set_limits(ax: Axes, places: Array) -> None:
+    """Let a horizontal axis end a little beyond the places (n,), on a logarithmic axis by a factor."""
+    first = float(places.min())
+    last = float(places.max())
+    if first == last:
+        return
+    if ax.get_xscale() == "log":
+        factor = (last / first) ** _MARGIN
+        ax.set_xlim(first / factor, last * factor)
+    else:
+        margin = _MARGIN * (last - first)
+        ax.set_xlim(first - margin, last + margin)
 
 
 def shown_metrics(results: Results) -> dict[str, Measure]:

@@ -12,6 +12,7 @@ from trackbench.evaluation.block import simulate
 from trackbench.field_types import Count, Natural
 from trackbench.models.base import position_velocity_names, rows_in_plane
 from trackbench.registry import register
+from trackbench.report.figures import captions
 from trackbench.report.findings.phrases import listed, named
 from trackbench.report.findings.ranking import rankings
 from trackbench.report.kinds import FigureKind
@@ -113,11 +114,11 @@ class Track(FigureKind):
 
     def default_caption(self, results: Results) -> str:
         """Return whose estimates one panel shows, and of how many runs."""
-        if len(self.filters) > 1:
-            return ""
         runs = min(self.shown_runs, results.config["runs"])
         which_runs = "the first run" if runs == 1 else f"the first {runs} runs"
         labels = [named(label) for label in self.filters or self._best_filters(results)]
+        if len(self.filters) > 1:
+            return f"The target in the plane in {which_runs}, a panel for each of {listed(labels)}."
         estimates = f", with the estimates of {listed(labels)}" if labels else ""
         return f"The target in the plane in {which_runs}{estimates}."
 
@@ -429,6 +430,15 @@ class MeanAndStd(FigureKind):
             return {}
         return {"": "there are no errors in x and y to show"}
 
+    def default_caption(self, results: Results) -> str:
+        """Return filters and number of runs."""
+        labels = results.chosen(self.filters, exact=True)
+        words = f"of {captions.filters(labels)} over time, {captions.runs(results)}"
+        caption = f"Mean error and standard deviation in x and y {words}."
+        if results.facts(results.points()[0]).spans:
+            caption += " Maneuvers are shaded."
+        return caption
+
     def draw(self, results: Results) -> Figure:
         """Return the mean error above, standard deviation below; x left, y right."""
         figure, axes = style.subplots(2, 2, 4.4, sharex=True, sharey="row")
@@ -553,7 +563,7 @@ def _draw_scene_over_time(scenario: Scenario, truth: Array, measurements: Array)
     states = list(zip(scenario.components, truth, strict=False))[:_MOST_ROWS]
     measured = list(zip(scenario.true_sensor.components, measurements, strict=True))
     shown_measured = measured[:_MOST_ROWS]
-    height = 1.1 * (len(states) + len(measured))
+    height = 1.1 * (len(states) + len(shown_measured))
     figure, axes = style.subplots(len(states) + len(shown_measured), 1, height, sharex=True)
     panels: list[Axes] = list(np.atleast_1d(axes))
     state_panels = panels[: len(states)]

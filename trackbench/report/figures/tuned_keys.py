@@ -1,12 +1,14 @@
 """Figure kind `tuning`: the objective over each key that was tuned."""
 
 from dataclasses import dataclass
-from math import isfinite
+from math import isfinite, nan
 from typing import Any, ClassVar
 
 from trackbench.config.tuning import Axis
+from trackbench.errors import counted
 from trackbench.registry import register
 from trackbench.report.findings import phrases
+from trackbench.report.findings.phrases import joined, named
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
 from trackbench.report.plotting.style import Axes, Figure
@@ -32,6 +34,20 @@ class TuningFigure(FigureKind):
 
     filter: str
     """label of the filter that is tuned"""
+
+    def default_caption(self, results: Results) -> str:
+        """Return filter, keys, number of trials and of runs."""
+        record = results.tuning.get(self.filter)
+        if record is None:
+            return ""
+        settings = results.config["tuning"]
+        keys = joined(axis.key for axis in record.axes)
+        trials = f"{counted(len(record.trials), 'trial')} of {counted(settings['runs'], 'run')}"
+        metric = words_of(settings["metric"])
+        return (
+            f"{named(self.filter)}: {metric} over {keys} in {trials}. The diamond is the best trial. "
+            "Shaded is what is within its standard error. Triangles stand for trials above the axis."
+        )
 
     def draw(self, results: Results) -> Figure:
         """Return a panel per key."""
@@ -67,8 +83,9 @@ def _draw_panel(ax: Axes, record: Record, axis: Axis) -> None:
         ax.axvspan(first, last, color=color, alpha=0.2, linewidth=0)
     # Step 2: a line through the trials that differ from the best in this key alone.
     if not axis.choices:
+        # The line has a gap at trials above the axis.
         line = [
-            (place(trial.values[axis.key]), min(trial.objective, top))
+            (place(trial.values[axis.key]), trial.objective if trial.objective <= top else nan)
             for trial in record.beside(axis)
         ]
         ax.plot(*zip(*sorted(line), strict=True), color=style.COLORS[0], linewidth=0.6, alpha=0.6)

@@ -12,6 +12,8 @@ from trackbench.results.point_facts import GridPoint
 
 MOST_NAMES = 4
 """Names that a list in a sentence has at most; longer lists are cut."""
+_CAPITALS = ("anees", "nees", "anis", "nis")
+"""Metrics whose names are abbreviations."""
 _SCORES = {"log_score": "log score", "held_log_score": "held-out log score"}
 
 
@@ -38,16 +40,33 @@ def head_of(statistic: str, metric: Measure) -> str:
     """Return a heading: ``Mean position RMSE (m)``, of the root mean square ``Position RMSE (m)``."""
     words = in_unit(metric_words(metric), _unit(metric))
     if statistic == "rms":
-        return f"{words[0].upper()}{words[1:]}"
+        return _capitalized(words)
     return f"Mean {words}"
 
 
 def axis_of(metric: Measure) -> str:
-    """Label an axis: ``Position RMSE (m)`` for an error or its mean per run, else the expression."""
-    is_plain = metric._replace(statistic="") == Measure(metric.metric) and metric.is_error
-    if is_plain and metric.statistic in ("", "mean"):
-        return head_of("rms", metric)
+    """Label an axis: ``Position RMSE (m)`` for an error or its mean per run, ``ANEES``.
+
+    Step and window stand behind: ``Position RMSE at step 20 (m)``. Any other metric has its expression.
+    """
+    family, quantity = metric.family
+    if metric.relation or metric.is_many:
+        return str(metric)
+    where = ""
+    if metric.steps is not None:
+        where = " at the last step" if metric.step is None else f" at step {metric.step}"
+    elif metric.window:
+        where = f" in {metric.window}"
+    if metric.is_error and metric.statistic in ("", "mean"):
+        return in_unit(f"{_capitalized(metric_words(metric))}{where}", _unit(metric))
+    if family.name in _CAPITALS and not metric.statistic:
+        return f"{family.name.upper()} {quantity.replace('_', ' ')}".rstrip() + where
     return str(metric)
+
+
+def _capitalized(words: str) -> str:
+    """Return words that begin with a capital letter."""
+    return f"{words[0].upper()}{words[1:]}"
 
 
 def in_unit(words: str, unit: str) -> str:

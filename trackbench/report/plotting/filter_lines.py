@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 else:
     Line2D = Any
 
-_MOST_BANDS = 3
+MOST_BANDS = 3
 """Number of filters up to which errors are bands; errors of more filters are bars."""
 _BARS = 12
 """Bars along a line."""
@@ -57,20 +57,22 @@ def draw_error_band(
     (``log``) no band or bar reaches below a tenth of the value.
     """
     svg_file.set_stderr(ax, look["label"], stderr)
+    if not (stderr > 0.0).any():  # a single run has no standard error
+        return
     low = value - 2 * stderr
     high = value + 2 * stderr
     if log:
         low = np.maximum(low, 0.1 * value)
     color = look["color"]
     label = f"_{look['label']}"
-    if places <= _MOST_BANDS:
+    if places <= MOST_BANDS:
         ax.fill_between(x, low, high, alpha=0.15, lw=0, color=color, label=label)
         ax.fill_between([], [], [], color="#888888", alpha=0.4, lw=0, label=SPREAD)
     else:
         period = max(1, len(x) // _BARS)
         chosen = slice(place * period // places, None, period)
         ax.vlines(x[chosen], low[chosen], high[chosen], linewidth=1.0, color=color, label=label)
-        ax.plot([], [], linestyle="", color="#888888", marker="|", markersize=8, label=SPREAD)
+        explain_error_bars(ax)
 
 
 def draw_error_bars(
@@ -78,7 +80,15 @@ def draw_error_bars(
 ) -> None:
     """Draw two standard errors as a bar at each point of the line ``label``, for the page too."""
     svg_file.set_stderr(ax, label, stderr)
+    if not (stderr > 0.0).any():
+        return
     ax.errorbar(x, value, 2.0 * stderr, fmt="none", color=color, label=f"_{label}", **look)
+    explain_error_bars(ax)
+
+
+def explain_error_bars(ax: Axes) -> None:
+    """Explain bars of two standard errors in the legend."""
+    ax.plot([], [], linestyle="", color="#888888", marker="|", markersize=8, label=SPREAD)
 
 
 def insert_gaps(steps: Array, *series: Array) -> tuple[Array, ...]:

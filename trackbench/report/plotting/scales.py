@@ -18,10 +18,16 @@ else:
 
 _ZERO = 0.2
 """Place of zero on a logarithmic axis, as a multiple of the least positive value."""
-_ROUNDING = 1e-12
-"""Share of the largest value below which a value is only rounding."""
+_ROUNDING = 1e-9
+"""Share of the second value of a series below which the first one is only rounding."""
 _LABELED = 1e6
 """Span of an axis up to which 1, 2 and 5 times a power of ten are labeled."""
+_FEWEST_TICKS = 3
+"""Labeled ticks that a logarithmic axis has at least."""
+_MOST_VALUE_TICKS = 10
+"""Values up to which each has a tick of its own."""
+_DIGIT_IN = 0.085
+"""Width of a digit of a tick's label."""
 DWARFED = 20.0
 """Ratio of the largest curve's maximum to that of the median curve."""
 
@@ -44,8 +50,15 @@ def one_dwarfs(curves: Sequence[Array]) -> bool:
 
 
 def without_rounding(values: Array) -> Array:
-    """Return the numbers (n,) with NaN for those that are exactly known, and so only rounding."""
-    return np.where(values > _ROUNDING * np.nanmax(values), values, np.nan)
+    """Return errors of successive steps (n,) for a logarithmic axis.
+
+    NaN stands for zeros, and for the first error if the state was known exactly there, so that it is
+    only rounding. Errors that are small beside those of a later divergence stay.
+    """
+    shown = np.where(values > 0.0, values, np.nan)
+    if len(shown) > 1 and shown[0] < _ROUNDING * shown[1]:
+        shown[0] = np.nan
+    return shown
 
 
 def places_with_zero(values: Array) -> Array:
@@ -76,6 +89,45 @@ def set_log_scale_with_zero(ax: Axes, values: Array) -> None:
         return power_of_ten(round(np.log10(x)))
 
     ax.xaxis.set_major_formatter(FuncFormatter(tick_label))
+
+
+def set_ticks_at_values(ax: Axes, places: Array, texts: Sequence[str], width_in: float) -> None:
+    """Put ticks at the values that an axis is about, as far as their labels have room.
+
+    The first and the last value have a label first. If there are more than 10 values, or one of them
+    alone, the axis keeps its usual ticks.
+
+    Parameters
+    ----------
+    ax : axes whose horizontal axis has its scale already
+    places : ascending places of the values, (n,)
+    texts : labels of the values
+    width_in : width of the axes in inches
+    """
+    from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
+
+    if not 1 < len(places) <= _MOST_VALUE_TICKS:
+        return
+    # Step 1: where the middle of each label is, in inches.
+    scaled = np.log10(places) if ax.get_xscale() == "log" else np.asarray(places, dtype=float)
+    middles = width_in * (scaled - scaled[0]) / (scaled[-1] - scaled[0])
+    half_widths = [0.5 * _DIGIT_IN * (len(text) + 1) for text in texts]
+    # Step 2: labels from left to right that overlap neither the one before nor the last one.
+    last = len(places) - 1
+    labeled = [0]
+    for place in range(1, last):
+        is_free = True
+        for other in (labeled[-1], last):
+            distance = abs(middles[place] - middles[other])
+            is_free &= bool(distance >= half_widths[place] + half_widths[other])
+        if is_free:
+            labeled.append(place)
+    labeled.append(last)
+    ax.xaxis.set_major_locator(FixedLocator([float(value) for value in places]))
+    ax.xaxis.set_major_formatter(
+        FixedFormatter([text if place in labeled else "" for place, text in enumerate(texts)])
+    )
+    ax.xaxis.set_minor_locator(NullLocator())
 
 
 def line_coordinates(line: Line2D) -> tuple[Array, Array]:
@@ -135,7 +187,7 @@ def set_plain_log_scale(axis: Axis, most: float = 100.0) -> None:
 
     Numbers are plain where the axis spans at most the factor ``most``.
     """
-    from matplotlib.ticker import FuncFormatter, LogLocator
+    from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
     if not set_possible_log_scale(axis):
         return
@@ -143,6 +195,12 @@ def set_plain_log_scale(axis: Axis, most: float = 100.0) -> None:
     if high > min(most, _LABELED) * low:
         # Beyond, matplotlib leaves out ticks between powers of ten, and all ticks with them.
         return
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    ticks = np.array(LogLocator(subs=(1.0, 2.0, 5.0)).tick_values(low, high))
+    if np.sum((low <= ticks) & (ticks <= high)) < _FEWEST_TICKS:
+        # A narrow axis has ticks as a linear one: 6, 7, 8.
+        axis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 2.5, 5, 10]))
+        axis.set_minor_locator(NullLocator())
+    else:
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(FuncFormatter(lambda value, _: ""))

@@ -244,7 +244,7 @@ def _handles_by_label(figure: Figure, without: Collection[str]) -> dict[str, Any
 
 MOST_PANELS = 12
 """Largest number of grid points, or of other things that have a panel each, that a figure shows."""
-_MOSAIC = 3
+MOSAIC = 3
 """Panels in a row of a `panel_grid`."""
 
 
@@ -267,15 +267,18 @@ def make_panels(
     return figure, panels[:number]
 
 
-def panel_grid(number: int, row_in: float, extra_in: float) -> tuple[Figure, list[Axes]]:
+def panel_grid(
+    number: int, row_in: float, extra_in: float, **layout: Any
+) -> tuple[Figure, list[Axes]]:
     """Return a figure with axes in rows of three, and the blank axes of the last row.
 
     The figure is as high as its rows, ``row_in`` each, and ``extra_in`` for titles and labels.
+    ``layout`` has further arguments of matplotlib's ``Figure.subplots``.
     """
     shown = max(number, 1)
-    across = min(shown, _MOSAIC)
+    across = min(shown, MOSAIC)
     rows = -(-shown // across)
-    figure, axes = subplots(rows, across, extra_in + row_in * rows, squeeze=False)
+    figure, axes = subplots(rows, across, extra_in + row_in * rows, squeeze=False, **layout)
     for ax in axes.flat[number:]:
         ax.set_axis_off()
     return figure, list(axes.flat)

@@ -12,6 +12,7 @@ from trackbench.atomic_files import ensure_folder, write_bytes
 from trackbench.report.plotting import style
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.suite.scores import (
+    ALIKE,
     FILTER,
     LOSES_MORE,
     WORST,
@@ -32,6 +33,8 @@ _HEAD_IN = 1.25
 _GAP = 0.4
 """Space above the typical ratios, in cells."""
 _CELL_POINTS = 6.5
+_SHOWS_EQUAL = 1.005
+"""Ratio up to which a cell shows 1.00."""
 _LOSES = "×"
 _COLLAPSES = "!"
 _OVERCONFIDENT = "*"
@@ -145,7 +148,8 @@ def draw_matrix(group: SuiteScores) -> Figure:
         for column, label in enumerate(labels):
             score = cells.get((label, problem))
             if score is not None and not score.is_left_out:
-                _write_cell(ax, row, column, cell_text(score), logs[row, column])
+                is_undecided = score.word == ALIKE and score.limited_ratio > _SHOWS_EQUAL
+                _write_cell(ax, row, column, cell_text(score), logs[row, column], is_undecided)
     for column, label in enumerate(labels):
         _write_cell(ax, lowest, column, _ratio_text(typical[label]), logs[-1, column])
     # Step 4: the names.
@@ -182,10 +186,22 @@ def _ratio_text(ratio: float) -> str:
     return f"{ratio:.0f}" if ratio < 999.5 else "999+"
 
 
-def _write_cell(ax: Axes, row: float, column: float, text: str, log: float) -> None:
-    """Write a cell's text in an ink that can be read on its color."""
+def _write_cell(
+    ax: Axes, row: float, column: float, text: str, log: float, is_undecided: bool = False
+) -> None:
+    """Write a cell's text in an ink that can be read on its color, in italics if it is undecided."""
     ink = "white" if log > 0.45 * log10(WORST) else "black"
-    ax.text(column, row, text, ha="center", va="center", fontsize=_CELL_POINTS, color=ink)
+    slant = "italic" if is_undecided else "normal"
+    ax.text(
+        column,
+        row,
+        text,
+        ha="center",
+        va="center",
+        fontsize=_CELL_POINTS,
+        fontstyle=slant,
+        color=ink,
+    )
 
 
 def _name_classes(ax: Axes, group: SuiteScores, problems: Sequence[str], right: float) -> None:
@@ -223,7 +239,10 @@ def _draw_legend(ax: Axes, group: SuiteScores, palette: Any) -> None:
     for mark, meaning in marks:
         if any(text.endswith(mark) for text in texts):
             handles.append(Patch(facecolor="none", edgecolor="none", label=f"{mark}  {meaning}"))
-    ax.legend(
+    undecided = "1.20  may be as good as the best"
+    if any(score.word == ALIKE and score.limited_ratio > _SHOWS_EQUAL for score in scores):
+        handles.append(Patch(facecolor="none", edgecolor="none", label=undecided))
+    legend = ax.legend(
         handles=handles,
         loc="upper center",
         bbox_to_anchor=(0.5, -0.02),
@@ -233,6 +252,9 @@ def _draw_legend(ax: Axes, group: SuiteScores, palette: Any) -> None:
         handlelength=1.0,
         borderaxespad=0.0,
     )
+    for text in legend.get_texts():
+        if text.get_text() == undecided:
+            text.set_fontstyle("italic")
 
 
 def matrix_caption(group: SuiteScores) -> str:
@@ -241,9 +263,10 @@ def matrix_caption(group: SuiteScores) -> str:
         f"{group.title}: error of each filter (column) over that of the best filter of the problem "
         f"(row). {_LOSES}: loses all runs, or significantly more than another filter. "
         f"{_COLLAPSES}: in some runs the error is far beyond what the covariance says. "
-        f"{_OVERCONFIDENT}: overconfident. Gray: cannot be run on this problem; scores.csv has the "
-        "reason. Filters are sorted by their typical ratio, the geometric mean of the column, in which "
-        f"a number counts as {WORST:g} at most, and a cross or a gray cell as {WORST:g}."
+        f"{_OVERCONFIDENT}: overconfident. Italic: no significant difference from the best filter. "
+        "Gray: cannot be run on this problem; scores.csv has the reason. Filters are sorted by their "
+        "typical ratio, the geometric mean of the column, in which a number counts as "
+        f"{WORST:g} at most, and a cross or a gray cell as {WORST:g}."
     )
 
 

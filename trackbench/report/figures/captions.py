@@ -1,0 +1,68 @@
+"""Parts of captions: what is drawn, of which filters, over how many runs, at which grid point."""
+
+from collections.abc import Sequence
+
+from trackbench.errors import counted
+from trackbench.evaluation.metric_expression import Measure
+from trackbench.report.findings import phrases
+from trackbench.report.findings.phrases import in_unit, listed, named, number
+from trackbench.report.plotting.style import MOST_PANELS
+from trackbench.report.results import Results
+from trackbench.results.point_facts import GridPoint
+
+
+def runs(results: Results) -> str:
+    """Return the number of runs in words."""
+    return counted(results.config["runs"], "run")
+
+
+def filters(labels: Sequence[str]) -> str:
+    """Return the labels in words; of many the first, and how many more."""
+    return listed([named(label) for label in labels])
+
+
+def measured_labels(results: Results, labels: Sequence[str], metric: Measure) -> list[str]:
+    """Return the labels without the bound if it has no such number: only some are of a bound."""
+    bound = results.config.get("bound")
+    has_bound = len(results.columns("summary").where(filter=bound, metric=str(metric))) > 0
+    return [label for label in labels if has_bound or label != bound]
+
+
+def quantity(metric: Measure) -> str:
+    """Return the metric as the axis names it, without its unit: ``position RMSE``."""
+    words = phrases.axis_of(metric).partition(" (")[0]
+    is_sentence_case = words[:1].isupper() and words[1:2].islower()
+    if is_sentence_case:
+        return f"{words[0].lower()}{words[1:]}"
+    return words
+
+
+def heading(results: Results, point: GridPoint) -> str:
+    """Return a grid point with the units of its paths: ``sigma = 10 m, q = 2``."""
+    parts = []
+    for path, value in point.items():
+        words, unit = phrases.quantity(path)
+        unit = unit or results.grid_units.get(path, "")
+        parts.append(f"{words} = {number(value)} {unit}".rstrip())
+    return ", ".join(parts)
+
+
+def panels(results: Results) -> str:
+    """Return which panels there are for points of the grid, as the end of a sentence; or nothing."""
+    if len(results.points()) < 2:
+        return ""
+    paths = [in_unit(*phrases.quantity(path)) for path in results.grid]
+    words = f", a panel for each value of {listed(paths)}"
+    if len(results.points()) > MOST_PANELS:
+        words += f" (the first {MOST_PANELS} of {len(results.points())} points)"
+    return words
+
+
+def sentence(words: str) -> str:
+    """Return words as a sentence, with a capital letter and a full stop."""
+    return f"{words[:1].upper()}{words[1:]}."
+
+
+def of_curves(results: Results, words: str, labels: Sequence[str]) -> str:
+    """Return a sentence such as ``Position RMSE over time of KF and EKF, 400 runs.``"""
+    return sentence(f"{words} of {filters(labels)}, {runs(results)}{panels(results)}")
