@@ -171,7 +171,8 @@ def test_places_of_landmarks_are_asked_for(tmp_path: Path) -> None:
         "time,landmark,range,bearing", T, 1 + TURNS, np.hypot(dx, dy) + 0.1 * NOISE[0], bearing
     )
     (tmp_path / "m.csv").write_text(rows)
-    done = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
+    words = ("new", "experiment", "--from", "m.csv", "--set", "columns.azimuth=bearing")
+    done = trackbench(*words, cwd=tmp_path)
     assert "write into it where these are: 1, 2\n" in done.stdout, done.stderr
     assert refused(tmp_path / "m.yaml").count("is not a number") == 4
     sensor = {"kind": "range-azimuth", "sigma_range": 1, "sigma_azimuth_mrad": 5}

@@ -70,6 +70,12 @@ _WEEKS = ("week", "gpsweek", "gwk", "wn", "weekno", "weeknumber", "gpsweekno", "
 _RANGE_TO = re.compile(
     r"(?:range|dist|distance|rng|d|r|toa|tof|uwb)(?:to|from)?([a-z]{0,2}\d+)|((?:a|anchor|beacon)\d+)"
 )
+_ODOMETRY = {
+    "v": "v speed velocity vel linearvelocity linearx linear forwardvelocity forwardspeed",
+    "w": "w omega yawrate turnrate angularvelocity angularz angular wz gyroz",
+}
+"""Names of the columns of a robot's speed and turn rate, the surest first."""
+_ODOMETRY_UNITS = {"v": ("m/s", "km/h", "cm/s", "mm/s"), "w": ("rad/s", "deg/s")}
 _LETTERS = str.maketrans({"µ": "u", "μ": "u", "ø": "o", "ß": "s", "æ": "e"})
 
 
@@ -159,6 +165,27 @@ def ranges_of(names: Iterable[str]) -> dict[str, NamedColumn]:
     return ranges
 
 
+def odometry_of(names: Iterable[str]) -> dict[str, NamedColumn]:
+    """Find the columns of a robot's speed (v) and turn rate (w), the surest names first."""
+    columns = {}
+    fillers = _FILLERS.split()
+    for quantity, text in _ODOMETRY.items():
+        found = []
+        for place, name in enumerate(names):
+            words = _without_units(words_of(name))
+            spellings = ("".join(words), "".join(word for word in words if word not in fillers))
+            ranks = [text.split().index(word) for word in spellings if word in text.split()]
+            if ranks:
+                found.append((min(ranks), place, name))
+        if found:
+            *_, name = min(found)
+            unit = next(
+                (word for word in words_of(name)[1:] if word in _ODOMETRY_UNITS[quantity]), None
+            )
+            columns[quantity] = NamedColumn(column=name, unit=unit)
+    return columns
+
+
 def unit_in(words: Collection[str], quantity: str) -> str | None:
     """Find the last word that is a unit of the quantity."""
     last = None
@@ -173,7 +200,7 @@ def words_of(name: str) -> list[str]:
     name = re.sub(r"\\dot\s*\{?\s*(\w)\s*\}?", r"v\1", name).translate(_LETTERS)
     name = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
     name = re.sub(r"([a-z])([A-Z])", r"\1 \2", name.replace("°", " deg")).lower()
-    return re.findall(r"km/h|cm/s|mm/s|m/s|ft/s|[a-z0-9]+", name)
+    return re.findall(r"rad/s|deg/s|km/h|cm/s|mm/s|m/s|ft/s|[a-z0-9]+", name)
 
 
 def _without_units(words: list[str]) -> list[str]:

@@ -2,14 +2,13 @@
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import fields
 
 from trackbench.field_types import MOST_STEPS
 from trackbench.scenarios.recordings.column_mapping import STAMP_PARTS
 from trackbench.scenarios.recordings.csv_lines import TextFormat
 from trackbench.scenarios.recordings.guess_format import Guess, SensorGuess
-from trackbench.scenarios.recordings.mixtures import role_of
 
 _LABELS = ("run", "sensor")
 _MOST_NAMES = 7  # of further runs
@@ -30,22 +29,57 @@ def config_parts(guess: Guess) -> dict[str, str]:
     chances = "[[0.95, 0.05], [0.05, 0.95]]"
     lines.append(f"  IMM: {{kind: imm, motions: {motions}, transition: {chances}}}")
     lines.append("  RPF: {kind: rpf, N: 1000}")
+    if guess.inputs:
+        lines = [
+            "  EKF: {kind: ekf}",
+            "  UKF: {kind: ukf}",
+            "  PF: {kind: pf, N: 1000}",
+            "  Odometry: {kind: prior-mean}  # without the landmarks",
+        ]
+    late = ", late: refilter" if "received" in guess.naming.columns else ""
     start = f"{{kind: one-scan, sigma_velocity: {2 * speed:g}}}  # guess"
     if not kinds & {"position", "range-azimuth"}:
         start = (
             f"{{kind: given, mean: [X, 0, Y, 0], sigma: [100, {2 * speed:g}, 100, {2 * speed:g}]}}"
         )
         start += "  # write x and y of the first position, m, and how well they are known"
+    assume = f" {{motion: {{kind: cwna, q: {q:g}}}{late}}}"
+    assume += "  # guess: the velocity wanders by 5 % of the usual speed in a second"
+    shown = f"{filter_kinds[0].upper()}, IMM"
+    if guess.inputs:
+        start = "{kind: given, mean: [X, Y, HEADING], sigma: [0.1, 0.1, 0.1]}"
+        start += "  # write where the robot begins, m and rad, and how well that is known"
+        start += "\n  score: {errors: {position: [px, py], heading: [heading]}}  # with a `truth`"
+        assume = _robot_assumption(guess.inputs, late)
+        shown = "EKF, Odometry"
     return {
         "@TARGET@": "\n".join(f"    {line}" for line in _target_lines(guess)),
         "@SENSOR@": "\n".join(f"    {line}" for line in _sensor_lines(guess)),
         "@START@": f"  start: {start}{_last_line(guess)}",
-        "@Q@": f"{q:g}",
-        "@LATE@": ", late: refilter" if "received" in guess.naming.columns else "",
+        "@ASSUME@": assume,
         "@HOLD@": f"{max(2, min(5, guess.runs[0][1] // 2))}",
         "@FILTERS@": "\n".join(lines),
-        "@SHOWN@": f"{filter_kinds[0].upper()}, IMM",
+        "@SHOWN@": shown,
     }
+
+
+def _robot_assumption(sigmas: Mapping[str, float], late: str) -> str:
+    """Write the motion of a robot by its odometry, with standard deviations of v and w."""
+    deviations = ", ".join(f"s{name}: {sigma:g}" for name, sigma in sigmas.items())
+    late_line = f"\n    {late.removeprefix(', ')}" if late else ""
+    return (
+        f"""
+    motion:  # a step along the heading, by the speed v and the turn rate w since the step before
+      kind: map
+      components: [px, py, heading]
+      input: [v, w]
+      parameters: {{{deviations}}}  # guess: errors of v and w, from the line between their neighbors
+      where: {{c: cos(heading + w*T/2), s: sin(heading + w*T/2)}}
+      next: {{px: px + v*T*c, py: py + v*T*s, heading: heading + w*T}}
+      Q: [[(sv*T*c)**2, (sv*T)**2*c*s, 0], [(sv*T)**2*c*s, (sv*T*s)**2, 0], [0, 0, (sw*T)**2]]
+    """.rstrip()
+        + late_line
+    )
 
 
 def _last_line(guess: Guess) -> str:
@@ -74,7 +108,10 @@ def unused_columns(guess: Guess) -> list[str]:
 
 def unknown_places(guess: Guess) -> list[str]:
     """Name the sensors whose place must be written into the config."""
-    names = [s.name or "the sensor" for s in guess.sensors if _lacks_place(guess, s)]
+    unnamed = "the landmark" if guess.inputs else "the sensor"
+    names = [s.name or unnamed for s in guess.sensors if _lacks_place(guess, s)]
+    if guess.inputs:
+        names.append("the start")
     if _lacks_origin(guess):
         names.append("the origin")
     return names
@@ -82,7 +119,7 @@ def unknown_places(guess: Guess) -> list[str]:
 
 def _lacks_place(guess: Guess, sensor: SensorGuess) -> bool:
     """Test whether a sensor's place must be written: one radar alone is the origin."""
-    if sensor.kind in ("range", "bearing"):
+    if sensor.kind in ("range", "bearing") or sensor.kind.startswith("landmark"):
         return True
     radars = [other for other in guess.sensors if other.kind == "range-azimuth"]
     return sensor.kind == "range-azimuth" and len(radars) > 1
@@ -103,6 +140,7 @@ def _used_columns(guess: Guess) -> dict[str, str]:
     read = {"time", "date", "step", "received", "run", "sensor", "latitude", "longitude"}
     read |= STAMP_PARTS.keys()
     read |= {"north_south", "east_west"}
+    read |= guess.inputs.keys()
     if guess.moves:
         read |= {"vx", "vy", "speed", "course"}
     for sensor in guess.sensors:
@@ -118,11 +156,19 @@ def _target_lines(guess: Guess) -> Iterator[str]:
     columns = _used_columns(guess)
     yield "columns:  # guess, from their names"
     for name, column in columns.items():
+        if name in guess.inputs:
+            continue
         comment = _comment(why, name) if name in _LABELS else ""
         yield f"  {name}: {quoted(column)}{comment}"
     unused = unused_columns(guess)
     if unused:
         yield f"  # not used: {', '.join(unused)}"
+    if guess.inputs:
+        inputs = ", ".join(f"{name}: {quoted(columns[name])}" for name in guess.inputs)
+        yield f"input: {{{inputs}}}  # guess, from their names: speed and turn rate, anticlockwise"
+        yield "# a row's v and w hold since the row before; of commands write `input_holds: after`"
+        yield "state: [px, py, heading]"
+        yield "angles: [heading]"
     units = {name: unit for name, unit in naming.units.items() if name in columns}
     if units:
         yield "units:"
@@ -171,6 +217,11 @@ def _sensor_lines(guess: Guess) -> Iterator[str]:
         place_key = f"at: [X_{place}, Y_{place}]"
         if kind == "position":
             yield f"- {{kind: position, sigma: {max(sigmas):g}}}{comment}"
+        elif kind.startswith("landmark"):
+            *sigma_range, angle = sigmas
+            keys = [place_key, *(f"sigma_range: {value:g}" for value in sigma_range)]
+            keys.append(f"sigma_bearing_mrad: {float(f'{1000.0 * angle:.3g}'):g}")
+            yield f"- {{kind: landmark, {', '.join(keys)}}}{place_comment}; sigmas: guess"
         elif kind == "range":
             yield f"- {{kind: range, {place_key}, sigma: {sigmas[0]:g}}}{place_comment}"
         else:
@@ -182,11 +233,9 @@ def _sensor_lines(guess: Guess) -> Iterator[str]:
                 keys.insert(0, place_key)
                 comment = place_comment
             yield f"- {{kind: {kind}, {', '.join(keys)}}}{comment}"
-    if any("azimuth" in sensor.quantities for sensor in guess.sensors):
-        if not guess.naming.clockwise:
-            yield "# azimuth counts from x to y; from north clockwise: `clockwise: [azimuth]` above"
-        if role_of(guess.naming.columns.get("sensor", "")) == "place":
-            yield "# angles that the target measures from its heading are of a sensor `function`"
+    has_azimuth = any("azimuth" in sensor.quantities for sensor in guess.sensors)
+    if has_azimuth and not guess.naming.clockwise:
+        yield "# azimuth counts from x to y; from north clockwise: `clockwise: [azimuth]` above"
     if guess.moves:
         velocity = float(f"{max(0.05 * guess.speed, 0.05):.1g}")
         yield f"- {{kind: velocity, sigma: {velocity:g}}}  # guess: 5 % of the usual speed"

@@ -12,12 +12,18 @@ from trackbench.scenarios.recordings.csv_tables import number, parse_cells
 from trackbench.scenarios.recordings.rows import Rows
 
 SENSORS = {
+    "landmark": ("range", "bearing"),
+    "landmark-bearing": ("bearing",),
     "position": ("x", "y"),
     "range-azimuth": ("range", "azimuth"),
     "range": ("range",),
     "bearing": ("azimuth",),
 }
-"""Types of sensors that a table may hold, the most telling first, and what they measure."""
+"""Types of sensors that a table may hold, the most telling first, and what they measure.
+
+A ``bearing`` counts from the heading of what moves, an ``azimuth`` from the axis x or from north.
+"""
+ANGLES = ("azimuth", "bearing")
 _ONE_SIGMA = 0.683  # of a normal law's values are within its standard deviation
 
 
@@ -26,13 +32,13 @@ def levels_of(rows: Rows, kind: str, in_degrees: bool) -> tuple[tuple[float, ...
     # Measured velocities stand below the quantities of the sensor.
     time = rows.time
     values = [*rows.values[: len(SENSORS[kind])]]
-    if "azimuth" in SENSORS[kind]:
+    if SENSORS[kind][-1] in ANGLES:
         azimuth = values[-1]
         if in_degrees:
             azimuth = azimuth * UNITS["deg"]
         values[-1] = np.unwrap(azimuth)
-    sigmas = tuple(_scatter(time, value) for value in values)
-    if kind == "bearing":
+    sigmas = tuple(scatter(time, value) for value in values)
+    if kind == "bearing" or kind.startswith("landmark"):
         return sigmas, 0.0
     if kind == "range-azimuth":
         r, a = values
@@ -63,7 +69,7 @@ def not_finer(
     return tuple(raised)
 
 
-def _scatter(time: Array, value: Array) -> float:
+def scatter(time: Array, value: Array) -> float:
     """Estimate the errors' deviation to one digit; 1 if no row shows an error."""
     sigma = error_of_line(time, value)
     # A straight line leaves rounding errors alone.

@@ -22,6 +22,7 @@ from trackbench.scenarios.recordings.column_mapping import (
 )
 from trackbench.scenarios.recordings.column_names import (
     columns_of,
+    odometry_of,
     ranges_of,
     rest_of_stamp,
     unit_in,
@@ -44,12 +45,15 @@ from trackbench.scenarios.recordings.csv_tables import (
 )
 from trackbench.scenarios.recordings.dates import instant
 from trackbench.scenarios.recordings.guess_errors import (
+    ANGLES,
     SENSORS,
     levels_of,
     not_finer,
+    scatter,
 )
 from trackbench.scenarios.recordings.guess_time import DateForm, date_form
 from trackbench.scenarios.recordings.guess_units import Candidate, Numbers, likely_units
+from trackbench.scenarios.recordings.mixtures import role_of
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import (
     Gathered,
@@ -68,7 +72,8 @@ _FIRST = 200  # rows that show the format
 _MOST_A_SECOND = 20
 _PLACE = ("x", "y")
 _VELOCITY = ("vx", "vy")
-_MEASURED = ("x", "y", "latitude", "longitude", "range", "azimuth")
+_MEASURED = ("x", "y", "latitude", "longitude", "range", "azimuth", "bearing")
+_ODOMETRY = ("v", "w")
 _WEEK = 604800.0  # s
 _TIME_OF_WEEK = {"tow", "itow", "gms", "sow", "gpst", "secondsofweek"}
 _ELAPSED = {"elapsed", "duration", "split", "lap", "laptime", "elapsedtime"}
@@ -102,6 +107,8 @@ class Guess:
     """all columns of the table"""
     steps: int = 0
     """different times of the longest run"""
+    inputs: dict[str, float] = field(default_factory=dict)
+    """standard deviations of a robot's measured speed v and turn rate w, if it is one"""
 
     @property
     def moves(self) -> bool:
@@ -209,7 +216,8 @@ def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[Sens
     """Add what all rows show to the guess: runs, errors, speed, and further units."""
     # Errors and speeds are those of the mirror image, too, whatever the unit of angles.
     # A row far from the others in any of the runs is reported when its run is read.
-    gathered = Gathered(replace(naming, clockwise=()), refuses_far_rows=False)
+    is_robot = "bearing" in naming.columns
+    gathered = Gathered(replace(naming, clockwise=()), refuses_far_rows=False, has_inputs=is_robot)
     units = naming.units
     columns = naming.columns
     by_name = [sensor.name for sensor in sensors] if columns.get("sensor") else []
@@ -220,15 +228,16 @@ def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[Sens
     every = read_rows(gathered, [path], read, names=by_name)
     every = chosen_runs(gathered, every, ())
     is_wide = any((np.abs(a[np.isfinite(a)]) > _TURN).any() for a in _azimuths_of(wanted, every))
-    in_degrees = "azimuth" not in units and is_wide
+    angle = "bearing" if is_robot else "azimuth"
+    in_degrees = angle not in units and is_wide
     if in_degrees:
-        units["azimuth"] = "deg"
-        why["azimuth"] = "guess: there are angles beyond 2 pi"
+        units[angle] = "deg"
+        why[angle] = "guess: there are angles beyond 2 pi"
     scale = UNITS["deg"] if in_degrees else 1.0
     for names, rows in zip(wanted, every, strict=True):
-        if "azimuth" in names:
+        if angle in names:
             scaled = rows._replace(values=rows.values * scale)
-            check_turns(gathered, scaled, {"azimuth": len(names) - 1})
+            check_turns(gathered, scaled, {angle: len(names) - 1})
     # Sort the runs by length; noise and speed are those of the longest.
     sizes = np.sum([np.bincount(rows.run, minlength=len(gathered.runs)) for rows in every], axis=0)
     runs = sorted(zip(gathered.runs, sizes.tolist(), strict=True), key=lambda run: -run[1])
@@ -258,14 +267,29 @@ def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[Sens
         sensors=guesses,
         speed=float(f"{speed:.1g}") or 1.0,
         steps=len(np.unique(np.concatenate([rows.ticks for rows in longest]))),
+        inputs=_input_sigmas(path, naming) if is_robot else {},
     )
+
+
+def _input_sigmas(path: str, naming: Naming) -> dict[str, float]:
+    """Estimate the standard deviations of a robot's measured speed and turn rate."""
+    without_sensor = replace(naming, columns=naming.columns | {"sensor": ""})
+    gathered = Gathered(without_sensor, refuses_far_rows=False)
+    (rows,) = read_rows(gathered, [path], [_ODOMETRY])
+    is_first_run = rows.run == np.bincount(rows.run).argmax()
+    has_all = np.isfinite(rows.values).all(axis=0)
+    rows = in_order(gathered, rows.at(np.flatnonzero(has_all & is_first_run)))
+    sigmas = {}
+    for name, values in zip(_ODOMETRY, rows.values, strict=True):
+        sigmas[name] = scatter(rows.time, values)
+    return sigmas
 
 
 def _azimuths_of(wanted: list[tuple[str, ...]], every: list[Rows]) -> list[Array]:
     """Return the azimuths of each sensor that measures one; they are its last quantity."""
     azimuths = []
     for names, rows in zip(wanted, every, strict=True):
-        if "azimuth" in names:
+        if names[-1] in ANGLES:
             azimuths.append(rows.values[-1])
     return azimuths
 
@@ -397,10 +421,17 @@ def _columns(
     if "time" in columns:
         columns.pop("step", None)
     _settle_twice_named(columns, given)
+    is_robot = _settle_landmarks(sample, columns, given)
     for key, least, most in (("sensor", 2, _MOST_SENSORS), ("run", 1, max(1, len(sample) // 3))):
         words = set(sample.cells(columns.get(key, "")))
+        if key == "sensor" and is_robot:
+            words.discard("")  # of rows with odometry alone
         if key not in given.columns and ("" in words or not least <= len(words) <= most):
             columns.pop(key, None)
+    if is_robot:
+        recognized_columns = recognized_columns | odometry_of(names)
+        if "azimuth" in recognized_columns:
+            recognized_columns["bearing"] = recognized_columns["azimuth"]
     units = {
         n: c.unit for n, c in recognized_columns.items() if c.unit and columns.get(n) == c.column
     }
@@ -436,6 +467,48 @@ def _settle_twice_named(columns: dict[str, str], given: Naming) -> None:
         columns.pop("run" if "speed" in columns else "course")
     elif run == columns.get("sensor"):
         columns.pop("run")
+
+
+def _settle_landmarks(sample: "_Sample", columns: dict[str, str], given: Naming) -> bool:
+    """Decide in place what the bearings of landmarks are; return whether they count from a heading.
+
+    Raises DataError with the answers that are possible: a table does not show where bearings begin.
+    """
+    place = next((name for name in sample.names if role_of(name) == "place"), None)
+    is_split = place is not None and given.columns.get("sensor", place) == place
+    angle = columns.get("azimuth")
+    odometry = odometry_of(sample.names)
+    if "bearing" not in columns:
+        may_be_robot = is_split or odometry.keys() >= {*_ODOMETRY}
+        if not may_be_robot or angle is None or "azimuth" in given.columns:
+            return False
+        column = json.dumps(angle)[1:-1]
+        landmarks = f" of the landmarks ({place})" if is_split else ""
+        what = f"{angle}: do the bearings{landmarks} count from the robot's heading?"
+        other = (
+            "or are they directions to what moves, from the axis x or from north, as of a radar?"
+        )
+        raise DataError(
+            Place(sample.path, 1, 1, f"{what} Say --set 'columns.bearing={column}'"),
+            Place(sample.path, 1, 1, f"{other} Say --set 'columns.azimuth={column}'"),
+        )
+    # A robot's log: its own motion comes from odometry.
+    if place is not None and is_split:
+        columns["sensor"] = place
+    for name in ("azimuth", *COURSE, *_VELOCITY):
+        columns.pop(name, None)
+    for name, named in odometry.items():
+        columns.setdefault(name, named.column)
+    missing = [name for name in _ODOMETRY if name not in columns]
+    if missing:
+        meaning = {"v": "the robot's speed (v)", "w": "its turn rate (w)"}
+        words = " and ".join(meaning[name] for name in missing)
+        options = " ".join(f"--set 'columns.{name}=ITS NAME'" for name in missing)
+        what = f"no column looks like {words}, by which the robot's heading moves on; there are"
+        way = f"say {options}; odometry of another file is `input_file` (docs/your-robot.md)"
+        known = ", ".join(sample.names)[:200]
+        raise DataError(Place(sample.path, 1, 1, f"{what} {known}: {way}"))
+    return True
 
 
 def _no_time(names: list[str]) -> str:
@@ -509,6 +582,7 @@ class _Sample:
     """First rows of a table, as text."""
 
     def __init__(self, path: str, names: list[str], form: TextFormat) -> None:
+        self.path = path
         self.names = names
         self.line = 1 if is_parquet(path) else layout_of(path, form).before + 1
         self._rows = first_rows(path, form, _SAMPLE)
@@ -617,7 +691,7 @@ class _Reading:
             azimuth = self._azimuths()
             place = self._values("range") * np.stack([np.cos(azimuth), np.sin(azimuth)])
             named = ["range"]
-        elif sensor.kind == "bearing":
+        elif sensor.kind == "bearing" or sensor.kind.startswith("landmark"):
             place = np.empty((0, len(rows)))
             named = []
         elif sensor.kind == "range":
