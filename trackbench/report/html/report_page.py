@@ -23,6 +23,7 @@ from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
 from trackbench.report.verdicts.files import bars, summary_lines, verdict_tables
 from trackbench.report.verdicts.numbers import Verdicts, compare
 from trackbench.statistics import rules
+from trackbench.statistics.rules import NOT_MEASURED, TOO_FEW_RUNS, UNDECIDED
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -270,7 +271,9 @@ VERDICTS = {
     "compatible": "fair",
     "differs": "bad",
     "fails": "bad",
-    "inconclusive": "open",
+    UNDECIDED: "open",
+    TOO_FEW_RUNS: "open",
+    NOT_MEASURED: "open",
 }
 """Verdicts and how they look."""
 
