@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from types import SimpleNamespace
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -13,6 +14,7 @@ from tests.conftest import PLANE as POSITIONS
 from trackbench import api
 from trackbench.report.figures.over_time import RmseVsTime
 from trackbench.report.figures.sweep import RmseVsParameter, SweepFigure
+from trackbench.report.findings import sentences
 from trackbench.report.findings.ranking import rankings
 from trackbench.report.html.index_page import short_answer
 from trackbench.report.plotting import style
@@ -123,6 +125,29 @@ def test_a_result_is_five_words(plane):
     assert short_answer([alone]) == f"{first.label} best of 4 filters"
     assert short_answer([found._replace(best=None)]) == "which is best is inconclusive"
     assert short_answer([]) == ""
+
+
+def test_the_headline_names_the_best_and_those_that_are_not_worse(plane, monkeypatch):
+    (found,) = rankings(plane)
+    a, b, c = found.order[:3]
+    tie, worse = (SimpleNamespace(filter=candidate) for candidate in (b, c))
+
+    def headline(*scene_rankings):
+        monkeypatch.setattr(sentences, "rankings", lambda results: [*scene_rankings])
+        return sentences.headline(plane)
+
+    decided = found._replace(best=a, ties=[tie], worse=[worse], undecided=[])
+    first = f"{a.name} has the lowest position RMSE of 4 filters."
+    assert headline(decided) == f"{first} {b.name} does not differ significantly from it."
+    assert headline(decided._replace(ties=[])) == first
+    alike = decided._replace(ties=[tie, worse], worse=[])
+    assert headline(alike) == "The 4 filters do not differ significantly."
+    assert headline(alike._replace(undecided=[worse])) == ""
+    assert headline(found._replace(best=None)) == ""
+    assert headline(decided._replace(order=[a])) == ""
+    assert headline() == ""
+    scenes = [decided._replace(scene={"scenario.T": 1}), decided._replace(scene={"scenario.T": 2})]
+    assert headline(*scenes) == f"{a.label} is among the best at 2 of 2 values of T."
 
 
 @pytest.mark.parametrize("labels", [("KF", "EKF"), ("EKF", "KF")])

@@ -86,7 +86,7 @@ def number(value: float, text: str = "ratio(cpu_s_per_run, B)", **keys: Any) -> 
         (1.00, claim("~", tolerance=5.0), "holds"),
         (2.20, claim("<", right="", expression=measure("ratio(cpu_s_per_run, B)")), "fails"),
         (2.20, claim("<", right="B;C"), "fails"),  # C is not there, but B is enough
-        (0.40, claim("<", right="B;C"), "inconclusive"),
+        (0.40, claim("<", right="B;C"), "not measured"),
         (2.20, claim("<", expression=measure("minus(cpu_s_per_run, B)")), "inconclusive"),
         (3.00, number(1.6), "compatible"),
         (3.00, number(1.3), "differs"),
@@ -97,7 +97,7 @@ def number(value: float, text: str = "ratio(cpu_s_per_run, B)", **keys: Any) -> 
         (0.25, number(10.0, "gain(cpu_s_per_run, B)"), "differs"),  # 0.9
         (3.00, number(0.002, "cpu_s_per_run"), "compatible"),  # s
         (3.00, number(0.2, "cpu_s_per_run"), "differs"),
-        (3.00, number(3.0, label="none"), "inconclusive"),
+        (3.00, number(3.0, label="none"), "not measured"),
     ],
 )
 def test_the_rule(ratio: float, row: Any, word: str) -> None:
@@ -118,7 +118,7 @@ def test_a_claim_against_several_is_that_against_the_weakest() -> None:
 def test_a_folder_of_an_older_version_has_no_verdicts_on_times() -> None:
     folder = Folder({"A": [], "B": []}, Published([], [claim("<")]))
     (found,) = time_verdicts(folder)  # type: ignore[arg-type]
-    assert found.word == "inconclusive"
+    assert found.word == "not measured"
 
 
 def test_tables_say_where_the_ratio_has_to_be() -> None:
@@ -285,7 +285,7 @@ def test_a_filter_that_fails_when_it_is_timed_has_no_times(
     times = {row["filter"]: row["repeats"] for row in rows(folder / TIMING)}
     assert times["HDEPF"] == ""
     assert times["PF"].count(";") == 8
-    assert {row["verdict"] for row in rows(folder / TIME_VERDICTS)} == {"inconclusive"}
+    assert {row["verdict"] for row in rows(folder / TIME_VERDICTS)} == {"not measured"}
     assert len(rows(folder / "claims.csv")) == 1
 
 

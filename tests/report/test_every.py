@@ -134,7 +134,7 @@ def test_steps_that_nothing_is_known_of_are_not_measured(results):
         paper="p", claim="c", left="Exact", expression=measure("rmse@99..last"), right="None"
     )
     judged = judge(claim, Evaluator(results, {}))
-    assert judged.verdict.word == "inconclusive"
+    assert judged.verdict.word == "not measured"
     assert "nothing is known of Exact's rmse@99..last" in judged.note
 
 

@@ -34,6 +34,7 @@ class Folder:
     filters: tuple = ("A", "B")
     grid_points: tuple = ({},)
     batches: int = 1
+    experiment_runs: None = None
 
     @property
     def config(self):
@@ -264,4 +265,5 @@ def test_what_is_not_measured_is_not_fragile(folder):
     error, whole = measure("variance(rmse)"), Evaluator(folder, {})
     claim = Claim(paper="p", claim="c", left="A", expression=error, right="B;none")
     found = judge(claim, whole)
-    assert (found.verdict.word, found.verdict.fragile) == ("inconclusive", False)
+    assert (found.verdict.word, found.verdict.fragile) == ("not measured", False)
+    assert found.note == "no number of none"

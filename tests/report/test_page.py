@@ -250,11 +250,22 @@ def press(browser, selector, text):
     browser.execute_script("arguments[0].click()", it)
 
 
-def test_the_first_screen_shows_the_key_figure_and_the_verdicts(shown):
+def test_the_page_opens_on_the_answer(shown):
+    """The sentence, the ranking with a line a filter, the figure as wide as the page, the verdicts."""
     assert shown.title == "A small & <b>quick</b> experiment"
-    for selector in (".opening figure svg", ".opening .bar", ".facts"):
-        box = part(shown, selector).rect
-        assert box["y"] + box["height"] < 900
+    order = [".opening .answer", ".opening table", ".opening figure", ".opening .bar", ".facts"]
+    tops = [part(shown, selector).rect["y"] for selector in order]
+    assert tops == sorted(tops)
+    assert " has the lowest mean RMSE per run of 4 filters." in part(shown, order[0]).text
+    ranking = part(shown, ".opening .scroll").rect
+    assert ranking["y"] + ranking["height"] < 900
+    rows = shown.find_elements("css selector", ".opening tbody tr")
+    assert max(row.size["height"] for row in rows) < 40
+    drawing = part(shown, ".opening figure svg").rect
+    assert drawing["width"] == part(shown, "main").size["width"] - 48  # the padding
+    script = "return [...document.querySelectorAll('figure svg text')].map("
+    heights = "text => text.getBoundingClientRect().height).filter(height => height > 0)"
+    assert min(shown.execute_script(script + heights)) > 10.0
     for width in (1400, 390):  # tables and figures scroll inside themselves on a phone
         sized(shown, width, 900)
         assert shown.execute_script(WIDE) <= 0

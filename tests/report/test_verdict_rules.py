@@ -120,7 +120,7 @@ def test_the_rounding_of_the_printed_number_turns_no_verdict():
 def test_a_deterministic_number_is_equal_if_it_rounds_to_the_printed_one(value, expected):
     """0.12500001: per_run.csv has seven digits."""
     measured = RunEstimate(value, nan, None, 1)
-    results = SimpleNamespace(deterministic=["KF"], digits_of=lambda label: 7)
+    results = SimpleNamespace(deterministic=["KF"], digits_of=lambda label: 7, experiment_runs=None)
     found = _verdict(number(0.12, digits=2), measured, "KF", results)
     assert found.word == expected
 
@@ -132,7 +132,9 @@ def test_a_deterministic_number_is_equal_if_it_rounds_to_the_printed_one(value, 
 def test_equal_are_all_printed_digits(value, stored, expected):
     """A folder of seven digits cannot show ten."""
     measured = RunEstimate(value, nan, None, 1)
-    results = SimpleNamespace(deterministic=["KF"], digits_of=lambda label: stored)
+    results = SimpleNamespace(
+        deterministic=["KF"], digits_of=lambda label: stored, experiment_runs=None
+    )
     found = _verdict(number(0.4253824661, digits=10), measured, "KF", results)
     assert found.word == expected
 

@@ -1,6 +1,7 @@
 """Published numbers and claims get the verdict they deserve."""
 
 import csv
+import re
 from dataclasses import replace
 from math import isnan, nan
 from types import SimpleNamespace
@@ -196,7 +197,7 @@ def test_a_factor_multiplies_the_measured_number_and_its_standard_error(folder):
 def test_claims_are_decided_by_paired_z(made):
     judged = compare(Results(made)).claims
     words = [j.verdict.word for j in judged]
-    assert words == [*("holds", "fails") * 2, "holds", "inconclusive"]
+    assert words == [*("holds", "fails") * 2, "holds", "not measured"]
     assert all(j.paired and not isnan(j.verdict.z) for j in judged[:5])
 
 
@@ -325,11 +326,35 @@ def test_a_label_that_the_experiment_does_not_have_is_said(folder):
 def test_a_filter_that_was_left_out_is_not_measured(folder, tmp_path):
     options = api.Options(engine="serial", quiet=True, out=tmp_path / "o", only=["PF"], formats=())
     found = api.run(folder / "config.yaml", options).comparison
-    left_out = {row.label: row.note.startswith("not measured") for row in found.rows}
+    left_out = {row.label: row.verdict.word == "not measured" for row in found.rows}
     assert left_out["PF (N=50)"]
     assert left_out["No data"]
     assert not left_out["PF"]
-    assert found.claims[0].note.startswith("not measured")
+    assert found.claims[0].verdict.word == "not measured"
+    assert not summary_lines(found)[0].endswith("inconclusive")
+
+
+def test_fewer_runs_than_the_experiment_has_decide_nothing(folder, tmp_path):
+    """The screen, comparison.md, the page, a notebook and the data say so alike."""
+    config = folder / "config.yaml"
+    options = api.Options(engine="serial", quiet=True, out=tmp_path / "o", runs=20, formats=())
+    report = api.run(config, options)
+    words = {row.verdict.word for row in (*report.comparison.rows, *report.comparison.claims)}
+    assert words <= {"too few runs", "not measured"}
+    (line,) = summary_lines(report.comparison)
+    assert line == "Verdicts on 7 published numbers and 6 claims need all 400 runs."
+    page = (report.folder / "report.html").read_text(encoding="utf-8")
+    page = re.sub("<(script|style|details)>.*?</\\1>", "", page, flags=re.DOTALL)
+    for text in (
+        (report.folder / "comparison.md").read_text(encoding="utf-8"),
+        page,
+        report._repr_html_(),
+        "\n".join(summary_lines(api.compare(report.folder))),
+    ):
+        assert line in text
+        assert not re.search(r"\b(holds?|fails?|agrees?|compatible|differs|inconclusive)\b", text)
+    again = api.run(config, options.changed({"runs": None, "out": tmp_path / "p"})).comparison
+    assert "agrees" in {row.verdict.word for row in again.rows}
 
 
 def test_a_printed_number_without_a_filter_is_listed_and_has_no_verdict(folder):
@@ -358,7 +383,7 @@ def test_a_point_that_the_grid_does_not_have_is_not_measured(folder):
         path.write_text("\n".join(lines) + "\n")
     found = api.compare(folder)
     for judged in (found.rows[1], found.claims[1]):
-        assert judged.verdict.word == "inconclusive"
+        assert judged.verdict.word == "not measured"
         assert judged.note.startswith("no results at scenario.sensor.R=5")
     assert found.rows[0].verdict.word == "agrees"
 
@@ -373,8 +398,9 @@ def test_a_point_that_cannot_be_read_is_said(folder):
 
 
 def test_a_claim_without_a_standard_error_is_not_decided(folder, tmp_path):
-    config = tmp_path / "small" / "config.yaml"
-    options = api.Options(engine="serial", quiet=True, out=tmp_path / "o", runs=1, formats=())
+    config = folder / "config.yaml"
+    config.write_text(config.read_text().replace("\nruns: 400\n", "\nruns: 1\n"))
+    options = api.Options(engine="serial", quiet=True, out=tmp_path / "o", formats=())
     judged = api.run(config, options).comparison.claims[0]
     assert judged.verdict.word == "inconclusive"
     assert isnan(judged.verdict.z)
@@ -434,7 +460,7 @@ def test_an_exact_number_stands_for_the_runs_unless_some_are_lost(lost):
     evidence = SimpleNamespace(
         term=lambda m: term,
         exact=lambda m: 1.0,
-        results=SimpleNamespace(deterministic=[], batches=4),
+        results=SimpleNamespace(deterministic=[], batches=4, experiment_runs=None),
     )
     published = replace(number(1.0, digits=1), label="A", expression=measure("mean(rmse)"))
     (row,) = _compare_readings(published, evidence)

@@ -321,22 +321,13 @@ def _print_report(
 
 def _verdict_lines(report: "Report", config: Path) -> Iterator[str]:
     """Yield the counts of verdicts on papers, or the number of runs that they need."""
-    from trackbench.config.shipped_experiments import located
-    from trackbench.errors import UserError
-    from trackbench.report.verdicts.files import bars
-    from trackbench.yaml_source import read
+    from trackbench.report.verdicts.files import bars, needed_runs
 
+    needed = needed_runs(report.comparison)
+    if needed:
+        yield f"{needed}: trackbench run {config}"
     counts = bars(report.comparison)
     if not counts:
-        return
-    # Verdicts on fewer runs than the config has are not shown.
-    config_runs = None
-    with suppress(UserError):
-        if str(config) != "-":  # stdin is read once
-            config_runs = read(located(config, lambda line: None)).data.get("runs")
-    if isinstance(config_runs, int) and config_runs > report.config["runs"]:
-        titles = " and ".join(bar.title for bar in counts)
-        yield f"Verdicts on {titles} need all {config_runs} runs: trackbench run {config}"
         return
     texts = []
     for bar in counts:

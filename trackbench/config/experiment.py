@@ -245,6 +245,8 @@ class Experiment:
     """keys that are tuned, by label of the filter"""
     training: Point | None = None
     """the first point, with the scenario that filters are tuned on"""
+    runs_of_config: int | None = None
+    """runs that the config has without options such as ``--runs``; None if recordings decide"""
 
     @property
     def parts(self) -> dict[Group, dict[str, Exhibit]]:

@@ -7,7 +7,7 @@ together, as ``filters.A.q & filters.B.q: [0, 1]``.
 
 import copy
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
@@ -155,6 +155,7 @@ def load(
     source.programs = None if allow_plugins else {str(file.absolute()) for file in chosen}
     # Step 2: put it together: files that it includes, then options of the command line.
     unread = inline_parts(source, home)
+    runs_of_config = source.data.get("runs")
     added_labels = add_filters(source, filter_files)
     for text in overrides:
         keys, value, mark = assignment(source, text)
@@ -183,7 +184,12 @@ def load(
         raise _with_unread_components(error, unread) from None
     if unread:
         raise _with_unread_components(UserError(), unread)
-    return experiment
+    is_recorded = any(p.scenario.recorded_runs is not None for p in experiment.points)
+    if runs_of_config is None and not is_recorded:
+        runs_of_config = Settings.runs
+    if not isinstance(runs_of_config, int):
+        return experiment
+    return replace(experiment, runs_of_config=runs_of_config)
 
 
 def _with_unread_components(error: UserError, unread: dict[str, list[Problem]]) -> UserError:

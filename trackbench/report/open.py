@@ -25,6 +25,7 @@ _MANIFEST_TYPES: dict[str, type] = {
     "python": str,
     "platform": str,
     "failed": list,
+    "experiment_runs": int,
     "loops_over_runs": list,
     "deterministic": list,
 }

@@ -37,7 +37,7 @@ from trackbench.field_types import require_regular_file
 from trackbench.plugins.load import loaded_identities
 from trackbench.registry import is_plugin
 from trackbench.report.findings.ranking_table import ranking_tables
-from trackbench.report.findings.sentences import answer
+from trackbench.report.findings.sentences import answer, headline
 from trackbench.report.kinds import FigureKind, TableKind, figure_folder
 from trackbench.report.paired import compared_statistics
 from trackbench.report.plotting import style
@@ -279,6 +279,11 @@ def render(
 def conclusions(results: Results) -> list[str]:
     """Return the sentences on the filters; none if they fail."""
     return results.attempt("conclusions", lambda: answer(results), [])
+
+
+def best_filter(results: Results) -> str:
+    """Return the sentence on the best filter; empty if it fails, or no filter is best."""
+    return results.attempt("headline", lambda: headline(results), "")
 
 
 def ranking(results: Results, numbers: bool = False) -> list[TextTable]:

@@ -174,6 +174,11 @@ class ResultsFolder:
             return read_manifest(self.folder)
 
     @property
+    def experiment_runs(self) -> int | None:
+        """Runs of the experiment if an option such as ``--quick`` took fewer; else None."""
+        return self.manifest.get("experiment_runs")
+
+    @property
     def deterministic(self) -> list[str]:
         """Labels of the filters whose numbers hold no randomness: no draws, recorded data."""
         return self.manifest.get("deterministic", [])

@@ -53,6 +53,8 @@ NO_SIGN = 0.5
 NEAR = 0.1
 """Share of a published number within which the difference must lie to be none."""
 UNDECIDED = "inconclusive"
+TOO_FEW_RUNS = "too few runs"
+NOT_MEASURED = "not measured"
 HOW_DECIDED = (
     "beyond five standard errors of all runs, and three without any one batch of them; an equality, a "
     "share of runs or one recording beyond three"
@@ -70,6 +72,8 @@ MEANINGS = {
     "differs": "significantly; without random numbers on recorded data, in its digits",
     "holds": "significant",
     "fails": "the opposite is significant",
+    TOO_FEW_RUNS: "this run has fewer runs than the experiment, and a verdict needs all of them",
+    NOT_MEASURED: "no filter of this run measures it",
 }
 """Verdicts with their meanings; the first five are those on a number, the best first."""
 NUMBER_WORDS = (*MEANINGS,)[:5]

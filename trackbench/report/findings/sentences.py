@@ -1,8 +1,12 @@
-"""Sentences on what a ranking's table cannot say: why no filter is best, tuning, other metrics."""
+"""Sentences on a ranking: which filter is best, or why none is; tuning, other metrics."""
+
+from collections import Counter
+from collections.abc import Sequence
 
 from trackbench.config.tuning import tuned_label
 from trackbench.errors import counted
-from trackbench.report.findings.phrases import listed, metric_words, verb
+from trackbench.report.findings import phrases
+from trackbench.report.findings.phrases import listed, metric_words, statistic_words, verb
 from trackbench.report.findings.ranking import Ranking, ranking_metrics, rankings
 from trackbench.report.results import Results
 from trackbench.statistics import rules
@@ -11,6 +15,43 @@ HOW_DECIDED = (
     f"Filters differ significantly {rules.HOW_FILTERS_DIFFER}. A ratio has its 95 % interval. A filter "
     "that loses significantly more runs than another is unranked."
 )
+
+
+def headline(results: Results) -> str:
+    """Return the sentence on the best filter; empty if none is best, which `answer` explains."""
+    scene_rankings = rankings(results)
+    if len(scene_rankings) > 1:
+        return _headline_over_scenes(scene_rankings)
+    if not scene_rankings:
+        return ""
+    (ranking,) = scene_rankings
+    number = len(ranking.order)
+    if ranking.best is None or number < 2:
+        return ""
+    if not ranking.worse:
+        is_tested = not ranking.undecided
+        return f"The {number} filters do not differ significantly." if is_tested else ""
+    extreme = "highest" if ranking.metric.family[0].is_score else "lowest"
+    statistic = ranking.best.sample.statistic if ranking.runs > 1 else "rms"
+    words = statistic_words(statistic, ranking.metric)
+    sentence = f"{ranking.best.name} has the {extreme} {words} of {number} filters."
+    if ranking.ties:
+        names = [tie.filter.name for tie in ranking.ties]
+        verb_of_names = "does" if len(names) == 1 else "do"
+        sentence += f" {listed(names)} {verb_of_names} not differ significantly from it."
+    return sentence
+
+
+def _headline_over_scenes(scene_rankings: Sequence[Ranking]) -> str:
+    """Return the sentence on the filter that is among the best most often; empty if none ever is."""
+    times_best = Counter[str]()
+    for ranking in scene_rankings:
+        times_best.update(candidate.label for candidate in ranking.among_the_best)
+    if not times_best:
+        return ""
+    label, times = times_best.most_common(1)[0]
+    paths = phrases.joined(phrases.axis(path) for path in scene_rankings[0].scene)
+    return f"{label} is among the best at {times} of {len(scene_rankings)} values of {paths}."
 
 
 def answer(results: Results) -> list[str]:

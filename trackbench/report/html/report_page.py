@@ -16,13 +16,19 @@ from trackbench.report.findings import phrases
 from trackbench.report.findings.sentences import HOW_DECIDED
 from trackbench.report.html.svg import inline
 from trackbench.report.kinds import FigureKind, figure_folder
-from trackbench.report.render import conclusions, draw_figure, ranking
+from trackbench.report.render import best_filter, conclusions, draw_figure, ranking
 from trackbench.report.results import Results
 from trackbench.report.table import Text, TextTable, rounded
 from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
-from trackbench.report.verdicts.files import bars, summary_lines, verdict_tables
+from trackbench.report.verdicts.files import (
+    bars,
+    needed_runs,
+    summary_lines,
+    verdict_tables,
+)
 from trackbench.report.verdicts.numbers import Verdicts, compare
 from trackbench.statistics import rules
+from trackbench.statistics.rules import NOT_MEASURED, TOO_FEW_RUNS, UNDECIDED
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -66,9 +72,11 @@ def write_report(
         name=results.config["name"],
         title=results.title,
         ranking=ranked[0] if ranked else None,
+        best=best_filter(results),
         answer=conclusions(results),
         how_decided=HOW_DECIDED,
         counted=bars(comparison),
+        needed=needed_runs(comparison),
         key=figures[0] if figures else None,
         figures=figures[1:],
         facts=_facts(results),
@@ -270,7 +278,9 @@ VERDICTS = {
     "compatible": "fair",
     "differs": "bad",
     "fails": "bad",
-    "inconclusive": "open",
+    UNDECIDED: "open",
+    TOO_FEW_RUNS: "open",
+    NOT_MEASURED: "open",
 }
 """Verdicts and how they look."""
 

@@ -102,7 +102,7 @@ def inline(content: bytes, name: str, title: str) -> str:
     look = "stroke-linejoin: round; stroke-linecap: butt"
     points = re.fullmatch(r"([0-9.]+)pt", width)
     if points:  # so that letters are of one size in narrow figures and in wide ones
-        look += f"; --natural: {float(points.group(1)) / 9.7:.1f}rem"
+        look += f"; --natural: {float(points.group(1)) / 7.75:.1f}rem"
     root.set("style", look)
     root.set("role", "img")
     root.set("aria-labelledby", f"{name}-title")

@@ -25,7 +25,7 @@ from trackbench.report.verdicts.searches import searched_points, ways_to_measure
 from trackbench.statistics.comparison import as_family, compare_estimates
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.over_runs import Estimate, mean
-from trackbench.statistics.rules import CLAIM_WORDS, NEAR
+from trackbench.statistics.rules import CLAIM_WORDS, NEAR, UNDECIDED
 
 
 class Number(NamedTuple):
@@ -344,7 +344,8 @@ def _judge_measured(
         verdicts = [judge(claim, evaluator) for evaluator in evaluators]
         if any(verdict.is_measured for verdict in verdicts):
             measured_claims.append(claim)
-            words_of_claims.append([verdict.verdict.word for verdict in verdicts])
+            words = [verdict.verdict.word for verdict in verdicts]
+            words_of_claims.append([word if word in CLAIM_WORDS else UNDECIDED for word in words])
     return measured_claims, words_of_claims
 
 

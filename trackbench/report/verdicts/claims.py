@@ -8,13 +8,12 @@ from trackbench.config.published import Claim, PublishedNumber, picks
 from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.report.expressions import Evaluator
+from trackbench.report.findings import phrases
 from trackbench.report.results import Results
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import rules
 from trackbench.statistics.estimates import RunEstimate, gain, quotient
-from trackbench.statistics.rules import UNDECIDED, Verdict
-
-NOT_MEASURED = "not measured"
+from trackbench.statistics.rules import NOT_MEASURED, TOO_FEW_RUNS, UNDECIDED, Verdict
 
 
 class ClaimVerdict(NamedTuple):
@@ -66,11 +65,15 @@ def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
     losing = [_loses_more(evidence, claim, right) for right in claim.rights]
     if verdict.word == "holds" and any(losing):
         verdict = verdict._replace(word=UNDECIDED, fragile=False)
-    # Step 4: the reasons.
-    is_measured = not isnan(weakest.term.value)
+    # Step 4: no verdict without a number, and none of fewer runs than the experiment has.
+    missing_labels = _missing_labels(evidence, weakest)
+    if missing_labels:
+        return _unjudged(claim, f"no number of {phrases.joined(missing_labels)}")
+    if evidence.results.experiment_runs is not None:
+        verdict = verdict._replace(word=TOO_FEW_RUNS, fragile=False)
+    # Step 5: the reasons.
     note = noted(
         *losing,
-        "" if is_measured else NOT_MEASURED,
         _values_compared(evidence, weakest),
         _size(evidence, weakest),
         _significance(verdict),
@@ -82,17 +85,17 @@ def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
         verdict=verdict,
         paired=weakest.term.splits,
         note=note,
-        is_measured=is_measured,
+        is_measured=not isnan(weakest.term.value),
     )
 
 
 def _unjudged(claim: Claim, why: str) -> ClaimVerdict:
-    """Return an inconclusive verdict, with the reason why the claim cannot be judged."""
+    """Return the verdict on a claim that nothing measures, with the reason if there is one."""
     return ClaimVerdict(
         claim=claim,
-        verdict=Verdict(UNDECIDED, nan),
+        verdict=Verdict(NOT_MEASURED, nan),
         paired=False,
-        note=noted(why or NOT_MEASURED, claim.note),
+        note=noted(why, claim.note),
         is_measured=False,
     )
 
@@ -205,6 +208,16 @@ def _weakest(zs_of_tests: list[list[float]], steps: int) -> list[float]:
     if not all(zs_of_tests):
         return []
     return [rules.weakest(zs, steps) for zs in zip(*zs_of_tests, strict=True)]
+
+
+def _missing_labels(evaluator: Evaluator, test: _Test) -> list[str]:
+    """List the filters of a test that have no number, and have not lost their runs either."""
+    labels: dict[str, None] = {}
+    for side in test.claim.sides(test.right):
+        term = evaluator.term(side)
+        if isnan(term.value) and not term.lost:
+            labels[side.filter] = None
+    return list(labels)
 
 
 def _values_compared(evaluator: Evaluator, test: _Test) -> str:

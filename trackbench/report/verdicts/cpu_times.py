@@ -20,7 +20,7 @@ from trackbench.report.table import Text, TextTable
 from trackbench.report.verdicts.claims import point_of
 from trackbench.results.folder_contents import TIME_VERDICTS
 from trackbench.statistics.over_runs import interval, median
-from trackbench.statistics.rules import UNDECIDED
+from trackbench.statistics.rules import NOT_MEASURED, UNDECIDED
 
 SCATTER = 2.0
 """Factor by which a ratio of two filters' times may differ on another machine or at another time."""
@@ -88,7 +88,7 @@ def _judge_claim(results: Results, claim: Claim) -> TimeVerdict:
     """Judge a claim: it has the worst verdict of its comparisons."""
     other = claim.expression.other if claim.expression else ""
     verdicts = [_judge(results, claim, claim.left, right) for right in claim.rights or [other]]
-    worst_first = ("fails", UNDECIDED, "holds")
+    worst_first = ("fails", NOT_MEASURED, UNDECIDED, "holds")
     return min(verdicts, key=lambda verdict: worst_first.index(verdict.word))
 
 
@@ -114,8 +114,8 @@ def _judge(results: Results, row: PublishedNumber | Claim, left: str, right: str
     value = nan
     low = nan
     high = nan
-    word = UNDECIDED
-    all_timed = len(seconds) == len(labels) > 0
+    all_timed = len(seconds) == len(labels) > 0 and all(map(len, seconds))
+    word = UNDECIDED if all_timed else NOT_MEASURED
     repeats = {len(times) for times in seconds}
     if wanted is not None and all_timed and len(repeats) == 1 and max(repeats) > 1:
         ratios = seconds[0] / (seconds[1] if right else 1.0)

@@ -18,6 +18,8 @@ from trackbench.results.folder_contents import DIGITS, TIME_VERDICTS
 from trackbench.statistics.rules import (
     HOW_DECIDED,
     MEANINGS,
+    NOT_MEASURED,
+    TOO_FEW_RUNS,
     UNDECIDED,
     Verdict,
 )
@@ -54,7 +56,10 @@ class Bar(NamedTuple):
         return f"{self.title}: {', '.join(texts)}"
 
 
-_WORDS = ("equal", "agrees", "compatible", "differs", "holds", "fails", UNDECIDED)
+_WORDS = (
+    *("equal", "agrees", "compatible", "differs", "holds", "fails"),
+    *(UNDECIDED, TOO_FEW_RUNS, NOT_MEASURED),
+)
 """Words of verdicts, in the order in which they are counted."""
 
 
@@ -67,13 +72,32 @@ def tallies(verdicts: Iterable[Compared | ClaimVerdict]) -> list[Tally]:
     for word in _WORDS:
         number = numbers[word]
         if number:
-            verb = word.removesuffix("s") if number > 1 and word in _VERBS else word
+            verb = word
+            if word == TOO_FEW_RUNS:
+                verb = f"with {word}"
+            elif number > 1 and word in _VERBS:
+                verb = word.removesuffix("s")
             found.append(Tally(number=number, word=word, verb=verb, fragile=fragile[word]))
     return found
 
 
 def bars(comparison: Verdicts) -> list[Bar]:
-    """Return a bar of the numbers, one of the words on a bias, one of the claims, without empty ones."""
+    """Return a bar of the numbers, one of the words on a bias, one of the claims, without empty ones.
+
+    There is none of results with fewer runs than the experiment: see `needed_runs`.
+    """
+    return [] if comparison.experiment_runs is not None else _all_bars(comparison)
+
+
+def needed_runs(comparison: Verdicts) -> str:
+    """Return the sentence on verdicts that need more runs; empty if the results have all runs."""
+    titles = " and ".join(bar.title for bar in _all_bars(comparison))
+    if comparison.experiment_runs is None or not titles:
+        return ""
+    return f"Verdicts on {titles} need all {comparison.experiment_runs} runs"
+
+
+def _all_bars(comparison: Verdicts) -> list[Bar]:
     # Words on a bias are counted apart from numbers.
     words = []
     numbers = []
@@ -189,7 +213,12 @@ def _yes(flag: bool) -> str:
 
 
 def summary_lines(comparison: Verdicts) -> list[str]:
-    """Return a line each on numbers, counted once, words on a bias, claims, and numbers left out."""
+    """Return a line each on numbers, counted once, words on a bias, claims, and numbers left out.
+
+    Of results with fewer runs than the experiment the line says how many runs the verdicts need.
+    """
+    if needed_runs(comparison):
+        return [f"{needed_runs(comparison)}."]
     lines = [bar.words for bar in bars(comparison)]
     tried = [number for number in comparison.numbers if number.readings > 1]
     if tried:

@@ -17,7 +17,6 @@ from trackbench.errors import counted
 from trackbench.report.expressions import Evaluator
 from trackbench.report.results import Results
 from trackbench.report.verdicts.claims import (
-    NOT_MEASURED,
     ClaimVerdict,
     evidence_at,
     judge,
@@ -28,7 +27,13 @@ from trackbench.report.verdicts.cpu_times import without_times
 from trackbench.report.verdicts.searches import searched_numbers
 from trackbench.statistics import rules
 from trackbench.statistics.estimates import MISSING, RunEstimate
-from trackbench.statistics.rules import NEAR, NUMBER_WORDS, UNDECIDED, Verdict
+from trackbench.statistics.rules import (
+    NEAR,
+    NOT_MEASURED,
+    NUMBER_WORDS,
+    TOO_FEW_RUNS,
+    Verdict,
+)
 
 FEWER_STORED = "has all digits that are stored, but more are printed: run the experiment again"
 
@@ -82,6 +87,8 @@ class Verdicts:
     ranks: list[Ranked]
     left_out: list[PublishedNumber] = field(default_factory=list)
     """printed numbers that no filter here measures: without a verdict"""
+    experiment_runs: int | None = None
+    """runs of the experiment, if the results have fewer: then nothing is decided"""
 
     def __repr__(self) -> str:
         numbers = counted(len(self.numbers), "number")
@@ -98,6 +105,10 @@ class Verdicts:
         return [Reproduced(rows) for rows in rows_by_place.values()]
 
 
+_BEST_FIRST = (*NUMBER_WORDS, TOO_FEW_RUNS, NOT_MEASURED)
+"""Words of verdicts on one number under several readings."""
+
+
 def _sort_key(row: Compared) -> tuple[int, float]:
     """Return a key that sorts the best verdict first; of equal ones the nearest value."""
     printed = row.published.value
@@ -105,7 +116,7 @@ def _sort_key(row: Compared) -> tuple[int, float]:
     off = inf
     if not isinstance(printed, str) and isfinite(value):
         off = abs(value - printed)
-    return NUMBER_WORDS.index(row.verdict.word), off
+    return _BEST_FIRST.index(row.verdict.word), off
 
 
 def compare(results: Results) -> Verdicts:
@@ -133,7 +144,13 @@ def compare(results: Results) -> Verdicts:
     claims = [judge(claim, evidence_of(claim.point)) for claim in published.claims]
     searched = list(_best_of_searches(results))
     ranks = list(rank_agreement(rows))
-    return Verdicts(rows=[*rows, *searched], claims=claims, ranks=ranks, left_out=left_out)
+    return Verdicts(
+        rows=[*rows, *searched],
+        claims=claims,
+        ranks=ranks,
+        left_out=left_out,
+        experiment_runs=results.experiment_runs,
+    )
 
 
 def _best_of_searches(results: Results) -> Iterator[Compared]:
@@ -198,12 +215,12 @@ def _compare_readings(number: PublishedNumber, evidence: Evaluator | None) -> It
     ``evidence`` has the measures at the number's point; None if there are no results.
     """
     if evidence is None or not number.expression:
-        why = no_results(number, evidence) or NOT_MEASURED
+        why = no_results(number, evidence)
         yield Compared(
             published=number,
             label="",
             measured=MISSING,
-            verdict=Verdict(UNDECIDED, nan),
+            verdict=Verdict(NOT_MEASURED, nan),
             note=noted(why, number.reading, number.note),
         )
         return
@@ -225,11 +242,9 @@ def _compare_readings(number: PublishedNumber, evidence: Evaluator | None) -> It
             )
         # Step 3: the verdict, with its reasons.
         verdict = _verdict(judged_number, measured, label, evidence.results)
-        is_missing = isnan(measured.value) and not measured.lost
         has_all_stored_digits = verdict.word == "agrees" and isnan(verdict.z)
         note = noted(
             "differs by less than 10 %" if _is_near(number, measured, verdict) else "",
-            NOT_MEASURED if is_missing else "",
             measured.losses,
             FEWER_STORED if has_all_stored_digits else "",
             "" if exact is None else "exact, without runs",
@@ -252,9 +267,15 @@ def _verdict(
 ) -> Verdict:
     """Judge a number; a filter without random numbers on recorded data has the digits, or not.
 
-    It `agrees` if it has all digits that are stored, and more are printed.
+    It `agrees` if it has all digits that are stored, and more are printed. Of fewer runs than the
+    experiment has, only z is known.
     """
     value = measured.value
+    if isnan(value) and not measured.lost:
+        return Verdict(NOT_MEASURED, nan)
+    if results.experiment_runs is not None:
+        verdict = rules.number_verdict(number, measured, measured.parts(results.batches))
+        return verdict._replace(word=TOO_FEW_RUNS, fragile=False)
     is_number = not isinstance(number.value, str) and isfinite(value)
     if label not in results.deterministic or not is_number:
         return rules.number_verdict(number, measured, measured.parts(results.batches))
