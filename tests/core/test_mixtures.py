@@ -90,3 +90,11 @@ def test_a_hundred_small_pivots_do_not_underflow(rng: np.random.Generator) -> No
     expected = 1.0 / (1.0 + np.exp(logs[0] - logs[1]))
     assert w[1, 0] == pytest.approx(expected, rel=1e-10)
     assert 1e-6 < w[1, 0] < 1.0 - 1e-6
+
+
+def test_an_impossible_model_of_infinite_density_does_not_spoil_the_weights() -> None:
+    predicted = np.array([[0.3], [0.0], [0.7]])
+    nis = np.array([[4000.0], [1.0], [4001.0]])
+    weights = update_weights(predicted, nis)
+    assert weights[1] == 0.0
+    assert np.isclose(weights.sum(), 1.0)

@@ -43,7 +43,7 @@ static int any_nan(const double *a, Size n) {
 
 /* ---- arguments ---- */
 
-typedef struct { Py_buffer views[10]; int count; } Buffers;
+typedef struct { Py_buffer views[20]; int count; } Buffers;
 
 static void release(Buffers *b) { while (b->count) PyBuffer_Release(&b->views[--b->count]); }
 
@@ -697,43 +697,46 @@ KERNEL(c_joseph) {
   ANSWER(1);
 }
 
-/* factor(P, L, tolerance): the lower Cholesky factor, `_factor`; L is zero before. */
+/* The lower Cholesky factor of this chunk, `_factor`; L is zero before. */
+static void factor(const Matrix *P, const Matrix *L, double tolerance, Size from, Size n) {
+  for (Size j = 0; j < P->rows; j++) {
+    const double *variance = P->at + j * (P->row + P->column) + from;
+    double pivot[CHUNK], products[CHUNK];
+    double *root = L->at + j * (L->row + L->column) + from;
+    for (Size i = j; i < P->rows; i++) {
+      /* Step 1: P_ij less the products of the columns before. */
+      const double *p = P->at + i * P->row + j * P->column + from;
+      double *at = L->at + i * L->row + j * L->column + from, *value = i == j ? pivot : at;
+      for (Size k = 0; k < j; k++) {
+        const double *a = L->at + i * L->row + k * L->column + from, *c = L->at + j * L->row + k * L->column + from;
+        if (k) for (Size l = 0; l < n; l++) products[l] += a[l] * c[l];
+        else for (Size l = 0; l < n; l++) products[l] = a[l] * c[l];
+      }
+      for (Size l = 0; l < n; l++) value[l] = j ? p[l] - products[l] : p[l];
+      /* Step 2: divide by the pivot's root. */
+      if (i == j) for (Size l = 0; l < n; l++) root[l] = sqrt(pivot[l]);
+      else for (Size l = 0; l < n; l++) at[l] /= root[l];
+    }
+    if (P->rows == 1 && tolerance == 0.0) continue; /* the root alone */
+    /* Step 3: zeros where there is no variance, NaN where P is not definite. */
+    for (Size i = j; i < P->rows; i++) {
+      double *at = L->at + i * L->row + j * L->column + from;
+      for (Size l = 0; l < n; l++) {
+        double least = tolerance != 0.0 ? tolerance * variance[l] : 0.0;
+        if (!(pivot[l] > least)) at[l] = variance[l] == 0.0 || fabs(pivot[l]) < least ? 0.0 : NAN;
+      }
+    }
+  }
+}
+
+/* factor(P, L, tolerance) */
 KERNEL(c_factor) {
   OPEN_STRIDED(2, 1);
   Matrix P, L;
   double tolerance = PyFloat_AsDouble(args[2]);
   if (!as_matrix(&b.views[0], 0, &P) || !as_matrix(&b.views[1], 0, &L) || P.constant) ANSWER(0);
-  for (Size from = 0; from < P.batch; from += CHUNK) {
-    Size n = P.batch - from < CHUNK ? P.batch - from : CHUNK;
-    for (Size j = 0; j < P.rows; j++) {
-      const double *variance = P.at + j * (P.row + P.column) + from;
-      double pivot[CHUNK], products[CHUNK];
-      double *root = L.at + j * (L.row + L.column) + from;
-      for (Size i = j; i < P.rows; i++) {
-        /* Step 1: P_ij less the products of the columns before. */
-        const double *p = P.at + i * P.row + j * P.column + from;
-        double *at = L.at + i * L.row + j * L.column + from, *value = i == j ? pivot : at;
-        for (Size k = 0; k < j; k++) {
-          const double *a = L.at + i * L.row + k * L.column + from, *c = L.at + j * L.row + k * L.column + from;
-          if (k) for (Size l = 0; l < n; l++) products[l] += a[l] * c[l];
-          else for (Size l = 0; l < n; l++) products[l] = a[l] * c[l];
-        }
-        for (Size l = 0; l < n; l++) value[l] = j ? p[l] - products[l] : p[l];
-        /* Step 2: divide by the pivot's root. */
-        if (i == j) for (Size l = 0; l < n; l++) root[l] = sqrt(pivot[l]);
-        else for (Size l = 0; l < n; l++) at[l] /= root[l];
-      }
-      if (P.rows == 1 && tolerance == 0.0) continue; /* the root alone */
-      /* Step 3: zeros where there is no variance, NaN where P is not definite. */
-      for (Size i = j; i < P.rows; i++) {
-        double *at = L.at + i * L.row + j * L.column + from;
-        for (Size l = 0; l < n; l++) {
-          double least = tolerance != 0.0 ? tolerance * variance[l] : 0.0;
-          if (!(pivot[l] > least)) at[l] = variance[l] == 0.0 || fabs(pivot[l]) < least ? 0.0 : NAN;
-        }
-      }
-    }
-  }
+  for (Size from = 0; from < P.batch; from += CHUNK)
+    factor(&P, &L, tolerance, from, P.batch - from < CHUNK ? P.batch - from : CHUNK);
   ANSWER(1);
 }
 
@@ -912,7 +915,20 @@ KERNEL(c_log_prob) {
   ANSWER(1);
 }
 
-/* mix(w, m, P, mean, cov): cov += w (P + e e') with e = m - mean, a state's share in `combine`. */
+/* cov += w (P + e e') with e = m - mean, a state's share in `combine`; w (n) are this chunk's. */
+static void mix(const double *w, const Matrix *m, const Matrix *P, const Matrix *mean, const Matrix *cov, Size from, Size n) {
+  for (Size i = 0; i < m->rows; i++)
+    for (Size k = 0; k < m->rows; k++) {
+      const double *m_i = m->at + i * m->row + from, *m_k = m->at + k * m->row + from;
+      const double *p = P->at + i * P->row + k * P->column + (P->constant ? 0 : from);
+      const double *mean_i = mean->at + i * mean->row + from, *mean_k = mean->at + k * mean->row + from;
+      double *restrict sum = cov->at + i * cov->row + k * cov->column + from;
+      for (Size l = 0; l < n; l++)
+        sum[l] += w[l] * ((P->constant ? *p : p[l]) + (m_i[l] - mean_i[l]) * (m_k[l] - mean_k[l]));
+    }
+}
+
+/* mix(w, m, P, mean, cov) */
 KERNEL(c_mix) {
   OPEN_STRIDED(5, 4);
   Matrix m, P, mean, cov;
@@ -921,16 +937,144 @@ KERNEL(c_mix) {
       || b.views[0].strides[0] != 8 || b.views[0].shape[0] != m.batch || !(P.constant || P.batch == m.batch)
       || P.rows != m.rows || P.columns != m.rows)
     ANSWER(0);
-  const double *w = DOUBLES(0);
-  for (Size i = 0; i < m.rows; i++)
-    for (Size k = 0; k < m.rows; k++) {
-      const double *m_i = m.at + i * m.row, *m_k = m.at + k * m.row, *p = P.at + i * P.row + k * P.column;
-      const double *mean_i = mean.at + i * mean.row, *mean_k = mean.at + k * mean.row;
-      double *restrict sum = cov.at + i * cov.row + k * cov.column;
-      for (Size l = 0; l < m.batch; l++)
-        sum[l] += w[l] * ((P.constant ? *p : p[l]) + (m_i[l] - mean_i[l]) * (m_k[l] - mean_k[l]));
-    }
+  mix(DOUBLES(0), &m, &P, &mean, &cov, 0, m.batch);
   ANSWER(1);
+}
+
+enum { MODELS = 6 };
+
+/* The moments of r Gaussians with weights w (r, CHUNK), `combine`. */
+static void combine(double (*w)[CHUNK], const Matrix *m, const Matrix *P, Size r, const Matrix *mean, const Matrix *cov,
+                    Size from, Size n) {
+  for (Size a = 0; a < mean->rows; a++) {
+    double *restrict sum = mean->at + a * mean->row + from;
+    for (Size l = 0; l < n; l++) sum[l] = 0.0;
+    for (Size i = 0; i < r; i++) {
+      const double *m_i = m[i].at + a * m[i].row + from;
+      for (Size l = 0; l < n; l++) sum[l] += w[i][l] * m_i[l];
+    }
+    for (Size c = 0; c < mean->rows; c++) memset(cov->at + a * cov->row + c * cov->column + from, 0, sizeof(double) * n);
+  }
+  for (Size i = 0; i < r; i++) mix(w[i], &m[i], &P[i], mean, cov, from, n);
+}
+
+/* interact(F, Q, H, R, transition, z, powers, exp constants, means, covs, weights, predicted means, covs and weights, nu,
+   S, nis, mean, cov, r, n, n_z, M): the IMM of constant models over all steps, `interact` of mixtures.py. Axes of steps and
+   runs come last; means, covs and weights begin with those before the first step. False if a likelihood is not finite. */
+KERNEL(c_interact) {
+  OPEN(19, 8);
+  Size r = WHOLE(19), n = WHOLE(20), n_z = WHOLE(21), M = WHOLE(22), batch = LENGTH(5) / n_z, longer = batch + M;
+  const double *change = DOUBLES(4), *powers = DOUBLES(6), *c = DOUBLES(7);
+  static double mixed_memory[MOST * CHUNK], mixed_cov_memory[MOST * CHUNK], gain_memory[MOST * CHUNK], memory[MOST * CHUNK];
+  static double root_memory[4 * CHUNK], known_memory[2 * CHUNK], rows_memory[MOST], share[MODELS][CHUNK], nis[MODELS][CHUNK];
+  static double scale[MODELS][CHUNK], weight[MODELS][CHUNK];
+  static int exponent[MODELS][CHUNK];
+  int finite = 1;
+  for (Size k = 0; k < batch && finite; k += M) {
+    const double *z = DOUBLES(5) + k;
+    /* Missing components (NaN, in all runs) are left out, `drop_missing`. */
+    int missing[2] = {isnan(z[0]), n_z == 2 && isnan(z[batch])}, nothing = missing[0] && missing[n_z - 1];
+    double noise_memory[4];
+    Matrix H = {DOUBLES(2), n_z, n, n, 1, 1, 1}, R = {DOUBLES(3), n_z, n_z, n_z, 1, 1, 1};
+    Matrix rows = {rows_memory, n_z, n, n, 1, 1, 1}, noise = {noise_memory, n_z, n_z, n_z, 1, 1, 1};
+    for (Size i = 0; i < n_z; i++) {
+      for (Size j = 0; j < n; j++) rows_memory[i * n + j] = missing[i] ? 0.0 : H.at[i * n + j];
+      for (Size j = 0; j < n_z; j++)
+        noise_memory[i * n_z + j] = missing[i] || missing[j] ? i == j : R.at[i * n_z + j];
+    }
+    for (Size from = 0; from < M; from += CHUNK) {
+      Size count = M - from < CHUNK ? M - from : CHUNK;
+      Matrix m[MODELS], P[MODELS], m_after[MODELS], P_after[MODELS];
+      for (Size j = 0; j < r; j++) {
+        m[j] = (Matrix){DOUBLES(8) + j * n * longer + k, n, 1, longer, 0, longer, 0};
+        P[j] = (Matrix){DOUBLES(9) + j * n * n * longer + k, n, n, n * longer, longer, longer, 0};
+        m_after[j] = m[j], m_after[j].at += M;
+        P_after[j] = P[j], P_after[j].at += M;
+      }
+      for (Size j = 0; j < r; j++) {
+        /* Step 1: c_j = sum_i p_ij mu_i, mu_i|j = p_ij mu_i / c_j. */
+        double *restrict predicted = DOUBLES(13) + j * batch + k + from;
+        for (Size i = 0; i < r; i++) {
+          const double *before = DOUBLES(10) + i * longer + k + from;
+          for (Size l = 0; l < count; l++) {
+            share[i][l] = change[i * r + j] * before[l];
+            predicted[l] = i ? predicted[l] + share[i][l] : share[i][l];
+          }
+        }
+        for (Size i = 0; i < r; i++)
+          for (Size l = 0; l < count; l++) share[i][l] = predicted[l] > 0.0 ? share[i][l] / predicted[l] : i == j;
+        /* Step 2: mix the states that model j starts from. */
+        Matrix mixed = {mixed_memory - from, n, 1, CHUNK, 0, 0, 0};
+        Matrix mixed_cov = {mixed_cov_memory - from, n, n, n * CHUNK, CHUNK, 0, 0};
+        combine(share, m, P, r, &mixed, &mixed_cov, from, count);
+        /* Step 3: predict, F m and F P F' + Q. */
+        Matrix F = {DOUBLES(0) + j * n * n, n, n, n, 1, 1, 1}, Q = {DOUBLES(1) + j * n * n, n, n, n, 1, 1, 1};
+        Matrix m_p = {DOUBLES(11) + j * n * batch + k, n, 1, batch, 0, batch, 0};
+        Matrix P_p = {DOUBLES(12) + j * n * n * batch + k, n, n, n * batch, batch, batch, 0};
+        multiply(&F, &mixed, &m_p, from, count);
+        sandwich(&F, &mixed_cov, &P_p, from, count);
+        add(&P_p, &Q, from, count);
+        /* Step 4: the innovation, which is 0 for the update where z is missing. */
+        product_in(memory, &H, &m_p, from, count);
+        for (Size i = 0; i < n_z; i++)
+          for (Size l = 0; l < count; l++) {
+            double innovation = z[i * batch + from + l] - memory[i * CHUNK + l];
+            DOUBLES(14)[(j * n_z + i) * batch + k + from + l] = innovation;
+            known_memory[i * CHUNK + l] = missing[i] ? 0.0 : innovation;
+          }
+        /* Step 5: update. */
+        Matrix S = {DOUBLES(15) + j * n_z * n_z * batch + k, n_z, n_z, n_z * batch, batch, batch, 0};
+        Matrix K = {gain_memory - from, n, n_z, n_z * CHUNK, CHUNK, 0, 0}, nu = {known_memory - from, n_z, 1, CHUNK, 0, 0, 0};
+        gain(&P_p, &rows, &noise, &S, &K, from, count);
+        multiply(&K, &nu, &m_after[j], from, count);
+        add(&m_after[j], &m_p, from, count);
+        joseph(&P_p, &rows, &noise, &K, &P_after[j], from, count);
+        /* Step 6: NIS and sqrt(det S), `nis_and_scale`. */
+        Matrix L = {root_memory - from, n_z, n_z, n_z * CHUNK, CHUNK, 0, 0};
+        memset(root_memory, 0, sizeof root_memory);
+        factor(&S, &L, 0.0, from, count);
+        mahalanobis(&L, &nu, nis[j] - from, from, count);
+        for (Size l = 0; l < count; l++) {
+          int more;
+          scale[j][l] = frexp(root_memory[l], &exponent[j][l]);
+          if (n_z == 2) {
+            scale[j][l] = frexp(scale[j][l] * root_memory[3 * CHUNK + l], &more);
+            exponent[j][l] += more;
+          }
+          finite &= fabs(nis[j][l]) < INFINITY && scale[j][l] > 0.0 && scale[j][l] < INFINITY;
+        }
+      }
+      /* Step 7: mu_j ~ c_j N(nu_j; 0, S_j), `update_weights`, and the mean NIS. */
+      double *mean_nis = DOUBLES(16) + k + from;
+      for (Size l = 0; l < count; l++) {
+        double least = INFINITY, sum = 0.0, mean = 0.0;
+        int lowest = exponent[0][l];
+        for (Size j = 0; j < r; j++) {
+          if (DOUBLES(13)[j * batch + k + from + l] > 0.0 && nis[j][l] < least) least = nis[j][l];
+          if (exponent[j][l] < lowest) lowest = exponent[j][l];
+        }
+        for (Size j = 0; j < r; j++) {
+          double predicted = DOUBLES(13)[j * batch + k + from + l];
+          double v = -0.5 * (predicted > 0.0 ? nis[j][l] - least : 0.0);
+          double density = v < -708.0 ? 0.0 : v > 709.7 ? INFINITY : exp_of_moderate(v, powers, c);
+          double w = predicted / ldexp(scale[j][l], exponent[j][l] - lowest) * density, part = predicted * nis[j][l];
+          weight[j][l] = w;
+          sum = j ? sum + w : w;
+          mean = j ? mean + part : part;
+        }
+        for (Size j = 0; j < r; j++) {
+          weight[j][l] = nothing ? DOUBLES(13)[j * batch + k + from + l] : weight[j][l] / sum;
+          DOUBLES(10)[j * longer + M + k + from + l] = weight[j][l];
+          finite &= fabs(weight[j][l]) < INFINITY;
+        }
+        mean_nis[l] = nothing ? NAN : mean;
+      }
+      /* Step 8: the moments of the mixture. */
+      Matrix mean = {DOUBLES(17) + k, n, 1, batch, 0, batch, 0}, cov = {DOUBLES(18) + k, n, n, n * batch, batch, batch, 0};
+      combine(weight, m_after, P_after, r, &mean, &cov, from, count);
+    }
+  }
+  ANSWER(finite);
 }
 
 /* Whether any of a is NaN, or infinite if that counts; None if the memory of a has another form. */
@@ -1251,7 +1395,7 @@ static PyMethodDef methods[] = {
   METHOD(dot), METHOD(window_sums), METHOD(normalize), METHOD(moments),
   METHOD(ancestors), METHOD(select), METHOD(choose), METHOD(pairs),
   METHOD(product), METHOD(sandwich), METHOD(gain), METHOD(joseph), METHOD(factor), METHOD(eigen), METHOD(whiten),
-  METHOD(mahalanobis), METHOD(track), METHOD(mix), METHOD(any_nan), METHOD(any_not_finite),
+  METHOD(mahalanobis), METHOD(track), METHOD(mix), METHOD(interact), METHOD(any_nan), METHOD(any_not_finite),
   METHOD(displaced), METHOD(epanechnikov), METHOD(move), METHOD(weighted), METHOD(cross), METHOD(sigma_points),
   METHOD(scalar_points), METHOD(scalar_noise), METHOD(scalar_update), METHOD(condition), {NULL}};
 static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, "_compiled", "Kernels of core/ in C.", -1, methods};

@@ -31,6 +31,11 @@ def exp(x: ArrayLike, out: Array | None = None) -> Array:
     return _piecewise(_elementary_kernels.exp, x, out)
 
 
+def exp_tables() -> tuple[Array, Array]:
+    """Return the powers of two and the constants with which the C kernels compute `exp`."""
+    return _elementary_kernels.powers_of_two(), _elementary_kernels.exp_constants()
+
+
 def exp_of_moderate(x: Array) -> Array:
     """Compute `exp` in place for a contiguous x that is NaN or in [-708, 709], unchecked."""
     return _piecewise(_elementary_kernels.exp_of_moderate, x, x)

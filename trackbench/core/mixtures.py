@@ -4,14 +4,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import chain, pairwise
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from trackbench.core import compiled, elementary, linalg
 from trackbench.core.angles import mean_direction, near
-from trackbench.core.arrays import Array, Index, with_trailing
+from trackbench.core.arrays import Array, Index, all_finite, note, with_trailing
 from trackbench.core.distributions import Gaussian, Symmetric
+from trackbench.core.kalman import Innovation
 from trackbench.core.random_streams import Streams
 from trackbench.core.sums import total
 
@@ -65,11 +66,14 @@ def update_weights(
         Probabilities; the prediction for a run without any positive probability.
     """
     # Subtract the least NIS of the possible models, so that one likelihood does not underflow.
-    least = np.where(predicted > 0.0, nis, np.inf).min(axis=0)
+    is_possible = predicted > 0.0
+    least = np.where(is_possible, nis, np.inf).min(axis=0)
     # Likewise divide by the least power of two, which changes no ratio.
     scale = np.ldexp(mantissa, exponent - np.min(exponent, axis=0))
     with np.errstate(divide="ignore", invalid="ignore"):
-        w = predicted / scale * elementary.exp(-0.5 * (nis - least))
+        # An impossible model may have a smaller NIS, and its density may be infinite: 0 times it is NaN.
+        excess = np.where(is_possible, nis - least, 0.0)
+        w = predicted / scale * elementary.exp(-0.5 * excess)
         return np.where(least == np.inf, predicted, w / total(w, axis=0))
 
 
@@ -200,6 +204,125 @@ def given_later(
         cov = np.where(is_proper, given.cov - added, prediction.cov)
         results.append(Gaussian(mean, cov))
     return results, np.where(is_proper, np.stack(log_ratios), 0.0)
+
+
+class LinearModel(NamedTuple):
+    """Matrices of a linear model: F, Q (n, n), H (n_z, n), R (n_z, n_z)."""
+
+    F: Array
+    Q: Array
+    H: Array
+    R: Array
+
+
+class Interacting(NamedTuple):
+    """T steps of r interacting models, in M runs; axes of steps and runs come last."""
+
+    states: tuple[Gaussian, ...]
+    """posteriors of each model: means (n, T + 1, M), covariances (n, n, T + 1, M); first given"""
+    weights: Array
+    """weights (r, T + 1, M); the first are given"""
+    predictions: tuple[Gaussian, ...]
+    """predictions of each model: means (n, T, M), covariances (n, n, T, M)"""
+    predicted_weights: Array
+    """weights (r, T, M) before each measurement"""
+    innovations: tuple[Innovation, ...]
+    """innovation of each model: nu (n_z, T, M), S (n_z, n_z, T, M)"""
+    nis: Array
+    """mean NIS (T, M)"""
+    estimate: Gaussian
+    """moments of the mixture: mean (n, T, M), covariance (n, n, T, M)"""
+
+
+def interact(
+    states: Sequence[Gaussian],
+    weights: Array,
+    models: Sequence[LinearModel],
+    transition: Array,
+    z: Array,
+) -> Interacting | None:
+    """Filter all steps of interacting linear models with constant matrices (Blom & Bar-Shalom 1988).
+
+    The bytes are those of `predict_weights`, `combine`, `kalman.predict`, `kalman.update` and
+    `update_weights` step by step, in a small part of the time for few runs.
+
+    Parameters
+    ----------
+    states : sequence of Gaussian
+        Posterior of each of the r models before the first step, means (n, M), covariances (n, n, M).
+    weights : array (r, M)
+        Weights of the models before the first step.
+    models : sequence of LinearModel
+        Matrices of each model; H and R are those of the first.
+    transition : array (r, r)
+        Probabilities p_ij of a switch from model i to model j.
+    z : array (n_z, T, M)
+        Measurements.
+
+    Returns
+    -------
+    Interacting or None
+        None if there are no C kernels, r or n is above 6, n_z above 2, a component is missing (NaN) in
+        some of the runs only, or a run diverges.
+    """
+    n_z, T, M = z.shape
+    r = len(models)
+    n = len(models[0].F)
+    missing = np.isnan(z)
+    if not compiled.kernels or max(r, n) > _MOST_COMPILED or n_z > 2:
+        return None
+    if (missing != missing[..., :1]).any():
+        return None
+    # Step 1: arrays with the axes of steps and runs last, the first step's from before.
+    means = np.empty((r, n, T + 1, M))
+    covs = np.empty((r, n, n, T + 1, M))
+    all_weights = np.empty((r, T + 1, M))
+    for j, state in enumerate(states):
+        means[j, :, 0] = state.mean
+        covs[j, :, :, 0] = with_trailing(state.cov, 1, leading=2)
+    all_weights[:, 0] = weights
+    predicted_means = np.empty((r, n, T, M))
+    predicted_covs = np.empty((r, n, n, T, M))
+    predicted_weights = np.empty((r, T, M))
+    nu = np.empty((r, n_z, T, M))
+    S = np.empty((r, n_z, n_z, T, M))
+    nis = np.empty((T, M))
+    estimate = Gaussian(np.empty((n, T, M)), np.empty((n, n, T, M)))
+    # Step 2: all steps.
+    matrices = [
+        np.stack([model.F for model in models]),
+        np.stack([model.Q for model in models]),
+        models[0].H,
+        models[0].R,
+        transition,
+        z,
+    ]
+    is_finite = compiled.kernels.interact(
+        *[np.ascontiguousarray(matrix, dtype=np.float64) for matrix in matrices],
+        *elementary.exp_tables(),
+        *(means, covs, all_weights, predicted_means, predicted_covs, predicted_weights),
+        *(nu, S, nis, estimate.mean, estimate.cov),
+        *(r, n, n_z, M),
+    )
+    # A NaN that is no missing measurement is that of a run that diverges.
+    has_nu = (np.isnan(nu) == missing).all()
+    if not (is_finite and has_nu and all_finite(means) and all_finite(covs)):
+        return None
+    note("covariances", predicted_weights, components=0)
+    predictions = tuple(map(Gaussian, predicted_means, predicted_covs))
+    return Interacting(
+        states=tuple(map(Gaussian, means, covs)),
+        weights=all_weights,
+        predictions=predictions,
+        predicted_weights=predicted_weights,
+        innovations=tuple(Innovation(nu[j], S[j], predicted=predictions[j]) for j in range(r)),
+        nis=nis,
+        estimate=estimate,
+    )
+
+
+_MOST_COMPILED = 6
+"""Models, and components of their states, up to which the C kernel filters."""
 
 
 @dataclass(frozen=True)

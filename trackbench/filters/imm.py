@@ -3,19 +3,22 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
-from typing import Annotated, ClassVar, Literal, NamedTuple, cast
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, cast
 
 import numpy as np
 from numpy.random import Generator
 
 from trackbench.core import linalg
-from trackbench.core.arrays import Array, Mask, any_nan
+from trackbench.core.arrays import Array, Index, Mask, any_nan
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.kalman import Innovation
 from trackbench.core.mixtures import (
+    Interacting,
+    LinearModel,
     combine,
     common_components,
     given_later,
+    interact,
     log_mixture,
     pad,
     predict_weights,
@@ -24,12 +27,14 @@ from trackbench.core.mixtures import (
 from trackbench.core.smoothing import Transition, backwards, smooth_step
 from trackbench.core.sums import total
 from trackbench.field_types import InvalidKeyError, Registered
-from trackbench.filters.base import FixedLag, SmoothingFilter
+from trackbench.filters.base import FixedLag, SmoothingFilter, Steps
 from trackbench.filters.ekf import EKF
 from trackbench.filters.gaussian import GaussianFilter
 from trackbench.filters.jump_markov import JumpMarkov, shared_components
 from trackbench.models.base import Model, Scene, angle_rows, extra_std
+from trackbench.models.motions.kinematic import Linear
 from trackbench.models.priors import augment_gaussian
+from trackbench.models.sensors.position import LinearSensor
 from trackbench.registry import register
 
 _EKF = EKF()
@@ -220,6 +225,20 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
             gated=gated.number,
             measurement_weight=self._mean_sensor_weight(predicted_weights, gated.filtered),
         )
+
+    def all_steps(self, model: Model, state: ModelBank, z: Array, k: int) -> Steps | None:
+        """Filter all measurements of constant linear models of one state in one call."""
+        if type(self) is not IMM or self.filter != _EKF or type(self.filter) is not EKF:
+            return None
+        models = self.models(model)
+        matrices = _constant_matrices(models)
+        if matrices is None:
+            return None
+        transition = np.array(self.transition)
+        interacting = interact(state.states, state.weights, matrices, transition, z)
+        if interacting is None:
+            return None
+        return _steps_of(interacting, state, z, keeps_predictions=not self.smooths)
 
     def estimate(self, state: ModelBank) -> Gaussian:
         """Return the moments of the mixture, without components that only some models have."""
@@ -420,6 +439,91 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         return values | self.filter.gate_and_weight_diagnostics(
             state.nis, state.gated, state.measurement_weight
         )
+
+
+def _constant_matrices(models: list[Model]) -> list[LinearModel] | None:
+    """Return the matrices of models without angles whose states have the same components.
+
+    None if a model is not linear and constant, or the state or the measurement has another form.
+    """
+    matrices = []
+    components = models[0].motion.components
+    for motion, sensor in models:
+        if not (isinstance(motion, Linear) and isinstance(sensor, LinearSensor)):
+            return None
+        if motion.components != components or angle_rows(motion):
+            return None
+        H = sensor.H(len(motion.F))
+        matrices.append(LinearModel(F=motion.F, Q=motion.Q, H=H, R=sensor.R))
+    return matrices
+
+
+def _steps_of(
+    interacting: Interacting, first: ModelBank, z: Array, keeps_predictions: bool
+) -> Steps:
+    """Return the steps of interacting models from the state ``first`` with z (n_z, T, M)."""
+    runs = z.shape[2]
+
+    def state_of(after: Any, at: Any) -> ModelBank:
+        """Return the state after the steps of an index: ``after`` takes it after the first state."""
+        innovations = []
+        for innovation in interacting.innovations:
+            predicted = innovation.predicted
+            assert predicted is not None
+            of_steps = _at_steps(predicted, at)
+            innovations.append(
+                Innovation(
+                    nu=innovation.nu[:, at],
+                    S=innovation.S[:, :, at],
+                    predicted=of_steps if keeps_predictions else None,
+                )
+            )
+        return first._replace(
+            states=tuple(_at_steps(state, after) for state in interacting.states),
+            weights=interacting.weights[:, after],
+            nis=interacting.nis[at],
+            innovations=tuple(innovations),
+            predicted=interacting.predicted_weights[:, at],
+            refused=np.zeros(z[:, at].shape, dtype=np.bool_),
+            gated=np.zeros(z[0, at].shape),
+            measurement_weight=None,
+        )
+
+    def state_after(i: int) -> ModelBank:
+        """Return the state after measurement i."""
+        i = i % z.shape[1]
+        return state_of(i + 1, i)
+
+    def state_of_all_steps() -> ModelBank:
+        """Return one state whose batch (T, M) is all steps, with their predictions."""
+        return state_of(slice(1, None), slice(None))
+
+    def state_before(steps: Index) -> ModelBank:
+        """Return one state before the steps of these indices, whose batch is each step's runs."""
+        states = []
+        for state in interacting.states:
+            n = len(state.mean)
+            mean = state.mean[:, steps].reshape(n, -1)
+            states.append(Gaussian(mean, state.cov[:, :, steps].reshape(n, n, -1)))
+        weights = interacting.weights[:, steps].reshape(len(states), -1)
+        unknown = np.full(len(steps) * runs, np.nan)
+        return first._replace(states=tuple(states), weights=weights, nis=unknown, innovations=())
+
+    # The estimate has no components that only the motions have.
+    n = first.reported
+    moments = interacting.estimate
+    return Steps(
+        estimate=Gaussian(moments.mean[:n], moments.cov[:n, :n]),
+        diagnostics={"nis": interacting.nis, "mode": 1.0 - interacting.weights[0, 1:]},
+        state=state_after,
+        together=state_of_all_steps,
+        before=state_before,
+    )
+
+
+def _at_steps(state: Gaussian, steps: Any) -> Gaussian:
+    """Select steps of a Gaussian (n, T, M)."""
+    return Gaussian(state.mean[:, steps], state.cov[:, :, steps])
 
 
 def _likelihoods(innovations: tuple[Innovation, ...]) -> _Likelihoods:
