@@ -29,6 +29,7 @@ LEAST: dict[str, dict[str, Any]] = {
     "w6_imm": {"RUNS": 2, "FEW": 1},
     "w7_process": {"RUNS": 2},
     "w8_startup": {},
+    "w9_tables": {"FILTERS": 3},
 }
 PROCESSES = ("w2_workers", "w7_process", "w8_startup")
 TINY = """name: tiny
