@@ -173,7 +173,7 @@ def test_half_a_scan_weighs_particles_by_the_other_half() -> None:
 def test_every_kind_is_tried_here() -> None:
     tried = {type(s) for s in SENSORS}
     scalar = {"scalar", "square-then-line"}
-    others = {"function"}  # in test_equations
+    others = {"function", "landmark"}  # in test_equations and test_landmark
     assert {cls for kind, cls in kinds("sensors").items() if kind not in scalar | others} <= tried
 
 

@@ -28,7 +28,8 @@ KNOWN = {name: unit for unit, names in UNITS.items() for name in names}
 
 def made(group: Any) -> list[Any]:
     """One of each kind of the package, with 1 for what it needs."""
-    written = {"function", "map", "ode"}  # whose components have the user's names
+    # Those whose components have the user's names, and one that needs one of two sigmas.
+    written = {"function", "map", "ode", "landmark"}
     every = [
         c
         for kind, c in kinds(group).items()
