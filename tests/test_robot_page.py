@@ -1,0 +1,47 @@
+"""The page on robots says what comes out of its config."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from docs.site.blocks import blocks
+from tests.conftest import ROOT
+from trackbench import api
+from trackbench.report.findings.ranking import rankings
+
+PAGE = (ROOT / "docs" / "your-robot.md").read_text(encoding="utf-8")
+
+
+def test_the_numbers_are_those_of_the_config(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "experiments").symlink_to(ROOT / "experiments")
+    (text,) = (block.text for block in blocks(PAGE) if block.title == "robot.yaml")
+    (tmp_path / "robot.yaml").write_text(text)
+    report = api.run("robot.yaml", engine="serial", quiet=True, formats=())
+    table = (report.folder / "tables" / "errors.md").read_text()
+    assert _rows(table) == _rows(PAGE)[: len(_rows(table))]
+    errors = {row[0]: [float(cell) for cell in row[1:]] for row in _rows(table)[1:]}
+    position = {label: values[0] for label, values in errors.items()}
+    assert f"the EKF is off by {position['EKF']:.2f} m" in PAGE
+    assert f"and the wheels alone by {position['Odometry']:.1f} m" in PAGE
+    assert f"position is {position['Odometry'] / position['EKF']:.0f} times as accurate" in PAGE
+    assert f"the EKF has {errors['EKF'][2]:.2f}" in PAGE
+    # The UKF and the particle filter are no better, and the ranking is by the position.
+    (ranking,) = rankings(report.results)
+    assert ranking.metric.metric == "rmse_position"
+    assert min(position, key=position.__getitem__) == "EKF"
+
+
+def test_the_log_begins_as_the_page_shows() -> None:
+    log = (ROOT / "experiments" / "data" / "robot-log.csv").read_text().splitlines()[:6]
+    assert "\n".join(f"    {line}" for line in log) in PAGE
+
+
+def _rows(text: str) -> list[list[str]]:
+    """The cells of the rows of a page's tables, without the lines below headings."""
+    lines = (line for line in text.splitlines() if line.startswith("| "))
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+    return [row for row in rows if not re.fullmatch(r"[-: ]+", row[0])]
