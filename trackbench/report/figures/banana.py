@@ -209,7 +209,7 @@ class PosteriorEllipses(FigureKind):
         ax.set_xlim(-half_width / across_m, half_width / across_m)
         ratio = half_height / half_width
         if along_unit == across_unit and 1.0 / _SIMILAR < ratio < _SIMILAR:
-            ax.set_aspect("equal", adjustable="datalim")
+            ax.set_aspect("equal", adjustable="box")
         ax.set_xlabel(f"Across the line of sight ({across_unit})")
         ax.set_ylabel(f"Along it ({along_unit})")
 
