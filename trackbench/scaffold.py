@@ -20,6 +20,7 @@ from trackbench.registry import GROUPS, kinds
 from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.guess_config import (
     config_parts,
+    left_out_filters,
     quoted,
     unknown_places,
     unused_columns,
@@ -101,13 +102,14 @@ class WrittenConfig(NamedTuple):
     """Files of an experiment on recorded data, and what is left to the user.
 
     ``unknown`` are sensors whose place must be written, ``unused`` columns that are not read, and
-    ``quantities`` what they may hold.
+    ``quantities`` what they may hold. ``left_out`` says which filters are comments only.
     """
 
     paths: list[Path]
     unknown: list[str]
     unused: list[str]
     quantities: list[str]
+    left_out: list[str]
 
 
 def write_config_for(
@@ -148,7 +150,13 @@ def write_config_for(
             raise UserError(
                 *(_reported(problem, path, data) for problem in error.problems)
             ) from None
-    return WrittenConfig([path], unknown, unused_columns(guess), usable_quantities(guess))
+    return WrittenConfig(
+        paths=[path],
+        unknown=unknown,
+        unused=unused_columns(guess),
+        quantities=usable_quantities(guess),
+        left_out=left_out_filters(guess),
+    )
 
 
 def _reported(problem: Problem | str, path: Path, data: Path) -> Problem | str:

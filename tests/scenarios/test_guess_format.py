@@ -1,5 +1,6 @@
 """`trackbench new experiment --from`: what it makes of tables, and that what it writes runs."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from tests.commands import trackbench
 from tests.conftest import EXPERIMENTS
 from trackbench.config.load import load
+from trackbench.scenarios.recordings.guess_config import config_parts, left_out_filters
 from trackbench.scenarios.recordings.guess_format import recognized
 
 T = np.arange(0.0, 60.0, 0.5)
@@ -138,3 +140,15 @@ def test_only_experiments_are_made_from_data(tmp_path: Path) -> None:
     done = trackbench("new", "filter", cwd=tmp_path)
     assert done.returncode == 2
     assert "is required without --from" in done.stderr
+
+
+def test_a_very_long_recording_leaves_out_the_particle_filter(tmp_path: Path) -> None:
+    k = np.arange(20_010)
+    guess = recognized(str(table(tmp_path / "long.csv", "time,x,y", k, 3 * k, k % 7)))
+    assert "  # RPF: {kind: rpf, N: 1000}  # left out: " in config_parts(guess)["@FILTERS@"]
+    (line,) = left_out_filters(guess)
+    assert "RPF is a comment in the config" in line
+    assert "20010 steps" in line
+    shorter = replace(guess, steps=20_000)
+    assert "\n  RPF: {kind: rpf, N: 1000}" in config_parts(shorter)["@FILTERS@"]
+    assert not left_out_filters(shorter)

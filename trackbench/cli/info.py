@@ -168,6 +168,7 @@ def new(
     unplaced_sensors: list[str] = []
     unused_columns: list[str] = []
     quantities: list[str] = []
+    left_out_filters: list[str] = []
     if data is not None and what == "experiment":
         data_name = name or re.sub("[^A-Za-z0-9]+", "-", data.stem).strip("-")
         written = write_config_for(data, data_name, Path(), sets or ())
@@ -175,6 +176,7 @@ def new(
         unplaced_sensors = written.unknown
         unused_columns = written.unused
         quantities = written.quantities
+        left_out_filters = written.left_out
     elif name is None:
         raise typer.BadParameter("is required without --from", param_hint="NAME")
     else:
@@ -191,6 +193,8 @@ def new(
         typer.echo(f"wrote {path}")
     if unused_columns:
         _echo_unused_columns(unused_columns, quantities)
+    for line in left_out_filters:
+        typer.echo(line)
     config = next(path for path in paths if path.suffix == ".yaml")
     if language:
         build_command = LANGUAGES[language].build

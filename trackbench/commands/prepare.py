@@ -24,10 +24,12 @@ from trackbench.config.tuned_entries import Chosen
 from trackbench.errors import Mark, Problem, UserError, reason
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.precision_check import checkpoints
+from trackbench.evaluation.trial import estimate_cpu_s
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.engines import Engine, cpu_count, engine
 from trackbench.execution.plan import Key, Plan, announced, check_memory, make_plan
 from trackbench.execution.runner import first_batch
+from trackbench.plugins.errors import guarded
 from trackbench.report.sweep import as_sweep
 from trackbench.results.folder_contents import DERIVED_FILES, RUN_FILES, TIMING, read_manifest
 from trackbench.tuning.search import Record
@@ -235,10 +237,11 @@ def _prepare_job(
     )
 
 
-def expected_time(job: Job, options: Options) -> str:
+def expected_time(job: Job, options: Options, tries: bool = True) -> str:
     """Estimate the time of the missing blocks from stored results of the same scenario and filters.
 
-    It is the time of the filters. Simulation, errors, tables and figures take more.
+    Without such results each filter steps through the beginning of a block, if ``tries``. It is the
+    time of the filters. Simulation, errors, tables and figures take more.
     """
     # Step 1: CPU time of the missing blocks.
     store = BlockStore(cache_folder())
@@ -246,14 +249,19 @@ def expected_time(job: Job, options: Options) -> str:
     if not missing:
         return CACHED
     cost = _cost_in_folder(job, missing) or _cost_of_shipped(job, options, missing)
+    basis = ""
+    if cost is None and tries:
+        cost = _cost_by_trial(job, missing)
+        basis = ", by a trial of the first steps"
     if cost is None:
         return "time unknown: no results of the same scenario and filters are stored"
     # Step 2: time on all workers. The plan has the first batch of runs, which `until` may continue up
-    # to the most.
+    # to the most. No run is shorter than its longest block.
     workers = min(most_workers(options), len(job.plan.unique))
     seconds = cost.cpu_s * job.most / job.experiment.settings.runs / workers
+    seconds = max(seconds, cost.longest_block_s)
     about = "at most about" if cost.is_bound else "about"
-    return f"{about} {duration(seconds)} of filtering"
+    return f"{about} {duration(seconds)} of filtering{basis}"
 
 
 CACHED = "every block is in the cache"
@@ -284,6 +292,8 @@ class _Cost(NamedTuple):
     cpu_s: float
     is_bound: bool
     """whether the blocks may take less, such as those that are wider than the stored ones"""
+    longest_block_s: float = 0.0
+    """CPU seconds of the block that takes longest, if that is known"""
 
 
 def _cost_in_folder(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
@@ -362,6 +372,33 @@ def _cost_of_shipped(job: Job, options: Options, missing: Sequence[BlockTask]) -
     return None
 
 
+def _cost_by_trial(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
+    """Estimate the time of each filter's blocks by a trial of its first missing block.
+
+    None if there are too many filters for a short trial, if one of them fails, or is a program.
+    """
+    passes: dict[Key, list[BlockTask]] = {}
+    for key, task in _filter_passes(job.plan, missing):
+        passes.setdefault(key, []).append(task)
+    if len(passes) > _MOST_TRIALS:
+        return None
+    cpu_s = 0.0
+    longest_block_s = 0.0
+    for tasks in passes.values():
+        if tasks[0].filter.runs_program:
+            return None
+        try:
+            with guarded():
+                block_s = estimate_cpu_s(tasks[0])
+        except Exception:  # of a plugin: the run itself will report it
+            return None
+        cpu_s += block_s * len(tasks)
+        longest_block_s = max(longest_block_s, block_s)
+    return _Cost(cpu_s=cpu_s, is_bound=False, longest_block_s=longest_block_s)
+
+
+_MOST_TRIALS = 40
+"""Filters, at all points of the grid, up to which a dry run tries them: some 0.3 s each."""
 FIT = "block=fit"
 """Override of `--quick`, which changes no filter."""
 _KEYS_OF_TIME = ("scenario", "filters", "grid", "only")

@@ -134,8 +134,8 @@ def preview_suite(file: Path, options: Options, problems: Sequence[str] = ()) ->
     experiments = [problem.experiment for problem in suite.problems]
     jobs = jobs_of(configs, own_options, experiments)
     for problem, job in zip(suite.problems, jobs, strict=True):
-        time = expected_time(job, own_options)
         known = recorded.get(problem.name)
+        time = expected_time(job, own_options, tries=known is None)
         if known is not None and time != CACHED:
             seconds = known.cpu_s * job.experiment.settings.runs / known.runs / workers
             all_seconds += seconds

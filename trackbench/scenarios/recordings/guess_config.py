@@ -13,6 +13,7 @@ from trackbench.scenarios.recordings.guess_format import Guess, SensorGuess
 _LABELS = ("run", "sensor")
 _MOST_NAMES = 7  # of further runs
 _LAST = 20_000  # step of a long recording, which all filters reach within minutes
+_MOST_PARTICLE_STEPS = 20_000  # beyond which a particle filter takes longer than all other filters
 _NO_WORDS = ("null", "true", "false")
 """Words that YAML reads as something else."""
 
@@ -28,14 +29,15 @@ def config_parts(guess: Guess) -> dict[str, str]:
     motions = f"[{{kind: cwna, q: {q / 10:g}}}, {{kind: cwna, q: {q * 10:g}}}]"
     chances = "[[0.95, 0.05], [0.05, 0.95]]"
     lines.append(f"  IMM: {{kind: imm, motions: {motions}, transition: {chances}}}")
-    lines.append("  RPF: {kind: rpf, N: 1000}")
     if guess.inputs:
         lines = [
             "  EKF: {kind: ekf}",
             "  UKF: {kind: ukf}",
-            "  PF: {kind: pf, N: 1000}",
+            *_particle_filter_lines(guess),
             "  Odometry: {kind: prior-mean}  # without the landmarks",
         ]
+    else:
+        lines += _particle_filter_lines(guess)
     late = ", late: refilter" if "received" in guess.naming.columns else ""
     start = f"{{kind: one-scan, sigma_velocity: {2 * speed:g}}}  # guess"
     if not kinds & {"position", "range-azimuth"}:
@@ -80,6 +82,33 @@ def _robot_assumption(sigmas: Mapping[str, float], late: str) -> str:
     """.rstrip()
         + late_line
     )
+
+
+_WHY_NO_PARTICLES = "1000 particles take longer over so many steps than all other filters together"
+
+
+def _particle_filter_lines(guess: Guess) -> list[str]:
+    """Write the particle filter, as a comment for a recording of very many steps."""
+    particle_filter = "RPF: {kind: rpf, N: 1000}"
+    if guess.inputs:
+        particle_filter = "PF: {kind: pf, N: 1000}"
+    if leaves_out_particles(guess):
+        return [f"  # {particle_filter}  # left out: {_WHY_NO_PARTICLES}"]
+    return [f"  {particle_filter}"]
+
+
+def leaves_out_particles(guess: Guess) -> bool:
+    """Test whether a recording is so long that the config leaves the particle filter to the user."""
+    runs_to_its_end = guess.steps <= MOST_STEPS
+    return runs_to_its_end and guess.steps > _MOST_PARTICLE_STEPS
+
+
+def left_out_filters(guess: Guess) -> list[str]:
+    """Say which filters the config has as comments only, and why."""
+    if not leaves_out_particles(guess):
+        return []
+    name = "PF" if guess.inputs else "RPF"
+    return [f"{name} is a comment in the config: {_WHY_NO_PARTICLES} ({guess.steps} steps)"]
 
 
 def _last_line(guess: Guess) -> str:

@@ -1,0 +1,70 @@
+"""Estimate how long a filter takes over a block, from a trial of the block's first steps."""
+
+import time
+from typing import Any, cast
+
+import numpy as np
+
+from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.run_filter import run_filter
+from trackbench.scenarios.base import Scenario, Simulation
+
+_FIRST_STEPS = 8
+"""Steps of the first trial, which also loads what a filter needs; the next have twice as many each."""
+_ENOUGH_S = 0.1
+"""CPU seconds of a trial that is long enough."""
+
+
+def estimate_cpu_s(task: BlockTask) -> float:
+    """Estimate the CPU seconds that the filter and its scores take over the whole block.
+
+    The block is simulated, and the filter steps through its beginning. A filter that changes its pace
+    later, such as one of a growing number of particles, takes another time.
+    """
+    data = task.data
+    T = len(task.scenario.steps) - 1
+    steps = min(_FIRST_STEPS, T)
+    _trial_cpu_s(task, data, steps)  # imports, caches, tables
+    while True:
+        seconds = _trial_cpu_s(task, data, steps)
+        if seconds >= _ENOUGH_S or steps == T:
+            return seconds * T / steps
+        steps = min(2 * steps, T)
+
+
+def _trial_cpu_s(task: BlockTask, data: Simulation, steps: int) -> float:
+    """Measure the CPU seconds of the first steps."""
+    scenario = cast(Scenario, _FirstSteps(task.scenario, steps))
+    first_data = Simulation(
+        truth=data.truth[:, : steps + 1],
+        measurements=data.measurements[:, :steps],
+        prior=data.prior,
+        arrival=None if data.arrival is None else data.arrival[:, :steps],
+    )
+    trial = BlockTask(
+        scenario=scenario,
+        filter=task.filter,
+        seed=task.seed,
+        index=task.index,
+        width=task.width,
+        runs_used=task.width,
+        assume=task.assume,
+        predictive_metrics=task.predictive_metrics,
+        hold_out=task.hold_out,
+    )
+    started = time.process_time()
+    with np.errstate(all="ignore"):
+        run_filter(trial, first_data)
+    return time.process_time() - started
+
+
+class _FirstSteps:
+    """The first steps of a scenario, which is otherwise itself."""
+
+    def __init__(self, scenario: Scenario, steps: int) -> None:
+        self._scenario = scenario
+        self.steps = scenario.steps[: steps + 1]
+        self.times = scenario.times[: steps + 1]
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._scenario, name)
