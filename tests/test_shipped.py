@@ -164,7 +164,7 @@ def test_a_config_comes_on_stdin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
     def piped(text: str, *words: str) -> subprocess.CompletedProcess[str]:
         monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=BytesIO(text.encode())))
-        yaml_source._stdin.cache_clear()  # a program has it once
+        yaml_source._read_stdin.cache_clear()  # a program has it once
         return trackbench(*words, cwd=tmp_path)
 
     few = ("--runs", "2", "--set", "block=fit", "--only", "UKF", *BARE)

@@ -13,7 +13,9 @@ class Mark:
     column: int = 0
 
     def __str__(self) -> str:
-        return f"{self.file}:{self.line}:{self.column}" if self.line else self.file
+        if self.line == 0:
+            return self.file
+        return f"{self.file}:{self.line}:{self.column}"
 
 
 @dataclass(frozen=True, order=True)
@@ -30,7 +32,13 @@ class Problem:
 
 def in_line(text: str) -> str:
     """Write the text in one line; line breaks and unprintable characters are escaped."""
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+    characters = []
+    for character in text:
+        if character.isprintable():
+            characters.append(character)
+        else:
+            characters.append(character.encode("unicode_escape").decode())
+    return "".join(characters)
 
 
 def reason(error: OSError) -> str:
@@ -66,4 +74,6 @@ class WriteError(RunError):
 
 def counted(number: int, word: str) -> str:
     """Write ``1 block``, ``2 blocks``."""
-    return f"{number} {word}" if number == 1 else f"{number} {word}s"
+    if number == 1:
+        return f"1 {word}"
+    return f"{number} {word}s"

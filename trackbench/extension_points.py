@@ -48,38 +48,40 @@ class Part:
         return ""
 
 
-def is_foreign(part: object) -> bool:
-    """Test whether a part of an experiment, or a class of parts, is not the package's own."""
-    cls = part if isinstance(part, type) else type(part)
+def is_foreign(component: object) -> bool:
+    """Test whether a component of an experiment, or a class, is not the package's own."""
+    cls = component if isinstance(component, type) else type(component)
     return cls.__module__.partition(".")[0] != "trackbench"
 
 
-def field_values(part: "DataclassInstance") -> dict[str, object]:
+def field_values(instance: "DataclassInstance") -> dict[str, object]:
     """Return the values of a dataclass by key; values within it stay as they are."""
-    return {field.name: getattr(part, field.name) for field in fields(part)}
+    return {field.name: getattr(instance, field.name) for field in fields(instance)}
 
 
 def key_of(field: str) -> str:
     """Name the YAML key of a dataclass's field: ``from`` of ``from_``, which Python reserves."""
-    return field[:-1] if iskeyword(field[:-1]) and field.endswith("_") else field
+    if field.endswith("_") and iskeyword(field[:-1]):
+        return field[:-1]
+    return field
 
 
-def walk_parts(part: object) -> Iterator[object]:
-    """Yield a part of an experiment, or each of several, and all that it is made of."""
-    if isinstance(part, tuple | list):
-        for one in part:
-            yield from walk_parts(one)
-    elif isinstance(part, type):
-        yield part
-    elif is_dataclass(part) and not isinstance(part, type):
-        yield part
-        for value in field_values(part).values():
+def walk_parts(component: object) -> Iterator[object]:
+    """Yield a component of an experiment, or each of several, and all that it is made of."""
+    if isinstance(component, tuple | list):
+        for item in component:
+            yield from walk_parts(item)
+    elif isinstance(component, type):
+        yield component
+    elif is_dataclass(component) and not isinstance(component, type):
+        yield component
+        for value in field_values(component).values():
             yield from walk_parts(value)
 
 
-def foreign_parts(part: object) -> list[object]:
-    """Find the parts within a part that are not the package's own."""
-    return [inner for inner in walk_parts(part) if is_foreign(inner)]
+def foreign_parts(component: object) -> list[object]:
+    """Find the parts of a component that are not the package's own."""
+    return [part for part in walk_parts(component) if is_foreign(part)]
 
 
 class InvalidHookError(TypeError):
@@ -139,10 +141,13 @@ def _declared(base: type[Part]) -> dict[str, object]:
     declared: dict[str, object] = {}
     for owner in _owners(base):
         bare = None if owner in base.optional_capabilities else _NOTHING
-        of_owner = dict.fromkeys(inspect.get_annotations(owner), bare) | dict(vars(owner))
-        declared |= {name: hook for name, hook in of_owner.items() if name not in declared}
+        hooks_of_owner = dict.fromkeys(inspect.get_annotations(owner), bare)
+        hooks_of_owner |= dict(vars(owner))
+        for name, hook in hooks_of_owner.items():
+            declared.setdefault(name, hook)
     no_hooks = {"kind", "optional_capabilities"}
-    no_hooks |= {f.name for f in fields(base)} if is_dataclass(base) else set()
+    if is_dataclass(base):
+        no_hooks |= {f.name for f in fields(base)}
     return {n: v for n, v in declared.items() if not n.startswith("_") and n not in no_hooks}
 
 
@@ -158,7 +163,8 @@ def _is_needed(declared: object) -> bool:
 
 def mistakes(cls: type, base: type[Part]) -> Iterator[tuple[str, int, str]]:
     """Yield the mistakes of a class against its base, with file and line."""
-    known, keys = _declared(base), {f.name: f.default for f in fields(cls)}
+    known = _declared(base)
+    keys = {f.name: f.default for f in fields(cls)}
     # Hooks that are missing, hidden by a key, or of another form.
     for name, declared in known.items():
         actual = getattr_static(cls, name, declared)
@@ -171,10 +177,13 @@ def mistakes(cls: type, base: type[Part]) -> Iterator[tuple[str, int, str]]:
     # Names that are nearly those of hooks.
     for owner in set(cls.__mro__) - set(base.__mro__):
         names = {*vars(owner), *inspect.get_annotations(owner)} - known.keys() - keys.keys()
-        for name in (n for n in names if not n.startswith("_")):
-            near = get_close_matches(name, known, 1, _ALIKE)
-            what = f"`{name}` is no hook; did you mean `{''.join(near)}`? Helpers begin with _"
-            yield from [(*_place(owner, name), what)] if near else []
+        for name in names:
+            if name.startswith("_"):
+                continue
+            near = get_close_matches(name, known, n=1, cutoff=_ALIKE)
+            if near:
+                question = f"did you mean `{near[0]}`? Helpers begin with _"
+                yield *_place(owner, name), f"`{name}` is no hook; {question}"
 
 
 def _place(cls: type, name: str) -> tuple[str, int]:

@@ -113,8 +113,8 @@ class DataError(ValueError):
 class InvalidKeyError(ValueError):
     """A mistake in a key, or in an item of a list, of the dataclass that is being made."""
 
-    def __init__(self, what: str, *path: str | int) -> None:
-        super().__init__(what)
+    def __init__(self, message: str, *path: str | int) -> None:
+        super().__init__(message)
         self.path = path
 
 

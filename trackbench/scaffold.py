@@ -31,7 +31,8 @@ from trackbench.yaml_source import MarkedMapping, Source
 
 _FORM_OF = {"per_run": "filter", "nonlinear": "motion", "copy": "filter"}
 _CLASSES = ("filter", "sensor", "motion", "start", "scenario")
-WHAT = (*_CLASSES, "experiment")
+NOUNS = (*_CLASSES, "experiment")
+"""What `trackbench new` writes."""
 _TEMPLATES: dict[str, tuple[str, ...]] = {
     name: (f"{name}.py", f"{name}.yaml", f"test_{name}.py") for name in (*_CLASSES, *_FORM_OF)
 }
@@ -66,25 +67,32 @@ _TEMPLATES |= {name: (f"language.{x.ending}", "language.yaml") for name, x in LA
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(?:[-_ ][A-Za-z0-9]+)*")
 
 
-def write_new(what: str, name: str, folder: Path, form: str = "", source: str = "") -> list[Path]:
-    """Write the files of a new filter, sensor, experiment, ...; existing files stay.
+def write_new(noun: str, name: str, folder: Path, form: str = "", source: str = "") -> list[Path]:
+    """Write the files of a new component or experiment; existing files stay.
 
-    ``form`` of a filter is ``per_run``, which handles one run at a time, ``copy``, which begins as the
-    shipped filter of kind ``source``, or the language of a program; of a motion ``nonlinear``.
+    ``noun`` is a word of `NOUNS`, such as filter. ``form`` of a filter is ``per_run``, which handles one
+    run at a time, ``copy``, which begins as the shipped filter of kind ``source``, or the language of a
+    program; of a motion ``nonlinear``.
     """
-    if form and _FORM_OF[form] != what:
+    if form and _FORM_OF[form] != noun:
         option = "--language" if form in LANGUAGES else f"--{form.replace('_', '-')}"
-        raise UserError(f"new {what} {name}: {option} is of a {_FORM_OF[form]}")
-    words = _words(what, name)
+        raise UserError(f"new {noun} {name}: {option} is of a {_FORM_OF[form]}")
+    words = _words_of_name(noun, name)
     module = "_".join(words)
-    language, templates = LANGUAGES.get(form), _TEMPLATES[form or what]
-    stem = "language" if language else form or what
-    # Fill every template before anything is written.
-    parts = language.marks if language else parts_of_copy(source) if form == "copy" else {}
-    # These parts are of the package, and hold the marks of the name.
-    more = {mark: _with_marks(part, _name_marks(words)) for mark, part in parts.items()}
-    filled = {folder / t.replace(stem, module): _filled(t, words, more) for t in templates}
-    mark = Mark(f"new {what} {name}")
+    # Step 1: the values of the template's marks. They contain the marks of the name themselves.
+    stem = form or noun
+    values: dict[str, str] = {}
+    if form in LANGUAGES:
+        stem = "language"
+        values = LANGUAGES[form].marks
+    elif form == "copy":
+        values = parts_of_copy(source)
+    values = {mark: _with_marks(text, _name_marks(words)) for mark, text in values.items()}
+    # Step 2: fill every template before anything is written.
+    filled = {}
+    for template in _TEMPLATES[form or noun]:
+        filled[folder / template.replace(stem, module)] = _filled(template, words, values)
+    mark = Mark(f"new {noun} {name}")
     for path in filled:
         if path.exists():
             raise UserError(Problem(mark, "", f"there is a file {path}"))
@@ -120,7 +128,7 @@ def write_config_for(
     ``changes``, such as ``columns.time=Zeit``, are keys of the recording that need no guess. A config
     that would not run is not left: UserError says why.
     """
-    words = _words("experiment", name)
+    words = _words_of_name("experiment", name)
     path = folder / f"{'_'.join(words)}.yaml"
     mark = Mark(f"new experiment {name}")
     if path.exists():
@@ -163,26 +171,29 @@ def _reported(problem: Problem | str, path: Path, data: Path) -> Problem | str:
     """Report a mistake of a guessed config as one of the table, since the config is not there."""
     if isinstance(problem, str) or problem.mark.file != str(path):
         return problem
-    key = f"{problem.path}: " if problem.path else ""
-    what = f"a config for it would not run: {key}{problem.what}"
-    return Problem(Mark(str(data)), "", what)
+    mistake = problem.what
+    if problem.path:
+        mistake = f"{problem.path}: {problem.what}"
+    return Problem(Mark(str(data)), "", f"a config for it would not run: {mistake}")
 
 
-def _words(what: str, name: str) -> list[str]:
-    mark = Mark(f"new {what} {name}")
+def _words_of_name(noun: str, name: str) -> list[str]:
+    """Split a name at - and _ into words; raises UserError for a bad name or one that is known."""
+    mark = Mark(f"new {noun} {name}")
     if len(name) > 60 or not _NAME.fullmatch(name):
         rule = "a name starts with a letter and holds letters, digits, - and _"
         raise UserError(Problem(mark, "", rule))
     words = [word.lower() for word in re.split(r"[-_ ]", name)]
-    group = next((g for g in GROUPS if g == f"{what}s"), None)
-    if group is not None and "-".join(words) in kinds(group):
-        raise UserError(Problem(mark, "", f"there is a {what} of this kind already"))
+    for group in GROUPS:
+        if group == f"{noun}s" and "-".join(words) in kinds(group):
+            raise UserError(Problem(mark, "", f"there is a {noun} of this kind already"))
     return words
 
 
-def _filled(template: str, words: list[str], more: Mapping[str, str]) -> str:
+def _filled(template: str, words: list[str], values: Mapping[str, str]) -> str:
+    """Return a template's text with the values of its marks, and those of the name."""
     text = (files("trackbench") / "templates" / f"{template}.tmpl").read_text(encoding="utf-8")
-    return _with_marks(text, {**more, **_name_marks(words)})
+    return _with_marks(text, {**values, **_name_marks(words)})
 
 
 def _name_marks(words: list[str]) -> dict[str, str]:

@@ -80,14 +80,17 @@ def put(node: Any, key: str | int, value: object, mark: Mark, key_mark: Mark | N
 
 def marked(value: object, mark: Mark) -> Any:
     """Return a copy of plain data in which everything stands at one position."""
-    if not isinstance(value, dict | list):
-        return value
-    copy: MarkedMapping | MarkedList = MarkedMapping()
+    if isinstance(value, dict):
+        mapping = MarkedMapping()
+        for key, inner in value.items():
+            put(mapping, key, marked(inner, mark), mark, mark)
+        return mapping
     if isinstance(value, list):
-        copy = MarkedList(value)
-    for key, inner in value.items() if isinstance(value, dict) else enumerate(value):
-        put(copy, key, marked(inner, mark), mark, mark)
-    return copy
+        items = MarkedList(value)
+        for i, item in enumerate(value):
+            put(items, i, marked(item, mark), mark, mark)
+        return items
+    return value
 
 
 @dataclass
@@ -112,20 +115,26 @@ class Source:
         node: Any = self.data
         mark = self.start
         for key in keys:
-            marks = node.marks if isinstance(node, MarkedMapping | MarkedList) else {}
             if isinstance(node, list) and isinstance(key, str) and key.isdecimal():
                 key = int(key)
+            marks = getattr(node, "marks", {})  # plain data have none
             if key not in marks:
                 break
             mark = marks[key]
-            node = node[key] if has_item(node, key) else None
+            if not has_item(node, key):
+                break
+            node = node[key]
         return mark
 
     def key_mark(self, keys: Keys) -> Mark:
         """Return the position of a key; of the value where the key has none."""
-        parent = self.at(keys[:-1]) if self.has(keys[:-1]) else None
-        marks = parent.key_marks if isinstance(parent, MarkedMapping | MarkedList) else {}
-        return marks.get(keys[-1]) or self.mark(keys) if keys else self.start
+        if not keys:
+            return self.start
+        if self.has(keys[:-1]):
+            parent = self.at(keys[:-1])
+            if isinstance(parent, MarkedMapping | MarkedList) and keys[-1] in parent.key_marks:
+                return parent.key_marks[keys[-1]]
+        return self.mark(keys)
 
     def has(self, keys: Keys) -> bool:
         """Return whether there is a value at ``keys``."""
@@ -136,17 +145,17 @@ class Source:
             node = node[key]
         return True
 
-    def problem(self, keys: Keys, what: str) -> Problem:
-        """Return a mistake in the value at ``keys``."""
-        return Problem(self.mark(keys), dotted(keys), what)
+    def problem(self, keys: Keys, text: str) -> Problem:
+        """Return a mistake in the value at ``keys``, which ``text`` explains."""
+        return Problem(self.mark(keys), dotted(keys), text)
 
-    def add_problem(self, keys: Keys, what: str) -> None:
-        """Add a mistake in the value at ``keys``."""
-        self.problems.append(self.problem(keys, what))
+    def add_problem(self, keys: Keys, text: str) -> None:
+        """Add a mistake in the value at ``keys``, which ``text`` explains."""
+        self.problems.append(self.problem(keys, text))
 
-    def add_key_problem(self, keys: Keys, what: str) -> None:
-        """Add a mistake in the key itself."""
-        self.problems.append(Problem(self.key_mark(keys), dotted(keys), what))
+    def add_key_problem(self, keys: Keys, text: str) -> None:
+        """Add a mistake in the key itself, which ``text`` explains."""
+        self.problems.append(Problem(self.key_mark(keys), dotted(keys), text))
 
     def check(self) -> None:
         """Raise UserError with every mistake that was added, if there are any."""
@@ -195,7 +204,8 @@ def read(path: Path, shown: str | None = None) -> Source:
     is_stdin = str(path) == "-"
     name = "stdin" if is_stdin else shown or str(path)
     try:
-        return parse(_stdin() if is_stdin else text_of(path), name)
+        text = _read_stdin() if is_stdin else text_of(path)
+        return parse(text, name)
     except OSError as error:
         raise UserError(Problem(Mark(name, 1, 1), "", reason(error))) from None
 
@@ -209,7 +219,7 @@ def text_of(path: Path) -> str:
 
 
 @cache
-def _stdin() -> str:
+def _read_stdin() -> str:
     """Read stdin, which can be read once."""
     content = sys.stdin.buffer.read(_LARGEST_FILE + 1)
     if len(content) > _LARGEST_FILE:
@@ -244,17 +254,19 @@ def formula(text: str) -> str | None:
 
 def parse(text: str, name: str) -> Source:
     """Parse YAML text; ``name`` is how messages name it."""
-    node, mark, what = None, Mark(name, 1, 1), "is empty"
+    node = None
+    mark = Mark(name, 1, 1)
+    mistake = "is empty"
     try:
         node = _composed(text)
     except yaml.MarkedYAMLError as error:
-        mark, what = _invalid_yaml(error, text, name)
+        mark, mistake = _explain_invalid_yaml(error, text, name)
     except yaml.YAMLError as error:
-        what = f"not valid YAML: {str(error).splitlines()[0]}"
+        mistake = f"not valid YAML: {str(error).splitlines()[0]}"
     except RecursionError:
-        what = "is nested too deeply"
+        mistake = "is nested too deeply"
     if node is None:
-        raise UserError(Problem(mark, "", what))
+        raise UserError(Problem(mark, "", mistake))
     # Plain data with positions from the composed nodes.
     builder = _Builder(name)
     source = Source(builder.build(node, ()), builder.mark(node), builder.problems)
@@ -263,65 +275,97 @@ def parse(text: str, name: str) -> Source:
     return source
 
 
-def _invalid_yaml(error: yaml.MarkedYAMLError, text: str, name: str) -> tuple[Mark, str]:
+def _explain_invalid_yaml(error: yaml.MarkedYAMLError, text: str, name: str) -> tuple[Mark, str]:
     """Find the place of an error of YAML's grammar, and explain it."""
-    at = error.problem_mark or error.context_mark
-    mark = Mark(name, at.line + 1, at.column + 1) if at else Mark(name)
+    mark = Mark(name)
+    position = error.problem_mark or error.context_mark
+    if position is not None:
+        mark = Mark(name, position.line + 1, position.column + 1)
     if isinstance(error, _TooManyError):
         return mark, _TOO_MANY
     lines = text.split("\n")
-    # A space that a word processor or a web page has put in: near the place, or in an indentation.
+    # Step 1: characters that are no YAML, often far above the place where the parser stops.
+    found = _find_odd_space(lines, mark) or _find_merge_conflict(lines, mark)
+    if found is not None:
+        return found
+    # Step 2: what began at another place and does not end.
+    problem = str(error.problem)
+    message = f"not valid YAML: {error.problem}"
+    if "another document" in problem:
+        second = "not valid YAML: a second document begins here (---); write each into its own file"
+        return mark, second
+    if "block end" in problem and problem.endswith(("'}'", "']'")):
+        return mark, f"not valid YAML: the bracket {problem[-2]} here closes nothing; leave it out"
+    start = error.context_mark
+    if start is not None:
+        place = Mark(name, start.line + 1, start.column + 1)
+        if error.context in _IN_BRACKETS:
+            bracket = lines[start.line][start.column : start.column + 1]
+            opened = f"the bracket {bracket} at {place.line}:{place.column}"
+            return mark, f"{message}; close {opened}, or separate its parts by commas"
+        if problem == "could not find expected ':'":
+            line = lines[start.line].strip()
+            advice = "write KEY: VALUE"
+            missing_space = re.match(r"[\w-]+:(?=\S)", line)
+            if missing_space:
+                advice = f"write a space after the colon: {missing_space.group()} ..."
+            return place, f"not valid YAML: {line!r} is no key with a value; {advice}"
+        if "end of stream" in problem and "quoted" in str(error.context):
+            unclosed = "not valid YAML: the quotation mark here has no partner; close the text"
+            return place, unclosed
+    # Step 3: the place itself.
+    if "'\\t'" in problem:
+        return mark, f"{message}; indent with spaces"
+    if "cannot start any token" in problem:
+        return mark, f"{message}; put the text in quotation marks"
+    if "mapping values are not allowed" in problem:
+        found = _find_missing_space(lines, mark)
+        if found is not None:
+            return found
+    if "mapping" in problem or "block end" in problem:
+        message += "; check the indentation, or quote a text with ': '"
+    return mark, message
+
+
+def _find_odd_space(lines: list[str], mark: Mark) -> tuple[Mark, str] | None:
+    """Find a space of a word processor or a web page: near the place, or in an indentation above."""
     for number in range(min(mark.line, len(lines)), 0, -1):
         line = lines[number - 1]
         is_near = number > mark.line - 3
-        space = _ODD_SPACE.search(line if is_near else line[: len(line) - len(line.lstrip())])
+        if not is_near:
+            line = line[: len(line) - len(line.lstrip())]
+        space = _ODD_SPACE.search(line)
         if space is not None:
-            what = f"not valid YAML: {_describe_space(number, space.group())}"
-            return Mark(name, number, space.start() + 1), what
+            message = f"not valid YAML: {_describe_space(number, space.group())}"
+            return Mark(mark.file, number, space.start() + 1), message
+    return None
+
+
+def _find_merge_conflict(lines: list[str], mark: Mark) -> tuple[Mark, str] | None:
+    """Find a line of a conflict that git has left, above the place or at it."""
     for number, line in enumerate(lines[: mark.line], 1):
         if line.startswith(("<<<<<<< ", "=======", ">>>>>>> ")):
-            what = (
+            message = (
                 f"not valid YAML: {line[:20]!r} is a mark of a conflict in git; choose one version"
             )
-            return Mark(name, number, 1), what
-    what = f"not valid YAML: {error.problem}"
-    start = error.context_mark
-    if "another document" in what:
-        return (
-            mark,
-            "not valid YAML: a second document begins here (---); write each into its own file",
-        )
-    if "block end" in what and what.endswith(("'}'", "']'")):
-        return mark, f"not valid YAML: the bracket {what[-2]} here closes nothing; leave it out"
-    if start is not None and error.context in _IN_BRACKETS:
-        bracket = lines[start.line][start.column : start.column + 1]
-        opened = f"the bracket {bracket} at {start.line + 1}:{start.column + 1}"
-        return mark, f"{what}; close {opened}, or separate its parts by commas"
-    if start is not None and error.problem == "could not find expected ':'":
-        line = lines[start.line].strip()
-        missing_space = re.match(r"[\w-]+:(?=\S)", line)
-        how = f"write a space after the colon: {missing_space.group()} ..." if missing_space else ""
-        what = f"not valid YAML: {line!r} is no key with a value; {how or 'write KEY: VALUE'}"
-        return Mark(name, start.line + 1, start.column + 1), what
-    if start is not None and "end of stream" in what and "quoted" in str(error.context):
-        place = Mark(name, start.line + 1, start.column + 1)
-        return place, "not valid YAML: the quotation mark here has no partner; close the text"
-    if "'\\t'" in what:
-        return mark, f"{what}; indent with spaces"
-    if "cannot start any token" in what:
-        return mark, f"{what}; put the text in quotation marks"
-    before = lines[mark.line - 1][: mark.column - 1] if 0 < mark.line <= len(lines) else ""
-    if "mapping values are not allowed" in what:
-        above = lines[mark.line - 2].strip() if mark.line > 1 else ""
-        missing_space = re.fullmatch(r"([\w-]+:)\S+", above)
-        if missing_space and ":" not in before.strip():
-            what = (
-                f"not valid YAML: {above!r} is no key with a value; write a space after the colon"
-            )
-            return Mark(name, mark.line - 1, len(lines[mark.line - 2]) - len(above) + 1), what
-    if "mapping" in what or "block end" in what:
-        what += "; check the indentation, or quote a text with ': '"
-    return mark, what
+            return Mark(mark.file, number, 1), message
+    return None
+
+
+def _find_missing_space(lines: list[str], mark: Mark) -> tuple[Mark, str] | None:
+    """Find ``KEY:VALUE`` in the line above, if the place itself is the first key of its line."""
+    if not 1 < mark.line <= len(lines):
+        return None
+    line_above = lines[mark.line - 2]
+    text_above = line_above.strip()
+    text_before = lines[mark.line - 1][: mark.column - 1].strip()
+    if not re.fullmatch(r"[\w-]+:\S+", text_above) or ":" in text_before:
+        return None
+    message = (
+        f"not valid YAML: {text_above!r} is no key with a value; write a space after the colon"
+    )
+    column = len(line_above) - len(text_above) + 1
+    return Mark(mark.file, mark.line - 1, column), message
 
 
 _IN_BRACKETS = ("while parsing a flow mapping", "while parsing a flow sequence")
@@ -345,7 +389,9 @@ def scalar(text: str) -> Scalar:
     if text.lower() in _WORDS and text in (text.lower(), text.capitalize(), text.upper()):
         return _WORDS[text.lower()]
     if _INT.fullmatch(text):
-        return int(text) if len(text) < _LONGEST_NUMBER else text
+        if len(text) >= _LONGEST_NUMBER:
+            return text
+        return int(text)
     if _FLOAT.fullmatch(text):
         return float(text)
     return _SPECIAL.get(text.lower(), text)
@@ -389,89 +435,103 @@ class _Builder:
         if self.nodes > _MOST_NODES:
             raise UserError(Problem(self.mark(node), "", f"{_TOO_MANY} after aliases"))
         if len(keys) > DEEPEST:
-            what = f"nested more than {DEEPEST} levels deep"
-            raise UserError(Problem(self.mark(node), "", what))
+            raise UserError(Problem(self.mark(node), "", f"nested more than {DEEPEST} levels deep"))
         if isinstance(node, yaml.CollectionNode) and node.tag not in _COLLECTION_TAGS:
-            what = f"the tag {node.tag} is not allowed"
-            self.problems.append(Problem(self.mark(node), dotted(keys), what))
+            self._add_problem(self.mark(node), keys, f"the tag {node.tag} is not allowed")
         if isinstance(node, yaml.MappingNode):
-            return self._mapping(node, keys)
+            return self._build_mapping(node, keys)
         if isinstance(node, yaml.SequenceNode):
-            items = MarkedList(self.build(item, (*keys, i)) for i, item in enumerate(node.value))
-            items.marks.update((i, self.mark(item)) for i, item in enumerate(node.value))
+            items = MarkedList()
+            for i, item in enumerate(node.value):
+                items.append(self.build(item, (*keys, i)))
+                items.marks[i] = self.mark(item)
             return items
-        return self._scalar(node, keys)
+        return self._build_scalar(node, keys)
 
     def mark(self, node: yaml.Node) -> Mark:
         """Return the position of a node."""
         return Mark(self.name, node.start_mark.line + 1, node.start_mark.column + 1)
 
-    def _mapping(self, node: yaml.MappingNode, keys: Keys) -> MarkedMapping:
+    def _build_mapping(self, node: yaml.MappingNode, keys: Keys) -> MarkedMapping:
         mapping = MarkedMapping()
-        before: yaml.Node | None = None
+        value_before: yaml.Node | None = None
         for key_node, value_node in node.value:
             mark = self.mark(key_node)
             if (
                 node.flow_style
-                and before is not None
-                and _is_after_comma(before, key_node, value_node)
+                and value_before is not None
+                and _is_after_comma(value_before, key_node, value_node)
             ):
-                number = f"{before.value},{key_node.value}"
-                place = (*keys, str(list(mapping)[-1]))
-                what = f"{number} has a decimal comma; write {number.replace(',', '.')}"
-                self.problems.append(Problem(self.mark(before), dotted(place), what))
+                number = f"{value_before.value},{key_node.value}"
+                keys_before = (*keys, str(list(mapping)[-1]))
+                comma = f"{number} has a decimal comma; write {number.replace(',', '.')}"
+                self._add_problem(self.mark(value_before), keys_before, comma)
                 continue
-            before = value_node
+            value_before = value_node
             if not isinstance(key_node, yaml.ScalarNode):
-                self.problems.append(Problem(mark, dotted(keys), "a key must be a word"))
+                self._add_problem(mark, keys, "a key must be a word")
                 continue
             key = str(key_node.value)
-            at = (*keys, key)
-            if node.flow_style and (how := _joined_key(key_node, value_node)):
-                self.problems.append(Problem(mark, dotted(keys), how))
+            joined = _explain_joined_key(key_node, value_node)
+            if node.flow_style and joined:
+                self._add_problem(mark, keys, joined)
                 continue
             # Mistakes in the key itself; a duplicate key would silently replace the first value.
             self._check_text(key, mark, keys)
             self._check_spaces(key_node, keys)
-            if mistake := formula(key):
-                self.problems.append(Problem(mark, dotted(keys), mistake))
+            mistake = formula(key)
+            if mistake:
+                self._add_problem(mark, keys, mistake)
+            keys_of_value = (*keys, key)
             if key in mapping:
-                what = f"duplicate key, first given on line {mapping.key_marks[key].line}"
-                self.problems.append(Problem(mark, dotted(at), what))
+                duplicate = f"duplicate key, first given on line {mapping.key_marks[key].line}"
+                self._add_problem(mark, keys_of_value, duplicate)
                 continue
-            put(mapping, key, self.build(value_node, at), self.mark(value_node), mark)
+            value = self.build(value_node, keys_of_value)
+            put(mapping, key, value, self.mark(value_node), mark)
         return mapping
 
-    def _scalar(self, node: yaml.Node, keys: Keys) -> Scalar:
+    def _build_scalar(self, node: yaml.Node, keys: Keys) -> Scalar:
         # Only a scalar without quotes can be other than a word.
-        is_plain = isinstance(node, yaml.ScalarNode) and node.style is None
-        if node.tag not in (_PLAIN_TAGS if is_plain else _PLAIN_TAGS[:1]):
-            what = f"the tag {node.tag} is not allowed"
-            self.problems.append(Problem(self.mark(node), dotted(keys), what))
+        allowed_tags = _PLAIN_TAGS[:1]
+        if _is_plain(node):
+            allowed_tags = _PLAIN_TAGS
+        if node.tag not in allowed_tags:
+            self._add_problem(self.mark(node), keys, f"the tag {node.tag} is not allowed")
             return None
         text = str(node.value)
         self._check_text(text, self.mark(node), keys)
         self._check_spaces(node, keys)
-        return scalar(text) if is_plain else text
+        if _is_plain(node):
+            return scalar(text)
+        return text
 
     def _check_spaces(self, node: yaml.Node, keys: Keys) -> None:
         """Reject a no-break space around a word without quotes, or after its colon."""
-        is_plain = isinstance(node, yaml.ScalarNode) and node.style is None
-        space = _ODD_ENDS.search(str(node.value)) if is_plain else None
+        if not _is_plain(node):
+            return
+        space = _ODD_ENDS.search(str(node.value))
         if space is not None:
             mark = self.mark(node)
-            what = _describe_space(mark.line, space.group().strip(":"))
-            self.problems.append(Problem(mark, dotted(keys), what))
+            self._add_problem(mark, keys, _describe_space(mark.line, space.group().strip(":")))
 
     def _check_text(self, text: str, mark: Mark, keys: Keys) -> None:
-        if what := unprintable_reason(text):
-            self.problems.append(Problem(mark, dotted(keys), what))
+        mistake = unprintable_reason(text)
+        if mistake:
+            self._add_problem(mark, keys, mistake)
+
+    def _add_problem(self, mark: Mark, keys: Keys, text: str) -> None:
+        self.problems.append(Problem(mark, dotted(keys), text))
 
 
-def _joined_key(key: yaml.Node, value: yaml.Node) -> str:
+def _is_plain(node: yaml.Node) -> bool:
+    """Test whether a node is a scalar without quotes."""
+    return isinstance(node, yaml.ScalarNode) and node.style is None
+
+
+def _explain_joined_key(key: yaml.Node, value: yaml.Node) -> str:
     """Explain a part of ``{kind:position, sigma = 50}`` that is all key; an empty text for others."""
-    nodes = (key, value)
-    if not all(isinstance(node, yaml.ScalarNode) and node.style is None for node in nodes):
+    if not _is_plain(key) or not _is_plain(value):
         return ""
     match = re.fullmatch(r"([\w-]+)(:(?=\S)|\s*=\s*)(\S.*)", str(key.value))
     if match is None or value.value != "":
@@ -481,8 +541,7 @@ def _joined_key(key: yaml.Node, value: yaml.Node) -> str:
 
 def _is_after_comma(before: yaml.Node, key: yaml.Node, value: yaml.Node) -> bool:
     """Test whether ``{q: 0,1}`` was split at its comma: into ``q: 0`` and a key 1 without a value."""
-    nodes = (before, key, value)
-    if not all(isinstance(node, yaml.ScalarNode) and node.style is None for node in nodes):
+    if not _is_plain(before) or not _is_plain(key) or not _is_plain(value):
         return False
     is_number = _INT.fullmatch(str(before.value)) and str(key.value).isdecimal()
     return bool(is_number) and value.value == ""
@@ -505,8 +564,9 @@ def from_mapping(config: Mapping[str, object]) -> Source:
 
 
 def _as_plain(value: object, keys: Keys, source: Source) -> Any:
-    if what := _inexpressible(value, keys):
-        source.problems.append(Problem(source.start, dotted(keys), what))
+    mistake = _inexpressible(value, keys)
+    if mistake:
+        source.problems.append(Problem(source.start, dotted(keys), mistake))
         return None
     if isinstance(value, Mapping):
         return {key: _as_plain(inner, (*keys, key), source) for key, inner in value.items()}
@@ -514,7 +574,9 @@ def _as_plain(value: object, keys: Keys, source: Source) -> Any:
         return [_as_plain(inner, (*keys, i), source) for i, inner in enumerate(value)]
     if isinstance(value, _NumpyValue):
         return _as_plain(value.tolist(), keys, source)
-    return str(value) if isinstance(value, Path) else value
+    if isinstance(value, Path):
+        return str(value)
+    return value
 
 
 def _inexpressible(value: object, keys: Keys) -> str | None:

@@ -45,9 +45,9 @@ Folders = Annotated[list[Path], typer.Argument(metavar="DIR...", help="results f
 
 
 def compare_two(
-    first: Path, second: Path, out: Path | None, json: bool, markdown: bool = False
+    first: Path, second: Path, figure_file: Path | None, json: bool, markdown: bool = False
 ) -> None:
-    """Print how the numbers of two folders differ, and draw a figure to the file ``out``."""
+    """Print how the numbers of two folders differ, and draw a figure to the file, if there is one."""
     from trackbench.errors import UserError, counted
     from trackbench.report import compare_folders as comparison
     from trackbench.report.compare_folders import compare_folders
@@ -61,8 +61,8 @@ def compare_two(
     names = (first.name, second.name)
     if first.name == second.name:
         names = (str(first), str(second))
-    if out is not None:
-        comparison.save(comparison.draw(rows, names), out)
+    if figure_file is not None:
+        comparison.save(comparison.draw(rows, names), figure_file)
     if json:
         _echo_rows(rows)
         return
@@ -176,7 +176,9 @@ def _echo_rows(rows: "Sequence[Row]") -> None:
         echo_line(row.fields)
 
 
-def history(folders: Folders, metric: Metric = "", out: Figure = None, json: Json = False) -> None:
+def history(
+    folders: Folders, metric: Metric = "", figure_file: Figure = None, json: Json = False
+) -> None:
     """Show a metric of each filter over results folders, in the order of their dates."""
     from trackbench.errors import UserError
     from trackbench.report import history as folder_history
@@ -197,8 +199,8 @@ def history(folders: Folders, metric: Metric = "", out: Figure = None, json: Jso
         place = results_folders[0]
     with explain_content_errors(place):
         tables = folder_history.history(all_results, metric)
-    if out is not None:
-        save(folder_history.draw(tables), out)
+    if figure_file is not None:
+        save(folder_history.draw(tables), figure_file)
     for table in tables:
         if json:
             echo_line({"experiment": table.title, **table_rows(table)})

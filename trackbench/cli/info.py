@@ -111,8 +111,11 @@ def copy(
 
 
 def new(
-    what: Annotated[
-        str, typer.Argument(help="filter, sensor, motion, start, scenario or experiment")
+    noun: Annotated[
+        str,
+        typer.Argument(
+            metavar="what", help="filter, sensor, motion, start, scenario or experiment"
+        ),
     ],
     name: Annotated[
         str | None, typer.Argument(help="its name, such as my-sensor; of data by default theirs")
@@ -143,10 +146,10 @@ def new(
     With --language, a filter is a program that reads and writes lines, and a config runs it.
     """
     from trackbench.errors import UserError
-    from trackbench.scaffold import LANGUAGES, WHAT, write_config_for, write_new
+    from trackbench.scaffold import LANGUAGES, NOUNS, write_config_for, write_new
 
     # Step 1: check the options.
-    one_of("new", what, WHAT)
+    one_of("new", noun, NOUNS)
     if language:
         one_of("--language", language, tuple(LANGUAGES))
     chosen_options = []
@@ -159,9 +162,9 @@ def new(
     if data:
         chosen_options.append("--from")
     if len(chosen_options) > 1:
-        raise UserError(f"new {what} {name}: {' and '.join(chosen_options)} exclude each other")
-    if data is not None and what not in ("experiment", "filter"):
-        raise typer.BadParameter(f"a {what} is not made from data", param_hint="--from")
+        raise UserError(f"new {noun} {name}: {' and '.join(chosen_options)} exclude each other")
+    if data is not None and noun not in ("experiment", "filter"):
+        raise typer.BadParameter(f"a {noun} is not made from data", param_hint="--from")
     if sets and data is None:
         raise typer.BadParameter("is of --from", param_hint="--set")
     # Step 2: write the files.
@@ -169,7 +172,7 @@ def new(
     unused_columns: list[str] = []
     quantities: list[str] = []
     left_out_filters: list[str] = []
-    if data is not None and what == "experiment":
+    if data is not None and noun == "experiment":
         data_name = name or re.sub("[^A-Za-z0-9]+", "-", data.stem).strip("-")
         written = write_config_for(data, data_name, Path(), sets or ())
         paths = written.paths
@@ -187,7 +190,7 @@ def new(
             form = "per_run"
         elif nonlinear:
             form = "nonlinear"
-        paths = write_new(what, name, Path(), form, str(data))
+        paths = write_new(noun, name, Path(), form, str(data))
     # Step 3: print what was written, and what to do next.
     for path in paths:
         typer.echo(f"wrote {path}")
@@ -203,7 +206,7 @@ def new(
     if unplaced_sensors:
         typer.echo(f"write into it where these are: {', '.join(unplaced_sensors)}")
     run_command = f"trackbench run {config}"
-    if what != "experiment":
+    if noun != "experiment":
         run_command += " --allow-plugins"
     typer.echo(f"run it: {run_command}")
 

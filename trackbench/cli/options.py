@@ -91,13 +91,13 @@ def assignments(ctx: typer.Context, incomplete: str) -> Iterator[str]:
         if field.name == "scenario":
             yield from _key_paths(value, group, "scenario.")
         elif field.name in ("filters", "tables", "figures") and isinstance(value, dict):
-            for label, part in value.items():
-                yield from _key_paths(part, group, f"{group}.{label}.")
+            for label, component in value.items():
+                yield from _key_paths(component, group, f"{group}.{label}.")
         else:
             yield f"{field.name}="
 
 
-def _key_paths(part: Any, group: str | None, path: str) -> Iterator[str]:
+def _key_paths(component: Any, group: str | None, path: str) -> Iterator[str]:
     """Yield paths to the keys of a component: its kind's, those in the config, nested ones."""
     from trackbench.config.build import hints_of
     from trackbench.field_types import dataclasses_in, part_group
@@ -105,19 +105,25 @@ def _key_paths(part: Any, group: str | None, path: str) -> Iterator[str]:
     from trackbench.registry import Group, of_kind
 
     known: dict[str, Any] = {}
-    if group is not None and isinstance(part, dict) and "kind" in part:
-        cls = cast(type[Any], of_kind(cast(Group, group), part["kind"]))
+    if group is not None and isinstance(component, dict) and "kind" in component:
+        cls = cast(type[Any], of_kind(cast(Group, group), component["kind"]))
         known = {field.name: hints_of(cls)[field.name] for field in fields(cls)}
-        known |= {"preset": str} if group == "filters" and cls.presets else {}
+        if group == "filters" and cls.presets:
+            known["preset"] = str
     if group == "filters":
         known |= {f"assume.{key}": hint for key, hint in hints_of(Assume).items()}
         known["late"] = known.pop("assume.late")
-    for key in dict.fromkeys([*known, *part]):
-        nested = dataclasses_in(known.get(key)) if part_group(known.get(key)) is None else []
-        if isinstance(part.get(key), dict) and not nested:
-            yield from _key_paths(part[key], part_group(known.get(key)), f"{path}{key}.")
+    for key in dict.fromkeys([*known, *component]):
+        hint = known.get(key)
+        group_of_key = part_group(hint)
+        nested = []
+        if group_of_key is None:
+            nested = dataclasses_in(hint)
+        if isinstance(component.get(key), dict) and not nested:
+            yield from _key_paths(component[key], group_of_key, f"{path}{key}.")
         elif len(nested) == 1:
-            yield from (f"{path}{key}.{name}=" for name in hints_of(nested[0]))
+            for name in hints_of(nested[0]):
+                yield f"{path}{key}.{name}="
         else:
             yield f"{path}{key}="
 

@@ -15,8 +15,9 @@ def compare(
     other: Annotated[
         Path | None, typer.Argument(metavar="DIR2", help="results folder to compare the first with")
     ] = None,
-    out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="figure of two folders: .png, .svg or .pdf")
+    figure_file: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FILE", help="figure of two folders: .png, .svg or .pdf"),
     ] = None,
     format_: Annotated[
         str, typer.Option("--format", metavar=MARKDOWN, help="print tables as Markdown")
@@ -29,9 +30,9 @@ def compare(
     if format_:
         one_of("--format", format_, (MARKDOWN,))
     if other is not None:
-        compare_two(folder, other, out, json, format_ == MARKDOWN)
+        compare_two(folder, other, figure_file, json, format_ == MARKDOWN)
         return
-    if out is not None:
+    if figure_file is not None:
         raise typer.BadParameter("--out draws two folders: trackbench compare DIR DIR2 --out FILE")
     from trackbench.commands import stored_results
     from trackbench.report.results import Results
@@ -132,7 +133,7 @@ def _print_written_files(write: Callable[[], list[Path]]) -> None:
 
 def codecheck(
     folders: Annotated[list[Path], typer.Argument(metavar="DIR...", help="results folders")],
-    out: Annotated[Path, typer.Option(metavar="FILE", help="file to write")] = Path(
+    path: Annotated[Path, typer.Option("--out", metavar="FILE", help="file to write")] = Path(
         "codecheck.yml"
     ),
 ) -> None:
@@ -141,10 +142,11 @@ def codecheck(
     from trackbench.commands.stored_results import codecheck_text
     from trackbench.errors import Mark, Problem, UserError
 
-    if out.exists():
-        raise UserError(Problem(Mark(str(out)), "", "is there already; name another file by --out"))
-    write_text(out, codecheck_text(folders, out.absolute().parent))
-    typer.echo(f"wrote {out}")
+    if path.exists():
+        mistake = "is there already; name another file by --out"
+        raise UserError(Problem(Mark(str(path)), "", mistake))
+    write_text(path, codecheck_text(folders, path.absolute().parent))
+    typer.echo(f"wrote {path}")
 
 
 def verify(

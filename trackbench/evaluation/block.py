@@ -67,7 +67,9 @@ class BlockTask:
     @property
     def assumed_scenario(self) -> Scenario:
         """Scenario with the model that the filter assumes."""
-        return self.scenario if self.assume is None else self.scenario.with_assumptions(self.assume)
+        if self.assume is None:
+            return self.scenario
+        return self.scenario.with_assumptions(self.assume)
 
     @property
     def first_run(self) -> int:

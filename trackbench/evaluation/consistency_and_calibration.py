@@ -216,7 +216,10 @@ class Calibration:
             gaussian = noncredibility(consistency["nees"], n, rank)
             nci = []
             for excess, gaussian_nci in zip(self._log_excess, gaussian, strict=True):
-                nci.append(gaussian_nci if excess is None else _decibels(excess))
+                if excess is None:
+                    nci.append(gaussian_nci)
+                else:
+                    nci.append(_decibels(excess))
             rows["nci"] = np.stack(nci)
         if "ranks" in self._wanted:
             for name, pit in pits.items():
@@ -259,9 +262,12 @@ def noncredibility(nees: Array, n: int, rank: Array | None = None) -> Array:
 
     def noncredibility_of_rank(squared: Array, r: int) -> Array:
         # psi(r / 2) by psi(1) = -gamma, psi(1 / 2) = -gamma - 2 log 2, psi(x + 1) = psi(x) + 1 / x
-        is_odd = r % 2 == 1
-        digamma = -_EULER - (2.0 * float(log(2.0)) if is_odd else 0.0)
-        for i in range(1 if is_odd else 2, r, 2):
+        digamma = -_EULER
+        first = 2
+        if r % 2 == 1:
+            digamma = -_EULER - 2.0 * float(log(2.0))
+            first = 1
+        for i in range(first, r, 2):
             digamma += 2.0 / i
         # E log NEES = log 2 + psi(r / 2) for chi-square of r degrees of freedom
         return _decibels(log(squared * (r / n)) - float(log(2.0)) - digamma)
@@ -271,8 +277,10 @@ def noncredibility(nees: Array, n: int, rank: Array | None = None) -> Array:
 
 def rank_of(nees: str, series: Mapping[str, Array], n: int) -> Array | None:
     """Return the degrees of freedom (T, M) of a NEES of n components; None if it has n everywhere."""
-    unused = series.get(f"unused_{nees}")
-    return None if unused is None else n - unused
+    name = f"unused_{nees}"
+    if name not in series:
+        return None
+    return n - series[name]
 
 
 def _decibels(log_ratio: Array) -> Array:

@@ -58,7 +58,9 @@ def visible_to_filter(measurements: Array, hold_out: int | None) -> Array:
 
 def predictive_series(components: Sequence[str], scores: bool, hold_out: int | None) -> list[str]:
     """Return names of all predictive series; ``scores``: the filter has a log-likelihood."""
-    names = [_SCORE] if scores else []
+    names = []
+    if scores:
+        names.append(_SCORE)
     names += ["anis", "innovations"]
     names += [f"autocovariance_{lag}" for lag in range(1, LAGS + 1)]
     heads = ["predicted"]
@@ -137,7 +139,9 @@ class PredictionScorer:
             self._scores += self._log_likelihoods(step.after, z.shape[1])
         if "prediction" in self._wanted:
             self._predicted.add(self._prediction(step, z), z, step.k)
-            refused = np.zeros(z.shape[1]) if step.refused is None else step.refused
+            refused = step.refused
+            if refused is None:
+                refused = np.zeros(z.shape[1])
             self._refused.append(np.broadcast_to(refused > 0, z.shape))
         if self._held_out is not None and self._held_out[i].any():
             # Without the measurement the estimate is the prediction.

@@ -135,11 +135,13 @@ def _join_blocks(blocks: Sequence[BlockTask]) -> BlockTask:
 
 def _cut_data(data: Simulation, first: int, width: int) -> Simulation:
     """Return the data of one block of a stack: ``width`` runs from run ``first`` of the stack on."""
-    return data._replace(
+    cut = data._replace(
         truth=_cut_runs(data.truth, first, width),
         measurements=_cut_runs(data.measurements, first, width),
-        arrival=None if data.arrival is None else _cut_runs(data.arrival, first, width),
     )
+    if data.arrival is not None:
+        cut = cut._replace(arrival=_cut_runs(data.arrival, first, width))
+    return cut
 
 
 def _cut_output(output: FilterOutput, first: int, width: int) -> FilterOutput:
@@ -165,7 +167,9 @@ def _cut_runs(rows: Any, first: int, width: int) -> Any:
 
 def _view_runs(rows: Any, first: int, width: int) -> Any:
     """Return a view of some runs; None if there are no rows."""
-    return None if rows is None else rows[..., first : first + width]
+    if rows is None:
+        return None
+    return rows[..., first : first + width]
 
 
 def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int, BlockResult]:
@@ -199,12 +203,12 @@ def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int
         finite_truth = ~np.asarray(bad_truth.any(axis=(0, 1)))
     per_run = per_run_metrics(task.scenario, values, sums, finite, finite_truth, weights)
     # Without lost runs the sums over all runs at each step are known already.
-    whole_sums: dict[str, StepSums] = {}
+    sums_of_width: dict[int, dict[str, StepSums]] = {}
     if not (per_run["lost"] != NOT_LOST).any():
-        whole_sums = sums.over_runs()
+        sums_of_width[task.width] = sums.over_runs()
     results = {}
     for used in {task.runs_used, task.width, *task.extra_run_counts}:
-        known_sums = whole_sums if used == task.width else {}
+        known_sums = sums_of_width.get(used, {})
         results[used] = _trimmed_result(task, data, output, values, per_run, used, known_sums)
     return results
 
@@ -257,9 +261,9 @@ def _series_and_sums(
             truth=data.truth[:, piece],
             mean=output.mean[:, piece],
             nees=output.nees[piece],
-            exact=None if exact_mean is None else exact_mean[:, piece],
+            exact=_steps_of_mean(exact_mean, piece),
             rank=None if rank is None else rank[piece],
-            twin=None if twin_mean is None else twin_mean[:, piece],
+            twin=_steps_of_mean(twin_mean, piece),
         )
         for name, rows in predictive.items():
             rows_by_name[name] = rows[piece]
@@ -272,6 +276,13 @@ def _series_and_sums(
                 values[name][piece] = rows
             sums.add(name, rows, first)
     return values, sums
+
+
+def _steps_of_mean(mean: Array | None, piece: slice) -> Array | None:
+    """Return some steps of a mean (n_x, T + 1, M), if there is one."""
+    if mean is None:
+        return None
+    return mean[:, piece]
 
 
 def _stayed_finite(mean: Array) -> Mask:
@@ -314,9 +325,12 @@ def _trimmed_result(
             truth=_first_runs(data.truth, shown),
             measurements=_first_runs(data.measurements, shown),
             mean=_first_runs(output.mean, shown),
-            cov=None if output.cov is None else _first_runs(output.cov, shown),
-            particles=None if output.particles is None else _first_runs(output.particles, shown),
+            cov=None,
         )
+        if output.cov is not None:
+            tracks = tracks._replace(cov=_first_runs(output.cov, shown))
+        if output.particles is not None:
+            tracks = tracks._replace(particles=_first_runs(output.particles, shown))
     # Sums per step; training runs (index < 0) have none.
     steps: dict[str, StepSums] = {}
     if task.index >= 0:

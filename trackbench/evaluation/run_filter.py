@@ -122,7 +122,9 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
             for i, k in enumerate(steps[piece], first):
                 if refilter is not None:
                     state = refilter.state_before(i, state)
-                before = state if scorer.disabled else scorer.snapshot(state)
+                before = state
+                if not scorer.disabled:
+                    before = scorer.snapshot(state)
                 with clock:
                     if many is None:
                         state = tracker.step(model, state, scorer.visible[:, i], k, rng)
@@ -180,8 +182,9 @@ def _make_refilter(
 
     def copy(state: Any) -> Any:
         # A step of a program, and one of a plugin that breaks the contract, changes its state.
-        is_changed = tracker.loops_over_runs or foreign_parts(tracker)
-        return deepcopy(state, {id(model): model}) if is_changed else state
+        if tracker.loops_over_runs or foreign_parts(tracker):
+            return deepcopy(state, {id(model): model})
+        return state
 
     return Refilter(z, delivered, repeat, copy, rng, clock)
 

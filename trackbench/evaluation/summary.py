@@ -58,7 +58,10 @@ def merge(blocks: Iterable[BlockResult]) -> FilterResult:
         for name, values in block.per_run.items():
             per_run.setdefault(name, []).append(values)
         for name, sums in block.steps.items():
-            steps[name] = steps[name].plus(sums) if name in steps else sums
+            if name in steps:
+                steps[name] = steps[name].plus(sums)
+            else:
+                steps[name] = sums
         for name, values in block.run_series.items():
             run_series.setdefault(name, []).append(values)
         if block.tracks is not None:

@@ -86,7 +86,10 @@ def measure(
                 passes[i] = _call_guarded(guard, filter_pass.repeated)
         tick()
     simulate.cache_clear()  # a plugin may have written to the data
-    return [each.measured() if isinstance(each, _Pass) else each for each in passes]
+    times = []
+    for filter_pass in passes:
+        times.append(filter_pass.measured() if isinstance(filter_pass, _Pass) else filter_pass)
+    return times
 
 
 def _call_guarded(guard: Guard, function: Any, *arguments: Any) -> Any:

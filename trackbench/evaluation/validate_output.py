@@ -42,7 +42,8 @@ def check_estimate(estimate: Gaussian, sizes: tuple[int, int], *batch: int) -> N
     (n, n, S, 1).
     """
     try:
-        mean, cov = estimate.mean, estimate.cov
+        mean = estimate.mean
+        cov = estimate.cov
     except AttributeError:
         text = f"an estimate is a Gaussian, and this is a {type(estimate).__name__}"
         raise WrongReturnError("estimate", text) from None

@@ -81,8 +81,16 @@ def parts_of_copy(kind: str) -> dict[str, str]:
     methods = sorted(set(re.findall(r"\bself\.(\w+)\(", source)))
     # Step 2: a scenario on which it runs. A few particles, the default of particle filters, are enough
     # for one component, so these begin with the last one.
-    keys = f", {_KEYS[kind]}" if kind in _KEYS else ""
-    scenarios = _SCENARIOS[::-1] if hasattr(cls, "N") else _SCENARIOS
+    keys = ""
+    on = ""
+    on_file = ""
+    if kind in _KEYS:
+        keys = f", {_KEYS[kind]}"
+        on = " --on @MODULE@.yaml"
+        on_file = ", CONFIG"
+    scenarios = list(_SCENARIOS)
+    if hasattr(cls, "N"):
+        scenarios.reverse()
     scenario = _find_scenario(kind, keys, scenarios)
     return {
         "@IMPORTS@": _import_lines(imports),
@@ -91,8 +99,8 @@ def parts_of_copy(kind: str) -> dict[str, str]:
         "@CALLS@": ", ".join(f"`{name}`" for name in methods) or "no other method",
         "@STEP@": "\n".join(f"    {line}".rstrip() for line in source.splitlines()),
         "@KEYS@": keys,
-        "@ON@": " --on @MODULE@.yaml" if keys else "",
-        "@ON_FILE@": ", CONFIG" if keys else "",
+        "@ON@": on,
+        "@ON_FILE@": on_file,
         "@SCENARIO@": scenario,
     }
 
@@ -117,7 +125,9 @@ def _needed_imports(module: ModuleType, source: str) -> list[_Import]:
     imports_by_name = {name: (module.__name__, name, "") for name in vars(module)}
     for node in ast.walk(ast.parse(inspect.getsource(module))):
         if isinstance(node, ast.ImportFrom | ast.Import):
-            imported_module = str(node.module) if isinstance(node, ast.ImportFrom) else ""
+            imported_module = ""
+            if isinstance(node, ast.ImportFrom):
+                imported_module = str(node.module)
             for alias in node.names:
                 name_here = alias.asname or alias.name
                 imports_by_name[name_here] = (imported_module, alias.name, alias.asname or "")

@@ -5,7 +5,7 @@ A listing reads docstrings without importing what it lists.
 
 import dataclasses
 import inspect
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, cast
 
 from trackbench.extension_points import Part, hooks, key_of, overridden_hooks
@@ -41,7 +41,9 @@ def groups_with_counts() -> str:
     known["experiments"] = names()
     rows = []
     for group, group_names in known.items():
-        number = len(METRICS) if group == "metrics" else len(group_names)
+        number = len(group_names)
+        if group == "metrics":
+            number = len(METRICS)
         first_names = ", ".join([*group_names[:5], "..."][:number])
         rows.append((group, f"{number:>3}", first_names))
     return "\n".join(["groups (trackbench list GROUP):", *columns(rows)])
@@ -90,19 +92,27 @@ def rows(groups: Sequence[str]) -> Iterator[JsonRow]:
     from trackbench.config.shipped_experiments import listed, problems
 
     for group in groups:
-        if group in ("metrics", "statistics"):
-            known = METRICS if group == "metrics" else statistics_known()
-            for word in known:
-                row = facts(word)
-                if row:
-                    yield row
-        elif group in ("experiments", "problems"):
-            shipped = listed() if group == "experiments" else problems()
-            for entry in shipped:
-                yield {"group": group, **entry._asdict()}
+        if group == "metrics":
+            yield from _rows_of_metrics(METRICS)
+        elif group == "statistics":
+            yield from _rows_of_metrics(statistics_known())
+        elif group == "experiments":
+            for experiment in listed():
+                yield {"group": group, **experiment._asdict()}
+        elif group == "problems":
+            for problem in problems():
+                yield {"group": group, **problem._asdict()}
         else:
             for kind, doc in documentation(cast(Group, group)).items():
                 yield {"group": group, "kind": kind, "text": _paragraphs(doc)[0]}
+
+
+def _rows_of_metrics(words: Iterable[str]) -> Iterator[JsonRow]:
+    """Yield a row for each metric or statistic that is documented."""
+    for word in words:
+        row = facts(word)
+        if row:
+            yield row
 
 
 def _format_time(seconds: float | None) -> str:
@@ -279,7 +289,9 @@ def _key_rows(cls: "type[DataclassInstance]", prefix: str) -> Iterator[tuple[str
 def _default_text(field: "dataclasses.Field[object]") -> str:
     """Write the default of a key; ``required`` without one."""
     if field.default is dataclasses.MISSING:
-        return "required" if field.default_factory is dataclasses.MISSING else "empty"
+        if field.default_factory is dataclasses.MISSING:
+            return "required"
+        return "empty"
     if dataclasses.is_dataclass(field.default):
         return "as below"
     if field.default is None:

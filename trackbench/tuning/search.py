@@ -226,8 +226,9 @@ class Trial(NamedTuple):
     @property
     def rank(self) -> tuple[int, float]:
         """Sort key of trials: fewer lost runs first, then the smaller objective."""
-        objective = self.objective if isfinite(self.objective) else inf
-        return self.lost, objective
+        if not isfinite(self.objective):
+            return self.lost, inf
+        return self.lost, self.objective
 
 
 @dataclass

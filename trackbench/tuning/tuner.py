@@ -174,7 +174,9 @@ class Training:
         shares = []
         for axis in self.axes:
             share = axis.share(configured.get(axis.key))
-            shares.append(0.5 if share is None else share)
+            if share is None:
+                share = 0.5
+            shares.append(share)
         return tuple(shares)
 
     def tasks(self, values: Values) -> list[BlockTask]:
@@ -208,7 +210,9 @@ class Training:
         """Make a block: all but the last are full, and none is wider than necessary."""
         settings = self._experiment.settings
         width = ceil(settings.tuning.runs / self._number_of_blocks(trial))
-        uses_reference = any(name.startswith("rmsd") for name in self.objective.metrics)
+        reference = None
+        if any(name.startswith("rmsd") for name in self.objective.metrics):
+            reference = self._point.filters[settings.reference or ""]
         # Metrics without their windows.
         metric_names = [name.partition("[")[0] for name in self.objective.metrics]
         return BlockTask(
@@ -219,7 +223,7 @@ class Training:
             index=-1 - number,
             width=width,
             runs_used=min(width, settings.tuning.runs - number * width),
-            reference=self._point.filters[settings.reference or ""] if uses_reference else None,
+            reference=reference,
             reference_assume=self._point.assumed.get(settings.reference or ""),
             predictive_metrics=predictions_for(metric_names),
             hold_out=settings.hold_out,
@@ -240,10 +244,11 @@ def given_values(experiment: Experiment, label: str) -> dict[str, Any]:
 
 def _walk_values(data: Any, path: str = "") -> Iterator[tuple[str, Any]]:
     """Yield the path and value of every scalar within plain data."""
-    if not isinstance(data, dict | list):
+    if isinstance(data, list):
+        data = dict(enumerate(data))
+    if not isinstance(data, dict):
         yield path, data
         return
-    items = data.items() if isinstance(data, dict) else enumerate(data)
-    for key, value in items:
+    for key, value in data.items():
         inner_path = f"{path}.{key}" if path else str(key)
         yield from _walk_values(value, inner_path)

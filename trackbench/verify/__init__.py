@@ -13,7 +13,6 @@ import shutil
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
-from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -52,7 +51,8 @@ def verify(folder: Path, runs: int, allow_plugins: bool = False) -> list[str]:
 
 
 def _compare(results: Results, experiment: Experiment, runs: int) -> Iterator[str]:
-    folder, every = results.folder, experiment.settings.runs
+    folder = results.folder
+    all_runs = experiment.settings.runs
     if any(results.index_of(point) is None for point in results.points()):
         yield "summary.csv: is of other points than the config's grid"
         return
@@ -62,7 +62,8 @@ def _compare(results: Results, experiment: Experiment, runs: int) -> Iterator[st
     if stored.is_file() and not same_points(stored.read_text(encoding="utf-8"), points):
         yield f"{POINTS_FILE}: is not what the config makes of the points"
     with TemporaryDirectory() as temporary:
-        target, recomputed = Path(temporary, "derived"), Path(temporary, "recomputed")
+        target = Path(temporary, "derived")
+        recomputed = Path(temporary, "recomputed")
         target.mkdir()
         recomputed.mkdir()
         results = replace(results, out=target, point_facts=tuple(points_in(points)))
@@ -70,19 +71,20 @@ def _compare(results: Results, experiment: Experiment, runs: int) -> Iterator[st
         has_runs = (folder / "per_run.csv").is_file()
         if has_runs:
             yield from compare_derived(results, folder)
-            columns = chain.from_iterable(results.runs(p).values() for p in results.points())
-            numbers = set(map(len, columns))
-            if numbers - {every}:
+            numbers_of_runs = set()
+            for point in results.points():
+                numbers_of_runs |= {len(values) for values in results.runs(point).values()}
+            if numbers_of_runs - {all_runs}:
                 # As many runs as the config asks for may take for ever.
                 yield "per_run.csv: has not as many runs of every metric as the config asks for"
                 return
         tracks = (folder / "tracks.npz").is_file()
-        if has_runs and runs < every:
+        if has_runs and runs < all_runs:
             computed = recompute(experiment, recomputed, runs, tracks)
             yield from compare_first_runs(results, computed)
             return
-        computed = recompute(experiment, recomputed, every, tracks)
-        differences = [*compare_all_runs(results, computed)]
+        computed = recompute(experiment, recomputed, all_runs, tracks)
+        differences = list(compare_all_runs(results, computed))
         yield from differences
         if not has_runs and not differences:
             if (folder / "tuning.csv").is_file():
@@ -102,7 +104,8 @@ def recompute(experiment: Experiment, folder: Path, runs: int, tracks: bool) -> 
     workers = min(cpu_count(), len(plan.unique))
     check_memory(experiment, tracks)
     fewer = replace(experiment, settings=replace(experiment.settings, runs=runs))
-    store, processes = BlockStore(cache_folder()), engine("processes", workers)
+    store = BlockStore(cache_folder())
+    processes = engine("processes", workers)
     outcomes = execute([plan], store, processes, workers, fresh=True, progress=False)
     with closing(outcomes):
         facts = write_results(folder, fewer, next(outcomes), tracks).facts

@@ -32,26 +32,37 @@ _NUMBERS = ("value", "stderr")
 
 def compare_first_runs(stored: Results, computed: Results) -> Iterator[str]:
     """Yield differences in the first runs, and in the numbers that do not depend on runs."""
-    runs, grid = computed.config["runs"], stored.grid
-    frames = [_values_of_runs(results, runs) for results in (stored, computed)]
-    yield from compare_frames("per_run.csv", *frames)
+    runs = computed.config["runs"]
+    yield from compare_frames(
+        "per_run.csv", _values_of_runs(stored, runs), _values_of_runs(computed, runs)
+    )
+    # Filters whose numbers do not depend on runs.
     without_runs = [stored.config.get("bound"), *stored.exact]
+    keys = [*stored.grid, "filter", "metric"]
     for name, file in (("summary", "summary.csv"), ("per_step", stored.per_step_file)):
         if not (stored.folder / file).is_file():
             continue
-        whole = [getattr(results, name) for results in (stored, computed)]
-        # Whether any component is left out of a NEES depends on all runs.
-        whole = [frame[~frame["metric"].str.startswith("unused_")] for frame in whole]
-        names = [set(frame[[*grid, "filter", "metric"]].itertuples(False, None)) for frame in whole]
-        if names[0] != names[1]:
+        frame = _without_unused(getattr(stored, name))
+        frame_again = _without_unused(getattr(computed, name))
+        rows = set(frame[keys].itertuples(index=False, name=None))
+        rows_again = set(frame_again[keys].itertuples(index=False, name=None))
+        if rows != rows_again:
             yield f"{file}: has other rows than are computed again"
-        else:
-            frames = [frame[frame["filter"].isin(without_runs)] for frame in whole]
-            yield from compare_frames(file, *frames)
+            continue
+        yield from compare_frames(
+            file,
+            frame[frame["filter"].isin(without_runs)],
+            frame_again[frame_again["filter"].isin(without_runs)],
+        )
     for name in _TRACKS:
         if (computed.folder / name).is_file() and (stored.folder / name).is_file():
             yield from compare_arrays(name, stored, computed)
     yield from compare_arrivals(stored, computed)
+
+
+def _without_unused(frame: "pd.DataFrame") -> "pd.DataFrame":
+    """Select the rows that need no other runs: components left out of a NEES depend on all of them."""
+    return frame[~frame["metric"].str.startswith("unused_")]
 
 
 def compare_arrivals(stored: Results, computed: Results) -> Iterator[str]:
@@ -63,12 +74,14 @@ def compare_arrivals(stored: Results, computed: Results) -> Iterator[str]:
         return
     runs = computed.config["runs"]
     rows = _rows_of_runs(stored.folder / ARRIVALS, runs)
-    again = _rows_of_runs(computed.folder / ARRIVALS, runs)
-    pairs = [pair for pair in zip_longest(rows, again) if pair[0] != pair[1]]
+    rows_again = _rows_of_runs(computed.folder / ARRIVALS, runs)
+    pairs = [(row, again) for row, again in zip_longest(rows, rows_again) if row != again]
     if pairs:
-        row, expected = (",".join(cells or ["nothing"]) for cells in pairs[0])
-        what = f"{len(pairs)} rows differ when they are computed again"
-        yield f"{ARRIVALS}: {what}; the first is {row!r}, it should be {expected!r}"
+        cells, expected_cells = pairs[0]
+        row = ",".join(cells or ["nothing"])
+        expected = ",".join(expected_cells or ["nothing"])
+        number = f"{len(pairs)} rows differ when they are computed again"
+        yield f"{ARRIVALS}: {number}; the first is {row!r}, it should be {expected!r}"
 
 
 def _rows_of_runs(path: Path, runs: int) -> list[list[str]]:
@@ -91,9 +104,10 @@ def compare_all_runs(stored: Results, computed: Results) -> Iterator[str]:
     """Yield differences of all recomputed runs from the stored files, or from their digests."""
     digests = stored.manifest["files"]
     for name in (*DATA_FILES, "summary.csv", ARRIVALS, "tracks.npz"):
-        paths = stored.folder / name, computed.folder / name
-        if paths[0].is_file():
-            if not paths[1].is_file() or not filecmp.cmp(*paths, shallow=False):
+        path = stored.folder / name
+        path_again = computed.folder / name
+        if path.is_file():
+            if not path_again.is_file() or not filecmp.cmp(path, path_again, shallow=False):
                 yield from _explain(name, stored, computed)
         elif name in digests and check_digests(computed.folder, {name: digests[name]}).changed:
             yield f"{name}: has another digest when it is computed again"
@@ -105,52 +119,68 @@ def _explain(name: str, stored: Results, computed: Results) -> Iterator[str]:
         yield from compare_arrays(name, stored, computed)
         return
     if name == ARRIVALS:
-        lines = [*compare_arrivals(stored, computed)]
+        lines = list(compare_arrivals(stored, computed))
     else:
-        frames = [getattr(results, Path(name).stem) for results in (stored, computed)]
-        lines = [*compare_frames(name, *frames)]
+        frame = Path(name).stem
+        lines = list(compare_frames(name, getattr(stored, frame), getattr(computed, frame)))
     yield from lines or [f"{name}: has other bytes when it is computed again, of equal numbers"]
 
 
 def compare_frames(name: str, stored: "pd.DataFrame", computed: "pd.DataFrame") -> Iterator[str]:
     """Yield a line for each filter with other numbers, or one if the rows are of other things."""
     keys = [column for column in computed if column not in _NUMBERS]
-    a, b = (frame.reset_index(drop=True) for frame in (stored, computed))
+    a = stored.reset_index(drop=True)
+    b = computed.reset_index(drop=True)
     if not a[keys].equals(b[keys]):
-        rows = [frame[keys].itertuples(index=False, name=None) for frame in (a, b)]
-        odd = next((pair for pair in zip_longest(*rows) if pair[0] != pair[1]), ((), ()))
-        first, expected = (", ".join(map(str, row or ["nothing"])) for row in odd)
-        what = "has other rows than are computed again"
-        yield f"{name}: {what}; the first is {first!r}, it should be {expected!r}"
+        first, expected = _first_other_keys(a[keys], b[keys])
+        rows = "has other rows than are computed again"
+        yield f"{name}: {rows}; the first is {first!r}, it should be {expected!r}"
         return
+    columns = [column for column in _NUMBERS if column in a]
     for label in a["filter"].unique():
-        mine = (a["filter"] == label).to_numpy()
-        columns = [column for column in _NUMBERS if column in a]
-        numbers = (frame.loc[mine, columns].to_numpy() for frame in (a, b))
-        yield from describe_difference(f"{name}: {label}", *numbers)
+        is_of_filter = (a["filter"] == label).to_numpy()
+        numbers = a.loc[is_of_filter, columns].to_numpy()
+        numbers_again = b.loc[is_of_filter, columns].to_numpy()
+        yield from describe_difference(f"{name}: {label}", numbers, numbers_again)
+
+
+def _first_other_keys(stored: "pd.DataFrame", computed: "pd.DataFrame") -> tuple[str, str]:
+    """Write the first rows that differ, with ``nothing`` for a row that a frame lacks."""
+    rows = stored.itertuples(index=False, name=None)
+    rows_again = computed.itertuples(index=False, name=None)
+    for row, again in zip_longest(rows, rows_again):
+        if row != again:
+            return ", ".join(map(str, row or ["nothing"])), ", ".join(
+                map(str, again or ["nothing"])
+            )
+    return "nothing", "nothing"
 
 
 def compare_arrays(name: str, stored: Results, computed: Results) -> Iterator[str]:
     """Yield differences in a file of tracks, of the runs that are computed."""
-    arrays, again = stored.arrays(name), computed.arrays(name)
-    if arrays.keys() != again.keys():
+    arrays = stored.arrays(name)
+    arrays_again = computed.arrays(name)
+    if arrays.keys() != arrays_again.keys():
         yield f"{name}: holds other arrays than are computed again"
         return
-    for key, array in again.items():
-        first = arrays[key][..., : array.shape[-1]]
-        yield from describe_difference(f"{name}: {key}", first, array)
+    for key, array_again in arrays_again.items():
+        first_runs = arrays[key][..., : array_again.shape[-1]]
+        yield from describe_difference(f"{name}: {key}", first_runs, array_again)
 
 
-def describe_difference(what: str, stored: Array, computed: Array) -> Iterator[str]:
-    """Yield a line on unequal numbers: how many, and the largest relative difference."""
+def describe_difference(place: str, stored: Array, computed: Array) -> Iterator[str]:
+    """Yield a line on unequal numbers: how many, and the largest relative difference.
+
+    ``place`` names the numbers in the line: the file, and the filter or the array.
+    """
     if stored.shape != computed.shape:
-        yield f"{what}: has shape {stored.shape}, computed again {computed.shape}"
+        yield f"{place}: has shape {stored.shape}, computed again {computed.shape}"
         return
     differs = (stored != computed) & ~(np.isnan(stored) & np.isnan(computed))
     if differs.any():
         largest = largest_share(stored[differs], computed[differs])
-        by = f"by {largest:.1e} of the value at most"
-        yield f"{what}: {differs.sum()} of {differs.size} numbers differ, {by}"
+        size = f"by {largest:.1e} of the value at most"
+        yield f"{place}: {differs.sum()} of {differs.size} numbers differ, {size}"
 
 
 @np.errstate(all="ignore")
@@ -166,8 +196,8 @@ def compare_derived(results: Results, folder: Path) -> Iterator[str]:
     These are written to the target of the results.
     """
     write_tables(results, tex=True)
-    for what, line in zip(results.unmade, results.unmade_lines, strict=True):
-        if (folder / "tables" / f"{what.removeprefix('table ')}.csv").is_file():
+    for output, line in zip(results.unmade, results.unmade_lines, strict=True):
+        if (folder / "tables" / f"{output.removeprefix('table ')}.csv").is_file():
             yield line
     write_paired(results)
     write_comparison(results, compare(results))
@@ -175,7 +205,8 @@ def compare_derived(results: Results, folder: Path) -> Iterator[str]:
         write_sweep(results)
     written = {p.relative_to(results.target) for p in results.target.rglob("*") if p.is_file()}
     for name in sorted(written):
-        stored, computed = folder / name, results.target / name
+        stored = folder / name
+        computed = results.target / name
         is_optional = name.suffix == ".tex" or name.parts[0] == "run"
         if not stored.is_file():
             if not is_optional:
@@ -188,12 +219,14 @@ def compare_derived(results: Results, folder: Path) -> Iterator[str]:
 
 
 def _first_other_row(name: Path, stored: Path, computed: Path) -> str:
-    texts = (path.read_text(encoding="utf-8", errors="replace") for path in (stored, computed))
-    a, b = (text.splitlines() for text in texts)
-    if len(a) != len(b):
-        return f"{name}: has {len(a)} lines, of the stored runs it has {len(b)}"
-    pairs = [(x, y) for x, y in zip(a, b, strict=True) if x != y]
+    """Explain the difference of two text files with other bytes by their first line that differs."""
+    lines = stored.read_text(encoding="utf-8", errors="replace").splitlines()
+    lines_again = computed.read_text(encoding="utf-8", errors="replace").splitlines()
+    if len(lines) != len(lines_again):
+        return f"{name}: has {len(lines)} lines, of the stored runs it has {len(lines_again)}"
+    pairs = [(a, b) for a, b in zip(lines, lines_again, strict=True) if a != b]
     if not pairs:
         return f"{name}: has other line ends than are written from the stored runs"
-    what = f"{len(pairs)} rows do not follow from the stored runs; the first is"
-    return f"{name}: {what} {pairs[0][0]!r}, it should be {pairs[0][1]!r}"
+    line, expected = pairs[0]
+    number = f"{len(pairs)} rows do not follow from the stored runs"
+    return f"{name}: {number}; the first is {line!r}, it should be {expected!r}"

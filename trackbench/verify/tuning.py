@@ -7,7 +7,6 @@ or all trials if all runs are.
 
 from collections.abc import Iterator
 from contextlib import suppress
-from itertools import takewhile
 from math import isfinite
 
 from trackbench.config.experiment import Experiment
@@ -28,33 +27,42 @@ def compare_tuning(results: Results, experiment: Experiment, runs: int) -> Itera
     is_whole = runs >= experiment.settings.runs
     repeated: dict[str, Record] = {}
     if is_whole and results.tuning:
-        workers, store = cpu_count(), BlockStore(cache_folder())
+        workers = cpu_count()
+        store = BlockStore(cache_folder())
         processes = engine("processes", workers)
         repeated = tune(experiment, store, processes, workers, fresh=True, progress=False)
     for label in experiment.tuned:
         if label not in results.tuning:
             yield f"{_FILE}: has no trials of {label}"
             continue
-        record, training = results.tuning[label], Training(experiment, label)
+        record = results.tuning[label]
+        training = Training(experiment, label)
         yield from _compare_search(experiment, label, record, training)
         for key, value in record.best.values.items():
             taken = given_values(experiment, tuned_label(label)).get(key)
             if taken != value:
-                what = f"{key} is {taken}, the best trial of {_FILE} has {value}"
-                yield f"config.yaml: {tuned_label(label)}: {what}"
-        stored = record.trials if is_whole else [record.trials[0], record.best]
-        again = repeated[label].trials if is_whole else _run_trials(record, training, stored)
-        yield from _compare_trials(label, stored, again)
+                values = f"{key} is {taken}, the best trial of {_FILE} has {value}"
+                yield f"config.yaml: {tuned_label(label)}: {values}"
+        if is_whole:
+            trials = record.trials
+            computed = repeated[label].trials
+        else:
+            trials = [record.trials[0], record.best]
+            computed = _run_trials(record, training, trials)
+        yield from _compare_trials(label, trials, computed)
 
 
 def _run_trials(record: Record, training: Training, trials: list[Trial]) -> list[Trial]:
-    again = []
+    """Compute trials again."""
+    computed = []
     for trial in trials:
         tasks = training.tasks(_trial_values(record, trial))
         blocks = [run_whole_block(task)[task.runs_used] for task in tasks]
-        score = training.score(merge(blocks).per_run) if blocks else None
-        again.append(Trial.of(trial.values, score))
-    return again
+        score = None
+        if blocks:
+            score = training.score(merge(blocks).per_run)
+        computed.append(Trial.of(trial.values, score))
+    return computed
 
 
 def _trial_values(record: Record, trial: Trial) -> Values:
@@ -78,20 +86,26 @@ def _compare_search(
     finite = [rank for rank in ranks.values() if isfinite(rank[1])]
     is_ordered = len(set(finite)) == len(finite)
     if is_ordered and tried != list(ranks):
-        same = takewhile(lambda pair: pair[0] == pair[1], zip(tried, ranks, strict=False))
-        what = "is not what the search asks for after those before it"
-        yield f"{_FILE}: {label}: trial {len(list(same))} {what}"
+        number = 0
+        for values, stored_values in zip(tried, ranks, strict=False):
+            if values != stored_values:
+                break
+            number += 1
+        mistake = "is not what the search asks for after those before it"
+        yield f"{_FILE}: {label}: trial {number} {mistake}"
 
 
-def _compare_trials(label: str, stored: list[Trial], again: list[Trial]) -> Iterator[str]:
+def _compare_trials(label: str, stored: list[Trial], computed: list[Trial]) -> Iterator[str]:
     """Yield the first trial that differs, in the stored digits: the next ones depend on it."""
-    if len(stored) != len(again):
-        yield f"{_FILE}: {label}: has {len(stored)} trials, computed again {len(again)}"
-    for a, b in zip(stored, map(Trial.rounded, again), strict=False):
-        if repr(a) != repr(b):
-            texts = []
-            for trial in (a, b):
-                at = ", ".join(f"{key} = {value}" for key, value in trial.values.items())
-                texts.append(f"{at}: {trial.objective:g} ± {trial.stderr:g}")
-            yield f"{_FILE}: {label} at {texts[0]}, computed again at {texts[1]}"
+    if len(stored) != len(computed):
+        yield f"{_FILE}: {label}: has {len(stored)} trials, computed again {len(computed)}"
+    for trial, again in zip(stored, map(Trial.rounded, computed), strict=False):
+        if repr(trial) != repr(again):
+            yield f"{_FILE}: {label} at {_text_of(trial)}, computed again at {_text_of(again)}"
             return
+
+
+def _text_of(trial: Trial) -> str:
+    """Write ``q = 0.1, N = 50: 12.5 ± 0.3``."""
+    values = ", ".join(f"{key} = {value}" for key, value in trial.values.items())
+    return f"{values}: {trial.objective:g} ± {trial.stderr:g}"
