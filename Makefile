@@ -39,10 +39,11 @@ $(VENV)/.bench: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps 'particles==0.4'
 	touch $@ $(VENV)/.run
 
-# Runs the standard suite, below an hour on two cores: its scores stand in results/standard/ (docs/which-filter.md).
+# Runs the suites, below an hour on two cores: their scores stand in results/ (docs/which-filter.md).
+SUITES := standard noise settings
 suite: $(VENV)/.run
-	@$(BIN)/trackbench suite --format svg
-	@git status --short -- results/standard || true
+	@for name in $(SUITES); do $(BIN)/trackbench suite $$name --format svg || exit 1; done
+	@git status --short -- $(addprefix results/,$(SUITES)) || true
 
 # `make reproduce-tables` runs the experiments on the three papers, `make reproduce` the others and the suite, too.
 # Both list the verdicts that changed and the quoted numbers that are stale. A clean `git status` afterwards is the check:

@@ -10,7 +10,6 @@ from trackbench.report.suite.scores import FILTER, typical_ratios
 from trackbench.report.suite.tables import fails
 
 PAGE = (ROOT / "docs" / "which-filter.md").read_text(encoding="utf-8")
-SIMILAR = ("IPLF", "EnKF", "CKF")
 BOOTSTRAP = ("PF 200", "PF 2000")
 
 
@@ -25,82 +24,98 @@ def best_on(problem: str) -> str:
     return rated[0].label
 
 
-def test_no_one_of_three_is_the_best_in_general() -> None:
+def largest(problems: tuple[str, ...], label: str) -> float:
+    return max(ratio(problem, label) for problem in problems)
+
+
+def test_no_filter_is_the_best_in_general() -> None:
     group = stored_suite()["known"]
     typical = typical_ratios(group)
-    assert sorted(typical, key=lambda label: typical[label])[:3] == [*SIMILAR]
-    orders = set()
-    for name in dict.fromkeys(group.classes.values()):
-        rest = typical_ratios(group, without_class=name)
-        orders.add(tuple(sorted(SIMILAR, key=lambda label: rest[label])))
-    assert len(orders) > 1
+    assert min(typical, key=lambda label: typical[label]) == "EnKF"
+    rest = typical_ratios(group, without_class="chaotic")
+    assert min(rest, key=lambda label: rest[label]) == "GPF"
 
 
 def test_linear() -> None:
     for score in stored_suite()["known"].of_role(FILTER):
         if score.problem == "linear" and score.has_error:
-            few = score.label in ("EPF", "UPF")
-            assert (score.ratio_to_best.value > 2.0) == few
-            assert few or score.ratio_to_best.value < 1.03
+            is_far = score.label in ("EPF", "UPF")
+            assert (score.ratio_to_best.value > 2.0) == is_far
+            assert is_far or score.ratio_to_best.value < 1.03
 
 
 def test_mildly_nonlinear() -> None:
-    for label in ("CKF", "GHKF"):
-        for score in scores_of_class("mildly nonlinear", label):
-            assert score.ratio_to_best.value < 1.6
-    assert best_on("random-sine") == "EKF, order 2"
+    assert largest(("turning-aircraft", "short-range"), "CKF") < 1.05
+    assert largest(("turning-aircraft", "short-range", "random-sine"), "EKF, order 2") < 1.2
 
 
 def test_bearings() -> None:
-    for label in ("EKF", "CKF"):
-        assert all(score.ratio_to_best.value < 1.1 for score in scores_of_class("bearings", label))
+    assert all(score.ratio_to_best.value < 1.05 for score in scores_of_class("bearings", "CKF"))
 
 
 def test_multimodal() -> None:
-    assert best_on("ungm") == "PF 2000"
-    for label in ("CKF", "UKF", "GHKF", "IPLF"):
+    jittered = scores_of_class("multimodal", "PF, jitter")
+    assert len(jittered) == 4
+    assert max(score.ratio_to_best.value for score in jittered) == ratio("two-places", "PF, jitter")
+    for label in ("CKF", "UKF", "GHKF", "IPLF", "UKF, small alpha"):
         assert ratio("ungm", "EnKF") < ratio("ungm", label)
-    assert ratio("banana", "UKF") < 1.005
-    assert ratio("banana", "PF 2000") > 2.0
-    assert score_of("banana", "PF 2000").collapsed
-    assert ratio("squared", "EKF") == 1.0
 
 
 def test_unusual_noise() -> None:
-    assert best_on("heavy-tailed") == "GPF"
-    assert ratio("stochastic-volatility", "GPF") < 1.01
-    particles = ("GPF", "PF 200", "PF 2000", "RPF", "APF", "UPF", "EPF")
-    for label in particles:
+    for label in ("EKF", "CKF", "UKF", "GHKF"):
+        assert ratio("stochastic-volatility", label) > 1.5
+    for label in ("GPF", "PF 2000"):
+        assert ratio("stochastic-volatility", label) < 1.02
+        assert ratio("heavy-tailed", label) < 1.02
+    for problem in ("heavy-tailed", "heavier-tailed"):
+        robust = score_of(problem, "EKF, Student", "settings").ratio_to_best.value
+        assert robust < 1.06 < score_of(problem, "EKF", "settings").ratio_to_best.value
+    for label in (
+        "GPF",
+        "PF 200",
+        "PF 2000",
+        "PF, jitter",
+        "RPF",
+        "APF",
+        "UPF",
+        "EPF",
+        "CKF",
+        "UKF",
+    ):
         assert ratio("merwe", label) > max(ratio("merwe", "IEKF"), ratio("merwe", "IPLF"))
-        assert score_of("merwe", label).collapsed
 
 
-def test_singular_noise() -> None:
+def test_slow_parameter() -> None:
     for problem in ("reentry", "falling-body"):
         for label in BOOTSTRAP:
             assert fails(score_of(problem, label))
-        for label in ("CKF", "UKF", "GHKF", "IPLF"):
-            assert ratio(problem, label) < 1.03
+        for label in ("CKF", "UKF", "EKF, order 2"):
+            assert ratio(problem, label) <= ratio("falling-body", "UKF")
 
 
 def test_chaotic() -> None:
     enkf = scores_of_class("chaotic", "EnKF")
     assert len(enkf) == 5
+    assert not any(map(fails, enkf))
+    assert max(score.ratio_to_best.value for score in enkf) == ratio("lorenz63", "EnKF")
     for label in stored_suite()["known"].labels(FILTER):
         if label != "EnKF":
             others = scores_of_class("chaotic", label)
-            assert max(score.limited_ratio for score in others) > ratio("lorenz96", "EnKF")
-    assert max(score.ratio_to_best.value for score in enkf) == ratio("lorenz96", "EnKF")
-    assert not any(map(fails, enkf))
+            assert max(score.limited_ratio for score in others) > ratio("lorenz63", "EnKF")
+    for problem in ("lorenz63", "lorenz63-anderson"):
+        assert best_on(problem) == "PF, jitter"
     for label in ("EKF", *BOOTSTRAP):
         assert all(map(fails, scores_of_class("chaotic", label)))
+    inflated = score_of("lorenz96", "EnKF, inflated", "settings")
+    assert inflated.word == "best"
 
 
 def test_angles() -> None:
-    assert best_on("double-pendulum-10") == "GPF"
+    assert ratio("double-pendulum-10", "CKF") < 1.15
     assert best_on("double-pendulum-100") == "RPF"
     for score in stored_suite()["known"].of_role(FILTER):
-        if score.problem == "double-pendulum-100" and score.has_error and score.label != "RPF":
+        is_last = score.problem == "double-pendulum-100" and score.has_error
+        if is_last and score.label not in ("RPF", "PF, jitter"):
             assert score.ratio_to_best.value > 5.0
 
 
@@ -109,37 +124,36 @@ def test_maneuvers() -> None:
     typical = typical_ratios(group)
     assert min(typical, key=lambda label: typical[label]) == "IMM, CV and CT"
     assert suite_number("near; maneuvers; IMM, CV and CT") == len(group.problems)
+    assert best_on("two-turns") == "CKF, CT"
 
 
-def test_faults_and_late_data() -> None:
+def test_faults() -> None:
     typical = typical_ratios(stored_suite()["faults"])
     assert min(typical, key=lambda label: typical[label]) == "EKF, Student"
-    gates = ("EKF, gate .999", "EKF, gate .99")
-    assert best_on("freeze") in gates
+    for problem in ("half-burst", "short-burst", "rare", "freeze"):
+        assert best_on(problem) in ("EKF, gate .999", "EKF, gate .99")
     assert ratio("burst", "EKF, gate .999") > ratio("burst", "EKF")
+    assert ratio("ramp", "EKF") < ratio("ramp", "EKF, Student") < ratio("ramp", "EKF, gate .999")
+
+
+def test_late_data() -> None:
     for problem in stored_suite()["late"].problems:
-        assert ratio(problem, "EKF, apply") > ratio(problem, "EKF, drop")
         assert ratio(problem, "EKF, refilter") < 1.001
-
-
-@pytest.mark.parametrize("label", ["GPF", "RPF"])
-def test_spread_particles_fail_less_often_than_the_bootstrap_filter(label: str) -> None:
-    assert suite_number(f"fails; known; {label}") < suite_number("fails; known; PF 2000")
+        is_slow = problem == "late-slow"
+        assert (ratio(problem, "EKF, apply") < ratio(problem, "EKF, drop")) == is_slow
 
 
 @pytest.mark.parametrize("seed", [11, 77])
 def test_the_advice_holds_at_other_seeds(seed: int) -> None:
     name = f"standard-seed-{seed}"
-    assert suite_number("near; known; CKF", name) >= 12
+    assert suite_number("twice; known; CKF", name) >= 17
     for group, label in (("maneuvers", "IMM, CV and CT"), ("faults", "EKF, Student")):
         typical = typical_ratios(stored_suite(name)[group])
         assert min(typical, key=lambda other: typical[other]) == label
-    for problem in ("ungm", "heavy-tailed", "stochastic-volatility"):
-        gpf = score_of(problem, "GPF", name).ratio_to_best.value
-        assert gpf < 1.05 < score_of(problem, "CKF", name).ratio_to_best.value
+    for score in scores_of_class("multimodal", "PF, jitter", name):
+        assert score.ratio_to_best.value < 1.1
     for problem in stored_suite(name)["late"].problems:
         assert score_of(problem, "EKF, refilter", name).ratio_to_best.value < 1.001
-        assert score_of(problem, "EKF, drop", name).ratio_to_best.value > 1.1
     chaotic = scores_of_class("chaotic", "EnKF", name)
     assert max(score.ratio_to_best.value for score in chaotic) < 2.05
     assert not any(map(fails, chaotic))
@@ -147,11 +161,9 @@ def test_the_advice_holds_at_other_seeds(seed: int) -> None:
 
 def test_the_advice_holds_at_other_noise() -> None:
     for size in ("half", "double"):
-        aircraft = score_of(f"aircraft-{size}", "CKF", "noise").ratio_to_best.value
-        assert aircraft < 1.03
-        assert score_of(f"bearings-{size}", "EKF", "noise").word == "best"
+        assert score_of(f"aircraft-{size}", "CKF", "noise").ratio_to_best.value < 1.03
+        assert score_of(f"bearings-{size}", "CKF", "noise").ratio_to_best.value < 1.1
         assert score_of(f"ungm-{size}", "PF 2000", "noise").word == "best"
-    assert score_of("aircraft-half", "GPF", "noise").collapsed
 
 
 def test_one_run_makes_the_error_of_the_ukf_on_the_measured_cubes() -> None:
@@ -188,8 +200,3 @@ def test_every_filter_is_explained() -> None:
     table = section("The filters")
     for label in stored_suite()["known"].labels(FILTER):
         assert re.search(rf"^\|[^|]*\b{label}\b", table, re.MULTILINE), label
-
-
-def test_smoothers_and_iteration() -> None:
-    assert best_on("two-turns") == "CKF, CT"
-    assert all(map(fails, scores_of_class("chaotic", "EKF")))

@@ -89,18 +89,17 @@ def ordered_problems(group: SuiteScores) -> list[str]:
     Classes are ordered by the first principal component of the mean logarithms of the ratios, and the
     problems of a class stay in the suite's order.
     """
-    labels, problems, ratios = ratio_matrix(group)
+    _, problems, ratios = ratio_matrix(group)
     names = list(dict.fromkeys(group.classes[problem] for problem in problems))
     logs = np.log(ratios)
     means = np.array(
         [logs[:, [group.classes[p] == name for p in problems]].mean(axis=1) for name in names]
     )
     centered = means - means.mean(axis=0)
-    # The first principal component, with the sign that puts the easiest class for the best filter first.
+    # The first principal component, with the sign that puts the suite's first class before its last.
     component = np.linalg.svd(centered, full_matrices=False)[2][0]
     places = np.round(centered @ component, 9)
-    best = labels.index(ordered_labels(group)[0])
-    if np.dot(places, means[:, best]) < 0.0:
+    if places[0] > places[-1]:
         places = -places
     rank = {name: (place, i) for i, (name, place) in enumerate(zip(names, places, strict=True))}
     return sorted(problems, key=lambda p: (rank[group.classes[p]], problems.index(p)))

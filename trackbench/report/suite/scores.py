@@ -238,7 +238,11 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
         if label not in candidates and label not in hidden:
             reasons[replaced.get(label, label)] = failed.get(label, "has no such error")
     for label, why in reasons.items():
-        role = SMOOTHER if label in smoothers else FILTER
+        role = FILTER
+        if label == reference:
+            role = REFERENCE
+        elif label in smoothers:
+            role = SMOOTHER
         _, refused, why_refused = why.partition(REFUSAL)
         why_refused = _RUNS_OF_BLOCK.sub("", why_refused)
         is_left_out = label in problem.left_out or bool(refused)
