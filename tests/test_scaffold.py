@@ -11,6 +11,7 @@ from tests.commands import trackbench
 NAMES = {
     "filter": "my-filter",
     "filter --per-run": "my-own",
+    "filter --per-run --nonlinear": "my-ekf",
     "filter --from hdepf": "my-hdepf",
     "sensor": "my-sensor",
     "motion": "my-motion",

@@ -29,7 +29,12 @@ from trackbench.scenarios.recordings.guess_config import (
 from trackbench.scenarios.recordings.guess_format import recognized
 from trackbench.yaml_source import MarkedMapping, Source
 
-_FORM_OF = {"per_run": "filter", "nonlinear": "motion", "copy": "filter"}
+_FORM_OF = {
+    "per_run": "filter",
+    "per_run_nonlinear": "filter",
+    "nonlinear": "motion",
+    "copy": "filter",
+}
 _CLASSES = ("filter", "sensor", "motion", "start", "scenario")
 NOUNS = (*_CLASSES, "experiment")
 """What `trackbench new` writes."""
@@ -71,12 +76,15 @@ def write_new(noun: str, name: str, folder: Path, form: str = "", source: str = 
     """Write the files of a new component or experiment; existing files stay.
 
     ``noun`` is a word of `NOUNS`, such as filter. ``form`` of a filter is ``per_run``, which handles one
-    run at a time, ``copy``, which begins as the shipped filter of kind ``source``, or the language of a
-    program; of a motion ``nonlinear``.
+    run at a time, ``per_run_nonlinear``, which also takes any model as functions, ``copy``, which begins
+    as the shipped filter of kind ``source``, or the language of a program; of a motion ``nonlinear``.
     """
     if form and _FORM_OF[form] != noun:
         option = "--language" if form in LANGUAGES else f"--{form.replace('_', '-')}"
-        raise UserError(f"new {noun} {name}: {option} is of a {_FORM_OF[form]}")
+        hint = ""
+        if form == "nonlinear" and noun == "filter":
+            hint = "; with --per-run it is of a filter that takes any model"
+        raise UserError(f"new {noun} {name}: {option} is of a {_FORM_OF[form]}{hint}")
     words = _words_of_name(noun, name)
     module = "_".join(words)
     # Step 1: the values of the template's marks. They contain the marks of the name themselves.

@@ -128,7 +128,12 @@ def new(
         bool, typer.Option("--per-run", help="a filter that is written for one run, without arrays")
     ] = False,
     nonlinear: Annotated[
-        bool, typer.Option("--nonlinear", help="a motion of any state, by its equations in Python")
+        bool,
+        typer.Option(
+            "--nonlinear",
+            help="a motion of any state, by its equations in Python; with --per-run a filter that takes "
+            "any model as functions",
+        ),
     ] = False,
     language: Annotated[
         str,
@@ -153,9 +158,10 @@ def new(
     if language:
         one_of("--language", language, tuple(LANGUAGES))
     chosen_options = []
+    takes_any_model = noun == "filter" and per_run and nonlinear
     if per_run:
         chosen_options.append("--per-run")
-    if nonlinear:
+    if nonlinear and not takes_any_model:
         chosen_options.append("--nonlinear")
     if language:
         chosen_options.append("--language")
@@ -186,6 +192,8 @@ def new(
         form = language
         if data:
             form = "copy"
+        elif takes_any_model:
+            form = "per_run_nonlinear"
         elif per_run:
             form = "per_run"
         elif nonlinear:
