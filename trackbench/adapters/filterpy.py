@@ -130,9 +130,9 @@ class FilterPy(PerRun):
         return target, keywords
 
 
-def _in_form_of_state(z: Array, part: Foreign) -> Array:
+def _in_form_of_state(z: Array, target: Foreign) -> Array:
     """Reshape z as the object's state is, a column or a vector."""
-    further_axes = np.ndim(part.x) - 1
+    further_axes = np.ndim(target.x) - 1
     return z.reshape((-1, *[1] * further_axes))
 
 

@@ -96,7 +96,7 @@ class RunFunctions:
 
     def _jacobian(
         self,
-        part: object,
+        component: object,
         mean: Callable[[Array], Array],
         difference: Callable[[Array, Array], Array],
         x: Array,
@@ -107,11 +107,11 @@ class RunFunctions:
         ``mean`` computes the mean from states (n, M), ``difference`` subtracts two means.
         """
         column = _as_column(x)
-        if isinstance(part, WithJacobian):
+        if isinstance(component, WithJacobian):
             cov = np.zeros((len(x), len(x)))
             if P is not None:
                 cov = np.asarray(P, dtype=float)
-            J = jacobian_at(part, Gaussian(column, cov[..., None]), self._run.k)
+            J = jacobian_at(component, Gaussian(column, cov[..., None]), self._run.k)
         else:
             J = central_differences(mean, column, difference, spread=_deviations(P))
         return _matrix_of_run(J)

@@ -267,7 +267,7 @@ def why_program_fails(tracker: AnyFilter, scenario: Scenario) -> str:
         with guarded(), np.errstate(all="ignore"):
             run_filter(tracker, scenario, simulate(scenario, 2))
     except ProgramRunError as error:
-        return in_line(error.what)
+        return in_line(error.failure)
     except Exception as error:
         return in_line(str(error))
     return ""

@@ -1,6 +1,6 @@
 """Kernels and tables of the elementary functions; `elementary` is the module to call.
 
-A kernel takes a contiguous float64 piece that fits the cache and writes to ``out``, which may be its
+A kernel takes a contiguous float64 piece that fits the cache and writes to ``result``, which may be its
 argument. A line is one elementwise operation, because each is a pass over memory. The tables come
 from integer arithmetic alone, so every machine computes the same entries. In that arithmetic the
 integer ``v 2^_BITS`` stands for a number v. Entries are rounded correctly (up to ties).
@@ -24,8 +24,12 @@ SLOPES = 1 << 8
 _BITS = 160
 _ONE = 1 << _BITS
 _ROUND = 1.5 * 2.0**52  # x + _ROUND has round(x) in its last bits
-_LOWEST, _HIGHEST = -708.0, 709.7  # arguments of exp that give normal numbers
-_SMALLEST, _LARGEST = float(np.finfo(float).tiny), float(np.finfo(float).max)
+_LOWEST = -708.0
+_HIGHEST = 709.7
+"""Arguments of exp between which it gives normal numbers."""
+_SMALLEST = float(np.finfo(float).tiny)
+_LARGEST = float(np.finfo(float).max)
+"""Smallest and largest normal number."""
 _FEW_TURNS = 1e6  # angle up to which the reduction is exact
 _NARROW = 1.0 / 32.0  # tangent up to which the series of arctan needs no table
 _MANTISSA = 52
@@ -67,24 +71,25 @@ def constants() -> Constants:
     )
 
 
-def exp(x: Array, out: Array) -> None:
-    """Write ``e^x`` to ``out``."""
+def exp(x: Array, result: Array) -> None:
+    """Write ``e^x`` to ``result``."""
     if compiled.kernels:
-        compiled.kernels.exp(powers_of_two(), exp_constants(), x, out)
+        compiled.kernels.exp(powers_of_two(), exp_constants(), x, result)
         return
     if np.minimum.reduce(x) >= _LOWEST and np.maximum.reduce(x) <= _HIGHEST:
-        exp_of_moderate(x, out)
+        exp_of_moderate(x, result)
         return
-    below, above = x < _LOWEST, x > _HIGHEST
-    exp_of_moderate(np.clip(x, _LOWEST, _HIGHEST), out)
-    out[below] = 0.0
-    out[above] = np.inf
+    below = x < _LOWEST
+    above = x > _HIGHEST
+    exp_of_moderate(np.clip(x, _LOWEST, _HIGHEST), result)
+    result[below] = 0.0
+    result[above] = np.inf
 
 
-def exp_of_moderate(x: Array, out: Array) -> None:
+def exp_of_moderate(x: Array, result: Array) -> None:
     """Write ``e^x``: ``x = (n + f) step``, a tabulated power of two times a series."""
     if compiled.kernels:
-        compiled.kernels.exp(powers_of_two(), exp_constants(), x, out)
+        compiled.kernels.exp(powers_of_two(), exp_constants(), x, result)
         return
     const = constants()
     # Step 1: split x / step into a whole number n and a fraction f, |f| <= 1/2.
@@ -99,21 +104,21 @@ def exp_of_moderate(x: Array, out: Array) -> None:
     series += 1.0
     # Step 3: the low bits of n select 2^(j / POWERS); its high bits go into the exponent.
     n = rounded.view(np.int64)
-    powers_of_two().take(n & (POWERS - 1), out=out, mode="clip")
+    powers_of_two().take(n & (POWERS - 1), out=result, mode="clip")
     n >>= POWERS.bit_length() - 1
     n <<= _MANTISSA
-    scaled = out.view(np.int64)
+    scaled = result.view(np.int64)
     scaled += n
-    out *= series
+    result *= series
 
 
-def log(x: Array, out: Array) -> None:
-    """Write the natural logarithm to ``out``."""
+def log(x: Array, result: Array) -> None:
+    """Write the natural logarithm to ``result``."""
     if compiled.kernels:
-        compiled.kernels.log(log_table(), x, out)
+        compiled.kernels.log(log_table(), x, result)
         return
     if np.minimum.reduce(x) >= _SMALLEST and np.maximum.reduce(x) <= _LARGEST:
-        _log_of_normal(x, out)
+        _log_of_normal(x, result)
         return
     # Scale subnormal numbers up by 2^52; let 1 stand for zeros, infinities and NaN.
     normal = (x >= _SMALLEST) & (x <= _LARGEST)
@@ -124,14 +129,14 @@ def log(x: Array, out: Array) -> None:
     infinite = x == np.inf
     undefined = ~(x >= 0.0)
     # Correct the results of scaled and special numbers afterwards.
-    _log_of_normal(scaled, out)
-    out[tiny] -= _MANTISSA * constants().log_2
-    out[zero] = -np.inf
-    out[infinite] = np.inf
-    out[undefined] = np.nan
+    _log_of_normal(scaled, result)
+    result[tiny] -= _MANTISSA * constants().log_2
+    result[zero] = -np.inf
+    result[infinite] = np.inf
+    result[undefined] = np.nan
 
 
-def _log_of_normal(x: Array, out: Array) -> None:
+def _log_of_normal(x: Array, result: Array) -> None:
     """Write log x: ``x = 2^e m``, m in 3/4 to 3/2, and ``m = c (1 + r)``, c its cell's edge."""
     const = constants()
     at_edge, inverse = logarithms()
@@ -156,8 +161,8 @@ def _log_of_normal(x: Array, out: Array) -> None:
     # Step 4: log x = e log 2 + (log c + log(1 + r)).
     at_edge.take(index, out=r, mode="clip")
     series += r
-    np.multiply(e, const.log_2 * 2.0**-_MANTISSA, out=out)
-    out += series
+    np.multiply(e, const.log_2 * 2.0**-_MANTISSA, out=result)
+    result += series
 
 
 def cos_sin(a: Array, c: Array, s: Array) -> None:
@@ -189,7 +194,8 @@ def cos_sin(a: Array, c: Array, s: Array) -> None:
     sine += r
     # Step 3: rotate: cos(A + r) = C + (C (cos r - 1) - S sin r), sin(A + r) likewise.
     cosines, sines = circle()
-    C, S = cosines.take(index), sines.take(index)
+    C = cosines.take(index)
+    S = sines.take(index)
     np.multiply(C, cos_less_one, out=c)
     c -= S * sine
     c += C
@@ -198,28 +204,28 @@ def cos_sin(a: Array, c: Array, s: Array) -> None:
     s += S
 
 
-def arctan2(y: Array, x: Array, out: Array) -> None:
-    """Write the angle of (x, y) to ``out``."""
+def arctan2(y: Array, x: Array, result: Array) -> None:
+    """Write the angle of (x, y) to ``result``."""
     if compiled.kernels:
-        compiled.kernels.arctan2(arctangents(), _pi(), y, x, out)
+        compiled.kernels.arctan2(arctangents(), _pi(), y, x, result)
         return
     with np.errstate(divide="ignore", invalid="ignore"):
         t = y / x
         widest = max(np.maximum.reduce(t), -np.minimum.reduce(t))
         # All angles are narrow: the series suffices.
         if widest <= _NARROW and np.minimum.reduce(x) > 0.0:
-            _arctan_of_narrow(t, out)
+            _arctan_of_narrow(t, result)
             return
-        _arctan2_anywhere(y, x, out)
+        _arctan2_anywhere(y, x, result)
         # Use the series for narrow angles here as well: a value must not depend on its neighbors.
         narrow = (np.abs(t) <= _NARROW) & (x > 0.0)
         if narrow.any():
             near = np.empty_like(t)
             _arctan_of_narrow(t, near)
-            np.copyto(out, near, where=narrow)
+            np.copyto(result, near, where=narrow)
 
 
-def _arctan_of_narrow(t: Array, out: Array) -> None:
+def _arctan_of_narrow(t: Array, result: Array) -> None:
     """Write Gregory's series to the ninth power."""
     # t - t^3 / 3 + t^5 / 5 - t^7 / 7 + t^9 / 9 by Horner's rule in t^2
     square = t * t
@@ -231,29 +237,31 @@ def _arctan_of_narrow(t: Array, out: Array) -> None:
     series -= 1.0 / 3.0
     series *= square
     series *= t
-    np.add(t, series, out=out)
+    np.add(t, series, out=result)
 
 
-def _arctan2_anywhere(y: Array, x: Array, out: Array) -> None:
+def _arctan2_anywhere(y: Array, x: Array, result: Array) -> None:
     """Write ``arctan t = arctan c + arctan((t - c) / (1 + t c))`` in an octant, then turn it."""
     const = constants()
     # Step 1: t = small / large in the first octant, c the nearest tabulated slope.
-    ax, ay = np.abs(x), np.abs(y)
-    large, small = np.maximum(ax, ay), np.minimum(ax, ay)
+    ax = np.abs(x)
+    ay = np.abs(y)
+    large = np.maximum(ax, ay)
+    small = np.minimum(ax, ay)
     rounded = small / large * SLOPES + _ROUND
     index = rounded.view(np.int64) & (2 * SLOPES - 1)
     slope = (rounded - _ROUND) * (1.0 / SLOPES)
     # Step 2: arctan c from the table, the rest by r - r^3 / 3 + r^5 / 5.
     r = (small - slope * large) / (large + slope * small)
     square = r * r
-    out[:] = arctangents().take(index, mode="clip") + (
+    result[:] = arctangents().take(index, mode="clip") + (
         r + r * square * (square * (1.0 / 5.0) - 1.0 / 3.0)
     )
-    out[large == 0.0] = 0.0
+    result[large == 0.0] = 0.0
     # Step 3: reflect into the octant of (x, y).
-    np.copyto(out, 0.5 * const.pi - out, where=ay > ax)
-    np.copyto(out, const.pi - out, where=x < 0.0)
-    np.copysign(out, y, out=out)
+    np.copyto(result, 0.5 * const.pi - result, where=ay > ax)
+    np.copyto(result, const.pi - result, where=x < 0.0)
+    np.copysign(result, y, out=result)
 
 
 @cache
@@ -323,7 +331,8 @@ def circle() -> tuple[Array, Array]:
     """Tabulate the cosine and sine of ``2 pi j / TURNS``, j = 0 ... TURNS - 1."""
     # Step 1: rotate by one entry at a time through a quarter of the circle.
     angle = 2 * pi_bits() // TURNS
-    step_c, step_s = _series(angle, 0), _series(angle, 1)
+    step_c = _series(angle, 0)
+    step_s = _series(angle, 1)
     cosines = []
     sines = []
     c = _ONE
@@ -331,7 +340,10 @@ def circle() -> tuple[Array, Array]:
     for _ in range(TURNS // 4 + 1):
         cosines.append(c)
         sines.append(s)
-        c, s = (c * step_c - s * step_s) >> _BITS, (s * step_c + c * step_s) >> _BITS
+        next_c = (c * step_c - s * step_s) >> _BITS
+        next_s = (s * step_c + c * step_s) >> _BITS
+        c = next_c
+        s = next_s
     # Step 2: make the wave from its first octant by symmetry.
     quarter = sines[: TURNS // 8 + 1] + cosines[TURNS // 8 - 1 :: -1]
     half = quarter[:-1] + quarter[:0:-1]
@@ -357,14 +369,14 @@ def pi_bits() -> int:
 def parts(bits: int, divisor: int, widths: list[int]) -> list[float]:
     """Split ``bits / divisor`` into floats of so many bits each, and one more for the rest."""
     rest = bits // divisor
-    out = []
+    result = []
     for width in widths:
         drop = max(rest.bit_length() - width, 0)
         # Keep the leading bits of the rest; the remaining ones go to the next part.
         head = rest >> drop << drop
-        out.append(head / _ONE)
+        result.append(head / _ONE)
         rest -= head
-    return [*out, rest / _ONE]
+    return [*result, rest / _ONE]
 
 
 def _log_ratio(b: int, a: int) -> int:

@@ -191,23 +191,30 @@ def _normal_factor() -> float:
 Elementwise = Callable[[Array, Array], None]
 
 
-def _piecewise(kernel: Elementwise, x: ArrayLike, out: Array | None) -> Array:
+def _piecewise(kernel: Elementwise, x: ArrayLike, result: Array | None) -> Array:
+    """Call a kernel on an array of any shape, or a number; write to the result if there is one."""
     if isinstance(x, float):
         return _of_number(kernel, x)
     x = np.asarray(x, dtype=float)
     flat = np.ascontiguousarray(x).reshape(-1)
-    # Write into `out` directly if its memory is in order, else copy at the end.
-    in_place = out is not None and out.flags.c_contiguous and out.dtype == np.float64
-    target = out.reshape(-1) if out is not None and in_place else np.empty(flat.shape)
+    # Write into the result directly if its memory is in order, else copy at the end.
+    if result is not None and result.flags.c_contiguous and result.dtype == np.float64:
+        _call_kernel(kernel, flat, result.reshape(-1))
+        return result
+    values = np.empty(flat.shape)
+    _call_kernel(kernel, flat, values)
+    if result is None:
+        return values.reshape(x.shape)[()]
+    result[...] = values.reshape(x.shape)
+    return result
+
+
+def _call_kernel(kernel: Elementwise, flat: Array, result: Array) -> None:
+    """Call a kernel on a whole array (n,), or in pieces: the C kernels need none."""
     if compiled.kernels or 0 < len(flat) <= _PIECE:
-        kernel(flat, target)
+        kernel(flat, result)
     else:
-        _in_pieces(kernel, flat, target)
-    if out is None:
-        return target.reshape(x.shape)[()]
-    if not in_place:
-        out[...] = target.reshape(x.shape)
-    return out
+        _in_pieces(kernel, flat, result)
 
 
 def _in_pieces(kernel: Callable[..., None], *arrays: Array) -> None:
@@ -225,6 +232,7 @@ def _of_number(kernel: Elementwise, x: float) -> Array:
 
 @lru_cache(maxsize=4096)
 def _cos_sin_of_number(a: float) -> tuple[Array, Array]:
-    c, s = np.empty(1), np.empty(1)
+    c = np.empty(1)
+    s = np.empty(1)
     _elementary_kernels.cos_sin(np.array([a]), c, s)
     return c[0], s[0]

@@ -44,7 +44,8 @@ def lower_product(L: Array, x: Array) -> Array:
 def matmul(A: Array, B: Array) -> Array:
     """Compute ``A B`` for A (n, m[, *batch]) and B (m, p[, *batch]); shape (n, p[, *batch])."""
     if compiled.kernels:
-        out = np.empty((len(A), B.shape[1], *(A if A.ndim > 2 else B).shape[2:]))
+        batch = A.shape[2:] or B.shape[2:]
+        out = np.empty((len(A), B.shape[1], *batch))
         if compiled.kernels.product(A, B, out, 0):
             return out
     if A.ndim == 2 and B.ndim == 2:
@@ -65,7 +66,8 @@ def transpose(A: Array) -> Array:
 def sandwich(F: Array, P: Array) -> Array:
     """Compute ``F P F'`` for symmetric P, exactly symmetric."""
     if compiled.kernels:
-        out = np.empty((len(F), len(F), *(F if F.ndim > 2 else P).shape[2:]))
+        batch = F.shape[2:] or P.shape[2:]
+        out = np.empty((len(F), len(F), *batch))
         if compiled.kernels.sandwich(F, P, out):
             return out
     FP = matmul(F, P)
@@ -143,7 +145,9 @@ def root(P: Array) -> Array:
     It serves draws and sigma points; a matrix to be inverted needs `cholesky`.
     """
     L = cholesky(P)
-    return L if all_finite(L) else root_in_range(P)
+    if all_finite(L):
+        return L
+    return root_in_range(P)
 
 
 def root_in_range(P: Array) -> Array:
@@ -164,8 +168,10 @@ def _factor(P: Array, tolerance: float) -> Array:
             # Step 1: the pivot and the column below it, less the columns before.
             column = []
             for i in range(j, n):
-                terms = [L[i, m] * L[j, m] for m in range(j)]
-                column.append(P[i, j] - _sum_of(terms) if terms else P[i, j])
+                entry = P[i, j]
+                if j > 0:
+                    entry = entry - _sum_of([L[i, m] * L[j, m] for m in range(j)])
+                column.append(entry)
             pivot = column[0]
             # Step 2: divide by the pivot's root.
             L[j, j] = np.sqrt(pivot)
@@ -228,7 +234,9 @@ def is_singular(P: Array) -> bool:
 
 def solve_lower(L: Array, b: Array) -> Array:
     """Compute ``L^-1 b`` for lower triangular L (n, n[, *batch]) and b (n, ...)."""
-    return b * (1.0 / L[0]) if len(L) == 1 else np.array(whiten(L, b))
+    if len(L) == 1:
+        return b * (1.0 / L[0])
+    return np.array(whiten(L, b))
 
 
 def whiten(L: Array, b: Array) -> list[Array]:
@@ -310,13 +318,20 @@ def _constant_product(A: Array, B: Array) -> Array:
     for i, row in enumerate(A.tolist()):
         target = out[i, ...]
         # Skip the zeros of the constant matrix and the products with one.
-        terms = [B[j] if a == 1.0 else a * B[j] for j, a in enumerate(row) if a != 0.0]
-        if len(terms) < 2:
-            target[...] = terms[0] if terms else 0.0
-            continue
-        np.add(terms[0], terms[1], out=target)
-        for term in terms[2:]:
-            target += term
+        terms = []
+        for j, a in enumerate(row):
+            if a == 1.0:
+                terms.append(B[j])
+            elif a != 0.0:
+                terms.append(a * B[j])
+        if not terms:
+            target[...] = 0.0
+        elif len(terms) == 1:
+            target[...] = terms[0]
+        else:
+            np.add(terms[0], terms[1], out=target)
+            for term in terms[2:]:
+                target += term
     return out
 
 
@@ -385,10 +400,18 @@ def _rotate(A: Array, V: Array, p: int, q: int) -> bool:
     t = np.where(turn, t, 0.0)
     c = 1.0 / np.sqrt(t * t + 1.0)
     s = t * c
-    V[:, p], V[:, q] = c * V[:, p] - s * V[:, q], s * V[:, p] + c * V[:, q]
-    A[p], A[q] = c * A[p] - s * A[q], s * A[p] + c * A[q]
+    # Rotate the two vectors, and the two rows.
+    vector_p = c * V[:, p] - s * V[:, q]
+    vector_q = s * V[:, p] + c * V[:, q]
+    V[:, p] = vector_p
+    V[:, q] = vector_q
+    row_p = c * A[p] - s * A[q]
+    row_q = s * A[p] + c * A[q]
+    A[p] = row_p
+    A[q] = row_q
     # The columns are the rows; a' = a - t A_pq, b' = b + t A_pq.
-    A[:, p], A[:, q] = A[p], A[q]
+    A[:, p] = row_p
+    A[:, q] = row_q
     A[p, p] = a - t * off
     A[q, q] = b + t * off
     A[p, q] = A[q, p] = np.where(turn, 0.0, off)

@@ -353,10 +353,10 @@ def _table(entries: Array) -> Singles:
     return fixed(entries.astype(np.float32))
 
 
-def _hadamard(t: Singles, out: Array) -> None:
-    """Write ``(1/2) H t`` of quarters of t; the table's entries are halved already."""
+def _hadamard(t: Singles, result: Array) -> None:
+    """Write ``(1/2) H t`` of quarters of t to the result; the table's entries are halved already."""
     a, b, c, d = t.reshape(4, -1)
-    first, second, third, fourth = out.reshape(4, -1)
+    first, second, third, fourth = result.reshape(4, -1)
     # Step 1: a + b, a - b, and in the memory of a and b: c + d, c - d.
     a_plus_b = a + b
     a_minus_b = a - b

@@ -69,7 +69,7 @@ def dot(a: Array, b: Array) -> Array:
     """Compute ``sum_j a_j b_j`` over the last axis."""
     if compiled.kernels and a.dtype == b.dtype == np.float64:
         if a.ndim < b.ndim:
-            a, b = b, a
+            return dot(b, a)
         if a.shape[a.ndim - b.ndim :] == b.shape and b.size:
             out = np.empty(a.shape[:-1])
             a = np.ascontiguousarray(a)

@@ -154,7 +154,9 @@ def _hermite(n: int, x: float) -> float:
     current = 1.0
     # He_{k+1} = x He_k - k He_{k-1}
     for k in range(n):
-        previous, current = current, x * current - k * previous
+        following = x * current - k * previous
+        previous = current
+        current = following
     return current
 
 

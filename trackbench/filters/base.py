@@ -408,8 +408,8 @@ def has_likelihood(tracker: AnyFilter) -> bool:
 class WrongReturnError(ValueError):
     """Return value of the ``method`` of a filter, table or figure that breaks the interface."""
 
-    def __init__(self, method: str, what: str) -> None:
-        super().__init__(what)
+    def __init__(self, method: str, message: str) -> None:
+        super().__init__(message)
         self.method = method
 
 

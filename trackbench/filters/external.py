@@ -95,15 +95,15 @@ class ProgramState(NamedTuple):
 class ProgramRunError(WrongReturnError):
     """A program failed in a run, counted from 0, at a step."""
 
-    def __init__(self, run: int, step: int, what: str) -> None:
-        super().__init__("step", f"run {run}, step {step}: {what}")
+    def __init__(self, run: int, step: int, failure: str) -> None:
+        super().__init__("step", f"run {run}, step {step}: {failure}")
         self.run = run
         self.step = step
-        self.what = what
+        self.failure = failure
 
     def after(self, runs: int) -> "ProgramRunError":
         """Count the run from the first of the experiment; the run's block begins at ``runs``."""
-        return ProgramRunError(runs + self.run, self.step, self.what)
+        return ProgramRunError(runs + self.run, self.step, self.failure)
 
 
 @register("filters", "external")

@@ -33,8 +33,8 @@ _GUARD = ("sh", "-c", 'read line; kill -9 "-$1"', "guard")
 class ProgramError(Exception):
     """A program broke the protocol, after it gave ``answered`` of the answers that it owes."""
 
-    def __init__(self, what: str, answered: int = 0) -> None:
-        super().__init__(what)
+    def __init__(self, message: str, answered: int = 0) -> None:
+        super().__init__(message)
         self.answered = answered
 
 
@@ -146,12 +146,13 @@ class Program:
             return f"ended with code {code}"
         return "closed its output"
 
-    def _broken(self, what: str, answered: int) -> ProgramError:
+    def _broken(self, failure: str, answered: int) -> ProgramError:
         """Kill the program; return the error, with the last line of the program's errors."""
         self.kill()
+        message = f"the program {failure}"
         if self._error_lines:
-            what += f"; its last line on stderr: {_shorten(self._error_lines[-1])}"
-        return ProgramError(f"the program {what}", answered)
+            message += f"; its last line on stderr: {_shorten(self._error_lines[-1])}"
+        return ProgramError(message, answered)
 
     def _clock(self) -> float:
         """Read the CPU seconds of the program, the last ones if it has ended; 0 outside of Linux."""

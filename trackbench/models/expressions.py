@@ -189,9 +189,9 @@ class _Parser:
         return operate(name, *nodes)
 
 
-def _mistake(tree: ast.expr, what: str) -> ExpressionError:
+def _mistake(tree: ast.expr, message: str) -> ExpressionError:
     """Return an error at a tree's column."""
-    return ExpressionError(f"column {tree.col_offset + 1}: {what}")
+    return ExpressionError(f"column {tree.col_offset + 1}: {message}")
 
 
 def _as_float(tree: ast.expr, value: float) -> float:
@@ -340,26 +340,26 @@ def derivative(node: Node, name: str) -> Node:
     """
     derivatives: dict[int, Node] = {}
 
-    def differentiate(part: Node) -> Node:
-        """Return the derivative of a part, by those of its arguments."""
-        if not part.arguments:
-            return ONE if part.name == name else ZERO
-        if part.operation in ("first", "second"):
+    def differentiate(inner: Node) -> Node:
+        """Return the derivative of a node within the expression, by those of its arguments."""
+        if not inner.arguments:
+            return ONE if inner.name == name else ZERO
+        if inner.operation in ("first", "second"):
             # cos' u = -sin u u', sin' u = cos u u'
-            (pair,) = part.arguments
+            (pair,) = inner.arguments
             du = derivatives[id(pair.arguments[0])]
-            if part.operation == "first":
+            if inner.operation == "first":
                 return _difference(ZERO, _product(Node("second", (pair,)), du))
             return _product(Node("first", (pair,)), du)
-        u = part.arguments[0]
+        u = inner.arguments[0]
         du = derivatives[id(u)]
-        if len(part.arguments) == 1:
-            return _unary_derivative(part, u, du)
-        _, v = part.arguments
-        return _binary_derivative(part, u, v, du, derivatives[id(v)])
+        if len(inner.arguments) == 1:
+            return _unary_derivative(inner, u, du)
+        _, v = inner.arguments
+        return _binary_derivative(inner, u, v, du, derivatives[id(v)])
 
-    for part in in_order([node]):
-        derivatives[id(part)] = differentiate(part)
+    for inner in in_order([node]):
+        derivatives[id(inner)] = differentiate(inner)
     return derivatives[id(node)]
 
 

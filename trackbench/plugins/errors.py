@@ -53,8 +53,8 @@ def plugin_code(*parts: object) -> Iterator[None]:
         # its line.
         method = getattr(error, "method", "")
 
-        def lacks_method(part: object) -> bool:
-            return all(method not in vars(cls) for cls in _plugin_classes(part))
+        def lacks_method(component: object) -> bool:
+            return all(method not in vars(cls) for cls in _plugin_classes(component))
 
         foreign.sort(key=lacks_method)
         raise PluginError(located_message(error, *foreign)) from error
@@ -130,9 +130,9 @@ def place_within(error: BaseException, files: set[str]) -> str:
     return ""
 
 
-def _plugin_classes(part: object) -> list[type]:
+def _plugin_classes(component: object) -> list[type]:
     """List the plugin classes that a component is made of."""
-    cls = part if isinstance(part, type) else type(part)
+    cls = component if isinstance(component, type) else type(component)
     looped_cls = getattr(cls, "one", cls)  # `one` is the class that PerRun loops over
     plugin_classes = []
     for base in looped_cls.__mro__:
@@ -151,10 +151,10 @@ def _file(cls: type) -> str:
     return module.__file__ or ""
 
 
-def _definition(method: str, part: object) -> str:
+def _definition(method: str, component: object) -> str:
     """Locate a method in a component's class, or the class: ``my_filter.py:12: ``."""
     # Step 1: the first class that defines the method.
-    classes = _plugin_classes(part)
+    classes = _plugin_classes(component)
     for cls in classes:
         attribute = vars(cls).get(method)
         function = attribute.fget if isinstance(attribute, property) else attribute

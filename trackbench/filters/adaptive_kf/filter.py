@@ -42,7 +42,9 @@ from trackbench.filters.base import OWN_MOTION, Filter
 from trackbench.models.base import Model, Scene
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
 
-NMF, BOTH, MF = 0, 1, 2
+NMF = 0
+BOTH = 1
+MF = 2
 """Filters that are on in a run."""
 _TEN_PERCENT_POINT = significance_threshold(0.1)
 

@@ -168,7 +168,9 @@ def augmented_start(state: Gaussian, z: Array, T: float, R: float) -> Gaussian:
     """
     x, v = state.mean
     # With e = z - x - T v and var(z) = R, the covariances of z, v + T a and a follow.
-    p11, p12, p22 = state.cov[0, 0], state.cov[0, 1], state.cov[1, 1]
+    p11 = state.cov[0, 0]
+    p12 = state.cov[0, 1]
+    p22 = state.cov[1, 1]
     # Mean: a = 2 e / T^2 with e = z - x - T v.
     a = 2.0 / (T * T) * (z - x - T * v)
     mean = np.stack([z, v + T * a, a])

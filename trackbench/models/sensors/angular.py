@@ -125,7 +125,8 @@ def along_line_of_sight(azimuth: Array, px: Array, py: Array) -> tuple[Array, Ar
     alike = px.dtype == py.dtype == np.float64 and px.shape == py.shape
     if compiled.kernels and alike and px.shape[:-1] == c.shape:
         r, across, along = np.empty((3, *px.shape))
-        px, py = np.ascontiguousarray(px), np.ascontiguousarray(py)
+        px = np.ascontiguousarray(px)
+        py = np.ascontiguousarray(py)
         compiled.kernels.line_of_sight(c, s, px, py, r, across, along)
         return r, across, along
     c_of_run = c[:, None]
