@@ -100,7 +100,7 @@ def test_of_other_figures_and_tables_a_figure_takes_looks_and_statistics(folder:
     before = files(folder, processes=1)
     results = api.load(folder).results
     figures = results.parts("figures")
-    assert results._styles_of_references
+    assert results._usual_looks
     statistics = compared_statistics(results.config)
     columns = {name: f"{statistic}({name})" for name, statistic in statistics.items()}
     del results.config["figures"]
