@@ -43,7 +43,7 @@ def test_a_mean_over_some_runs_names_their_number(legs) -> None:
         assert row[1].text.endswith(f" ({known} of 20 runs)") == (0 < known < 20)
         mean = times[np.isfinite(times)].mean() if known else np.nan
         assert row[1].number == pytest.approx(mean, rel=1e-6, nan_ok=True)
-        assert (row[1].tex or "").endswith(f"}} ({known} of 20 runs)") == (0 < known < 20)
+        assert (row[1].tex or "").endswith(f"}} ({known} of 20 runs)}}") == (0 < known < 20)
         assert "runs" not in row[2].text
     assert any(0 < known < 20 for known in counts.values())
 

@@ -1,5 +1,7 @@
 """Tables as Markdown and LaTeX."""
 
+import shutil
+import subprocess
 from types import SimpleNamespace
 
 import numpy as np
@@ -25,9 +27,16 @@ def table():
 
 def test_latex_has_booktabs_rules_and_no_live_character():
     text = table().texts().tex()
-    for rule in (r"\toprule", r"\midrule", r"\bottomrule", r"\begin{tabular}{lrr}"):
+    columns = r"\begin{tabular}{l S[table-format=1.3(2)] r}"
+    for rule in (r"\toprule", r"\midrule", r"\bottomrule", columns):
         assert rule in text
-    assert r"A \& B\_1 & \num{0.500 +- 0.010} & 0 of 100 (0 to 3.6 \%) \\" in text
+    assert r"A \& B\_1 & 0.500 +- 0.010 & 0 of 100 (0 to 3.6 \%) \\" in text
+    assert (
+        r"\{x\} \$y\$ \textasciitilde{}\textasciicircum{}\textless{}\textgreater{} & {all runs lost}"
+        in text
+    )
+    assert r"Filter & {RMSE\_x} & Lost runs \\" in text
+    assert "resizebox" not in text
     assert r"\textbackslash{}input\{x\} \$y\$ \textasciitilde{}\textasciicircum{}" in text
     assert r"\caption{Mean \& spread of 100 \%}" in text
     assert TextTable("σ ≤ λ²", ["µ"]).tex().count("$") == 8  # pdflatex has none of them in text
@@ -62,19 +71,53 @@ def test_a_run_writes_latex_on_request(folder, tmp_path):
         set=["figures={time: {kind: rmse-vs-time}}"],
     )  # fmt: skip
     api.run(folder / "config.yaml", options)
-    assert r"\toprule" in (tmp_path / "o" / "tables" / "table1.tex").read_text()
+    text = (tmp_path / "o" / "tables" / "table1.tex").read_text()
+    assert r"\toprule" in text
+    assert r"\label{tab:small-table1}" in text
     assert (tmp_path / "o" / "figures" / "time.pdf").stat().st_size > 5000
     assert b"/Type3" not in (tmp_path / "o" / "figures" / "time.pdf").read_bytes()
     assert [p.suffix for p in api.plot(tmp_path / "o", ["tex"], ["time"])] == [".pdf"]
 
 
 def test_latex_has_one_exponent_for_value_and_error():
-    assert in_tex(5.96e-6, 9.9e-7, 3) == r"\num{5.96 +- 0.99 e-6}"
-    assert in_tex(1.2e-9, 3.4e-8, 3) == r"\num{0.1 +- 3.4 e-8}"
-    assert in_tex(2.5e7, float("nan"), 3) == r"\num{2.50 e7}"
-    assert in_tex(0.5, 0.01, 4) == r"\num{0.500 +- 0.010}"
-    assert in_tex(1234567.8, 0.17, 4) == r"\num{1.23456780 +- 0.00000017 e6}"
-    assert in_tex(1.0012346, 1e-9, 4) == r"\num{1.001 +- 0.000}"
+    assert in_tex(5.96e-6, 9.9e-7, 3) == "5.96 +- 0.99 e-6"
+    assert in_tex(1.2e-9, 3.4e-8, 3) == "0.1 +- 3.4 e-8"
+    assert in_tex(2.5e7, float("nan"), 3) == "2.50 e7"
+    assert in_tex(0.5, 0.01, 4) == "0.500 +- 0.010"
+
+
+@pytest.mark.parametrize(("value", "stderr", "text"), [
+    (1234567.8, 0.17, "1.235 e6"), (123456.0, 5000.0, "1.235 +- 0.050 e5"),
+    (1.0012346, 1e-9, "1.001"), (2365.5, 0.5, "2366"), (999.96, 0.2, "1000"),
+    (0.46410162, 3.2e-5, "0.4641"), (0.004099, 1.1e-5, "0.004099 +- 0.000011"),
+    (9999.8, 0.2, "1.000 e4"), (12800.0, float("nan"), "12800"), (0.0, 0.0, "0.000"),
+])  # fmt: skip
+def test_latex_has_four_digits_and_no_error_below_them(value, stderr, text):
+    assert in_tex(value, stderr, 4) == text
+
+
+def test_a_table_in_latex_says_what_it_needs_and_compiles_alone(tmp_path):
+    """It is a document of its own unless a document reads it."""
+    made = Table("Errors", ["Filter"], ["RMSE", "Of some"], digits=4, best={(0, 0), (0, 1)})
+    made.add(["A"], [Cell(Estimate(2365.5, 0.5), 9, 0), Cell(Estimate(1e-9, 1e-10), 5, 0)])
+    some = Cell(Estimate(2.0, 0.1), 5, 0, suffix=" (5 of 9 runs)")
+    made.add(["B"], [Cell(Estimate(-1.5, 0.1), 9, 0), some])
+    text = made.texts().tex("small-errors")
+    assert text.startswith(r"% In a paper: \usepackage{booktabs, siunitx}")
+    assert text.count(r"\label{tab:small-errors}") == 1
+    assert "l S[table-format=-4.2(2)] S[table-format=1.2(2)e-9]" in text
+    assert r"A & \bfseries 2366 & \bfseries 1.00 +- 0.10 e-9 \\" in text
+    assert r"B & -1.50 +- 0.10 & {\num{2.00 +- 0.10} (5 of 9 runs)} \\" in text
+    assert "A number without a standard error has one below half of its last digit." in text
+    if not shutil.which("pdflatex"):
+        return
+    (tmp_path / "table.tex").write_text(text)
+    head = "\\documentclass{article}\n\\usepackage{booktabs, siunitx}\n\\begin{document}\n"
+    (tmp_path / "paper.tex").write_text(f"{head}\\input{{table}}\n\\end{{document}}\n")
+    for name in ("table", "paper"):
+        words = ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", f"{name}.tex"]
+        subprocess.run(words, cwd=tmp_path, check=True, capture_output=True, timeout=120)
+        assert (tmp_path / f"{name}.pdf").stat().st_size > 5000
 
 
 def test_latex_numbers_its_tables_by_itself_and_marks_the_best():
@@ -86,7 +129,7 @@ def test_latex_numbers_its_tables_by_itself_and_marks_the_best():
     assert r"\caption{Errors}" in text
     assert r"\label{tab:errors}" in text
     assert text.count(r"\bfseries") == 1
-    assert r"1 & B & \bfseries \num{1.00 +- 0.10} & \num{1.00 +- 0.10} \\" in text
+    assert r"1 & B & \bfseries 1.00 +- 0.10 & 1.00 +- 0.10 \\" in text
 
 
 @pytest.mark.parametrize("text", ["mean(rmse)", "ratio(mean(rmse), PF)"])
@@ -162,4 +205,4 @@ def test_an_event_that_no_run_had_is_no_certainty():
     made.add(["B"], [Cell.of(some)])
     assert "| A | 0 of 20 (0 to 17 %) |" in made.markdown()
     assert "| B | 0.20 ± 0.10 |" in made.markdown()
-    assert r"A & 0 of 20 (0 to 17 \%)" in made.texts().tex()
+    assert r"A & {0 of 20 (0 to 17 \%)}" in made.texts().tex()

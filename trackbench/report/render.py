@@ -306,7 +306,10 @@ def write_tables(results: Results, tex: bool = False) -> dict[str, Table]:
             write_csv(folder / f"{name}.csv", table.csv_header, table.csv_rows())
             write_text(folder / f"{name}.md", table.markdown())
             if tex:
-                write_text(folder / f"{name}.tex", table.texts().tex(name))
+                label = f"{results.config['name']}-{name}"
+                if group.startswith("run/"):
+                    label += "-times"
+                write_text(folder / f"{name}.tex", table.texts().tex(label))
         if not files:
             _remove(results.target, "tables", name, TABLE_FORMS)
     return results.tables

@@ -27,7 +27,7 @@ class Text(NamedTuple):
     text: str
     number: float | None = None
     tex: str | None = None
-    """how LaTeX writes it, if not as it is"""
+    """how a column of LaTeX's siunitx writes it, if not as it is"""
     best: bool = False
     """whether it is the best of its column"""
 
@@ -70,30 +70,73 @@ class TextTable:
                 shown.append("  ".join(padded).rstrip())
         return "\n".join([*shown, *self.notes])
 
-    def tex(self, name: str = "") -> str:
-        """Return a LaTeX table for booktabs, graphicx and siunitx (3); ``name`` is its label."""
-        sides = ["l" if self._has_words_only(i) else "r" for i in range(len(self.heads))]
+    def tex(self, label: str = "") -> str:
+        """Return a LaTeX table for booktabs and siunitx (3), which also compiles alone.
+
+        ``label`` is its name in the paper, after ``tab:``.
+        """
+        # Step 1: the columns. Those of numbers are aligned at the decimal marker.
+        formats = [self._column_format(i) for i in range(len(self.heads))]
+        heads = [_head_tex(head) for head in self.heads]
+        rows = [[_cell_tex(cell) for cell in row] for row in self.rows]
+        for i, column_format in enumerate(formats):
+            if column_format.startswith("S"):
+                heads[i] = f"{{{heads[i]}}}"
+                for row in rows:
+                    is_number = _SIUNITX.fullmatch(row[i].removeprefix(_BOLD))
+                    row[i] = row[i] if is_number or row[i].startswith("{") else f"{{{row[i]}}}"
+        # Step 2: the notes.
+        notes = [_tex(note) for note in self.notes]
+        cells = [cell for row in self.rows for cell in row if cell.tex]
+        if any("±" in cell.text and "+-" not in (cell.tex or "") for cell in cells):
+            notes.append("A number without a standard error has one below half of its last digit.")
+        # Step 3: the lines.
         lines = [
+            _ALONE,
             r"\begin{table}",
-            r"\sisetup{separate-uncertainty=true, mode=match, reset-text-series=false}",
+            r"\sisetup{separate-uncertainty=true, group-digits=none}",
+            r"\sisetup{mode=match, reset-text-series=false}  % bold numbers",
             r"\centering",
             rf"\caption{{{_tex(_NUMBERED.sub('', self.title))}}}",
         ]
-        if name:
-            lines.append(rf"\label{{tab:{name}}}")
+        if label:
+            lines.append(rf"\label{{tab:{label}}}")
         lines += [
-            _AS_WIDE_AS_THERE_IS_ROOM,
-            rf"\begin{{tabular}}{{{''.join(sides)}}}",
+            rf"\begin{{tabular}}{{{' '.join(formats)}}}",
             r"\toprule",
-            " & ".join(map(_head_tex, self.heads)) + r" \\",
+            " & ".join(heads) + r" \\",
             r"\midrule",
+            *(" & ".join(row) + r" \\" for row in rows),
+            r"\bottomrule",
+            r"\end{tabular}",
         ]
+        lines += [rf"\par\smallskip{{\footnotesize {note}\par}}" for note in notes]
+        return "\n".join([*lines, r"\end{table}", _ALONE_END, ""])
+
+    def _column_format(self, column: int) -> str:
+        """Return the type of a column for LaTeX: ``l``, ``r``, or ``S`` with the room for its digits."""
+        numbers = []
         for row in self.rows:
-            lines.append(" & ".join(cell.tex or _tex(cell.text) for cell in row) + r" \\")
-        lines += [r"\bottomrule", r"\end{tabular}}"]
-        for note in self.notes:
-            lines.append(f"\n{_tex(note)}\\par")
-        return "\n".join([*lines, r"\end{table}", ""])
+            number = _SIUNITX.fullmatch(row[column].tex or "")
+            if number:
+                numbers.append(number)
+        if not numbers:
+            return "l" if self._has_words_only(column) else "r"
+
+        def longest(group: str) -> int:
+            return max(len(number[group] or "") for number in numbers)
+
+        sign = "-" if longest("sign") else ""
+        room = f"{sign}{longest('whole')}.{longest('places')}"
+        error_digits = max(len((n["error"] or "").replace(".", "").lstrip("0")) for n in numbers)
+        if error_digits:
+            room += f"({error_digits})"
+        if longest("exponent"):
+            exponents = [number["exponent"] or "" for number in numbers]
+            digits = max(len(exponent.lstrip("-")) for exponent in exponents)
+            exponent_sign = "-" if any(exponent.startswith("-") for exponent in exponents) else ""
+            room += f"e{exponent_sign}{'9' * digits}"
+        return f"S[table-format={room}]"
 
     def _has_words_only(self, column: int) -> bool:
         """Test whether no cell of a column has a number."""
@@ -104,7 +147,23 @@ def _line(cells: list[str]) -> str:
     return "| " + " | ".join(cells) + " |"
 
 
-_AS_WIDE_AS_THERE_IS_ROOM = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{%"
+_ALONE = r"""% In a paper: \usepackage{booktabs, siunitx}, siunitx of version 3, and \input of this file.
+% Alone: the next lines make it a document, as \begin{document} has not been read.
+\expandafter\ifx\csname @nodocument\endcsname\relax\else
+  \documentclass{article}
+  \usepackage[a4paper, landscape, margin=1cm]{geometry}
+  \usepackage{booktabs, siunitx}
+  \pagestyle{empty}
+  \begin{document}
+  \def\trackbenchalone{\end{document}}
+\fi"""
+"""Lines that compile a table alone: LaTeX forgets ``\\@nodocument`` at the begin of a document."""
+_ALONE_END = r"\csname trackbenchalone\endcsname"
+_BOLD = r"\bfseries "
+_SIUNITX = re.compile(
+    r"(?P<sign>-?)(?P<whole>\d+)(\.(?P<places>\d+))?( \+- (?P<error>[\d.]+))?( e(?P<exponent>-?\d+))?"
+)
+"""A number as `in_tex` writes it."""
 _NUMBERED = re.compile(r"^Table \w+[.:]\s*(?=\S)")
 """What LaTeX writes before a caption by itself."""
 _TEX = {
@@ -119,6 +178,12 @@ _TEX = {
     "µ": r"$\mu$",
     "≤": r"$\leq$",
     "≥": r"$\geq$",
+    "×": r"$\times$",
+    "·": r"$\cdot$",
+    "→": r"$\to$",
+    "≈": r"$\approx$",
+    "∞": r"$\infty$",
+    "−": "$-$",
     "²": r"\textsuperscript{2}",
     "³": r"\textsuperscript{3}",
 }
@@ -129,6 +194,14 @@ _FORMULA = re.compile(r"(\$[^$\s](?:[^$]*[^$\s])?\$)")
 
 def _tex(text: str) -> str:
     return "".join(_TEX.get(c) or _greek(c) for c in text)
+
+
+def _cell_tex(cell: Text) -> str:
+    """Write a cell for LaTeX, in bold if it is among the best."""
+    text = cell.tex or _tex(cell.text)
+    if not cell.best:
+        return text
+    return f"{{{_BOLD}{text[1:]}" if text.startswith("{") else f"{_BOLD}{text}"
 
 
 def _head_tex(text: str) -> str:
@@ -339,12 +412,13 @@ class Table:
         return texts
 
     def _cell_text(self, cell: Cell, best: bool) -> Text:
-        """Write a cell, for LaTeX in bold if it is among the best."""
+        """Write a cell, and its number as LaTeX has it."""
         tex = None
         if isfinite(cell.estimate.value) and not cell.words:
             value, stderr = cell.estimate
-            bold = r"\bfseries " if best else ""
-            tex = bold + in_tex(value, stderr, self.digits) + cell.suffix
+            tex = in_tex(value, stderr, self.digits)
+            if cell.suffix:
+                tex = rf"{{\num{{{tex}}}{_tex(cell.suffix)}}}"
         return Text(text=self.text(cell), number=cell.estimate.value, tex=tex, best=best)
 
     def markdown(self) -> str:
@@ -427,18 +501,39 @@ def _exact_places(digits: int) -> int:
 
 
 def in_tex(value: float, stderr: float, digits: int) -> str:
-    """Return value and error for LaTeX's siunitx: ``\\num{5.96 +- 0.99 e-6}``, one exponent for both."""
-    text = rounded(value, stderr, digits).replace("±", "+-")
-    if "e" not in text:
-        return rf"\num{{{text}}}"
-    has_error = isfinite(stderr)
-    exponent = _exponent(max(abs(value), stderr if has_error else 0.0))
+    """Return value and error for LaTeX's siunitx: ``5.96 +- 0.99 e-6``, one exponent for both.
+
+    A value with an error has at most so many digits, or four if ``digits`` are fewer. An error below
+    half of the last digit is left out.
+    """
+    text = rounded(value, stderr, digits)
+    most_digits = max(digits, _USUAL_DIGITS)
+    if not isfinite(stderr):
+        if "e" not in text:
+            return text
+        exponent = _exponent(value)
+        return f"{value / 10.0**exponent:.{_exact_places(digits)}f} e{exponent}"
+    # Step 1: the exponent of both.
+    larger = float(f"{max(abs(value), stderr):.{most_digits - 1}e}")  # 9999.8 is 10000
+    exponent = 0
+    if "e" in text or larger >= 10.0**most_digits:
+        exponent = _exponent(larger)
     mantissa = value / 10.0**exponent
-    if not has_error:
-        return rf"\num{{{mantissa:.{_exact_places(digits)}f} e{exponent}}}"
     error = stderr / 10.0**exponent
-    places = max(1 - _exponent(error), 0) if error else _exact_places(digits)
-    return rf"\num{{{mantissa:.{places}f} +- {error:.{places}f} e{exponent}}}"
+    # Step 2: places down to the error's second digit, as many as the digits allow.
+    places = digits - 1 - _exponent(mantissa)
+    if error > _ROUNDING * abs(mantissa):
+        first_place = -_exponent(error)
+        places = max(places, first_place) if value else first_place + 1
+        places = min(places, first_place + 1)
+    first_digit = _exponent(larger) - exponent
+    places = max(min(places, most_digits - 1 - first_digit), 0)
+    # Step 3: the text.
+    number = f"{mantissa:.{places}f}"
+    error_text = f"{error:.{places}f}"
+    if float(error_text):
+        number += f" +- {error_text}"
+    return f"{number} e{exponent}" if exponent else number
 
 
 def _exponent(x: float) -> int:
