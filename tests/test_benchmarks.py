@@ -25,11 +25,12 @@ LEAST: dict[str, dict[str, Any]] = {
     "w2_workers": {"RUNS": 2},
     "w3_kalman": {"FEW": 1},
     "w4_upf": {"RUNS": 2, "FEW": 1},
-    "w5_hdepf": {"RUNS": 2, "FEW": 1, "G": 2},
+    "w5_hdepf": {"RUNS": (2,), "FEW": 1, "G": 2},
     "w6_imm": {"RUNS": 2, "FEW": 1},
     "w7_process": {"RUNS": 2},
     "w8_startup": {},
     "w9_tables": {"FILTERS": 3},
+    "w10_enkf": {"RUNS": 2, "FEW": 1, "LAST": 3},
 }
 PROCESSES = ("w2_workers", "w7_process", "w8_startup")
 TINY = """name: tiny

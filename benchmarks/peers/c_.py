@@ -64,6 +64,23 @@ def merwe_upf(scenario: Any, z: Array, N: int) -> Array:
     return _merwe("merwe_upf", scenario, z, N)
 
 
+def evolution_numbers(tracker: Any) -> Array:
+    """Return the numbers of an HDEPF with its default settings, in the order of `scalar.c`."""
+    if tracker.reading != type(tracker)().reading:
+        raise ValueError("scalar.c has the default interpretations of HDEPF")
+    return np.array([tracker.F, tracker.CR, tracker.T0, tracker.rho])
+
+
+def merwe_hdepf(scenario: Any, tracker: Any, z: Array) -> Array:
+    """Hybrid differential evolution particle filter; z (1, T, M), estimates (1, T, M)."""
+    _, T, M = z.shape
+    out = np.empty((M, T))
+    k = np.array(scenario.steps[1:], dtype=float)
+    numbers = (merwe_numbers(scenario), evolution_numbers(tracker))
+    _call("merwe_hdepf", *numbers, k, z[0].T, T, M, tracker.N, tracker.G, out)
+    return out.T[None]
+
+
 def banana_pf(F: Array, Q: Array, R: Array, start: Array, z: Array) -> Array:
     """Bootstrap filter of z (2, T, M) from clouds (4, M, N); estimates (4, T, M)."""
     _, T, M = z.shape
@@ -89,4 +106,15 @@ def imm_cv(
     _, T, M = z.shape
     out = np.empty((M, T, 4))
     _call("imm_cv", F, Q, R, transition, mean.T, cov, z.transpose(2, 1, 0), T, M, out)
+    return out.transpose(2, 1, 0)
+
+
+def lorenz96_enkf(numbers: Array, mean: Array, z: Array, N: int) -> Array:
+    """Ensemble Kalman filter of z (n, T, M) from N(mean, sigma^2 I), mean (n,); estimates (n, T, M).
+
+    ``numbers`` are sigma, the measurements' variance, the time between steps and the inflation.
+    """
+    n, T, M = z.shape
+    out = np.empty((M, T, n))
+    _call("lorenz96_enkf", numbers, mean, z.transpose(2, 1, 0), T, M, n, N, out)
     return out.transpose(2, 1, 0)

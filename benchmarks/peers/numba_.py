@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from benchmarks.peers.c_ import merwe_numbers
+from benchmarks.peers.c_ import evolution_numbers, merwe_numbers
 from trackbench.core.arrays import Array
 
 
@@ -91,6 +91,85 @@ def _merwe_upf(p, steps, z, N):
             out[m, t] = (log_w * x[0]).sum()
             _resample(log_w, x, y)
             x, y = y, x
+    return out
+
+
+@njit
+def _log_posterior(p, x, old, drive, z, early):
+    v = x - drive - p[2] * old
+    if v <= 0.0:
+        return -np.inf
+    r = z - _sensor(p, x, early)
+    return 2.0 * np.log(v) - p[6] * v - 0.5 * r * r / p[5]
+
+
+@njit
+def _merwe_hdepf(p, evolution, steps, z, N, G):
+    M, T = z.shape
+    F, CR, T0, rho = evolution
+    out = np.empty((M, T))
+    origin, P, fit = np.empty(N), np.empty(N), np.empty(N)
+    best, best_fit, w = np.empty(N), np.empty(N), np.empty(N)
+    x, next_x = np.empty(N), np.empty(N)
+    q_mean = 3.0 / p[6]
+    q_var = 3.0 / (p[6] * p[6])
+    # Seven points of state, process noise and measurement noise: alpha 1, beta 0, kappa 2.
+    points, h = np.empty(7), np.empty(7)
+    pushed = np.sqrt(5.0 * q_var)
+    noisy = np.sqrt(5.0 * p[5])
+    for m in range(M):
+        origin[:] = p[0]
+        P[:] = 0.0
+        for t in range(T):
+            drive = 1.0 + np.sin(p[1] * steps[t])
+            early = steps[t] <= p[7]
+            for i in range(N):
+                old = origin[i]
+                mu = drive + p[2] * old + q_mean
+                V = p[2] * p[2] * P[i] + q_var
+                points[:] = mu
+                moved = p[2] * np.sqrt(5.0 * P[i])
+                points[1] += moved
+                points[2] -= moved
+                points[3] += pushed
+                points[4] -= pushed
+                z_mean, S, C = 0.0, 0.0, 0.0
+                for j in range(7):
+                    h[j] = _sensor(p, points[j], early)
+                    h[j] += noisy if j == 5 else -noisy if j == 6 else 0.0
+                    z_mean += (0.1 if j else 0.4) * h[j]
+                for j in range(7):
+                    S += (0.1 if j else 0.4) * (h[j] - z_mean) ** 2
+                    C += (0.1 if j else 0.4) * (points[j] - mu) * (h[j] - z_mean)
+                K = C / S
+                P[i] = V - K * K * S
+                x[i] = mu + K * (z[m, t] - z_mean) + np.sqrt(P[i]) * np.random.standard_normal()
+                fit[i] = _log_posterior(p, x[i], old, drive, z[m, t], early)
+                best[i], best_fit[i] = x[i], fit[i]
+            temperature = T0
+            for _ in range(G):
+                for i in range(N):
+                    next_x[i] = x[i]
+                    if np.random.random() > CR:
+                        continue  # the trial is its parent
+                    a = 1 + int(np.random.random() * (N - 1))
+                    b = 1 + int(np.random.random() * (N - 2))
+                    b += b >= a
+                    a = a + i if a + i < N else a + i - N
+                    b = b + i if b + i < N else b + i - N
+                    trial = x[i] + F * (x[a] - x[b])
+                    trial_fit = _log_posterior(p, trial, origin[i], drive, z[m, t], early)
+                    gain = trial_fit - fit[i]
+                    if gain > 0.0 or gain > temperature * np.log(np.random.random()):
+                        next_x[i], fit[i] = trial, trial_fit
+                        if trial_fit > best_fit[i]:
+                            best[i], best_fit[i] = trial, trial_fit
+                x, next_x = next_x, x
+                temperature *= rho
+            w[:] = best_fit
+            _normalize(w)
+            out[m, t] = (w * best).sum()
+            origin[:] = best
     return out
 
 
@@ -244,6 +323,43 @@ def _imm_cv(F, Q, R, transition, mean, cov, z):
     return out
 
 
+@njit
+def _lorenz96(x, slope):
+    N, n = x.shape
+    for m in range(N):
+        for i in range(n):
+            slope[m, i] = (x[m, (i + 1) % n] - x[m, i - 2]) * x[m, i - 1] - x[m, i] + 8.0
+
+
+@njit
+def _lorenz96_enkf(numbers, mean, z, N):
+    M, T, n = z.shape
+    sigma, R, dt, inflation = numbers
+    out = np.empty((M, T, n))
+    slope = np.empty((N, n))
+    for m in range(M):
+        x = mean + sigma * np.random.standard_normal((N, n))
+        for t in range(T):
+            # Runge-Kutta step of all members
+            at = x.copy()
+            change = np.zeros((N, n))
+            for ahead, weight in ((0.5, 1.0), (0.5, 2.0), (1.0, 2.0), (0.0, 1.0)):
+                _lorenz96(at, slope)
+                change += weight * slope
+                at = x + ahead * dt * slope
+            x += dt / 6.0 * change
+            # Perturbed innovations, centered; gain by LAPACK
+            deviations = x - x.sum(0) / N
+            error = np.sqrt(R * N / (N - 1.0)) * np.random.standard_normal((N, n))
+            error += z[m, t] - x - error.sum(0) / N
+            C = deviations.T @ deviations / (N - 1.0)
+            x += np.linalg.solve(C + R * np.eye(n), error.T).T @ C
+            center = x.sum(0) / N
+            out[m, t] = center
+            x = center + inflation * (x - center)
+    return out
+
+
 def _rows(z: Array) -> Array:
     return np.ascontiguousarray(z.transpose(2, 1, 0))
 
@@ -258,6 +374,13 @@ def merwe_upf(scenario: Any, z: Array, N: int) -> Array:
     """Unscented particle filter; z (1, T, M), estimates (1, T, M)."""
     steps = np.array(scenario.steps[1:], dtype=float)
     return _merwe_upf(merwe_numbers(scenario), steps, _rows(z)[..., 0], N).T[None]
+
+
+def merwe_hdepf(scenario: Any, tracker: Any, z: Array) -> Array:
+    """Hybrid differential evolution particle filter; z (1, T, M), estimates (1, T, M)."""
+    steps = np.array(scenario.steps[1:], dtype=float)
+    numbers = (merwe_numbers(scenario), evolution_numbers(tracker))
+    return _merwe_hdepf(*numbers, steps, _rows(z)[..., 0], tracker.N, tracker.G).T[None]
 
 
 def banana_pf(F: Array, Q: Array, R: Array, start: Array, z: Array) -> Array:
@@ -281,3 +404,11 @@ def imm_cv(
     first = np.ascontiguousarray(mean.T)
     found = _imm_cv(F, Q, np.array(R), transition, first, np.array(cov), _rows(z))
     return found.transpose(2, 1, 0)
+
+
+def lorenz96_enkf(numbers: Array, mean: Array, z: Array, N: int) -> Array:
+    """Ensemble Kalman filter of z (n, T, M) from N(mean, sigma^2 I), mean (n,); estimates (n, T, M).
+
+    ``numbers`` are sigma, the measurements' variance, the time between steps and the inflation.
+    """
+    return _lorenz96_enkf(numbers, mean, _rows(z), N).transpose(2, 1, 0)

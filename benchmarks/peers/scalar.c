@@ -137,6 +137,82 @@ void merwe_upf(const double *p, const double *steps, const double *z, int T, int
     free(x);
 }
 
+/* Log-posterior of the state x of a particle that comes from `old`: likelihood times gamma density of shape 3. */
+static inline double merwe_log_posterior(const double *p, double x, double old, double drive, double seen, int early) {
+    double v = x - drive - p[2] * old;
+    double r = seen - (early ? p[3] * x * x : p[4] * x - 2.0);
+    return v > 0.0 ? 2.0 * log(v) - p[6] * v - 0.5 * r * r / p[5] : -INFINITY;
+}
+
+/* Hybrid differential evolution particle filter: a UKF per particle, G generations of mutation (F), crossover
+   (CR) and annealed selection (T0, rho) in place of resampling, the best point of each slot weighted by its
+   posterior. e: F, CR, T0, rho. A trial that took nothing from its mutant is its parent, and costs nothing. */
+void merwe_hdepf(const double *p, const double *e, const double *steps, const double *z, int T, int M, int N, int G,
+                 double *out) {
+    double *memory = malloc(8 * N * sizeof *memory);
+    double *origin = memory, *P = memory + N, *fit = memory + 2 * N, *best = memory + 3 * N, *best_fit = memory + 4 * N;
+    double *w = memory + 5 * N;
+    double q_mean = 3.0 / p[6], q_var = 3.0 / (p[6] * p[6]);
+    double pushed = sqrt(5.0 * q_var), noisy = sqrt(5.0 * p[5]);
+    for (int m = 0; m < M; m++) {
+        for (int i = 0; i < N; i++) { origin[i] = p[0]; P[i] = 0.0; }
+        for (int t = 0; t < T; t++) {
+            double k = steps[t], drive = 1.0 + sin(p[1] * k), seen = z[m * T + t];
+            double *x = memory + 6 * N, *next_x = memory + 7 * N;
+            int early = k <= p[7];
+            for (int i = 0; i < N; i++) {
+                double old = origin[i], mu = drive + p[2] * old + q_mean, V = p[2] * p[2] * P[i] + q_var;
+                double moved = p[2] * sqrt(5.0 * P[i]), h[7], noise[7] = {0, 0, 0, 0, 0, noisy, -noisy};
+                double points[7] = {mu, mu + moved, mu - moved, mu + pushed, mu - pushed, mu, mu};
+                double zm = 0.0, S = 0.0, C = 0.0;
+                for (int j = 0; j < 7; j++) {
+                    double a = points[j], weight = j ? 0.1 : 0.4;
+                    h[j] = (early ? p[3] * a * a : p[4] * a - 2.0) + noise[j];
+                    zm += weight * h[j];
+                }
+                for (int j = 0; j < 7; j++) {
+                    double weight = j ? 0.1 : 0.4, d = h[j] - zm;
+                    S += weight * d * d;
+                    C += weight * (points[j] - mu) * d;
+                }
+                double K = C / S;
+                P[i] = V - K * K * S;
+                x[i] = best[i] = mu + K * (seen - zm) + sqrt(P[i]) * normal();
+                fit[i] = best_fit[i] = merwe_log_posterior(p, x[i], old, drive, seen, early);
+            }
+            double temperature = e[2];
+            for (int g = 0; g < G; g++) {
+                for (int i = 0; i < N; i++) {
+                    next_x[i] = x[i];
+                    if (uniform() > e[1]) continue;
+                    int a = 1 + (int)(uniform() * (N - 1)), b = 1 + (int)(uniform() * (N - 2));
+                    b += b >= a;
+                    a += i;
+                    b += i;
+                    if (a >= N) a -= N;
+                    if (b >= N) b -= N;
+                    double trial = x[i] + e[0] * (x[a] - x[b]);
+                    double trial_fit = merwe_log_posterior(p, trial, origin[i], drive, seen, early);
+                    double gain = trial_fit - fit[i];
+                    if (gain > 0.0 || gain > temperature * log(uniform())) {
+                        next_x[i] = trial;
+                        fit[i] = trial_fit;
+                        if (trial_fit > best_fit[i]) { best[i] = trial; best_fit[i] = trial_fit; }
+                    }
+                }
+                double *swap = x; x = next_x; next_x = swap;
+                temperature *= e[3];
+            }
+            memcpy(w, best_fit, N * sizeof *w);
+            normalize(w, N);
+            double mean = 0.0;
+            for (int i = 0; i < N; i++) { mean += w[i] * best[i]; origin[i] = best[i]; }
+            out[m * T + t] = mean;
+        }
+    }
+    free(memory);
+}
+
 /* Banana: x (4, N) per run of start (M, 4, N), F and root of Q (4, 4), sigma (2); z (M, T, 2), out (M, T, 4). */
 void banana_pf(const double *F, const double *L, const double *sigma, const double *start, const double *z,
                int T, int M, int N, double *out) {
@@ -275,4 +351,92 @@ void imm_cv(const double *F, const double *Q, const double *R, const double *tra
             }
         }
     }
+}
+
+/* Derivative of the Lorenz-96 system of n components, forcing 8, for N members x (n, N). */
+static void lorenz96(const double *x, double *slope, int n, int N) {
+    for (int i = 0; i < n; i++) {
+        const double *here = x + i * N, *after = x + (i + 1) % n * N;
+        const double *before = x + (i + n - 1) % n * N, *two_before = x + (i + n - 2) % n * N;
+        double *restrict out = slope + i * N;
+        for (int l = 0; l < N; l++) out[l] = (after[l] - two_before[l]) * before[l] - here[l] + 8.0;
+    }
+}
+
+/* One Runge-Kutta step of members x (n, N); `work` has room for three more. */
+static void lorenz96_step(double *x, double dt, double *work, int n, int N) {
+    const double ahead[4] = {0.5, 0.5, 1.0, 0.0}, weight[4] = {1.0, 2.0, 2.0, 1.0};
+    int all = n * N;
+    double *at = work, *slope = work + all, *sum = work + 2 * all;
+    memcpy(at, x, all * sizeof *x);
+    memset(sum, 0, all * sizeof *x);
+    for (int stage = 0; stage < 4; stage++) {
+        lorenz96(at, slope, n, N);
+        for (int l = 0; l < all; l++) {
+            sum[l] += weight[stage] * slope[l];
+            at[l] = x[l] + ahead[stage] * dt * slope[l];
+        }
+    }
+    for (int l = 0; l < all; l++) x[l] += dt / 6.0 * sum[l];
+}
+
+/* Ensemble Kalman filter with centered perturbations for Lorenz-96, all components measured with variance R.
+   p: sigma of the start, R, dt, inflation; mean (n); z and out (M, T, n). */
+void lorenz96_enkf(const double *p, const double *mean, const double *z, int T, int M, int n, int N, double *out) {
+    int all = n * N;
+    double *x = malloc((5 * all + 2 * n * n) * sizeof *x);
+    double *error = x + all, *work = x + 2 * all, *cov = x + 5 * all, *L = cov + n * n;
+    for (int m = 0; m < M; m++) {
+        for (int i = 0; i < n; i++) for (int l = 0; l < N; l++) x[i * N + l] = mean[i] + p[0] * normal();
+        for (int t = 0; t < T; t++) {
+            const double *seen = z + (size_t)n * (m * T + t);
+            double *estimate = out + (size_t)n * (m * T + t), *members = work;
+            lorenz96_step(x, p[2], work, n, N);
+            /* Deviations, a member after the other, and their covariance C. */
+            for (int i = 0; i < n; i++) {
+                double sum = 0.0, drift = 0.0, *e = error + i * N;
+                for (int l = 0; l < N; l++) sum += x[i * N + l];
+                for (int l = 0; l < N; l++) members[l * n + i] = x[i * N + l] - sum / N;
+                for (int l = 0; l < N; l++) drift += e[l] = sqrt(p[1] * N / (N - 1.0)) * normal();
+                for (int l = 0; l < N; l++) e[l] += seen[i] - x[i * N + l] - drift / N;
+            }
+            memset(cov, 0, n * n * sizeof *cov);
+            for (int l = 0; l < N; l++)
+                for (int i = 0; i < n; i++) {
+                    double a = members[l * n + i] / (N - 1.0), *restrict row = cov + i * n;
+                    for (int j = 0; j < n; j++) row[j] += a * members[l * n + j];
+                }
+            /* S = C + R = L L', by columns, each kept as a row of L. */
+            memcpy(L, cov, n * n * sizeof *L);
+            for (int j = 0; j < n; j++) {
+                double *column = L + j * n;
+                column[j] += p[1];
+                for (int k = 0; k < j; k++) {
+                    double a = L[k * n + j];
+                    for (int i = j; i < n; i++) column[i] -= a * L[k * n + i];
+                }
+                double root = sqrt(column[j]);
+                for (int i = j; i < n; i++) column[i] /= root;
+            }
+            /* S^-1 of the innovations, of all members at once. */
+            for (int i = 0; i < n; i++) {
+                double *restrict e = error + i * N;
+                for (int k = 0; k < i; k++) for (int l = 0; l < N; l++) e[l] -= L[k * n + i] * error[k * N + l];
+                for (int l = 0; l < N; l++) e[l] /= L[i * n + i];
+            }
+            for (int i = n - 1; i >= 0; i--) {
+                double *restrict e = error + i * N;
+                for (int k = i + 1; k < n; k++) for (int l = 0; l < N; l++) e[l] -= L[i * n + k] * error[k * N + l];
+                for (int l = 0; l < N; l++) e[l] /= L[i * n + i];
+            }
+            for (int i = 0; i < n; i++) {
+                double sum = 0.0, *restrict row = x + i * N;
+                for (int k = 0; k < n; k++) for (int l = 0; l < N; l++) row[l] += cov[i * n + k] * error[k * N + l];
+                for (int l = 0; l < N; l++) sum += row[l];
+                estimate[i] = sum / N;
+                for (int l = 0; l < N; l++) row[l] = sum / N + p[3] * (row[l] - sum / N);
+            }
+        }
+    }
+    free(x);
 }
