@@ -265,3 +265,69 @@ def test_derivatives_hold_the_inputs_fixed(kind: str) -> None:
     J = central_differences(lambda states: sampled.transition(states, 1).mean, x)
     np.testing.assert_allclose(sampled.jacobian(x, 1), J, atol=1e-8)
     assert sampled.jacobian(x, 1)[0, 1, 0] < -0.3  # v T sin(h): the speed counts
+
+
+SHIP = """
+name: ship
+seed: 1
+scenario:
+  kind: tracking
+  target:
+    kind: measured
+    measurements: log.csv
+    input: {v: through_water, w: gyro}
+    units: {v: kn, w: deg/s}
+    state: [px, py, heading, cx, cy]
+    angles: [heading]
+  sensor: {kind: function, h: {x: px, y: py}, R: 25}
+  start: {kind: given, mean: [0, 0, 0, 0, 0], sigma: [5, 5, 0.1, 2, 2]}
+  assume:
+    motion:
+      kind: map
+      components: [px, py, heading, cx, cy]
+      input: [v, w]
+      next:
+        px: px + (v*cos(heading) + cx)*T
+        py: py + (v*sin(heading) + cy)*T
+        heading: heading + w*T
+        cx: cx
+        cy: cy
+      Q: {px: 0.01, py: 0.01, heading: 1e-6}
+filters:
+  EKF: {kind: ekf}
+  Without log:
+    kind: ekf
+    assume:
+      motion:
+        kind: map
+        components: [px, py, heading, cx, cy]
+        next: {px: px + cx*T, py: py + cy*T, heading: heading, cx: cx, cy: cy}
+        Q: {px: 1, py: 1, cx: 0.1, cy: 0.1}
+metrics: [nis]
+tables: {t: {kind: metrics, columns: {NIS: mean(nis)}}}
+"""
+
+
+def test_a_ship_finds_the_current_and_another_filter_does_without_inputs(tmp_path: Path) -> None:
+    """5 m/s through the water on a circle, in a current of 1 m/s to the north."""
+    rng = np.random.default_rng(3)
+    turn_rate = np.deg2rad(1.0)
+    position, heading = np.zeros(2), 0.0
+    log = "time,through_water,gyro,x,y\n"
+    for k in range(1, 361):
+        position = position + np.array([5.0 * np.cos(heading), 5.0 * np.sin(heading) + 1.0])
+        heading += turn_rate
+        x, y = position + 5.0 * rng.standard_normal(2)
+        log += f"{k},{5.0 * 3600 / 1852!r},1,{x:.2f},{y:.2f}\n"
+    (tmp_path / "log.csv").write_text(log)
+    (tmp_path / "ship.yaml").write_text(SHIP)
+    out = api.run(
+        tmp_path / "ship.yaml", out=tmp_path / "out", workers=1, quiet=True, formats=(),
+        save_tracks=True,
+    ).folder  # fmt: skip
+    with np.load(out / "tracks.npz") as tracks:
+        current = tracks["mean/EKF"][3:, -1, 0]
+        other = tracks["mean/Without log"][:2, -1, 0]
+    # 360 positions of 5 m over 360 s tell a constant current to some centimeters a second.
+    np.testing.assert_allclose(current, [0.0, 1.0], atol=0.1)
+    assert np.abs(other - position).max() < 25.0
