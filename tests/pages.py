@@ -54,7 +54,7 @@ _DONE: set[str] = set()
 """Experiments that were run by their names: again, for another page, they are validated."""
 ELSEWHERE = ("jax", "dynamax")
 _NOWHERE = re.compile(
-    r"\.\.\.|--watch|--against-ref|history/|--\w+-completion|tcp://|\bCONFIG\b|\bDIR\b|\bNAME\b|\bKIND\b"
+    r"\.\.\.|--watch|--against-ref|--\w+-completion|tcp://|\bCONFIG\b|\bDIR\b|\bNAME\b|\bKIND\b"
 )
 _DATA = {
     "m.csv": "run,time,x,y\n" + "".join(f"1,{k * 2},{k * 20},{k * 5}\n" for k in range(12)),

@@ -203,7 +203,6 @@ def test_list_and_describe() -> None:
             ["check", "--contract", "mine.yaml"],
             "--contract mine.yaml: is a config; name the Python",
         ),
-        (["history", "none"], "name at least one results folder: trackbench history results/"),
     ],
 )
 def test_a_first_mistake_gets_a_short_answer(

@@ -27,7 +27,6 @@ SENSORS: dict[str, Keys] = yaml.safe_load("""
 bearing: {sigma_mrad: 5.0}
 polar-position: {sigma_range: 5.0, sigma_azimuth_mrad: 5.0}
 position: {sigma: 5.0}
-position-velocity: {sigma: 5.0, sigma_velocity: 1.0}
 range: {sigma: 5.0}
 range-azimuth: {sigma_range: 5.0, sigma_azimuth_mrad: 5.0}
 range-azimuth-doppler: {sigma_range: 5.0, sigma_azimuth_mrad: 5.0, sigma_range_rate: 1.0}

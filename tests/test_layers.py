@@ -64,7 +64,7 @@ REPORT = (
     ("kinds",),
     ("tables",),
     ("figures",),
-    ("render", "drawing_process", "open", "sweep", "history", "compare_folders", "suite"),
+    ("render", "drawing_process", "open", "sweep", "compare_folders", "suite"),
     ("html",),
 )
 """Inner layers of ``report/`` from the bottom up. Captions rank the filters: figures use findings."""

@@ -41,7 +41,6 @@ OF_SCANS = ("conversion", "los-rbpf", "mpf")
 OF_READINGS = ("cmkf", "mcaekf")
 SCENARIOS: dict[str, dict[str, Any]] = yaml.safe_load("""
 position: {sensor: {kind: position, sigma: 30}}
-position-velocity: {sensor: {kind: position-velocity, sigma: 30, sigma_velocity: 2}}
 range-azimuth: {sensor: &radar {kind: range-azimuth, sigma_range: 20, sigma_azimuth_mrad: 5}}
 range-azimuth-doppler:
   sensor: {<<: *radar, kind: range-azimuth-doppler, sigma_range_rate: 1}
@@ -58,7 +57,6 @@ range-azimuth-elevation:
 OTHERS = {("kf",): LINEAR, OF_POSITIONS: PER_AXIS, OF_SCANS: SCANS, OF_READINGS: READING}
 REFUSED: dict[str, dict[tuple[str, ...], str]] = dict.fromkeys(SCENARIOS, OTHERS) | {
     "position": {OF_SCANS: SCANS, OF_READINGS: READING},
-    "position-velocity": {OF_POSITIONS: PER_AXIS, OF_SCANS: SCANS, OF_READINGS: READING},
     "range-azimuth": {("kf",): LINEAR, OF_POSITIONS: PER_AXIS},
     "range-azimuth-elevation": OTHERS
     | {OF_POSITIONS: PLANE, OF_SCANS: PLANE, ("gaussian-sum",): PLANE},

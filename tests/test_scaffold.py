@@ -12,7 +12,6 @@ NAMES = {
     "filter": "my-filter",
     "filter --per-run": "my-own",
     "filter --per-run --nonlinear": "my-ekf",
-    "filter --from hdepf": "my-hdepf",
     "sensor": "my-sensor",
     "motion": "my-motion",
     "motion --nonlinear": "my-pendulum",

@@ -15,7 +15,6 @@ from trackbench.config.includes import assignment, override
 from trackbench.config.load import load
 from trackbench.errors import Mark, Problem, UserError, in_line
 from trackbench.field_types import DataError
-from trackbench.help.copied_filter import parts_of_copy
 from trackbench.registry import GROUPS, kinds
 from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.guess_config import (
@@ -33,7 +32,6 @@ _FORM_OF = {
     "per_run": "filter",
     "per_run_nonlinear": "filter",
     "nonlinear": "motion",
-    "copy": "filter",
 }
 _CLASSES = ("filter", "sensor", "motion", "start", "scenario")
 NOUNS = (*_CLASSES, "experiment")
@@ -72,12 +70,12 @@ _TEMPLATES |= {name: (f"language.{x.ending}", "language.yaml") for name, x in LA
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(?:[-_ ][A-Za-z0-9]+)*")
 
 
-def write_new(noun: str, name: str, folder: Path, form: str = "", source: str = "") -> list[Path]:
+def write_new(noun: str, name: str, folder: Path, form: str = "") -> list[Path]:
     """Write the files of a new component or experiment; existing files stay.
 
     ``noun`` is a word of `NOUNS`, such as filter. ``form`` of a filter is ``per_run``, which handles one
-    run at a time, ``per_run_nonlinear``, which also takes any model as functions, ``copy``, which begins
-    as the shipped filter of kind ``source``, or the language of a program; of a motion ``nonlinear``.
+    run at a time, ``per_run_nonlinear``, which also takes any model as functions, or the language of a
+    program; of a motion ``nonlinear``.
     """
     if form and _FORM_OF[form] != noun:
         option = "--language" if form in LANGUAGES else f"--{form.replace('_', '-')}"
@@ -93,8 +91,6 @@ def write_new(noun: str, name: str, folder: Path, form: str = "", source: str = 
     if form in LANGUAGES:
         stem = "language"
         values = LANGUAGES[form].marks
-    elif form == "copy":
-        values = parts_of_copy(source)
     values = {mark: _with_marks(text, _name_marks(words)) for mark, text in values.items()}
     # Step 2: fill every template before anything is written.
     filled = {}

@@ -37,8 +37,8 @@ from trackbench.filters.ukf import additive_step, augmented_step
 from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.models.sensors.angular import along_line_of_sight
-from trackbench.models.sensors.base import SensorBase
-from trackbench.models.sensors.position import PositionSensor, PositionVelocity, ScalarSensor
+from trackbench.models.sensors.base import SensorBase, StackedSensor
+from trackbench.models.sensors.position import PositionSensor, ScalarSensor, VelocitySensor
 
 pytestmark = pytest.mark.skipif(compiled.kernels is None, reason="no C compiler")
 SPECIAL = np.array(
@@ -116,7 +116,7 @@ def test_arctan2(both: Callable[..., None]) -> None:
         both(elementary.arctan2, scale * a, b)
 
 
-@pytest.mark.parametrize("sensor", ["scalar", "position", "position-velocity"])
+@pytest.mark.parametrize("sensor", ["scalar", "position", "position and velocity"])
 @pytest.mark.parametrize("runs", [1, 50, 700])
 def test_all_steps_of_a_kalman_filter(sensor: str, runs: int, both: Callable[..., None]) -> None:
     # Four measured components are left to the steps, one by one.
@@ -167,7 +167,7 @@ class _OtherKF(KF):
 _SENSORS = {
     "scalar": ScalarSensor(sigma=2.0),
     "position": PositionSensor(sigma=3.0),
-    "position-velocity": PositionVelocity(sigma=3.0, sigma_velocity=1.0),
+    "position and velocity": StackedSensor((PositionSensor(sigma=3.0), VelocitySensor(sigma=1.0))),
 }
 
 

@@ -70,7 +70,6 @@ SAME_OF_REFERENCE = {
 NOT_OF_TRAINING = {
     "runs_with_tracks": "no tracks of training runs are kept",
     "keep_covariance": "no tracks of training runs are kept",
-    "particle_steps": "no tracks of training runs are kept",
     "keep_steps": "only numbers per run are kept",
     "extra_run_counts": "a trial has a fixed number of runs",
 }
@@ -95,7 +94,6 @@ filters:
   KF: {kind: kf}
   Mine: {kind: kf, assume: {motion: {kind: cwna, q: 0.01}}}
   PF: {kind: pf, N: 9}
-figures: {cloud: {kind: particles}}
 tune: {Mine: {assume.motion.q: log:1e-3..10}}
 tuning: {runs: 6, metric: mean(rmsd_position)}
 """
@@ -123,7 +121,7 @@ def varied(part: Any) -> Iterator[tuple[str, Any]]:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_another_value_of_a_field_is_another_key(name: str) -> None:
-    task = SHOWN if name in ("keep_covariance", "particle_steps") else TASK
+    task = SHOWN if name == "keep_covariance" else TASK
     other = replace(task, **{name: OTHERS.get(name, "another")})
     same = block_key(other, other.runs_used) == block_key(task, task.runs_used)
     assert same == (name in NO_KEY)

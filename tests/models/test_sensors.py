@@ -15,7 +15,6 @@ from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.position import (
     PositionInSpace,
     PositionSensor,
-    PositionVelocity,
     VelocitySensor,
 )
 from trackbench.models.sensors.range_azimuth import (
@@ -30,7 +29,6 @@ PATH = Platform(steps=(0, 10, 20), x=(0.0, 500.0, 0.0), y=(-200.0, 100.0, 300.0)
 SENSORS: list[Any] = [
     PositionSensor(sigma=3.0),
     PositionInSpace(sigma=3.0),
-    PositionVelocity(sigma=3.0, sigma_velocity=0.4),
     VelocitySensor(sigma=0.3),
     PolarPosition(sigma_range=5.0, sigma_azimuth_mrad=4.0),
     RangeAzimuth(sigma_range=5.0, sigma_azimuth_mrad=4.0, at=(100.0, -300.0)),

@@ -1,7 +1,6 @@
 """Two results folders side by side: paired and independent differences, equal bytes, false alarms."""
 
 import json
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -147,47 +146,6 @@ def test_what_the_command_prints_and_draws(folders: dict[str, Path], tmp_path: P
         wrong = trackbench("compare", *words)
         assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1)
         assert what in wrong.stderr
-
-
-def test_history_over_folders(folders: dict[str, Path], tmp_path: Path) -> None:
-    picture = tmp_path / "p.png"
-    done = trackbench("history", folders["first"], folders["tight"], "--out", picture)
-    assert done.returncode == 0, done.stderr
-    assert picture.read_bytes()[1:4] == b"PNG"
-    assert "rms(rmse_position)" in done.stdout.splitlines()[1]
-    words = ("--metric", "anees", "--json")
-    (line,) = trackbench("history", folders["tight"], folders["first"], *words).stdout.splitlines()
-    rows = [row for row in json.loads(line)["rows"] if row["Filter"] == "KF"]
-    assert [row["Folder"] for row in rows] == ["tight", "first"]
-    stored = Results(folders["first"]).columns("summary").where(filter="KF", metric="anees")
-    assert [row["anees"] for row in rows] == [stored["value"][0]] * 2
-    wrong = trackbench("history", folders["first"], "--metric", "nothing")
-    assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1)
-    assert trackbench("history", tmp_path / "nothing").returncode == 2
-
-
-def test_history_is_in_the_order_of_the_dates(folders: dict[str, Path], tmp_path: Path) -> None:
-    """Without one of the dates in the order of the names; rows of a filter stand together."""
-    dates = {"b": "2026-03-01", "c": "2025-12-31", "a": "2026-01-02"}
-    for name, date in dates.items():
-        copy = shutil.copytree(folders["first"], tmp_path / name)
-        machine = copy / "run" / "machine.json"
-        machine.write_text(json.dumps(json.loads(machine.read_text()) | {"date": date}))
-
-    def rows_shown() -> list[tuple[str, str, str]]:
-        words = ("history", *(tmp_path / name for name in dates), "--json")
-        (line,) = trackbench(*words).stdout.splitlines()
-        return [(row["Filter"], row["Folder"], row["Date"]) for row in json.loads(line)["rows"]]
-
-    by_date = sorted(dates.items(), key=lambda item: item[1])
-    labels = ("KF", "PF", "Loose")
-    assert rows_shown() == [(label, *each) for label in labels for each in by_date]
-    machine = tmp_path / "c" / "run" / "machine.json"
-    facts = json.loads(machine.read_text())
-    del facts["date"]
-    machine.write_text(json.dumps(facts))
-    as_named = [("b", dates["b"]), ("c", "–"), ("a", dates["a"])]
-    assert rows_shown() == [(label, *each) for label in labels for each in as_named]
 
 
 def test_shares_and_infinities() -> None:

@@ -70,7 +70,6 @@ COMMANDS: dict[str, Callable[[Path], None]] = {
     "compare": lambda folder: said("compare", folder, "--json"),
     "overview": lambda folder: said("report", folder.parent),
     "load": load,
-    "history": lambda folder: said("history", folder, folder.parent / "whole"),
     "verify": lambda folder: said("verify", folder, "--runs", 1),
     "run": lambda folder: said(
         *("run", folder / "config.yaml", "--out", folder, "--engine", "serial", "--format", "svg")
@@ -185,8 +184,8 @@ FORGED: list[tuple[str, Callable[[Path], None], str]] = [
     ("run/machine.json", leaf("packages", value=[]), "report"),
     ("run/machine.json", leaf("files", value=[]), "plot"),
     ("run/machine.json", leaf("runs", value="x"), "report"),
-    ("run/machine.json", leaf("date", value=20261128), "history"),
-    ("run/machine.json", leaf("commit", value=["x"]), "history"),
+    ("run/machine.json", leaf("date", value=20261128), "report"),
+    ("run/machine.json", leaf("commit", value=["x"]), "report"),
     ("run/machine.json", leaf("python", value={}), "report"),
     ("manifest.json", leaf("files", "../../own", value=[]), "run"),
     ("points.json", leaf(0, "spans", value=[["x"]]), "report"),
@@ -225,8 +224,6 @@ def test_a_forged_file(
     small: Path, tmp_path: Path, name: str, forge: Callable[[Path], None], command: str
 ) -> None:
     folder = shutil.copytree(small, tmp_path / "out")
-    if command == "history":
-        shutil.copytree(small, tmp_path / "whole")
     forge(folder / name)
     if not name.endswith(("manifest.json", "machine.json")):
         reseal(folder)

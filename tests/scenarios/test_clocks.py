@@ -281,8 +281,8 @@ def test_latitude_speed_and_course_stand_for_positions_and_velocities(tmp_path: 
     )
     (tmp_path / "m.csv").write_text(rows)
     target = {"measurements": "m.csv", "units": {"speed": "kn"}}
-    sensor = {"kind": "position-velocity", "sigma": 5, "sigma_velocity": 1}
-    x, vx, y, vy = tracked(config(tmp_path, target, sensor=sensor))["measurements"][:, :, 0]
+    sensor = [{"kind": "position", "sigma": 5}, {"kind": "velocity", "sigma": 1}]
+    x, y, vx, vy = tracked(config(tmp_path, target, sensor=sensor))["measurements"][:, :, 0]
     knot = 1852 / 3600
     np.testing.assert_allclose(y, [111.229, np.nan], rtol=1e-5)  # 111 229 m a degree at 50 north
     np.testing.assert_allclose(x, [0.0, np.nan], atol=1e-6)

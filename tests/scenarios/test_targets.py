@@ -18,7 +18,7 @@ from trackbench.field_types import DataError, InvalidKeyError
 from trackbench.filters.ekf import EKF
 from trackbench.models.motions.kinematic import ConstantAcceleration, WhiteAcceleration
 from trackbench.models.sensors.base import Assume, Outliers
-from trackbench.models.sensors.position import PositionSensor, PositionVelocity
+from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import (
     RangeAzimuth,
     RangeAzimuthDoppler,
@@ -116,7 +116,6 @@ SPACE = Driven(
 RADAR: dict[str, Any] = {"sigma_range": 15.0, "sigma_azimuth_mrad": 4.0}
 STARTS: list[tuple[Any, Any, Any]] = [
     (DRIVEN, PositionSensor(sigma=20.0), TwoScan()),
-    (DRIVEN, PositionVelocity(sigma=20.0, sigma_velocity=3.0), TwoScan()),
     (DRIVEN, RangeAzimuth(**RADAR), TwoScan()),
     (DRIVEN, RangeAzimuth(at=(500.0, -800.0), **RADAR), TwoScan()),
     (DRIVEN, RangeAzimuthDoppler(sigma_range_rate=1.0, **RADAR), TwoScan()),

@@ -12,7 +12,7 @@ from typer.core import TyperGroup
 
 from trackbench import __version__
 from trackbench.cli.check import cache, check
-from trackbench.cli.compare import gate, history
+from trackbench.cli.compare import gate
 from trackbench.cli.info import copy, describe, list_, new, schema, show
 from trackbench.cli.output import (
     as_reportable,
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 _TASKS: dict[str, tuple[Callable[..., None], ...]] = {
     "Run experiments": (run, suite, sweep, tune, fit),
-    "Read results": (codecheck, compare, gate, history, plot, report, verify),
+    "Read results": (codecheck, compare, gate, plot, report, verify),
     "Write configs": (list_, describe, show, copy, check, schema),
     "Write components": (new,),
     "Free disk space": (cache,),

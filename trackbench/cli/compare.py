@@ -1,4 +1,4 @@
-"""Commands on several results: two folders, a gate for continuous integration, a history."""
+"""Commands on several results: two folders, and a gate for continuous integration."""
 
 from collections.abc import Sequence
 from math import isnan
@@ -18,7 +18,7 @@ from trackbench.cli.options import (
     Workers,
     api_options,
 )
-from trackbench.cli.output import echo_line, table_rows
+from trackbench.cli.output import echo_line
 
 if TYPE_CHECKING:
     from trackbench.commands.gate import Verdict
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 _AGAINST = "stored results, or the folder that holds those of several experiments"
 _WORSE = "3sigma, or 3sigma,1%: normal tail of the gate's false alarms, least change"
 _COST = "also fail if times on one machine, or evaluations, grow beyond this"
-Figure = Annotated[Path | None, typer.Option("--out", metavar="FILE", help="png, svg or pdf")]
 Against = Annotated[Path | None, typer.Option(metavar="DIR", help=_AGAINST)]
 Ref = Annotated[str, typer.Option(metavar="REF", help="git revision, which is run, too")]
 File = Annotated[
@@ -40,8 +39,6 @@ AllowRemoved = Annotated[
     bool, typer.Option("--allow-removed", help="pass without a filter or number that was compared")
 ]
 Md = Annotated[Path | None, typer.Option(metavar="FILE", help="comment for a pull request")]
-Metric = Annotated[str, typer.Option(help="row of summary.csv, as rms(rmse_position)")]
-Folders = Annotated[list[Path], typer.Argument(metavar="DIR...", help="results folders")]
 
 
 def compare_two(
@@ -174,35 +171,3 @@ def _gate_table(verdict: "Verdict", name: str, worse: str) -> "TextTable":
 def _echo_rows(rows: "Sequence[Row]") -> None:
     for row in rows:
         echo_line(row.fields)
-
-
-def history(
-    folders: Folders, metric: Metric = "", figure_file: Figure = None, json: Json = False
-) -> None:
-    """Show a metric of each filter over results folders, in the order of their dates."""
-    from trackbench.errors import UserError
-    from trackbench.report import history as folder_history
-    from trackbench.report.compare_folders import save
-    from trackbench.report.open import explain_content_errors, open_results
-
-    results_folders = [folder for folder in folders if (folder / "config.yaml").is_file()]
-    for folder in folders:
-        # `results/*` may name files, too, which need no note.
-        is_named_as_folder = folder.is_dir() or not folder.exists()
-        if folder not in results_folders and is_named_as_folder:
-            typer.echo(f"note: {folder}: is not a results folder, it has no config.yaml", err=True)
-    if not results_folders:
-        raise UserError("name at least one results folder: trackbench history results/*")
-    all_results = [open_results(folder) for folder in results_folders]
-    place: Path | str = "one of these folders"
-    if len(results_folders) == 1:
-        place = results_folders[0]
-    with explain_content_errors(place):
-        tables = folder_history.history(all_results, metric)
-    if figure_file is not None:
-        save(folder_history.draw(tables), figure_file)
-    for table in tables:
-        if json:
-            echo_line({"experiment": table.title, **table_rows(table)})
-        else:
-            typer.echo(table.texts().aligned())

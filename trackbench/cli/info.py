@@ -97,14 +97,11 @@ def show(name: Name) -> None:
     typer.echo(find_shipped(name).read_text(encoding="utf-8"), nl=False)
 
 
-def copy(
-    name: Name,
-    to: Annotated[Path, typer.Option(metavar="DIR", help="folder that they go to")] = Path(),
-) -> None:
-    """Copy a shipped experiment and its parts for editing; existing files stay."""
+def copy(name: Name) -> None:
+    """Copy a shipped experiment and its parts here for editing; existing files stay."""
     from trackbench.config.shipped_experiments import copy_experiment
 
-    copied = copy_experiment(name, to)
+    copied = copy_experiment(name, Path())
     for path in copied.written:
         typer.echo(f"wrote {path}")
     typer.echo(f"run it: trackbench run {copied.config}")
@@ -122,7 +119,7 @@ def new(
     ] = None,
     data: Annotated[
         Path | None,
-        typer.Option("--from", help="an experiment's table of data, or a shipped filter's kind"),
+        typer.Option("--from", metavar="FILE", help="an experiment's table of data"),
     ] = None,
     per_run: Annotated[
         bool, typer.Option("--per-run", help="a filter that is written for one run, without arrays")
@@ -146,8 +143,7 @@ def new(
 ) -> None:
     """Write a commented starting file that runs as it is, and its test.
 
-    With --from, an experiment is on recorded data, whose columns, units and errors are guessed; a filter
-    is a subclass of a shipped one, with a copy of its step.
+    With --from, an experiment is on recorded data, whose columns, units and errors are guessed.
     With --language, a filter is a program that reads and writes lines, and a config runs it.
     """
     from trackbench.errors import UserError
@@ -169,7 +165,7 @@ def new(
         chosen_options.append("--from")
     if len(chosen_options) > 1:
         raise UserError(f"new {noun} {name}: {' and '.join(chosen_options)} exclude each other")
-    if data is not None and noun not in ("experiment", "filter"):
+    if data is not None and noun != "experiment":
         raise typer.BadParameter(f"a {noun} is not made from data", param_hint="--from")
     if sets and data is None:
         raise typer.BadParameter("is of --from", param_hint="--set")
@@ -178,7 +174,7 @@ def new(
     unused_columns: list[str] = []
     quantities: list[str] = []
     left_out_filters: list[str] = []
-    if data is not None and noun == "experiment":
+    if data is not None:
         data_name = name or re.sub("[^A-Za-z0-9]+", "-", data.stem).strip("-")
         written = write_config_for(data, data_name, Path(), sets or ())
         paths = written.paths
@@ -190,15 +186,13 @@ def new(
         raise typer.BadParameter("is required without --from", param_hint="NAME")
     else:
         form = language
-        if data:
-            form = "copy"
-        elif takes_any_model:
+        if takes_any_model:
             form = "per_run_nonlinear"
         elif per_run:
             form = "per_run"
         elif nonlinear:
             form = "nonlinear"
-        paths = write_new(noun, name, Path(), form, str(data))
+        paths = write_new(noun, name, Path(), form)
     # Step 3: print what was written, and what to do next.
     for path in paths:
         typer.echo(f"wrote {path}")

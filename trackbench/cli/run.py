@@ -46,9 +46,6 @@ Evaluations: TypeAlias = Annotated[int | None, typer.Option(min=2, help="trials 
 Shard: TypeAlias = Annotated[
     str, typer.Option(metavar="I/N", help="compute this part of the blocks into the cache only")
 ]
-Fresh: TypeAlias = Annotated[
-    bool, typer.Option("--fresh/--resume", help="compute again what is kept, or go on with it")
-]
 
 
 @runs_experiments
@@ -108,22 +105,19 @@ def tune(
         typer.Option(help="what is made small: rms(rmse_position), anees, {log_score: 1, ...}"),
     ] = None,
     evaluations: Evaluations = None,
-    fresh: Fresh = False,
     **given: Any,
 ) -> None:
     """Tune the filters that the config's `tune` names, and run them beside the originals."""
-    _tune(config, metric, evaluations, given | {"fresh": fresh})
+    _tune(config, metric, evaluations, given)
 
 
 @runs_experiments
-def fit(
-    config: Config, evaluations: Evaluations = None, fresh: Fresh = False, **given: Any
-) -> None:
+def fit(config: Config, evaluations: Evaluations = None, **given: Any) -> None:
     """Estimate what `tune` names, such as Q and R, from data: the maximum of the likelihood.
 
     It is `tune --metric log_score`: of the predictions of each measurement by those before it.
     """
-    _tune(config, "log_score", evaluations, given | {"fresh": fresh})
+    _tune(config, "log_score", evaluations, given)
 
 
 @runs_experiments

@@ -223,11 +223,6 @@ class DrawnExhibit(Exhibit):
         """True if the positions measured in the first run must be stored."""
         return False
 
-    @property
-    def shown_particles(self) -> tuple[int, int] | None:
-        """First and last step of which the particles must be stored."""
-        return None
-
 
 @dataclass(frozen=True)
 class Experiment:
@@ -262,16 +257,6 @@ class Experiment:
     def shown_covariances(self) -> bool:
         """True if a figure needs those tracks' covariances too."""
         return any(f.shown_covariances for f in self.figures.values())
-
-    @property
-    def shown_particles(self) -> tuple[int, int] | None:
-        """First and last step of which a figure needs those runs' particles."""
-        spans = [f.shown_particles for f in self.figures.values() if f.shown_particles]
-        if not spans:
-            return None
-        first_step = min(first for first, _ in spans)
-        last_step = max(last for _, last in spans)
-        return first_step, last_step
 
     def title_of(self, key: tuple[int, str]) -> str:
         """Name a filter at a grid point, for people; ``key`` is the point's number and the label."""

@@ -310,7 +310,6 @@ def _check_shown(exhibit: DrawnExhibit) -> None:
     # These are read only so that an error in them is reported here.
     _ = exhibit.shown_covariances
     _ = exhibit.shown_measurements
-    _ = exhibit.shown_particles
     if not isinstance(runs, int):
         raise WrongReturnError("shown_runs", f"shown_runs is {runs!r}, no whole number")
     if components is not None and not isinstance(components, tuple):

@@ -46,8 +46,6 @@ class BlockTask:
     """keep whole tracks of runs below this number"""
     keep_covariance: bool = False
     """keep the covariances of the shown tracks too"""
-    particle_steps: tuple[int, int] | None = None
-    """keep the particles of the shown tracks from the first to the last of these steps"""
     keep_steps: tuple[str, ...] = ()
     """series kept per run and step, for their medians"""
     assume: Assume | None = None
@@ -113,8 +111,6 @@ class BlockTask:
             hold_out=self.hold_out,
             stacked=self.stacked,
             copies=self.copies,
-            particle_steps=self.particle_steps,
-            runs_with_tracks=self.runs_with_tracks if self.particle_steps else 0,
         )
 
     @property
@@ -148,8 +144,6 @@ class Tracks(NamedTuple):
     measurements: Array
     mean: Array
     cov: Array | None
-    particles: Array | None = None
-    """states, weights and parents of some steps' N particles (n_x + 2, S, N, r), NaN where unknown"""
 
 
 class BlockResult(NamedTuple):

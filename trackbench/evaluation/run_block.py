@@ -155,7 +155,6 @@ def _cut_output(output: FilterOutput, first: int, width: int) -> FilterOutput:
             name: _cut_runs(rows, first, width) for name, rows in output.diagnostics.items()
         },
         cpu_s=output.cpu_s * share,
-        particles=_view_runs(output.particles, first, width),
         refused=_view_runs(output.refused, first, width),
     )
 
@@ -329,8 +328,6 @@ def _trimmed_result(
         )
         if output.cov is not None:
             tracks = tracks._replace(cov=_first_runs(output.cov, shown))
-        if output.particles is not None:
-            tracks = tracks._replace(particles=_first_runs(output.particles, shown))
     # Sums per step; training runs (index < 0) have none.
     steps: dict[str, StepSums] = {}
     if task.index >= 0:

@@ -13,7 +13,7 @@ from trackbench.core import arrays
 from trackbench.core.angles import moments_together, near, particles_together
 from trackbench.core.arrays import Array, LatestResults, Mask, Seal, any_nan, freeze
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
-from trackbench.core.posterior_scores import ParticlePosterior, Posterior
+from trackbench.core.posterior_scores import ParticlePosterior
 from trackbench.core.random_streams import aside_stream, block_stream, side_by_side
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.consistency_and_calibration import (
@@ -33,7 +33,6 @@ from trackbench.evaluation.validate_output import (
 from trackbench.extension_points import foreign_parts
 from trackbench.filters.base import AnyFilter, Steps, WrongReturnError, has_expectations
 from trackbench.filters.external import ProgramRunError
-from trackbench.filters.particle_base import PFState
 from trackbench.filters.program import programs_cpu_s
 from trackbench.models.base import Model, extra_std
 from trackbench.models.priors import augment_prior
@@ -59,8 +58,6 @@ class FilterOutput(NamedTuple):
     """series (T + 1, M) by name"""
     cpu_s: float
     """CPU seconds of the filter"""
-    particles: Array | None = None
-    """particles (n_x + 2, S, N, r) of the first r runs, weights and parents, if S steps are shown"""
     refused: Mask | None = None
     """refused components (n_z, T, M), if several sensors have a gate each"""
 
@@ -279,7 +276,6 @@ class _Recorder:
         wanted = task.predictive_metrics if scenario.has_truth else ()
         self._calibration = Calibration(scenario.components, wanted)
         self._angles = scenario.angle_rows
-        self._particles = _ParticleRecorder(task, self._sizes[0])
         self.needs_states = has_expectations(task.filter) or not self._calibration.disabled
         """True if the recorded series depend on more than estimates and diagnostics"""
 
@@ -305,7 +301,7 @@ class _Recorder:
         if len(estimate.mean) > n:
             estimate = Gaussian(estimate.mean[:n], estimate.cov[:n, :n])
         posterior = None
-        if self._angles or self._particles.steps or not self._calibration.disabled:
+        if self._angles or not self._calibration.disabled:
             posterior = self._task.filter.posterior(state)
         if self._angles and isinstance(posterior, ParticlePosterior):
             # Particles on both sides of an angle's cut have their mean direction.
@@ -314,7 +310,6 @@ class _Recorder:
             together = particles_together(particles, estimate.mean, self._angles)
             estimate = moments_together(estimate, particles, together)
             posterior = ParticlePosterior(together)
-        self._particles.add(state, posterior, int(self._task.scenario.steps[k]))
         self._mean[:, k] = estimate.mean
         self._consistency.add(estimate.cov)
         if self.needs_states:
@@ -371,7 +366,6 @@ class _Recorder:
             cov=cov,
             diagnostics=diagnostics | series | (self._observables or {}) | predictive,
             cpu_s=cpu_s,
-            particles=self._particles.recorded(),
             refused=refused,
         )
 
@@ -382,51 +376,6 @@ class _Recorder:
         for name, values in series.items():
             values[steps] = rows[name]
         return series
-
-
-class _ParticleRecorder:
-    """Recorder of the first runs' particles at the steps of figures, each with its weight and parent.
-
-    A parent is the place (0, 1, ...) among the step before of the particle that this one is moved from.
-    ``n`` is the number of the truth's components.
-    """
-
-    def __init__(self, task: BlockTask, n: int) -> None:
-        first, last = task.particle_steps or (0, -1)
-        self._runs = task.runs_with_tracks_among(task.runs)
-        self._n = n
-        self.steps = range(first, last + 1) if self._runs else range(0)
-        """numbers of the steps whose particles are recorded"""
-        self._recorded: list[Array] = []
-        self._parents: Array | None = None
-
-    def add(self, state: Any, posterior: Posterior | None, k: int) -> None:
-        """Record the state at step k; any other than one of particles is left out."""
-        if posterior is None or not isinstance(posterior, ParticlePosterior):
-            return  # `isinstance` of a Protocol's subclass takes as long as a small step
-        if k in self.steps:
-            x = posterior.particles.x[..., : self._runs, :]
-            w = posterior.particles.w[..., : self._runs, :]
-            parents = np.full(w.shape, np.nan)
-            if self._parents is not None:
-                parents = self._parents[: self._runs]
-            self._recorded.append(np.concatenate([x[: self._n], w[None], parents[None]]))
-        self._parents = None
-        if k + 1 in self.steps and isinstance(state, PFState) and state.origin is not None:
-            # Flat indices count on from run to run.
-            runs, N = posterior.particles.w.shape
-            self._parents = state.origin - float(N) * np.arange(runs)[:, None]
-
-    def recorded(self) -> Array | None:
-        """Return what was recorded (n_x + 2, S, N, r), NaN where a step had fewer particles."""
-        if not self._recorded:
-            return None
-        most = max(particles.shape[-1] for particles in self._recorded)
-        shape = (*self._recorded[0].shape[:-1], most, len(self._recorded))
-        filled = np.full(shape, np.nan)
-        for i, particles in enumerate(self._recorded):
-            filled[..., : particles.shape[-1], i] = particles
-        return np.ascontiguousarray(filled.transpose(0, 3, 2, 1))
 
 
 class _Clock:

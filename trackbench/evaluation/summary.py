@@ -82,13 +82,11 @@ def _merged_tracks(parts: list[Tracks]) -> Tracks | None:
     if not parts:
         return None
     covs = [tracks.cov for tracks in parts if tracks.cov is not None]
-    particles = [tracks.particles for tracks in parts if tracks.particles is not None]
     return Tracks(
         truth=np.concatenate([tracks.truth for tracks in parts], axis=-1),
         measurements=np.concatenate([tracks.measurements for tracks in parts], axis=-1),
         mean=np.concatenate([tracks.mean for tracks in parts], axis=-1),
         cov=np.concatenate(covs, axis=-1) if covs else None,
-        particles=np.concatenate(particles, axis=-1) if particles else None,
     )
 
 

@@ -41,8 +41,6 @@ def block_key(task: BlockTask, used: int) -> str:
         [shown, task.keep_covariance and shown > 0, task.keep_steps],
         [task.predictive_metrics, task.hold_out],
     ]
-    if shown and task.particle_steps:
-        facts.append(task.particle_steps)
     facts.append([code_digest(), code_digests.own_arithmetic()])
     return hashlib.sha256(json.dumps(facts).encode()).hexdigest()
 

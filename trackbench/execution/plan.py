@@ -102,7 +102,6 @@ def make_plan(experiment: Experiment, save_tracks: bool = False, looks: Sequence
                 reference_assume=point.assumed.get(settings.reference or ""),
                 runs_with_tracks=_runs_with_tracks(experiment, save_tracks),
                 keep_covariance=experiment.shown_covariances or save_tracks,
-                particle_steps=experiment.shown_particles,
                 keep_steps=kept_series,
                 predictive_metrics=predictions,
                 hold_out=settings.hold_out,

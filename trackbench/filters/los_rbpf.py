@@ -232,10 +232,10 @@ class LineOfSight(ParticleFilter):
     ) -> tuple[Particles, Array | float]:
         """Resample with a light mode's share raised; the log-weights take the factor back."""
         if modes is None or (modes.gain == 1.0).all():
-            resampled, _ = self._resample(frame, rng, size)
+            resampled = self._resample(frame, rng, size)
             return resampled, 0.0
         tilted = Particles(frame.x, frame.w * modes.of_each(frame.x, modes.gain))
-        resampled, _ = self._resample(tilted, rng, size)
+        resampled = self._resample(tilted, rng, size)
         log_w = -log(modes.of_each(resampled.x, modes.gain))
         return Particles(resampled.x, particles.normalize(log_w).w), log_w
 

@@ -85,7 +85,7 @@ class MPF(ParticleFilter):
         age = state.age + 1
         moments = weighted.moments()
         # Step 4: resample and regularize; C is the same in all particles.
-        resampled, _ = self._resample(weighted, rng, self._size(age))
+        resampled = self._resample(weighted, rng, self._size(age))
         return PFState(
             particles=Particles(self._jitter(resampled.x, moments.cov, rng), resampled.w),
             weighted=weighted,

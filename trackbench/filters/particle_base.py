@@ -43,8 +43,6 @@ class PFState(NamedTuple):
     evidence: tuple[Evidence, ...] = ()
     """factors of the likelihood of the last measurement"""
     extra_diagnostics: tuple[tuple[str, Array], ...] = ()
-    origin: Index | None = None
-    """flat indices (M, N) of those of ``weighted`` that ``particles`` are copies of, for figures"""
 
     @classmethod
     def first(cls, cloud: Particles, log_w: Array | float = 0.0) -> "PFState":
@@ -178,13 +176,10 @@ class ParticleFilter(WeightedParticlesFilter):
         """Return log p(z_k | x_k = x) (M, N), in the arithmetic that the key ``weights`` names."""
         return read_likelihood(log_likelihood(model.sensor, z, x, k), self.weights)
 
-    def _resample(self, cloud: Particles, rng: Streams, size: int) -> tuple[Particles, Index]:
-        """Copy each particle as often as the scheme draws it: ``size`` equally weighted ones.
-
-        Returns also the flat index (M, size) of the original of each copy.
-        """
+    def _resample(self, cloud: Particles, rng: Streams, size: int) -> Particles:
+        """Copy each particle as often as the scheme draws it: ``size`` equally weighted ones."""
         index = ancestors(cloud.w, rng, self.resampling, size)
-        return Particles(select(cloud.x, index), particles.equal_weights(*index.shape)), index
+        return Particles(select(cloud.x, index), particles.equal_weights(*index.shape))
 
     def _size(self, age: int) -> int:
         """Return the number of particles after so many steps."""

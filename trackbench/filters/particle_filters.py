@@ -9,7 +9,7 @@ from numpy.random import Generator
 
 from trackbench.core import elementary, particles, resampling
 from trackbench.core.angles import bring_together
-from trackbench.core.arrays import Array, Index
+from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.particle_moves import Kernel, bandwidth, independence_moves, jitter
 from trackbench.core.particles import Evidence, Particles, read_likelihood
@@ -55,12 +55,11 @@ class PF(SimulatingSmoother):
         if self.moves:
             # Step 4: move. A move needs the parent, which is resampled with its child as one state.
             families = Particles(np.concatenate((weighted.x, parents)), w)
-            families, origin = self._resample_if_needed(families, rng, size)
+            families = self._resample_if_needed(families, rng, size)
             resampled = bring_together(self._move(model, families, z, k, rng), angles)
         else:
-            resampled, origin = self._resample_if_needed(weighted, rng, size)
-        from_weighted = self.estimate_from == "weighted"
-        estimated = weighted if from_weighted else resampled
+            resampled = self._resample_if_needed(weighted, rng, size)
+        estimated = weighted if self.estimate_from == "weighted" else resampled
         return PFState(
             particles=resampled,
             weighted=estimated,
@@ -69,7 +68,6 @@ class PF(SimulatingSmoother):
             age=state.age + 1,
             w=w,
             evidence=evidence,
-            origin=origin if from_weighted else None,
         )
 
     def diagnostics(self, state: PFState) -> dict[str, Array]:
@@ -77,14 +75,9 @@ class PF(SimulatingSmoother):
         distinct = particles.distinct_share(state.particles.x[0])
         return super().diagnostics(state) | {"distinct_particles": distinct}
 
-    def _resample_if_needed(
-        self, cloud: Particles, rng: Generator, size: int
-    ) -> tuple[Particles, Index]:
-        """Resample the runs whose effective sample size is below the threshold.
-
-        Returns also the flat index (M, size) of the original of each particle.
-        """
-        resampled, index = self._resample(cloud, rng, size)
+    def _resample_if_needed(self, cloud: Particles, rng: Generator, size: int) -> Particles:
+        """Resample the runs whose effective sample size is below the threshold."""
+        resampled = self._resample(cloud, rng, size)
         if self.ess_threshold < 1.0 and size == cloud.w.shape[1]:
             # Runs with a large effective sample size keep their weighted particles.
             ess = particles.effective_sample_size(cloud.w)
@@ -92,9 +85,7 @@ class PF(SimulatingSmoother):
             resampled = Particles(
                 np.where(keep, cloud.x, resampled.x), np.where(keep, cloud.w, resampled.w)
             )
-            itself = np.arange(index.size).reshape(index.shape)
-            index = np.where(keep, itself, index)
-        return self._after_resampling(cloud, resampled, rng), index
+        return self._after_resampling(cloud, resampled, rng)
 
     def _after_resampling(
         self, cloud: Particles, resampled: Particles, rng: Generator
@@ -169,7 +160,7 @@ class RPF(SimulatingSmoother):
         moments = weighted.moments()
         # Step 3: resample, and add h A e: e from the kernel, A A' the covariance of the particles.
         age = state.age + 1
-        resampled, origin = self._resample(weighted, rng, self._size(age))
+        resampled = self._resample(weighted, rng, self._size(age))
         x = jitter(resampled.x, moments.cov, self.kernel, rng, self.bandwidth_scale)
         return PFState(
             particles=Particles(x, resampled.w),
@@ -179,7 +170,6 @@ class RPF(SimulatingSmoother):
             age=age,
             w=w,
             evidence=evidence,
-            origin=origin,
         )
 
 
@@ -237,7 +227,7 @@ class APF(SimulatingSmoother):
         )
         # The weights are carried on to the next step, or the particles are resampled by them.
         if self.stages == 2:
-            resampled, _ = self._resample(weighted, rng, size)
+            resampled = self._resample(weighted, rng, size)
             return new._replace(particles=resampled)
         if self._carries_float64:
             return new._replace(log_w=elementary.log(w))

@@ -67,11 +67,7 @@ class SimulatingSmoother(SmoothingFilter[PFState], ParticleFilter):
         for x in paths:
             cloud = Particles(x, particles.equal_weights(*x.shape[1:]))
             clouds.append(bring_together(cloud, angles))
-        # A trajectory goes on from step to step; with a lag each step has trajectories of its own.
-        origin = None
-        if self.lag is None:
-            origin = np.arange(clouds[0].w.size).reshape(clouds[0].w.shape)
         return [
-            state._replace(particles=cloud, weighted=cloud, estimate=cloud.moments(), origin=origin)
+            state._replace(particles=cloud, weighted=cloud, estimate=cloud.moments())
             for state, cloud in zip(states, clouds, strict=True)
         ]

@@ -377,7 +377,7 @@ def table_of(title: str, rows: Sequence[Row], names: tuple[str, str]) -> TextTab
             _change(row),
             f"{z:+.1f}" if isfinite(z) else "–",
         ]
-        cells = [Text(_series(row)), Text(with_unit(row.metric))]
+        cells = [Text(_series(row)), Text(_with_unit(row.metric))]
         cells += [Text(number, 0.0) for number in numbers]
         table.rows.append([*cells, Text(row.verdict)])
     changed = {_series(row) for row in rows if row.how != EQUAL}
@@ -388,7 +388,7 @@ def table_of(title: str, rows: Sequence[Row], names: tuple[str, str]) -> TextTab
     return table
 
 
-def with_unit(metric: str) -> str:
+def _with_unit(metric: str) -> str:
     """Add the unit of a metric that has one, which a share of runs has not."""
     if metric.endswith(INFINITE):
         return metric
@@ -475,7 +475,7 @@ def draw(rows: Sequence[Row], names: tuple[str, str]) -> "Figure":
             labels = [style.wrap_label(_series(row)) for row in panel_rows]
             ax.set_yticks(range(len(panel_rows)), labels)
             ax.set_ylim(len(panel_rows) - 0.5, -0.5)
-            ax.set_title(with_unit(metric), fontsize="medium")
+            ax.set_title(_with_unit(metric), fontsize="medium")
             ax.locator_params(axis="x", nbins=4)
             ax.ticklabel_format(axis="x", scilimits=(-3, 4))
         words = f"{names[1]} minus {names[0]}, ± 2 standard errors (orange worse, green better)"

@@ -42,10 +42,6 @@ class TrackFile:
         prefix = array_prefix(i, len(self.experiment.points))
         scenario = self.experiment.points[i].scenario
         arrays = {"steps": scenario.steps, "times": scenario.times}
-        particle_steps = self.experiment.shown_particles
-        if particle_steps is not None:
-            first, last = particle_steps
-            arrays["particle_steps"] = np.arange(first, last + 1)
         arrays |= self._arrays(label, result.tracks, scenario)
         self.arrays |= {f"{prefix}{name}": array for name, array in arrays.items()}
 
@@ -58,8 +54,6 @@ class TrackFile:
         }
         if tracks.cov is not None:
             arrays[f"cov/{label}"] = tracks.cov
-        if tracks.particles is not None:
-            arrays[f"particles/{label}"] = tracks.particles
         return arrays
 
     def write(self, path: Path) -> None:
@@ -116,8 +110,6 @@ class FigureTracks(TrackFile):
             arrays[f"mean/{label}"] = _quantize(means, sorted(components))
         if tracks.cov is not None and any(f.shown_covariances for f in figures_of_filter):
             arrays[f"cov/{label}"] = tracks.cov[..., :exact_runs]
-        if tracks.particles is not None and any(f.shown_particles for f in figures_of_filter):
-            arrays[f"particles/{label}"] = tracks.particles.astype(np.float32)
         return arrays
 
 

@@ -98,37 +98,6 @@ class PositionInSpace(Positions):
     axes: ClassVar[int] = 3
 
 
-@register("sensors", "position-velocity")
-@dataclass(frozen=True, kw_only=True)
-class PositionVelocity(LinearSensor):
-    """Positions and velocities of a planar target, as a satellite receiver or AIS reports them."""
-
-    sigma: Annotated[Positive, Unit("m")]
-    """standard deviation of the position along each axis, m"""
-    sigma_velocity: Annotated[Positive, Unit("m/s")]
-    """standard deviation of the velocity along each axis, m/s"""
-
-    components: ClassVar[tuple[str, ...]] = ("x", "vx", "y", "vy")
-    places: ClassVar[slice] = slice(0, 4, 1)
-    axes: ClassVar[int] = 2
-
-    @cached_property
-    def R(self) -> Array:
-        """Noise covariance (4, 4)."""
-        # R = diag(sigma^2, sigma_v^2, sigma^2, sigma_v^2)
-        of_axis = np.square([self.sigma, self.sigma_velocity])
-        return fixed(np.diag(np.tile(of_axis, 2)))
-
-    def located(self, z: Array, k: int) -> Gaussian:
-        """Return the measured position."""
-        return Gaussian(z[0::2], self.R[0::2, 0::2])
-
-    def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
-        """Return signed errors (1, *batch) of the positions."""
-        e = mean - truth
-        return {"x": e[0:1], "y": e[2:3]}
-
-
 @register("sensors", "velocity")
 @dataclass(frozen=True, kw_only=True)
 class VelocitySensor(AlongAxes):
