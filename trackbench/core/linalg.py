@@ -21,7 +21,17 @@ _SWEEPS = 40  # of rotations; convergence is quadratic, after some ten
 
 
 def matvec(A: Array, x: Array) -> Array:
-    """Compute ``A x`` for A (n, m) or (n, m, *batch) and x (m, *batch); shape (n, *batch)."""
+    """Compute ``A x``.
+
+    Parameters
+    ----------
+    A : array (n, m) or (n, m, *batch)
+    x : array (m, *batch)
+
+    Returns
+    -------
+    array (n, *batch)
+    """
     if compiled.kernels and x.ndim > 1:
         out = np.empty((len(A), *x.shape[1:]))
         if compiled.kernels.product(A, x, out, 1):
@@ -32,7 +42,19 @@ def matvec(A: Array, x: Array) -> Array:
 
 
 def lower_product(L: Array, x: Array) -> Array:
-    """Compute ``L x`` for a lower triangle per run L (n, n, M) and particles x (n, M, N)."""
+    """Compute ``L x`` of particles, by a lower triangle for each run.
+
+    Parameters
+    ----------
+    L : array (n, n, M)
+        Lower triangle of each run.
+    x : array (n, M, N)
+        Particles of each run.
+
+    Returns
+    -------
+    array (n, M, N)
+    """
     out = np.empty_like(x)
     for i, row in enumerate(out):
         np.multiply(L[i, 0][:, None], x[0], out=row)
@@ -42,7 +64,18 @@ def lower_product(L: Array, x: Array) -> Array:
 
 
 def matmul(A: Array, B: Array) -> Array:
-    """Compute ``A B`` for A (n, m[, *batch]) and B (m, p[, *batch]); shape (n, p[, *batch])."""
+    """Compute ``A B``.
+
+    Parameters
+    ----------
+    A : array (n, m[, *batch])
+    B : array (m, p[, *batch])
+
+    Returns
+    -------
+    array (n, p[, *batch])
+        With batch axes if one of the two has them.
+    """
     if compiled.kernels:
         batch = A.shape[2:] or B.shape[2:]
         out = np.empty((len(A), B.shape[1], *batch))
@@ -64,7 +97,19 @@ def transpose(A: Array) -> Array:
 
 
 def sandwich(F: Array, P: Array) -> Array:
-    """Compute ``F P F'`` for symmetric P, exactly symmetric."""
+    """Compute ``F P F'``, as a covariance is propagated.
+
+    Parameters
+    ----------
+    F : array (m, n[, *batch])
+    P : array (n, n[, *batch])
+        Symmetric.
+
+    Returns
+    -------
+    array (m, m[, *batch])
+        Exactly symmetric.
+    """
     if compiled.kernels:
         batch = F.shape[2:] or P.shape[2:]
         out = np.empty((len(F), len(F), *batch))
@@ -123,10 +168,21 @@ _PRODUCTS_AT_ONCE = 65_536  # numbers of the diagonals of products, which stay i
 
 @once
 def cholesky(P: Array) -> Array:
-    """Factor ``P = L L'``, L lower; a batch member that is not positive definite becomes NaN.
+    """Factor ``P = L L'``.
 
-    A component with variance zero gets a column of zeros. The rounding error is invariant under
-    diagonal scaling, so meters beside meters per second need no scaling.
+    The rounding error is invariant under diagonal scaling, so meters beside meters per second need no
+    scaling.
+
+    Parameters
+    ----------
+    P : array (n, n[, *batch])
+        Symmetric positive definite.
+
+    Returns
+    -------
+    array (n, n[, *batch])
+        Lower triangle L; NaN for a batch member that is not positive definite. A component with
+        variance zero has a column of zeros.
     """
     n = P.shape[0]
     if n == 1:
@@ -140,9 +196,19 @@ def cholesky(P: Array) -> Array:
 
 @once
 def root(P: Array) -> Array:
-    """Factor ``P = L L'``, L lower, of a covariance that may be singular, as ``q G G'`` is.
+    """Factor ``P = L L'`` of a covariance that may be singular, as ``q G G'`` is.
 
     It serves draws and sigma points; a matrix to be inverted needs `cholesky`.
+
+    Parameters
+    ----------
+    P : array (n, n[, *batch])
+        Covariance.
+
+    Returns
+    -------
+    array (n, n[, *batch])
+        Lower triangle L.
     """
     L = cholesky(P)
     if all_finite(L):
@@ -233,7 +299,19 @@ def is_singular(P: Array) -> bool:
 
 
 def solve_lower(L: Array, b: Array) -> Array:
-    """Compute ``L^-1 b`` for lower triangular L (n, n[, *batch]) and b (n, ...)."""
+    """Compute ``L^-1 b``.
+
+    Parameters
+    ----------
+    L : array (n, n[, *batch])
+        Lower triangle.
+    b : array (n, ...)
+        Vectors, whose further axes contain those of the batch.
+
+    Returns
+    -------
+    array (n, ...)
+    """
     if len(L) == 1:
         return b * (1.0 / L[0])
     return np.array(whiten(L, b))
@@ -261,7 +339,18 @@ _COPIED = 500_000  # numbers of the factors that `inverse` copies for each colum
 
 
 def inverse(S: Array) -> Array:
-    """Compute ``S^-1`` of a symmetric positive definite S (n, n[, *batch])."""
+    """Compute ``S^-1``.
+
+    Parameters
+    ----------
+    S : array (n, n[, *batch])
+        Symmetric positive definite.
+
+    Returns
+    -------
+    array (n, n[, *batch])
+        Exactly symmetric.
+    """
     if S.shape[0] == 1:
         return np.asarray(1.0 / S)
     if S.shape[0] == 2:
@@ -293,7 +382,22 @@ def _inverse_of_two(S: Array) -> Array:
 
 
 def mahalanobis(e: Array, P: Array, root: Array | None = None) -> Array:
-    """Compute ``e' P^-1 e`` (*batch) for e (n, *batch) and P (n, n[, *batch]), or its lower root."""
+    """Compute the squared Mahalanobis distance ``e' P^-1 e``.
+
+    Parameters
+    ----------
+    e : array (n, *batch)
+        Errors or innovations.
+    P : array (n, n[, *batch])
+        Their covariance.
+    root : array (n, n[, *batch]), optional
+        Lower triangle L of ``P = L L'``, if it is known.
+
+    Returns
+    -------
+    array (*batch)
+        NaN or infinite where P is not positive definite.
+    """
     if root is None and len(P) == 1:
         return np.asarray(e[0] * e[0] / np.where(P[0, 0] > 0.0, P[0, 0], np.nan))
     L = cholesky(P) if root is None else root
@@ -305,7 +409,20 @@ def mahalanobis(e: Array, P: Array, root: Array | None = None) -> Array:
 
 
 def distance(e: Array, P: Array) -> Array:
-    """Compute ``e' P^-1 e`` (*batch); infinite for a finite error and a singular P."""
+    """Compute the squared Mahalanobis distance, infinite where P is singular.
+
+    Parameters
+    ----------
+    e : array (n, *batch)
+        Errors.
+    P : array (n, n[, *batch])
+        Their covariance.
+
+    Returns
+    -------
+    array (*batch)
+        ``e' P^-1 e``; infinite for a finite error and a singular P, NaN for an error that is NaN.
+    """
     squared = mahalanobis(e, P)
     if not np.isnan(squared).any():
         return squared
@@ -343,9 +460,18 @@ def _sum_of(terms: list[Array]) -> Array:
 
 
 def solve_singular(P: Array, C: Array) -> Array:
-    """Compute ``P^-1 C`` for C (n, m[, *batch]) and a covariance P (n, n[, *batch]).
+    """Compute ``P^-1 C`` of a covariance that may be singular.
 
-    It is zero along directions in which P is singular.
+    Parameters
+    ----------
+    P : array (n, n[, *batch])
+        Covariance.
+    C : array (n, m[, *batch])
+
+    Returns
+    -------
+    array (n, m[, *batch])
+        Zero along directions in which P is singular.
     """
     L = root(P)
     with np.errstate(divide="ignore"):
@@ -366,9 +492,21 @@ def solve_singular(P: Array, C: Array) -> Array:
 
 
 def eigen(A: Array) -> tuple[Array, Array]:
-    """Decompose symmetric A (n, n[, *batch]) = V diag(w) V': eigenvalues w (n, *batch), vectors V.
+    """Decompose ``A = V diag(w) V'``.
 
     Cyclic Jacobi rotations (Golub & Van Loan 2013, section 8.5) of each batch member by itself.
+
+    Parameters
+    ----------
+    A : array (n, n[, *batch])
+        Symmetric.
+
+    Returns
+    -------
+    w : array (n[, *batch])
+        Eigenvalues, in no order.
+    V : array (n, n[, *batch])
+        Eigenvectors, in its columns.
     """
     n = len(A)
     A = A.copy()
@@ -427,9 +565,19 @@ def beside(*blocks: Array) -> Array:
 
 @once
 def triangular(A: Array) -> Array:
-    """Factor ``A A' = L L'``, L lower, for A (n, m[, *batch]), m >= n, without forming A A'.
+    """Factor ``A A' = L L'`` without forming ``A A'``.
 
     Householder reflections make ``A Q = [L 0]`` (Golub & Van Loan 2013, section 5.2).
+
+    Parameters
+    ----------
+    A : array (n, m[, *batch])
+        With m >= n.
+
+    Returns
+    -------
+    array (n, n[, *batch])
+        Lower triangle L, without a negative entry on the diagonal.
     """
     A = A.copy()
     for i in range(len(A)):

@@ -213,7 +213,18 @@ class Filter(Part, Generic[State]):
         return {}
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Return the keys without effect on the scenario, with reasons; a set one is an error."""
+        """Return the keys without effect on the scenario; a config that sets one is rejected.
+
+        Parameters
+        ----------
+        scenario : Scene
+            Filter model, steps and prior of the scenario.
+
+        Returns
+        -------
+        dict
+            Reasons by key.
+        """
         return {}
 
     def cautions(self, scenario: Scene) -> list[str]:

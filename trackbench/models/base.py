@@ -88,18 +88,37 @@ def central_differences(
     spread: Array | None = None,
     side_by_side: bool = False,
 ) -> Array:
-    """Return the derivatives (m, n, *batch) of a function of states x (n, *batch), values (m, *batch).
+    """Return the derivatives of a function of states by central differences.
 
-    ``difference`` subtracts two values, for angles with a wrap. A step is relative to the size of a
-    component or to its ``spread`` (n[, *batch]), by default that of the state in `jacobian_at`;
-    without a spread, to one unit. With ``side_by_side`` the function is called for many displaced
-    states at once, (n, *batch, number), which saves calls where the batch is small.
+    Parameters
+    ----------
+    function
+        Function of states (n, *batch) with values (m, *batch).
+    x : array (n, *batch)
+        States at which the derivatives are taken.
+    difference
+        Subtracts two values, for angles with a wrap.
+    step : float
+        Step, relative to the size of a component.
+    spread : array (n[, *batch]), optional
+        Standard deviations of the components, by default those of the state in `jacobian_at`. A step
+        is at least a share of them. Without a spread it is at least ``step`` units.
+    side_by_side : bool
+        Call the function for many displaced states at once, (n, *batch, number), which saves calls
+        where the batch is small.
+
+    Returns
+    -------
+    array (m, n, *batch)
+        Derivatives.
     """
-    at = _AT.get()
-    if spread is None and at is not None and at.mean.shape == x.shape:
+    state = _AT.get()
+    if spread is None and state is not None and state.mean.shape == x.shape:
         with np.errstate(invalid="ignore"):  # of a run that has diverged
-            spread = np.sqrt(linalg.diagonal(at.cov))
-    least = np.full(len(x), step) if spread is None else _OF_SPREAD * spread
+            spread = np.sqrt(linalg.diagonal(state.cov))
+    least = np.full(len(x), step)
+    if spread is not None:
+        least = _OF_SPREAD * spread
     steps = []
     for i, value in enumerate(x):
         h = np.maximum(step * np.abs(value), with_axes_of(value, least[i]))

@@ -41,11 +41,24 @@ class Linear:
     """rows of the state that are angles, rad"""
 
     def transition(self, x: Array, k: int) -> Gaussian:
-        """Return N(F x, Q)."""
+        """Return the distribution of x_k given x_{k-1} = x.
+
+        Parameters
+        ----------
+        x : array (n, *batch)
+            States at step k - 1.
+        k : int
+            Step of the result, on which nothing depends.
+
+        Returns
+        -------
+        Gaussian
+            Mean F x (n, *batch), covariance Q (n, n).
+        """
         return Gaussian(linalg.matvec(self.F, x), self.Q)
 
     def jacobian(self, x: Array, k: int) -> Array:
-        """Return F."""
+        """Return the derivatives F (n, n) of the predicted mean, the same for all states and steps."""
         return self.F
 
     @property
@@ -93,7 +106,21 @@ class PerAxis(Motion):
     @lru_cache(maxsize=_CACHED)  # noqa: B019 (a motion is a few numbers)
     @np.errstate(all="ignore")  # runs that leave the numbers are counted, not warned about
     def sampled(self, T: float, axes: int = 2) -> Linear:
-        """Return the motion along so many axes over T seconds, accelerations as last components."""
+        """Return the motion along all axes over one sampling interval.
+
+        Parameters
+        ----------
+        T : float
+            Length of the interval, s.
+        axes : int
+            Number of axes of the space, 1 to 3.
+
+        Returns
+        -------
+        Linear
+            Position and velocity of each axis, m and m/s; accelerations, m/s^2, are the last
+            components.
+        """
         axis = self.axis(T)
         n = len(axis.F)
         # Reorder [px vx ax py vy ay] to [px vx py vy ax ay].
