@@ -30,9 +30,11 @@ LEAST: dict[str, dict[str, Any]] = {
     "w7_process": {"RUNS": 2},
     "w8_startup": {},
     "w9_tables": {"FILTERS": 3},
-    "w10_enkf": {"RUNS": 2, "FEW": 1, "LAST": 3},
+    "w10_recordings": {"STEPS": 40},
+    "w11_merge": {"RUNS": 2},
+    "w12_enkf": {"RUNS": 2, "FEW": 1, "LAST": 3},
 }
-PROCESSES = ("w2_workers", "w7_process", "w8_startup")
+PROCESSES = ("w2_workers", "w7_process", "w8_startup", "w10_recordings")
 TINY = """name: tiny
 seed: 1
 runs: 2

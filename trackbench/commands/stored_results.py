@@ -382,7 +382,8 @@ def _codecheck_items(results: Results, root: Path) -> Iterator[dict[str, str]]:
             if file.is_file():
                 title = results.fill_title(entry.get("title") or name)
                 yield {"file": os.path.relpath(file, root), "comment": title}
-    for name, comment in (("per_run.csv", "Metrics of every run"), ("summary.csv", "Statistics")):
+    runs_file = results.per_run_file
+    for name, comment in ((runs_file, "Metrics of every run"), ("summary.csv", "Statistics")):
         file = results.folder / name
         if file.is_file():
             yield {"file": os.path.relpath(file, root), "comment": comment}

@@ -8,6 +8,7 @@ import hashlib
 import json
 import struct
 from collections.abc import Iterator
+from math import prod
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
@@ -90,11 +91,12 @@ def _result(header: dict[str, Any], raw: bytes) -> BlockResult:
     run_series: dict[str, Array] = {}
     tracks: dict[str, Array] = {}
     sums: dict[str, dict[str, Array]] = {}
-    offset = 0
+    start = 0
+    numbers = np.frombuffer(raw, dtype="<f8")
     for path, shape in header["arrays"]:
-        number = int(np.prod(shape))
-        array = np.frombuffer(raw, dtype="<f8", count=number, offset=offset).reshape(shape)
-        offset += 8 * number
+        end = start + prod(shape)
+        array = numbers[start:end].reshape(shape)
+        start = end
         if path[0] == "steps":
             _, name, field = path
             sums.setdefault(name, {})[field] = array

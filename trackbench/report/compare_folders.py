@@ -119,7 +119,7 @@ def compare_folders(a: Results, b: Results) -> tuple[list[Row], str]:
     points = [point for point in a.points() if point in b.points()]
     statistics = partial(compared_statistic, a.config)
     why_unpaired = _why_unpaired(a, b, points)
-    stored = all((results.folder / "per_run.csv").is_file() for results in (a, b))
+    stored = all(results.has_runs for results in (a, b))
     exact = set(a.deterministic) & set(b.deterministic)
     # A folder of an older version has fewer digits of filters without random numbers.
     rounded_labels = set()
@@ -175,7 +175,7 @@ def _verdict(row: Row) -> str:
 def _why_unpaired(a: Results, b: Results, points: Iterable[GridPoint]) -> str:
     """Explain why run i of one folder is not run i of the other; empty if it is."""
     for results in (a, b):
-        if not (results.folder / "per_run.csv").is_file():
+        if not results.has_runs:
             return f"{results.folder} has no per_run.csv: the errors of summary.csv are used"
     if a.manifest["seed"] != b.manifest["seed"]:
         return f"the seeds differ ({a.manifest['seed']} and {b.manifest['seed']})"

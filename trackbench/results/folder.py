@@ -30,7 +30,13 @@ from trackbench.results.folder_contents import (
     read_manifest,
 )
 from trackbench.results.frames import Columns, PointRuns, Runs, as_read, read_columns, read_runs
-from trackbench.results.long_runs import PER_STEP_FILE, read_steps
+from trackbench.results.number_arrays import (
+    PER_RUN_FILE,
+    PER_STEP_FILE,
+    read_run_arrays,
+    read_steps,
+    rows_of_runs,
+)
 from trackbench.results.point_facts import (
     POINTS_FILE,
     GridPoint,
@@ -224,7 +230,7 @@ class ResultsFolder:
 
     @cached_property
     def per_run(self) -> "pd.DataFrame":
-        """Return per_run.csv, ``filter,run,metric,value``; tables and figures use `runs`."""
+        """Return the numbers per run, ``filter,run,metric,value``; tables and figures use `runs`."""
         return self._frame("per_run")
 
     @cached_property
@@ -303,7 +309,9 @@ class ResultsFolder:
                 tuple(point.values()): runs
                 for point, runs in zip(points, self.run_values, strict=True)
             }
-        with self.reading("per_run.csv") as path:
+        with self.reading(self.per_run_file) as path:
+            if self.per_run_file == PER_RUN_FILE:
+                return read_run_arrays(path, self._points_as_read(), self.filters)
             return read_runs(path, self.columns("summary"), self.grid, self.filters)
 
     @contextmanager
@@ -344,6 +352,8 @@ class ResultsFolder:
     def _read(self, name: str) -> Columns:
         if name == "per_step" and self.per_step_file == PER_STEP_FILE:
             return self._read_step_arrays()
+        if name == "per_run" and self.per_run_file == PER_RUN_FILE:
+            return rows_of_runs(self._runs, [*self.grid, *COLUMNS["per_run.csv"]])
         file = f"{name}.csv"
         with self.reading(file) as path:
             return read_columns(path, COLUMNS[file])
@@ -353,6 +363,18 @@ class ResultsFolder:
         import pandas as pd  # takes long to import
 
         return pd.DataFrame(self._read(name).arrays, copy=True)
+
+    @property
+    def per_run_file(self) -> str:
+        """Name of the file with the numbers per run, which is another of very many runs."""
+        if (self.folder / PER_RUN_FILE).is_file():
+            return PER_RUN_FILE
+        return "per_run.csv"
+
+    @property
+    def has_runs(self) -> bool:
+        """True if the folder has the numbers per run, of which git keeps the digest alone."""
+        return (self.folder / self.per_run_file).is_file()
 
     @property
     def per_step_file(self) -> str:

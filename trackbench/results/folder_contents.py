@@ -32,8 +32,11 @@ MACHINE = "run/machine.json"
 """Facts and digests of the one run that wrote the results."""
 TIMING = "run/timing.csv"
 TIME_VERDICTS = "run/time_verdicts.csv"
-DATA_FILES = ("per_run.csv", "per_step.csv", "per_step.npz", "shown.npz")
-"""Large files, of which git keeps the digests; very long runs have per_step.npz, others per_step.csv."""
+DATA_FILES = ("per_run.csv", "per_run.npz", "per_step.csv", "per_step.npz", "shown.npz")
+"""Large files, of which git keeps the digests.
+
+The arrays are in place of the rows if there are very many runs, or very long ones.
+"""
 ARRIVALS = "arrivals.csv"
 """Steps at which measurements arrive, of a scenario with delays."""
 RUN_FILES = (*DATA_FILES, "summary.csv", "points.json", ARRIVALS, TIMING)

@@ -16,7 +16,7 @@ from trackbench.models.sensors.angular import AngularSensor
 from trackbench.models.sensors.base import Sensors, StackedSensor
 from trackbench.models.sensors.landmark import Landmark
 from trackbench.models.sensors.position import LinearSensor
-from trackbench.results.long_runs import is_long, write_arrays
+from trackbench.results.number_arrays import is_long, write_arrays
 from trackbench.results.point_facts import array_prefix
 from trackbench.scenarios.base import Scenario
 from trackbench.scenarios.starts.base import position_part

@@ -59,7 +59,14 @@ from trackbench.results.folder_contents import (
     remove_outputs,
 )
 from trackbench.results.frames import Runs
-from trackbench.results.long_runs import PER_STEP_FILE, StepArrays, is_long
+from trackbench.results.number_arrays import (
+    PER_RUN_FILE,
+    PER_STEP_FILE,
+    RunArrays,
+    StepArrays,
+    has_many_runs,
+    is_long,
+)
 from trackbench.results.point_facts import POINTS_FILE, points_text
 from trackbench.results.run_facts import facts_of_run
 from trackbench.results.tracks import FigureTracks, TrackFile
@@ -174,6 +181,8 @@ def write_results(
             for track_file in track_files.values():
                 track_file.add(key, result)
         csv_files.add_numbers_without_runs()
+    if csv_files.run_arrays is not None:
+        csv_files.run_arrays.write(folder / PER_RUN_FILE)
     if csv_files.step_arrays is not None:
         csv_files.step_arrays.write(folder / PER_STEP_FILE)
     for name, track_file in track_files.items():
@@ -225,17 +234,21 @@ def _arrival_rows(experiment: Experiment, outcome: Outcome) -> Iterator[Row]:
 class CsvFiles:
     """Files of a results folder, to which each filter's rows are added.
 
-    The rows of per_step.csv are arrays in ``step_arrays`` if the runs are very long. ``run_values`` has
-    the numbers of per_run.csv at each point, as they are read from it.
+    The rows of per_step.csv are arrays in ``step_arrays`` if the runs are very long, and those of
+    per_run.csv in ``run_arrays`` if there are very many. ``run_values`` has the numbers of per_run.csv
+    at each point, as they are read from it.
     """
 
     def __init__(self, files: ExitStack, folder: Path, experiment: Experiment) -> None:
         self._experiment = experiment
         self.run_values: list[Runs] = [{} for _ in experiment.points]
         self.step_arrays = StepArrays(experiment) if is_long(experiment) else None
+        self.run_arrays = RunArrays(experiment) if has_many_runs(experiment) else None
         self._writers: dict[str, CsvWriter] = {}
         for name, columns in COLUMNS.items():
             if name == "per_step.csv" and self.step_arrays is not None:
+                continue
+            if name == "per_run.csv" and self.run_arrays is not None:
                 continue
             path = folder / (TIMING if name == "timing.csv" else name)
             writer = CsvWriter(files.enter_context(atomic_write(path)))
@@ -297,7 +310,12 @@ class CsvFiles:
         head = self._head_text(point, label)
         stored = stored_metrics(self._experiment.settings, "per_run.csv")
         for metric, values in per_run.items():
-            if is_stored(stored, measured(metric).base):
+            if not is_stored(stored, measured(metric).base):
+                continue
+            if self.run_arrays is not None:
+                self.run_arrays.add(point, label, metric, values)
+                self.run_values[point][label, metric] = fixed(values)
+            else:
                 texts = _texts(values, digits)
                 name = cells([metric])
                 lines = [f"{head},{run},{name},{text}\n" for run, text in enumerate(texts)]

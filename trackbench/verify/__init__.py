@@ -68,7 +68,7 @@ def _compare(results: Results, experiment: Experiment, runs: int) -> Iterator[st
         recomputed.mkdir()
         results = replace(results, out=target, point_facts=tuple(points_in(points)))
         yield from compare_tuning(results, experiment, runs)
-        has_runs = (folder / "per_run.csv").is_file()
+        has_runs = results.has_runs
         if has_runs:
             yield from compare_derived(results, folder)
             numbers_of_runs = set()

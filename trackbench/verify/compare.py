@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from trackbench.atomic_files import shortened
 from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import TIME_MEAN, measured
 from trackbench.report.render import write_tables
@@ -19,9 +20,11 @@ from trackbench.report.verdicts.numbers import compare
 from trackbench.results.folder_contents import (
     ARRIVALS,
     DATA_FILES,
+    DIGITS,
     TIME_VERDICTS,
     check_digests,
 )
+from trackbench.results.number_arrays import PER_RUN_FILE
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -97,7 +100,12 @@ def _values_of_runs(results: Results, runs: int) -> "pd.DataFrame":
     frame = results.per_run
     metrics = frame["metric"].unique()
     whole = [metric for metric in metrics if measured(metric).statistic == TIME_MEAN]
-    return frame[(frame["run"] < runs) & ~frame["metric"].isin(whole)]
+    frame = frame[(frame["run"] < runs) & ~frame["metric"].isin(whole)]
+    if results.per_run_file == PER_RUN_FILE:
+        # Arrays have all digits; a file of fewer runs has those of per_run.csv.
+        rounded = shortened(frame["value"].tolist(), DIGITS["per_run.csv"])
+        frame = frame.assign(value=list(map(float, rounded)))
+    return frame
 
 
 def compare_all_runs(stored: Results, computed: Results) -> Iterator[str]:

@@ -197,7 +197,7 @@ def _result(results: Results) -> str:
 
 
 def _has_runs(results: Results) -> bool:
-    return (results.folder / "per_run.csv").is_file()
+    return results.has_runs
 
 
 def short_answer(scene_rankings: Sequence[Ranking]) -> str:

@@ -1,4 +1,4 @@
-"""Very long runs: their numbers per step are arrays, with the same content as per_step.csv."""
+"""Very long and very many runs: their numbers are arrays, with the content of the CSV files."""
 
 import json
 
@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 import trackbench
-from trackbench.results import long_runs
+from trackbench.results import number_arrays
 from trackbench.verify.compare import compare_frames
 
 CONFIG = {
@@ -40,7 +40,7 @@ def folders(tmp_path, monkeypatch):
     """The same experiment with rows, and as if its runs were very long."""
     reports = []
     for name, most in (("rows", 10_000), ("arrays", 5)):
-        monkeypatch.setattr(long_runs, "LONG_RUN", most)
+        monkeypatch.setattr(number_arrays, "LONG_RUN", most)
         out = tmp_path / name
         reports.append(
             trackbench.run(CONFIG, out=out, engine="serial", formats=["svg"], quiet=True)
@@ -74,7 +74,7 @@ def test_the_run_says_where_the_steps_are(folders) -> None:
 
 def test_a_shorter_run_removes_the_arrays(folders, monkeypatch) -> None:
     folder, *_ = folders
-    monkeypatch.setattr(long_runs, "LONG_RUN", 10_000)
+    monkeypatch.setattr(number_arrays, "LONG_RUN", 10_000)
     trackbench.run(CONFIG, out=folder / "arrays", engine="serial", formats=["svg"], quiet=True)
     assert not (folder / "arrays/per_step.npz").exists()
     assert (folder / "arrays/per_step.csv").is_file()
@@ -92,6 +92,43 @@ def test_arrays_of_equal_runs_are_the_same_bytes(folders, monkeypatch) -> None:
 
 def test_numbers_beyond_short_ones_stay_exact() -> None:
     positions = np.arange(3)
-    assert long_runs._at_positions(np.array([1.0, 2.5, np.inf]), positions, 4).dtype == np.float32
-    huge = long_runs._at_positions(np.array([1.0, 1e300, 1e-300]), positions, 4)
+    assert (
+        number_arrays._at_positions(np.array([1.0, 2.5, np.inf]), positions, 4).dtype == np.float32
+    )
+    huge = number_arrays._at_positions(np.array([1.0, 1e300, 1e-300]), positions, 4)
     assert huge.tolist()[:3] == [1.0, 1e300, 1e-300]
+
+
+@pytest.fixture
+def many(tmp_path, monkeypatch):
+    """The same experiment with rows, and as if its runs were very many."""
+    reports = []
+    for name, most in (("rows", 20_000), ("arrays", 2)):
+        monkeypatch.setattr(number_arrays, "MANY_RUNS", most)
+        out = tmp_path / name
+        reports.append(
+            trackbench.run(CONFIG, out=out, engine="serial", formats=["svg"], quiet=True)
+        )
+    return tmp_path, *reports
+
+
+def test_arrays_of_runs_have_the_content_of_the_rows(many) -> None:
+    folder, rows, arrays = many
+    assert not (folder / "arrays/per_run.csv").exists()
+    assert "per_run.npz" in json.loads((folder / "arrays/manifest.json").read_text())["files"]
+    stored = [trackbench.load(folder / name).per_run for name in ("rows", "arrays")]
+    pd.testing.assert_frame_equal(*stored, check_dtype=False, rtol=1e-6)
+    assert any("per_run.npz has the numbers of all 3 runs" in note for note in arrays.notes)
+    assert not any("per_run.npz" in note for note in rows.notes)
+
+
+def test_arrays_of_runs_serve_tables_and_comparisons(many) -> None:
+    folder, *_ = many
+    tables = [pd.read_csv(folder / name / "tables/errors.csv") for name in ("rows", "arrays")]
+    pd.testing.assert_frame_equal(*tables, rtol=1e-5)
+    assert (folder / "rows/summary.csv").read_bytes() == (
+        folder / "arrays/summary.csv"
+    ).read_bytes()
+    loaded = trackbench.load(folder / "arrays")
+    assert loaded.results.has_runs
+    assert [*loaded.results.runs(loaded.results.points()[0])]

@@ -1,4 +1,4 @@
-"""W10: ensemble Kalman filters of Lorenz-96 with 40 components, all measured (Sakov & Oke 2008)."""
+"""W12: ensemble Kalman filters of Lorenz-96 with 40 components, all measured (Sakov & Oke 2008)."""
 
 from collections.abc import Callable
 from importlib import import_module
@@ -21,10 +21,10 @@ def workloads() -> list[Workload]:
     """Perturbed measurements with 40 members, and the transform with 24 and rotations."""
     score = "scenario.score={steps: [1, null], errors: {state: [x0]}}"
     point = load(CONFIG, overrides=[f"scenario.last={LAST}", score]).points[0]
-    perturbed = _workload("W10", point.scenario, point.filters["EnKF (N=40)"])
+    perturbed = _workload("W12", point.scenario, point.filters["EnKF (N=40)"])
     for name, module in COMPILED.items():
         perturbed.add(name, _peer(module, point.scenario, point.filters["EnKF (N=40)"], RUNS))
-    return [perturbed, _workload("W10 ETKF", point.scenario, point.filters["ETKF (N=24)"])]
+    return [perturbed, _workload("W12 ETKF", point.scenario, point.filters["ETKF (N=24)"])]
 
 
 def _workload(name: str, scenario: Any, tracker: Any) -> Workload:

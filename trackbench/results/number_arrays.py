@@ -1,10 +1,10 @@
-"""Numbers per step of very long runs: ``per_step.npz``, arrays in place of the rows of per_step.csv.
+"""Numbers of very long or very many runs: arrays in place of the rows of per_step.csv and per_run.csv.
 
-A recording of 90 000 steps would fill per_step.csv with millions of rows, which take longer to write
-and to read than a Kalman filter takes.
+A recording of 90 000 steps would fill per_step.csv with millions of rows, and 100 000 runs on a cluster
+would fill per_run.csv. Such rows take longer to write and to read than a Kalman filter takes.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,11 +18,15 @@ from trackbench.config.metric_names import is_stored, stored_metrics
 from trackbench.core.arrays import Array, Index, fixed
 from trackbench.evaluation.metric_expression import measured
 from trackbench.evaluation.summary import StepColumns
-from trackbench.results.frames import Columns
+from trackbench.results.frames import Columns, PointRuns, Runs
 from trackbench.results.point_facts import array_prefix
 
 PER_STEP_FILE = "per_step.npz"
 """File of the numbers per step, if the runs are very long."""
+PER_RUN_FILE = "per_run.npz"
+"""File of the numbers per run, if there are very many runs."""
+MANY_RUNS = 20_000
+"""Number of runs beyond which the numbers per run are arrays."""
 LONG_RUN = 10_000
 """Steps of a run beyond which the numbers per step are arrays, and other files are packed faster."""
 _NO_ROW = -1
@@ -34,6 +38,20 @@ _PRECISION = 6e-7
 def is_long(experiment: Experiment) -> bool:
     """Test whether the runs of any grid point have more than `LONG_RUN` steps."""
     return any(len(point.scenario.steps) > LONG_RUN for point in experiment.points)
+
+
+def has_many_runs(experiment: Experiment) -> bool:
+    """Test whether there are more than `MANY_RUNS` runs."""
+    return experiment.settings.runs > MANY_RUNS
+
+
+def many_runs_note(experiment: Experiment) -> str:
+    """Say where the numbers per run of an experiment with very many runs are."""
+    return (
+        f"{PER_RUN_FILE} has the numbers of all {experiment.settings.runs} runs in place of "
+        "per_run.csv, which would be large and slow; in Python trackbench.load(FOLDER).per_run reads "
+        "either"
+    )
 
 
 def long_run_note(experiment: Experiment) -> str:
@@ -107,22 +125,41 @@ def _at_positions(values: Array, positions: Index, number: int) -> Any:
     return short if is_exact else whole
 
 
+class RunArrays:
+    """Writer of ``per_run.npz``: ``value/<filter>/<metric>`` (M,), NaN of a lost run.
+
+    Names of a grid's points have a prefix.
+    """
+
+    def __init__(self, experiment: Experiment) -> None:
+        self._points = len(experiment.points)
+        self._arrays: dict[str, Array] = {}
+
+    def add(self, point: int, label: str, metric: str, values: Array) -> None:
+        """Add the values (M,) of one metric of one filter at one grid point."""
+        self._arrays[f"{array_prefix(point, self._points)}value/{label}/{metric}"] = values
+
+    def write(self, path: Path) -> None:
+        """Write the file."""
+        write_arrays(path, self._arrays, stored=self._arrays)
+
+
 class Series(NamedTuple):
     """Rows of one metric of one filter at one grid point."""
 
     words: dict[str, Any]
     """value in each row of the grid's columns, of ``filter`` and of ``metric``"""
-    numbers: dict[str, Array]
-    """columns (S,) ``step``, ``time``, ``value``, ``stderr`` and ``runs``"""
+    numbers: dict[str, Any]
+    """columns (S,) such as ``step``, ``time``, ``value``, ``stderr`` and ``runs``"""
 
     @property
     def rows(self) -> int:
         """Number of rows."""
-        return len(self.numbers["step"])
+        return len(self.numbers["value"])
 
 
 class SeriesColumns(Columns):
-    """Rows of per_step.npz, as those of per_step.csv; only the series that are chosen are joined."""
+    """Rows of arrays as those of a CSV file; only the series that are chosen are joined."""
 
     def __init__(self, series: Sequence[Series], names: Sequence[str]) -> None:
         object.__setattr__(self, "_series", tuple(series))
@@ -156,7 +193,7 @@ class SeriesColumns(Columns):
         return Columns(columns.arrays).at(of_rows)
 
 
-_NUMBERS = ("step", "time", "value", "stderr", "runs")
+_NUMBERS = ("run", "step", "time", "value", "stderr", "runs")
 
 
 def _column(series: Series, name: str) -> Array:
@@ -202,4 +239,35 @@ def read_steps(path: Path, columns: Sequence[str], points: Sequence[Mapping[str,
                     },
                 )
             )
+    return SeriesColumns(series, columns)
+
+
+def read_run_arrays(
+    path: Path, points: Sequence[Mapping[str, Any]], labels: Collection[str]
+) -> PointRuns:
+    """Read ``per_run.npz``; ``points`` are the values of the grid's points, ``labels`` the filters."""
+    with path.open("rb") as file, np.load(file) as archive:
+        arrays = dict(archive)
+    point_runs: PointRuns = {}
+    for i, point in enumerate(points):
+        head = f"{array_prefix(i, len(points))}value/"
+        of_point: Runs = {}
+        for name, values in arrays.items():
+            label, _, metric = name.removeprefix(head).rpartition("/")
+            if name.startswith(head) and label in labels:
+                of_point[label, metric] = fixed(values)
+        if of_point:
+            point_runs[tuple(point.values())] = of_point
+    return point_runs
+
+
+def rows_of_runs(runs: PointRuns, columns: Sequence[str]) -> Columns:
+    """Return the rows of per_run.csv; ``columns`` are that file's, those of the grid first."""
+    paths = [name for name in columns if name not in ("filter", "run", "metric", "value")]
+    series = []
+    for values_of_point, of_point in runs.items():
+        point = dict(zip(paths, values_of_point, strict=True))
+        for (label, metric), values in of_point.items():
+            words = {**point, "filter": label, "metric": metric}
+            series.append(Series(words, {"run": np.arange(len(values)), "value": values}))
     return SeriesColumns(series, columns)

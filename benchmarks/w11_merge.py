@@ -1,0 +1,65 @@
+"""W11: merging the blocks of a cluster: how many cores one merging process keeps busy."""
+
+import os
+import tempfile
+import time
+from pathlib import Path
+
+from benchmarks.harness import Bar, Entrant, Outcome, Workload
+from trackbench.commands.prepare import Job, Options, jobs_of
+from trackbench.execution.cache import BlockStore
+from trackbench.execution.engines import engine
+from trackbench.execution.runner import Outcome as BlockOutcome
+from trackbench.execution.runner import execute
+from trackbench.results import number_arrays
+from trackbench.results.write import write_results
+
+CONFIG = "hdepf"
+RUNS = 2000
+CORES = 150
+
+
+def workloads() -> list[Workload]:
+    """Compute all filters' blocks; merge them from the store into rows, and into arrays."""
+    folder = Path(tempfile.mkdtemp(prefix="bench-"))
+    os.makedirs(folder / "out")
+    (job,) = jobs_of([CONFIG], Options(out=folder / "out", runs=RUNS, quiet=True))
+    store = BlockStore(folder / "cache")
+    entrants = {
+        "blocks computed": _compute(job, store),
+        "merged into rows": _merge(job, store, many_runs=RUNS),
+        "merged into arrays": _merge(job, store, many_runs=0),
+    }
+    bars = [Bar("blocks computed", "merged into arrays", CORES)]
+    title = f"Merging a cluster's blocks: {CONFIG}, {RUNS} runs of all filters"
+    return [Workload("W11", title, "run", entrants, bars=bars)]
+
+
+def _execute(job: Job, store: BlockStore, fresh: bool) -> BlockOutcome:
+    (outcome,) = execute([job.plan], store, engine("serial", 1, None), 1, fresh, progress=False)
+    return outcome
+
+
+def _compute(job: Job, store: BlockStore) -> Entrant:
+    def entrant() -> Outcome:
+        started = time.process_time()
+        _execute(job, store, fresh=True)
+        return Outcome(time.process_time() - started, float(RUNS))
+
+    return entrant
+
+
+def _merge(job: Job, store: BlockStore, many_runs: int) -> Entrant:
+    def entrant() -> Outcome:
+        outcome = _execute(job, store, fresh=False)
+        usual = number_arrays.MANY_RUNS
+        number_arrays.MANY_RUNS = many_runs
+        try:
+            started = time.process_time()
+            write_results(job.folder, job.experiment, outcome, tracks=False)
+            seconds = time.process_time() - started
+        finally:
+            number_arrays.MANY_RUNS = usual
+        return Outcome(seconds, float(RUNS))
+
+    return entrant
