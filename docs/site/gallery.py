@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from docs.site import findings
+from docs.site import findings, thumbnails
 from docs.site.pages import ROOT
 from trackbench.config import shipped_experiments
 from trackbench.errors import counted
@@ -149,6 +149,15 @@ def files() -> dict[str, Path]:
     return found
 
 
+def pictures() -> dict[str, str]:
+    """Return the pictures of the cards, by their places on the site."""
+    return {
+        f"gallery/{e.name}/thumbnail.svg": thumbnails.panel(e.figures[0])
+        for e in experiments()
+        if e.figures
+    }
+
+
 def _index(found: list[Experiment]) -> str:
     parts = [
         "# Gallery",
@@ -166,7 +175,7 @@ def card(e: Experiment, folder: str = "") -> str:
     """Return an experiment's picture, title and verdicts as a link to its page."""
     picture = "tables only"
     if e.figures:
-        picture = f'<img loading="lazy" alt="" src="{folder}{e.name}/{e.figures[0].name}">'
+        picture = f'<img loading="lazy" alt="" src="{folder}{e.name}/thumbnail.svg">'
     verdict = "<br>".join(map(html.escape, e.verdict))
     return (
         f'<a class="card" href="{folder}{e.name}.html"><span class="frame">{picture}</span>'

@@ -1,5 +1,6 @@
 """What mkdocs calls: every page of the site comes from elsewhere in the repository, none is copied."""
 
+import html
 import re
 import sys
 from functools import cache
@@ -18,9 +19,13 @@ from docs.site.pages import assistants_text, pages, rewritten
 _AFTER = "## What it found\n"
 """Heading of README.md at which the page `found.md` begins; the front page ends before."""
 _MORE = (
-    "[What it found](found.md) · [Tutorial](tutorial.md) · [Standard problems](problems.md) · "
-    "[Gallery](gallery/index.md)"
+    "[Tutorial](tutorial.md) · [Which filter?](which-filter.md) · [What it found](found.md) · "
+    "[Standard problems](problems.md) · [Gallery](gallery/index.md)"
 )
+_FINDINGS_ON_FRONT = re.compile(
+    r"^- (\*\*\[.*?\]\((findings/[\w-]+)\.md\).*?)(?=^- |^$)", re.M | re.S
+)
+"""Findings in README.md: the text, which begins with a link to the page."""
 _BOOST = {"tutorial.md": 8, "ledger.md": 0.1, "benchmarks.md": 0.1, "changelog.md": 0.1}
 """Weight of a page's titles and words in a search; of a page for a reader's task 4, of others 1."""
 
@@ -47,6 +52,8 @@ def on_files(files: Files, config: Any) -> Files:
         files.append(File.generated(config, uri, content=text))
     for uri, path in (gallery.files() | _pictures()).items():
         files.append(File.generated(config, uri, abs_src_path=str(path)))
+    for uri, text in gallery.pictures().items():
+        files.append(File.generated(config, uri, content=text))
     files.append(File.generated(config, "llms.txt", content=assistants_text(_known())))
     return files
 
@@ -70,12 +77,47 @@ def _linked(place: str) -> str:
 
 @cache
 def _front() -> tuple[str, str]:
-    """Return the front page, of one screen, and what README.md says of the findings."""
+    """Return the front page, and what README.md says of the findings.
+
+    The front page has the first run with its screen, the picture of the filters on all problems, and the
+    findings of README.md, each with the first picture of its page.
+    """
     top, _, rest = _linked("README.md").partition(_AFTER)
-    title, about, picture, *_ = top.split("\n\n")
-    commands = blocks(top)[0]
-    shown = "\n".join(top.splitlines()[commands.first : commands.last + 1])
-    return "\n\n".join([title, about, picture, _MORE, shown, ""]), rest
+    title, about, *_ = top.split("\n\n")
+    # Step 1: the first run. Its screen is a table, which fits a phone.
+    commands, screen, *_ = blocks(top)
+    lines = top.splitlines()
+    run = "\n".join(lines[commands.first : commands.last + 1])
+    explained = "\n".join(lines[screen.last + 1 :]).strip().partition("\n\n")[0]
+    parts = [title, about, _MORE, "## The first run", run, _screen(screen.text), explained]
+    # Step 2: the picture of all problems, with its sentence.
+    _, _, which = top.partition("## Which filter?\n")
+    paragraphs = which.partition("\n## ")[0].strip().split("\n\n")
+    parts += ["## Which filter?", *paragraphs[-1].split("\n"), paragraphs[0]]
+    # Step 3: the findings.
+    cards = []
+    for text, page in _FINDINGS_ON_FRONT.findall(rest):
+        picture = re.search(r"!\[[^\]]*\]\([^)]*\)", _linked(f"docs/{page}.md"))
+        if picture:
+            image = picture[0].replace("](../", "](")
+            cards += [" ".join(text.split()), image]
+    parts += ["## What it found", *cards, ""]
+    return "\n\n".join(parts), rest
+
+
+def _screen(text: str) -> str:
+    """Return the ranking on a terminal as a table of HTML."""
+    title, head, _, *rows = text.rstrip("\n").splitlines()
+    cells = []
+    for i, row in enumerate([head, *rows]):
+        tag = "td" if i else "th"
+        words = re.split(r"\s{2,}", row)
+        cells.append("".join(f"<{tag}>{html.escape(word)}</{tag}>" for word in words))
+    body = "".join(f"<tr>{row}</tr>" for row in cells[1:])
+    return (
+        f'<div class="screen" markdown="0"><p>{html.escape(title)}</p>'
+        f'<table class="ranking"><thead><tr>{cells[0]}</tr></thead><tbody>{body}</tbody></table></div>'
+    )
 
 
 @cache
@@ -101,8 +143,11 @@ def _known() -> dict[str, str]:
 
 
 def _pictures() -> dict[str, Path]:
-    """Pictures of the pages themselves."""
-    return {f"pictures/{path.name}": path for path in (ROOT / "docs" / "pictures").glob("*.*")}
+    """Pictures of the pages themselves, and of the standard suite."""
+    found = {f"pictures/{path.name}": path for path in (ROOT / "docs" / "pictures").glob("*.*")}
+    for path in (ROOT / "results" / "standard" / "figures").glob("*.svg"):
+        found[f"pictures/{path.name}"] = path
+    return found
 
 
 def _listed(nav: Any) -> list[str]:
