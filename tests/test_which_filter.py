@@ -54,6 +54,10 @@ def test_bearings() -> None:
 
 
 def test_multimodal() -> None:
+    gaussian = ("EKF", "IEKF", "IPLF", "UKF", "CKF", "GHKF", "EnKF", "EDH", "GPF")
+    pair = ("squared", "two-places")
+    assert max(largest(pair, label) for label in gaussian) == ratio("two-places", "GPF")
+    assert best_on("random-sine") == "PF 2000"
     jittered = scores_of_class("multimodal", "PF, jitter")
     assert len(jittered) == 4
     assert max(score.ratio_to_best.value for score in jittered) == ratio("two-places", "PF, jitter")
@@ -112,6 +116,10 @@ def test_chaotic() -> None:
 
 def test_angles() -> None:
     assert ratio("double-pendulum-10", "CKF") < 1.15
+    for score in stored_suite()["known"].of_role(FILTER):
+        if score.problem == "heading":
+            is_far = score.label in ("EPF", "UPF")
+            assert (score.ratio_to_best.value > 1.2) == is_far
     assert best_on("double-pendulum-100") == "RPF"
     for score in stored_suite()["known"].of_role(FILTER):
         is_last = score.problem == "double-pendulum-100" and score.has_error
@@ -133,6 +141,7 @@ def test_faults() -> None:
     for problem in ("half-burst", "short-burst", "rare", "freeze"):
         assert best_on(problem) in ("EKF, gate .999", "EKF, gate .99")
     assert ratio("burst", "EKF, gate .999") > ratio("burst", "EKF")
+    assert best_on("blackout") == "EKF, fading"
     assert ratio("ramp", "EKF") < ratio("ramp", "EKF, Student") < ratio("ramp", "EKF, gate .999")
 
 
