@@ -140,7 +140,9 @@ def _declared(base: type[Part]) -> dict[str, object]:
     # The first owner of a name declares it; an annotation without a value is a hook without default.
     declared: dict[str, object] = {}
     for owner in _owners(base):
-        bare = None if owner in base.optional_capabilities else _NOTHING
+        bare: object = _NOTHING
+        if owner in base.optional_capabilities:
+            bare = None
         hooks_of_owner = dict.fromkeys(inspect.get_annotations(owner), bare)
         hooks_of_owner |= dict(vars(owner))
         for name, hook in hooks_of_owner.items():
