@@ -1,11 +1,11 @@
 """A config for a robot's log: from where bearings count is asked for, as are the landmarks' places."""
 
+import runpy
 from pathlib import Path
 
 import pytest
 import yaml
 
-from experiments.data.robot_log import LANDMARKS, SIGMA_V, SIGMA_W
 from tests.commands import trackbench
 from tests.conftest import ROOT
 from trackbench.config.load import load
@@ -13,7 +13,9 @@ from trackbench.errors import UserError
 
 pytestmark = pytest.mark.usefixtures("no_report")
 
-LOG = (ROOT / "experiments" / "data" / "robot-log.csv").read_text()
+DATA = ROOT / "experiments" / "data"
+LOG = (DATA / "robot-log.csv").read_text()
+SIMULATION = runpy.run_path(str(DATA / "robot_log.py"))  # not imported: the wheel has the folder
 NAME = "columns.bearing=bearing [deg]"
 
 
@@ -54,7 +56,7 @@ def test_the_config_asks_for_places_and_start_and_guesses_the_rest(tmp_path: Pat
     with pytest.raises(UserError, match=r"at\.0: 'X_shelf' is not a number"):
         load(path)
     text = path.read_text()
-    for name, (x, y) in LANDMARKS.items():
+    for name, (x, y) in SIMULATION["LANDMARKS"].items():
         text = text.replace(f"X_{name}, Y_{name}", f"{x}, {y}")
     path.write_text(text.replace("X, Y, HEADING", "0, 0, 0.2"))
     (point,) = load(path).points
@@ -64,8 +66,8 @@ def test_the_config_asks_for_places_and_start_and_guesses_the_rest(tmp_path: Pat
     # The second row: 0.579 m/s and 23.23 deg/s.
     assert motion.known_inputs.at(2) == pytest.approx((0.579, 23.23 * 3.141592653589793 / 180))
     parameters = point.scenario.assume.motion.parameters
-    assert parameters["sv"] == pytest.approx(SIGMA_V, rel=0.2)
-    assert parameters["sw"] == pytest.approx(SIGMA_W, rel=0.2)
+    assert parameters["sv"] == pytest.approx(SIMULATION["SIGMA_V"], rel=0.2)
+    assert parameters["sw"] == pytest.approx(SIMULATION["SIGMA_W"], rel=0.2)
 
 
 def test_without_odometry_its_columns_are_asked_for(tmp_path: Path) -> None:
