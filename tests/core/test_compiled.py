@@ -337,6 +337,41 @@ def test_matrices(batch: tuple[int, ...], both: Callable[..., None]) -> None:
     both(lambda: unscented.Unscented(1.0, 0.0, 2.0).points(Gaussian(x[:, ..., 0], F @ F.T)))
 
 
+@pytest.mark.parametrize("special", [0.0, 0.05])
+@pytest.mark.parametrize("n", [9, 10, 23])
+def test_large_matrices_run_by_run(n: int, special: float, both: Callable[..., None]) -> None:
+    draw = draws_of(np.random.default_rng(n), special)
+    cloud = draw(n, 3, 40)
+    both(linalg.matvec, draw(n, n, 3, 1), cloud)
+    both(linalg.matvec, draw(2 * n, n, 3, 1), cloud)
+    both(linalg.matvec, draw(n, n, 3, 1), draw(40, 3, n).T)
+    root = np.where(np.tri(n, dtype=bool)[:, :, None], draw(n, n, 3), 0.0)
+    both(linalg.whiten, root[..., None], cloud)
+    with np.errstate(all="ignore"):
+        S = linalg.matmul(root, linalg.transpose(root))
+    S[-1, -1, 0] = -1.0
+    both(linalg.inverse, S)
+    both(linalg.inverse, np.where(np.eye(n, dtype=bool)[..., None], S, 0.0))
+
+
+def test_large_matrices_go_to_the_kernels_run_by_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(1)
+    A = rng.standard_normal((23, 23, 3, 1))
+    calls = []
+
+    class Counted:
+        def __getattr__(self, name: str) -> Callable[..., bool]:
+            calls.append(name)
+            return getattr(compiled_kernels, name)
+
+    compiled_kernels = compiled.kernels
+    monkeypatch.setattr(compiled, "kernels", Counted())
+    linalg.matvec(A, rng.standard_normal((23, 3, 40)))
+    assert calls.count("product") == 1 + 3
+    linalg.inverse(linalg.matmul(A[..., 0], linalg.transpose(A[..., 0])))
+    assert calls.count("whiten") == 3
+
+
 @pytest.mark.parametrize("batch", [(), (1,), (50,), (3, 401)])
 @pytest.mark.parametrize("n_z", [1, 2, 3])
 @pytest.mark.parametrize("n", [1, 2, 7, 9])

@@ -136,6 +136,9 @@ class Gaussian(Symmetric):
         noise = rng.standard_normal(shape)
         # A covariance without a Cholesky factor needs the semidefinite root.
         root = self._root if all_finite(self._root) else linalg.root(self.cov)
+        if root.size == len(root) ** 2:
+            # One factor for all runs: a constant matrix is applied without its zeros.
+            root = root.reshape(root.shape[:2])
         if root.ndim > 2:
             root = with_trailing(root, len(shape) - 1, leading=2)
         # x = mean + L e

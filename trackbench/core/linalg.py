@@ -26,9 +26,28 @@ def matvec(A: Array, x: Array) -> Array:
         out = np.empty((len(A), *x.shape[1:]))
         if compiled.kernels.product(A, x, out, 1):
             return out
+        # The kernel skips the zeros of a single matrix, and zero times infinity has to stay NaN.
+        if _pays_by_runs(A, x) and A.all():
+            for m in range(A.shape[2]):
+                compiled.kernels.product(A[:, :, m, 0], x[:, m], out[:, m], 1)
+            return out
     if A.ndim == 2:
         return _constant_product(A, x)
-    return _sum_of([A[:, j] * x[j] for j in range(A.shape[1])])
+    total = A[:, 0] * x[0]
+    for j in range(1, A.shape[1]):
+        total += A[:, j] * x[j]
+    return total
+
+
+_WORTH_A_CALL = 2000  # products of one run, from which on a call of a kernel for each run pays
+
+
+def _pays_by_runs(A: Array, x: Array) -> bool:
+    """Test whether to apply a matrix per run A (n, m, M, 1) to particles x (m, M, N) run by run."""
+    if A.ndim != 4 or x.ndim != 3 or A.shape[2:] != (x.shape[1], 1):
+        return False
+    is_readable = A.dtype == x.dtype == np.float64 and x.strides[2] == x.itemsize
+    return is_readable and len(A) * len(x) * x.shape[2] >= _WORTH_A_CALL
 
 
 def lower_product(L: Array, x: Array) -> Array:
@@ -237,6 +256,10 @@ def whiten(L: Array, b: Array) -> list[Array]:
         out = np.empty(b.shape)
         if compiled.kernels.whiten(L, b, out):
             return list(out)
+        if _pays_by_runs(L, b) and _has_full_triangles(L):
+            for m in range(L.shape[2]):
+                compiled.kernels.whiten(L[:, :, m, 0], b[:, m], out[:, m])
+            return list(out)
     rows: list[Array] = []
     for i in range(L.shape[0]):
         # Forward substitution: y_i = (b_i - sum_j<i L_ij y_j) / L_ii
@@ -259,9 +282,18 @@ def inverse(S: Array) -> Array:
     if S.shape[0] == 2:
         return _inverse_of_two(S)
     n = S.shape[0]
+    root = cholesky(S)
+    # S^-1 = L^-T L^-1
+    if compiled.kernels and S.ndim == 3 and n >= _LARGE and _has_full_triangles(root):
+        # One run after the other.
+        inverses = np.empty((S.shape[2], n, n))
+        for m, inverse_of_run in enumerate(inverses):
+            compiled.kernels.whiten(root[:, :, m], np.eye(n), inverse_of_run)
+        L_inverse = np.ascontiguousarray(np.moveaxis(inverses, 0, 2))
+        return matmul(transpose(L_inverse), L_inverse)
+    # By L[:, :, None] the columns of the identity are one more batch axis.
     eye = np.eye(n).reshape((n, n) + (1,) * (S.ndim - 2))
-    # S^-1 = L^-T L^-1; by L[:, :, None] the columns of the identity are one more batch axis.
-    L = cholesky(S)[:, :, None]
+    L = root[:, :, None]
     columns = np.broadcast_to(eye, S.shape)
     if S[0, 0].size <= _SMALL_BATCH and n * S.size <= _COPIED:
         # The kernel needs a factor for each column; copies take less time than rows one by one.
@@ -269,6 +301,18 @@ def inverse(S: Array) -> Array:
         columns = np.ascontiguousarray(columns)
     L_inverse = solve_lower(L, columns)
     return matmul(transpose(L_inverse), L_inverse)
+
+
+_LARGE = 10  # components from which on a call of the kernel for each run pays
+
+
+def _has_full_triangles(L: Array) -> bool:
+    """Test whether no lower triangle (n, n, *batch) has a zero on or below its diagonal.
+
+    The kernel skips the zeros of a single triangle, and zero times NaN has to stay NaN.
+    """
+    n = len(L)
+    return bool(np.count_nonzero(L) == L[0, 0].size * (n * (n + 1) // 2))
 
 
 def _inverse_of_two(S: Array) -> Array:

@@ -240,11 +240,12 @@ def _transformed(dx: Array, dz: Array, S: Array, R: Array) -> Array:
     whitened = linalg.solve_lower(L[..., None], dz)
     if dz.shape[-1] <= len(dz):
         # As many measurements as members or more: the root itself, a matrix (N, N, runs).
-        rows = np.moveaxis(whitened, 2, 0)
+        rows = np.ascontiguousarray(np.moveaxis(whitened, 2, 0))
         square = linalg.matmul(rows, linalg.transpose(rows)) / (dz.shape[-1] - 1.0)
         w, V = linalg.eigen(linalg.identity_minus(square))
         T = linalg.matmul(V * np.sqrt(np.maximum(w, 0.0)), linalg.transpose(V))
-        return np.moveaxis(linalg.matmul(np.moveaxis(dx, 2, 1), T), 1, 2)
+        transformed = linalg.matmul(np.ascontiguousarray(np.moveaxis(dx, 2, 1)), T)
+        return np.ascontiguousarray(np.moveaxis(transformed, 1, 2))
     E = linalg.solve_lower(L[:, :, None], R)
     E = linalg.symmetrize(linalg.solve_lower(L[:, :, None], linalg.transpose(E)))
     w, V = linalg.eigen(E)
