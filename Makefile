@@ -33,10 +33,11 @@ $(VENV)/.dev: pyproject.toml requirements/dev.txt trackbench/core/_compiled.c | 
 	$(PIP) $(ITSELF)
 	touch $@ $(VENV)/.run
 
-# particles 0.4 declares numpy < 2 but works with numpy 2; the extra names what it needs.
+# particles 0.4 declares numpy < 2 but works with numpy 2, DAPPER wants notebooks that it does not use; the extra
+# names what they need.
 $(VENV)/.bench: pyproject.toml | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]'
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps 'particles==0.4'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps 'particles==0.4' 'dapper==1.7.1'
 	touch $@ $(VENV)/.run
 
 # Runs the suites, below an hour on two cores: their scores stand in results/ (docs/which-filter.md).

@@ -20,6 +20,7 @@ PACKAGES = (
     "numba",
     "jax",
     "dynamax",
+    "dapper",
 )
 
 

@@ -20,11 +20,10 @@ from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import listed, named
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
+from trackbench.report.plotting.scales import length_unit
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.results import Results
 
-_LONG_M = 2000.0
-"""Extent of an axis from which on it is in km."""
 _SIMILAR = 4.0
 """Ratio of height and width up to which both axes have equal scales."""
 
@@ -191,8 +190,8 @@ class PosteriorEllipses(FigureKind):
         )
         half_height = self.half_height_m or 1.05 * float(np.nanmax(np.abs(outlines[0])))
         half_width = 1.05 * float(np.nanmax(np.abs(outlines[1])))
-        along_m, along_unit = _length_unit(2.0 * half_height)
-        across_m, across_unit = _length_unit(2.0 * half_width)
+        along_m, along_unit = length_unit(2.0 * half_height)
+        across_m, across_unit = length_unit(2.0 * half_width)
         # Step 3: regions, and the target at the origin.
         along, across = measured
         look: LineStyle = {"color": "#999999", "alpha": 0.6, "lw": 0.8}
@@ -251,13 +250,6 @@ def _measured_region(z: Array, view: _View, sensor: dict[str, Any]) -> Array:
     near = view.transform(position(near_ranges, azimuths))
     far = view.transform(position(far_ranges, azimuths))
     return np.concatenate([near, far[:, ::-1]], axis=1)
-
-
-def _length_unit(extent: float) -> tuple[float, str]:
-    """Return meters per unit of an axis of this extent (m), and the unit's name."""
-    if extent >= _LONG_M:
-        return 1000.0, "km"
-    return 1.0, "m"
 
 
 def _kind(component: Any) -> str | None:

@@ -18,6 +18,7 @@ from trackbench.report.findings.ranking import rankings
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import filter_lines, style
 from trackbench.report.plotting.page_formats import sheet
+from trackbench.report.plotting.scales import length_unit
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.results import Results
 from trackbench.results.point_facts import PointFacts
@@ -25,8 +26,6 @@ from trackbench.results.tracks import measured_positions, sensor_paths
 from trackbench.scenarios.base import Scenario
 
 _AXES = ("x", "y")
-_LONG_M = 2000.0
-"""Extent of tracks from which on axes are in km."""
 _HEADINGS = ("heading", "theta", "yaw", "psi", "course", "direction", "orientation")
 """Names of a state's component that is drawn as arrows, if it is an angle."""
 _ARROWS = 16
@@ -299,11 +298,10 @@ def _draw_best(ax: Axes, results: Results, estimates: Mapping[str, Array], metre
 
 
 def plane_unit(*tracks: Array) -> tuple[float, str]:
-    """Return metres per unit of the axes and its name: km for tracks (2, T) of 2 km or more."""
+    """Return meters per unit of the axes and its name, for tracks (2, T) in m."""
     points = _known_points(tracks)
-    if points.size and np.ptp(points, axis=1).max() >= _LONG_M:
-        return 1000.0, "km"
-    return 1.0, "m"
+    extent = np.ptp(points, axis=1).max() if points.size else 0.0
+    return length_unit(float(extent))
 
 
 def _known_points(tracks: Sequence[Array]) -> Array:

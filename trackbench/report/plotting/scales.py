@@ -1,4 +1,4 @@
-"""Logarithmic axes: when an axis is one, which numbers it can show, and how it is labeled."""
+"""Scales of axes: logarithmic ones, which numbers they can show, their labels; and units of lengths."""
 
 from collections.abc import Sequence
 from statistics import median_low
@@ -30,6 +30,17 @@ _DIGIT_IN = 0.085
 """Width of a digit of a tick's label."""
 DWARFED = 20.0
 """Ratio of the largest curve's maximum to that of the median curve."""
+
+
+_LONG_M = 2000.0
+"""Length from which on an axis is in km."""
+
+
+def length_unit(extent_m: float) -> tuple[float, str]:
+    """Return meters per unit of an axis of this extent, and the unit's name: m or km."""
+    if extent_m >= _LONG_M:
+        return 1000.0, "km"
+    return 1.0, "m"
 
 
 def has_logarithm(values: Array) -> bool:
