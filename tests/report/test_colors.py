@@ -142,6 +142,24 @@ def test_the_filters_of_every_stored_figure_have_colors_of_their_own() -> None:
     assert checked > 50
 
 
+def test_the_curves_of_stored_figures_are_drawn_in_colors_of_their_own() -> None:
+    checked = 0
+    for svg in FIGURES:
+        folder = svg.parents[1]
+        if not (folder / "config.yaml").is_file():  # a suite
+            continue
+        known = Results(folder).labels
+        drawn = {label: colors for label, colors in curves_of(svg).items() if label in known}
+        of_filters = [
+            {color.upper() for color in colors} & {*style.COLORS} for colors in drawn.values()
+        ]
+        chosen = [colors for colors in of_filters if colors]  # not black, as references are
+        assert all(len(colors) == 1 for colors in chosen), svg
+        assert len(set().union(*chosen)) == min(len(chosen), len(style.COLORS)), svg
+        checked += len(chosen) > 1
+    assert checked > 20
+
+
 @pytest.mark.parametrize("name", ["hdepf", "merwe-cost", "banana-pf", "air-traffic"])
 def test_stored_references_and_bounds_are_black_or_gray(name: str) -> None:
     results = Results(STORED / name)
