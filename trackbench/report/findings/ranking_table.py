@@ -121,7 +121,7 @@ def _ranking_table(results: Results, ranking: Ranking, of_settings: bool) -> Tex
             f"{phrases.listed(far)}: more than {_FAR:g} times the error of the best, and no run counts "
             "as lost: `lost_beyond` under `score` sets the error from which a run does."
         )
-    return _without_empty_columns(results, table, names_losses=not far)
+    return _finish_table(results, table, names_losses=not far)
 
 
 def _far_from_best(ranking: Ranking) -> list[str]:
@@ -320,10 +320,10 @@ def _runs_needed(ranking: Ranking) -> str:
 
 
 def consistency(results: Results, candidates: Sequence[Candidate]) -> dict[Candidate, str]:
-    """Judge NEES, or NIS without a truth, of every filter of a table in a word; empty if unknown.
+    """Judge the NEES of every filter of a table in a word, or its NIS if there is no truth.
 
-    The filters are one family of tests: of several exact filters none is called overconfident or
-    underconfident with a probability of 1 - `rules.LEVEL`.
+    The word is empty if a filter has neither. The filters are one family of tests: if all of them are
+    exact, any is called overconfident or underconfident with a probability of at most `rules.LEVEL`.
     """
     family = list(dict.fromkeys(candidates))
     values = [_normalized_squares(results, candidate) for candidate in family]
@@ -408,29 +408,30 @@ def _duration(seconds: float) -> str:
     return f"{phrases.rounded(seconds * units_per_second, 2)} {unit}"
 
 
-def _without_empty_columns(
-    results: Results, table: TextTable, names_losses: bool = True
-) -> TextTable:
-    """Leave out columns without a word, and the column of lost runs if there are none.
+def _finish_table(results: Results, table: TextTable, names_losses: bool = True) -> TextTable:
+    """Leave out the empty columns of a ranking, add its last note, and set its column heads.
 
-    The title then says that no run is lost, if it ``names_losses``.
+    If no run is lost, the title says so, unless ``names_losses`` is False.
     """
-    kept = []
+    # Step 1: the first three columns stay in every table; others only if they have a word.
+    columns = []
     for i, head in enumerate(table.heads):
         is_empty = all(row[i].text in ("–", "0") for row in table.rows)
         if i < 3 or not is_empty:
-            kept.append(i)
+            columns.append(i)
         if is_empty and head == _LOST and names_losses:
             table.title += "; no lost runs"
+    # Step 2: a star marks the CPU time of a filter that loops over the runs in Python.
     if any(row[-1].text.endswith("*") for row in table.rows):
         table.notes.append("*: filtered run by run, which is slower than the method.")
+    # Step 3: without NEES, which needs a truth, the column judges ANIS.
     has_nees = any(name == "nees" for _, name in results.runs(results.points()[0]))
     heads = []
-    for i in kept:
+    for i in columns:
         head = table.heads[i]
         heads.append("ANIS" if head == _ANEES and not has_nees else head)
     table.heads = heads
-    table.rows = [[row[i] for i in kept] for row in table.rows]
+    table.rows = [[row[i] for i in columns] for row in table.rows]
     return table
 
 
@@ -473,7 +474,7 @@ def _table_over_scenes(results: Results, scene_rankings: Sequence[Ranking]) -> T
         cells += _cells_over_scenes(results, candidates[label], consistency_words)
         table.rows.append(cells)
     table.notes = ["Among the best: the lowest error, or no significant difference from it."]
-    return _without_empty_columns(results, table)
+    return _finish_table(results, table)
 
 
 def _cells_over_scenes(
