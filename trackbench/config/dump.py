@@ -230,11 +230,16 @@ _LATER_WITH_DEFAULT = ("gate_by", "input_holds")
 
 
 def _without_unset_later_keys(component: Any, values: PlainData) -> PlainData:
-    """Leave out keys that older results folders lack, if they are unset."""
+    """Leave out keys of a component that older results folders lack, if they change nothing.
+
+    A key of `_LATER` is left out if it is empty, as its default is. A key of `_LATER_WITH_DEFAULT` is
+    left out if its value is its default.
+    """
     defaults = {}
     for field in fields(component):
-        is_made = field.default_factory is not MISSING
-        defaults[key_of(field.name)] = None if is_made else field.default
+        has_factory = field.default_factory is not MISSING
+        # Factories make empty lists and mappings, which count as no value.
+        defaults[key_of(field.name)] = None if has_factory else field.default
     remaining = {}
     for key, value in values.items():
         is_unset = key in _LATER and not value and not defaults[key]

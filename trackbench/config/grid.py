@@ -18,16 +18,19 @@ from trackbench.errors import Mark, Problem, UserError
 from trackbench.yaml_source import Keys, Source, dotted, scalar
 
 Places: TypeAlias = tuple[int, ...]
-"""The number of each path's value."""
+"""The index of each path's value in the grid."""
 
 
 def single_paths(path: str) -> list[str]:
-    """Split a grid's key into paths that take a value together: the same one, or each its own."""
+    """Split a grid's key at " & " into the paths that it varies together."""
     return path.split(" & ")
 
 
 def values_of(path: str, value: object) -> list[object]:
-    """Split a value between the paths: a common value, or each its own from a list."""
+    """Return the value of each path of a grid's key.
+
+    A list with as many values as paths has one for each; any other value is that of all paths.
+    """
     paths = single_paths(path)
     if len(paths) > 1 and isinstance(value, list) and len(value) == len(paths):
         return value
@@ -35,13 +38,14 @@ def values_of(path: str, value: object) -> list[object]:
 
 
 def filters_of(path: str, labels: Iterable[str]) -> list[str]:
-    """Find the filters of which a grid's key varies something; a label may have dots."""
-    varied = []
-    for single in single_paths(path):
-        matches = [label for label in labels if single.startswith(f"filters.{label}.")]
+    """Find the labels of the filters that a grid's key varies."""
+    varied_labels = []
+    for single_path in single_paths(path):
+        matches = [label for label in labels if single_path.startswith(f"filters.{label}.")]
         if matches:
-            varied.append(max(matches, key=len))
-    return varied
+            # A label may have dots: of the labels `a` and `a.b` the longer one is meant.
+            varied_labels.append(max(matches, key=len))
+    return varied_labels
 
 
 def is_of_scenario(path: str) -> bool:
@@ -52,7 +56,10 @@ def is_of_scenario(path: str) -> bool:
 def independent_filter_paths(
     grid: Iterable[str], labels: Collection[str], reference: str | None
 ) -> list[list[str]]:
-    """Group paths that vary filters by themselves, together where they have a filter in common."""
+    """Group the paths that vary neither the scenario nor the reference filter.
+
+    Two paths that vary a common filter are in one group.
+    """
     groups: list[_FilterGroup] = []
     for path in grid:
         varied_filters = set(filters_of(path, labels))
@@ -82,9 +89,10 @@ class _FilterGroup(NamedTuple):
 def _paths_varied_together(
     grid: Mapping[str, object], labels: Collection[str], reference: str | None, every: bool
 ) -> list[set[str]]:
-    """Return the paths varied by each filter group; those that all filters depend on are in each.
+    """Return the paths that vary together, a set for each group of filters.
 
-    With ``every`` there is one group of all paths: every combination of the values is a point.
+    Paths of the scenario and of the reference are in each set, as all filters depend on them. With
+    ``every`` there is one set of all paths, so that every combination of the values is a point.
     """
     if every:
         return [set(grid)]
@@ -102,17 +110,18 @@ def combinations(
     reference: str | None,
     every: bool,
 ) -> list[Places]:
-    """Order the points by their values: every combination, or one filter group at a time.
+    """List the points in order, each as the indices of its paths' values.
 
-    While one group is varied, the others keep their first values.
+    With ``every`` each combination of the values is a point. Otherwise one group of filters is varied at
+    a time, and the paths of other groups keep their first values.
     """
     points: set[Places] = set()
     for varied_paths in _paths_varied_together(grid, labels, reference, every):
-        value_numbers = []
+        indices_by_path = []
         for path, values in grid.items():
             number_of_values = len(values) if path in varied_paths else 1
-            value_numbers.append(range(number_of_values))
-        points |= set(product(*value_numbers))
+            indices_by_path.append(range(number_of_values))
+        points |= set(product(*indices_by_path))
     return sorted(points)
 
 
@@ -128,7 +137,7 @@ def number_of_points(
     def count_combinations(paths: set[str]) -> int:
         return prod(len(grid[path]) for path in paths)
 
-    # Points at which every filter has its first values are in all groups, and count once.
+    # Points at which every filter has its first values are in all groups: count them once.
     in_all_groups = count_combinations(set[str].intersection(*groups))
     return sum(count_combinations(paths) for paths in groups) - (len(groups) - 1) * in_all_groups
 
@@ -139,15 +148,19 @@ _MOST_POINTS = 10_000
 def grid_points(
     source: Source, settings: Settings
 ) -> list[tuple[dict[str, object], dict[str, Mark]]]:
-    """List each point's values by path, with their positions."""
+    """List the values of each grid point and their positions in the file, both by path.
+
+    With ``product`` every combination of the values is a point; without it one filter is varied at a
+    time, and the scenario and the reference with each. Mistakes in the grid are added to ``source``.
+    """
     grid = settings.grid
     if not _check_grid(source, settings):
         return []
     points = []
-    for numbers in combinations(grid, settings.filters, settings.reference, settings.product):
-        places = dict(zip(grid, numbers, strict=True))
-        values = {path: grid[path][i] for path, i in places.items()}
-        marks = {path: source.mark(("grid", path, i)) for path, i in places.items()}
+    for indices in combinations(grid, settings.filters, settings.reference, settings.product):
+        index_by_path = dict(zip(grid, indices, strict=True))
+        values = {path: grid[path][i] for path, i in index_by_path.items()}
+        marks = {path: source.mark(("grid", path, i)) for path, i in index_by_path.items()}
         points.append((values, marks))
     return points
 
@@ -187,14 +200,14 @@ def _check_grid(source: Source, settings: Settings) -> bool:
 
 
 def _has_overlaps(source: Source, grid: dict[str, list[object]]) -> bool:
-    """Reject two axes that set the same value, as one would overwrite the other."""
+    """Add a mistake to the source for two axes that set one value; return True if there are any."""
     has_overlaps = False
     axis_by_keys: dict[Keys, str] = {}
     for path in grid:
         for single_path in single_paths(path):
             keys = split_path(source, single_path)
             for earlier_keys, axis in axis_by_keys.items():
-                # One path leads to a value that is within the other's.
+                # The keys agree as far as both go: the longer path leads into the shorter one's value.
                 if all(a == b for a, b in zip(keys, earlier_keys, strict=False)):
                     inner_keys = max(keys, earlier_keys, key=len)
                     what = f"{dotted(inner_keys)} is varied by {axis!r}, too"

@@ -122,7 +122,9 @@ def _count_published_numbers(experiment: Path, published: str) -> int:
             for row in csv.DictReader(file):
                 experiments = (row["experiment"] or experiment.stem).split("; ")
                 is_measured = row.get("label") and experiment.stem in experiments
+                # The values "biased" and "unbiased" are words, not numbers.
                 if is_measured and not row["value"].endswith("biased"):
+                    # Several readings of a number are rows with one place in the paper.
                     printed_places.add(tuple(row.get(key) for key in _PRINTED_AT))
     return len(printed_places)
 

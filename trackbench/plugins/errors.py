@@ -131,15 +131,19 @@ def place_within(error: BaseException, files: set[str]) -> str:
 
 
 def _plugin_classes(component: object) -> list[type]:
-    """List the plugin classes that a component is made of."""
+    """List the plugin classes that a component's class is or inherits from.
+
+    ``component`` is an object or its class.
+    """
     cls = component if isinstance(component, type) else type(component)
-    looped_cls = getattr(cls, "one", cls)  # `one` is the class that PerRun loops over
+    # `LoopFilter.one` is the plugin's class of one run; the LoopFilter itself is trackbench's.
+    plugin_cls = getattr(cls, "one", cls)
     plugin_classes = []
-    for base in looped_cls.__mro__:
-        # Python's own bases are those such as `object` and `Generic`.
-        is_of_python = base.__module__.partition(".")[0] in sys.stdlib_module_names
-        if is_foreign(base) and not is_of_python:
-            plugin_classes.append(base)
+    for base_cls in plugin_cls.__mro__:
+        # Python's own base classes are those such as `object` and `Generic`.
+        is_of_python = base_cls.__module__.partition(".")[0] in sys.stdlib_module_names
+        if is_foreign(base_cls) and not is_of_python:
+            plugin_classes.append(base_cls)
     return plugin_classes
 
 

@@ -188,12 +188,15 @@ def _why_unpaired(a: Results, b: Results, points: Iterable[GridPoint]) -> str:
 
 
 def _compared_scenario(results: Results, point: GridPoint) -> dict[str, Any]:
-    """Return the keys of the scenario and its number of steps, without the filters' model."""
+    """Return the scenario's keys, its number of steps as ``#``, and a constant for ``assume``."""
     return {**results.facts(point).scenario, "#": results.steps(point), "assume": 0}
 
 
 def _agree(a: Any, b: Any, folder_a: Path, folder_b: Path) -> bool:
-    """Test whether two scenarios agree in all common keys; paths must be those of equal files."""
+    """Test whether two scenarios, or values in them, agree in all common keys.
+
+    Two different paths, each in its folder, agree if their files have the same content.
+    """
     if isinstance(a, dict) and isinstance(b, dict):
         return all(_agree(a[key], b[key], folder_a, folder_b) for key in a.keys() & b.keys())
     if isinstance(a, list) and isinstance(b, list):
@@ -218,9 +221,9 @@ def _numbers(
 ) -> dict[tuple[str, str], Sample | RunEstimate]:
     """Return the metrics of each filter, ``anees`` in place of ``nees``, by filter and name.
 
-    They are samples of the values of the first ``runs`` if values are ``stored``, else the rows of
-    summary.csv. ``statistics`` returns the statistic by which a metric is compared. Values of
-    ``rounded_labels`` are rounded to the usual digits.
+    If the values per run are ``stored``, they are samples of the first ``runs`` values, of all if None.
+    Otherwise they are the rows of summary.csv. ``statistics`` returns the statistic by which a metric is
+    compared. Values of the filters ``rounded_labels`` are rounded to the usual digits.
     """
     sizes = results.facts(point).sizes
     if not stored:
@@ -231,20 +234,26 @@ def _numbers(
         if label in rounded_labels:
             digits = DIGITS["per_run.csv"]
             values = np.array([float(f"{value:.{digits}g}") for value in stored_values])
+        # A lost run counts as 1, another as 0, so that the mean is the share of lost runs.
         if metric == "lost":
             values = (values != 0.0) * 1.0
         first_values = values[:runs]
         # Normalized squares are compared per component.
-        columns = {row: first_values / n for row, n in per_component(measured(metric), sizes)}
-        for name, column in (columns or {metric: first_values}).items():
-            samples[label, name] = Sample(column, statistics(name))
+        values_by_name = {
+            row: first_values / n for row, n in per_component(measured(metric), sizes)
+        }
+        for name, named_values in (values_by_name or {metric: first_values}).items():
+            samples[label, name] = Sample(named_values, statistics(name))
     return samples
 
 
 def _summary_rows(
     results: Results, point: GridPoint, statistics: Callable[[str], str]
 ) -> dict[tuple[str, str], RunEstimate]:
-    """Return each row of summary.csv that is compared, and the share of lost runs."""
+    """Return the rows of summary.csv that are compared, and the share of lost runs.
+
+    The keys are filter and metric. ``statistics`` returns the statistic by which a metric is compared.
+    """
     numbers = {}
     for row in results.columns("summary", point).records():
         m = measured(row["metric"])
@@ -270,10 +279,16 @@ def rows_of(
     paired: bool,
     is_exact: bool,
 ) -> Iterator[Row]:
-    """Yield the metric's row, before it one of the share of infinite values if these differ.
+    """Yield the row that compares a metric of two folders.
 
-    ``key`` is point, filter and metric. ``paired``: run i of both folders has one truth and one set of
-    measurements. ``is_exact``: the numbers hold no randomness.
+    If the folders differ in which runs have infinite values, a row of their share comes before it.
+
+    Parameters
+    ----------
+    key : point, filter and metric
+    a, b : the metric in the first and in the second folder
+    paired : True if run i of both folders has the same truth and measurements
+    is_exact : True if the numbers have no randomness
     """
     point, label, metric = key
     number_a = a.overall if isinstance(a, Sample) else a
@@ -299,8 +314,8 @@ def rows_of(
     if is_equal:
         how = EQUAL
         runs = min(number_a.runs, number_b.runs)
-        none = RunEstimate(value=0.0, stderr=0.0, influences=None, runs=runs)
-        change = Comparison(number_b, number_a, none, nan)
+        no_difference = RunEstimate(value=0.0, stderr=0.0, influences=None, runs=runs)
+        change = Comparison(number_b, number_a, no_difference, nan)
         worse = change
     elif paired and isinstance(a, Sample) and isinstance(b, Sample):
         how = "paired"
@@ -326,7 +341,7 @@ def rows_of(
 
 
 def _infinite_z(comparison: Comparison) -> float:
-    """Return z of a difference that is real if it is not zero."""
+    """Return z of an exact difference: infinite with its sign, 0 if it is zero."""
     difference = comparison.difference.value
     return difference * inf if difference else 0.0
 
@@ -334,9 +349,10 @@ def _infinite_z(comparison: Comparison) -> float:
 def _compare_distances(
     metric: str, change: Comparison, compare_numbers: Callable[..., Comparison]
 ) -> Comparison:
-    """Compare how far both numbers of a change are from the best value.
+    """Return the change of the distance from the metric's best value; positive means worse.
 
-    ``compare_numbers`` compares two numbers of the change's runs.
+    z is NaN for a metric without a best value. ``compare_numbers`` compares two numbers as the change
+    does: on common runs, or independent.
     """
     best = measured(metric).family[0].better
     if best == "lower" or is_event(metric) or change.is_equal:
@@ -344,12 +360,14 @@ def _compare_distances(
     if best == "higher":
         return change.swapped
     if best == "zero":
+        # The distance is |x|, whose derivative is the sign of x.
         distances = []
         for number in (change.a, change.b):
             sign = copysign(1.0, number.value)
             distances.append(number.scaled(abs(number.value), sign))
         return compare_numbers(*distances)
     if best == "one" and change.a.value > 0.0 < change.b.value:
+        # The distance is |log x|, whose derivative is the sign of log x over x.
         distances = []
         for number in (change.a, change.b):
             logarithm = float(log(number.value))
@@ -402,7 +420,11 @@ def _series(row: Row) -> str:
 
 
 def _change(row: Row) -> str:
-    """Write the change in percent; that of a share in percent of the runs, of a score plainly."""
+    """Write the change in percent of the first folder's number.
+
+    A share of runs has its change in percent of the runs. A score, and a number that is not positive,
+    has the difference itself.
+    """
     difference = row.difference.value
     before = row.change.b.value
     if not isfinite(difference):

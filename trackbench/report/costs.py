@@ -59,7 +59,7 @@ class AtCost(NamedTuple):
 
     @property
     def other_stderr(self) -> float:
-        """Part of the uncertainty that the runs do not show: of the times, and of the interpolation."""
+        """Standard error that the times and the interpolation add to that of the runs."""
         return float(np.hypot(self.stderr_of_times, self.curvature))
 
 
@@ -101,9 +101,10 @@ class Curve:
             if spot.cost.value > cost.value:
                 return None
             return AtCost(size=spot.size, error=logarithm(spot.error), lost=spot.lost)
-        # Case 3: the cost lies between those of two neighboring sizes, of which the largest count.
+        # Case 3: the cost lies between those of two neighboring sizes.
         log_costs = [float(log(spot.cost.value)) for spot in self.spots]
         log_cost = float(log(cost.value))
+        # Times need not grow with the size: of several intervals the one of the largest sizes counts.
         for left in reversed(range(len(log_costs) - 1)):
             ends = log_costs[left : left + 2]
             if min(ends) <= log_cost <= max(ends) and ends[0] != ends[1]:
@@ -114,10 +115,10 @@ class Curve:
     def _interpolate(
         self, left: int, log_costs: Sequence[float], log_cost: float, cost_stderr: float
     ) -> AtCost:
-        """Interpolate between the sizes ``left`` and ``left + 1``, in logarithms.
+        """Interpolate the logarithm of the error between the sizes of index ``left`` and ``left + 1``.
 
-        ``log_costs`` are the logarithms of all sizes' times, ``log_cost`` that of the wanted time, with
-        the standard error ``cost_stderr``.
+        ``log_costs`` are the logarithms of the times of all sizes. ``log_cost`` is the logarithm of the
+        time at which the error is wanted, and ``cost_stderr`` its standard error.
         """
         right = left + 1
         a = self.spots[left]
@@ -133,7 +134,8 @@ class Curve:
         stderr_a = (1.0 - share) * logarithm(a.cost).stderr
         stderr_b = share * logarithm(b.cost).stderr
         stderr_of_times = abs(slope) * float(np.sqrt(cost_stderr**2 + stderr_a**2 + stderr_b**2))
-        # Newton's next term with the nearest further size on either side; the larger of both.
+        # The error of linear interpolation is estimated by the quadratic term of Newton's formula, with
+        # the next size to the left and with that to the right; the larger of both counts.
         next_terms = []
         for first in (left - 1, left):
             if 0 <= first < len(x) - 2:
@@ -152,7 +154,7 @@ class Curve:
 
 
 def own_sizes(points: Sequence[Point], label: str, key: str) -> list[Any]:
-    """Return the numbers that a key of a filter takes over the grid; none if it has no such key."""
+    """Return the numbers that a key of a filter takes over the grid; empty if it has no such key."""
     values = [getattr(point.filters.get(label), key, None) for point in points]
     return [value for value in dict.fromkeys(values) if is_number(value)]
 
@@ -160,10 +162,10 @@ def own_sizes(points: Sequence[Point], label: str, key: str) -> list[Any]:
 def cost_conflicts(
     points: Sequence[Point], metric: Measure, key: str, varied: Mapping[str, str]
 ) -> dict[str, str]:
-    """Return conflicts of a table or figure over costs, by its keys.
+    """Return what is wrong with a table or figure over costs, by the key that is wrong.
 
-    ``key`` is the filters' key that buys accuracy. ``varied`` has labels of filters for which the grid
-    must vary it, by the key of the table or figure that names them.
+    ``key`` is the filters' key for the size, such as the number of particles. ``varied`` has the labels
+    of filters for which the grid must vary it, by the key of the table or figure that names the filter.
     """
     if not points[0].values:
         return {"": f"there is no grid: give {key} of the filters several values"}
@@ -188,7 +190,7 @@ def compared_labels(results: Results, labels: Collection[str] | None) -> list[st
 
 
 class _Form(NamedTuple):
-    """A filter with one set of its other keys: the keys, and its errors and times by size."""
+    """A filter with one set of all its keys but the size, and its errors and times by size."""
 
     label: str
     other_keys: dict[str, Any]
@@ -198,9 +200,10 @@ class _Form(NamedTuple):
 def curves(
     results: Results, scene: GridPoint, labels: Sequence[str], metric: Measure, key: str
 ) -> list[Curve]:
-    """Return every filter's errors and times in a scene, a curve for each set of its other keys.
+    """Return curves of the filters' errors over their times in one scenario of the grid.
 
-    ``key`` is the filters' key that buys accuracy with time, such as the number of particles.
+    ``key`` is the filters' key for the size, such as the number of particles. A filter has a curve for
+    each set of values that the grid gives its other keys.
     """
     # Step 1: error and time of each form of a filter at each of its sizes.
     forms: dict[tuple[str, str], _Form] = {}
@@ -250,14 +253,14 @@ def _second_difference(x: Sequence[float], y: Sequence[RunEstimate], i: int) -> 
 
 
 def compare_at(a: AtCost, b: AtCost) -> Comparison:
-    """Return the comparison of the logarithms of two errors, with their further uncertainty."""
+    """Compare the logarithms of two errors; times and interpolation add to the standard error."""
     return compare_estimates(a.error, b.error, float(np.hypot(a.other_stderr, b.other_stderr)))
 
 
 def front(spots: Sequence[Spot], higher: bool = False) -> Iterator[Spot]:
-    """Yield the points that no other beats at the same cost or less, the cheapest first.
+    """Yield the spots, the cheapest first, that are better than all others of the same cost or less.
 
-    A point beats another by a lower error, or if ``higher`` is better by a higher efficiency.
+    A lower value is better, or a ``higher`` one, as of an efficiency.
     """
     sign = -1.0 if higher else 1.0
     best = np.inf

@@ -316,9 +316,10 @@ class ResultsFolder:
 
     @contextmanager
     def reading(self, name: str) -> Iterator[Path]:
-        """Give a file's path; turn any error over its content into one line."""
+        """Yield the path of a file; raise any error within the block as a UserError of one line."""
         path = self.folder / name
-        if name == "timing.csv" and not path.is_file():  # where older versions wrote it
+        # Older versions wrote timing.csv to the folder itself.
+        if name == "timing.csv" and not path.is_file():
             path = self.folder / TIMING
         if not path.is_file():
             why = " (git keeps its digest alone)" if name in DATA_FILES else ""

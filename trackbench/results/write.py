@@ -203,9 +203,10 @@ _ARRIVAL_ROWS = 20_000
 
 
 def _arrival_rows(experiment: Experiment, outcome: Outcome) -> Iterator[Row]:
-    """Yield a row for each measurement of the first runs, with the step at which it arrives.
+    """Yield a row for each measurement of the first runs at the points with delayed measurements.
 
-    Steps have the numbers of per_step.csv. The last cell is empty if the run ends before the arrival.
+    The row has the step of the measurement and the step at which it arrives, both as in per_step.csv.
+    The latter is empty if the run ends before the arrival.
     """
     delayed = [i for i, point in enumerate(experiment.points) if point.scenario.longest_delay]
     for i in delayed:
@@ -215,8 +216,8 @@ def _arrival_rows(experiment: Experiment, outcome: Outcome) -> Iterator[Row]:
             continue
         steps = point.scenario.steps[1:].tolist()
         sensors = rows_of(cast(Sensors, point.scenario.true_sensor))
-        rows_of_a_run = len(steps) * len(sensors) * len(delayed)
-        runs = min(max(_ARRIVAL_ROWS // rows_of_a_run, 1), _ARRIVAL_RUNS)
+        rows_of_a_run_at_all_points = len(steps) * len(sensors) * len(delayed)
+        runs = min(max(_ARRIVAL_ROWS // rows_of_a_run_at_all_points, 1), _ARRIVAL_RUNS)
         # All filters of a point get the same data: those of the first one's blocks.
         for task in outcome.plan.tasks[good[0]]:
             if task.first_run >= runs or task.data.arrival is None:

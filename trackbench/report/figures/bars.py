@@ -104,7 +104,8 @@ class Bars(FigureKind):
     def _estimate(self, expressions: Evaluator, label: str) -> tuple[float, float, float]:
         """Return a filter's value and the ends of its confidence interval.
 
-        An end that is unknown is the value itself.
+        The interval of a statistic over the runs is NaN for fewer than two runs. Of any other expression
+        an end that is unknown is the value itself.
         """
         metric = self.metric.of(label)
         term = expressions.term(metric)

@@ -116,12 +116,14 @@ class RmseVsParameter(FigureKind):
         y = rows["value"]
         stderr = rows["stderr"]
         ascending = np.argsort(x, kind="stable")
+        # A key of the scenario changes the problem: no value of it is the best.
         marked_by = None if is_of_scenario(path) else self.metric
         figure, ax = style.subplots(1, 1, 3.6)
         looks = results.line_styles(results.chosen(self.filters))
         for label in results.chosen(self.filters):
             chosen = ascending[rows["filter"][ascending] == label]
             look = {"label": label, **looks[label]}
+            # A filter with one value throughout is a horizontal line.
             if len(chosen) and np.ptp(y[chosen]) == 0.0:
                 ax.axhline(y[chosen[0]], **look | {"linewidth": 0.9})
             else:
@@ -159,9 +161,9 @@ class _Estimates:
 
 
 def _draw_estimates(ax: Axes, estimates: _Estimates, look: LineStyle, best: int | None) -> None:
-    """Draw a filter's line with bars of two standard errors, and mark the value at the place ``best``.
+    """Draw a filter's line with bars of two standard errors, and mark its best value.
 
-    ``look`` has the line's label. No value is marked if ``best`` is None.
+    ``look`` has the line's label. ``best`` is the index of the best value; None marks none.
     """
     x = estimates.x
     y = estimates.value
@@ -179,7 +181,10 @@ def _draw_estimates(ax: Axes, estimates: _Estimates, look: LineStyle, best: int 
 
 
 def _common_number(value: object) -> float | None:
-    """Return the number of a grid value; of linked paths the number that all of them have."""
+    """Return the number that a grid value is; None if it is none.
+
+    The value of linked paths is a list, and its number the one that all of them have.
+    """
     values = value if isinstance(value, list) else [value]
     if not values or not is_number(values[0]):
         return None
@@ -190,13 +195,14 @@ def _common_number(value: object) -> float | None:
 
 
 def _parameter_values(results: Results, path: str, rows: Columns) -> Array:
-    """Return a path's values in rows of a file, which has lists as texts, as numbers (n,)."""
+    """Return a path's values in rows of a file as numbers (n,); linked paths have one number."""
+    # The file has lists as texts.
     numbers = {str(point[path]): _common_number(point[path]) for point in results.grid_points}
     return np.array([numbers.get(str(value), value) for value in rows[path]], dtype=float)
 
 
 def best_place(values: Array, metric: Measure) -> int:
-    """Return the place of the best among numbers (n,), which may have NaN."""
+    """Return the index of the best of the metric's values (n,), which may have NaN."""
     better = metric.family[0].better
     if better == "higher":
         return int(np.nanargmax(values))

@@ -250,14 +250,15 @@ def ranking_of(
     candidates : filters with each of the values that the grid gives them
     metric : metric that ranks, by which the candidates' samples are
     reference : label of the filter that stands apart, with the differences from it
-    ranks_settings : rank the values of a filter instead
-    unranked : filters that belong to the family of tests alone
+    ranks_settings : rank all candidates, which are one filter with several values
+    unranked : filters without a rank, which count in the correction for the number of tests
 
     Returns
     -------
     Ranking with the best, if the runs decide it.
     """
     m = measured(metric)
+    # Times this sign, a lower number is a better one.
     sign = -1 if m.family[0].more_is_better else 1
     # Step 1: set the reference apart; sort the filters, each at its best values.
     reference_candidate = next((c for c in candidates if c.label == reference), None)
@@ -304,6 +305,7 @@ def ranking_of(
         comparison = compared.get(candidate.name)
         if comparison is None:
             return ranking._replace(conflict=Conflict(first, candidate, common_runs=0))
+        # On the common runs the rival is significantly better than the first.
         if sign * comparison.sign < 0:
             common_runs = comparison.difference.runs
             return ranking._replace(conflict=Conflict(first, candidate, common_runs))
@@ -321,7 +323,10 @@ def ranking_of(
 def candidates_of(
     results: Results, points: Sequence[GridPoint], metric: str, statistic: str = "mean"
 ) -> Iterator[Candidate]:
-    """Yield each filter with each of the values that the grid gives it, once."""
+    """Yield each filter once with each set of values that the grid gives it.
+
+    Its sample is of the metric's values per run, compared by ``statistic``.
+    """
     for label in results.filters:
         known_values = set()
         for point in points:
@@ -355,7 +360,7 @@ def _sort_key(candidate: Candidate, sign: float) -> tuple[bool, float]:
 
 
 def _best_of_each(candidates: Sequence[Candidate], sign: float) -> list[Candidate]:
-    """Take each filter with its best values; ``sign`` is -1 if more is better."""
+    """Choose for each filter the candidate with the best value; ``sign`` is -1 if more is better."""
     best = []
     for label in dict.fromkeys(c.label for c in candidates):
         settings = [c for c in candidates if c.label == label]
@@ -367,7 +372,7 @@ def _best_of_each(candidates: Sequence[Candidate], sign: float) -> list[Candidat
 
 
 def _losing(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """Find the filters that lose significantly more of the same runs than another."""
+    """Find the candidates that lose significantly more of the same runs than another candidate."""
     losing = []
     for a in candidates:
         if not a.losses:

@@ -38,9 +38,10 @@ _MOST_SETTINGS = 20
 
 
 def ranking_tables(results: Results, numbers: bool = False) -> list[TextTable]:
-    """Tabulate the ranking; of several scenarios one table over all of them.
+    """Tabulate the ranking of the filters, over all scenarios if the grid has several.
 
-    With ``numbers``, those of each scenario, or of each filter's settings, follow.
+    With ``numbers`` a further table has each scenario's numbers. If there is one scenario, further
+    tables rank each filter's settings.
     """
     scene_rankings = [ranking for ranking in rankings(results) if ranking.order or ranking.losing]
     if len(scene_rankings) > 1:
@@ -56,7 +57,7 @@ def ranking_tables(results: Results, numbers: bool = False) -> list[TextTable]:
 
 
 def _ranking_table(results: Results, ranking: Ranking, of_settings: bool) -> TextTable:
-    """Tabulate one ranking, of filters or of one filter's settings."""
+    """Tabulate one ranking: of filters, or of one filter's settings if ``of_settings``."""
     candidates = [*ranking.order, *ranking.losing]
     if of_settings:
         candidates = candidates[:_MOST_SETTINGS]
@@ -115,13 +116,14 @@ def _ranking_table(results: Results, ranking: Ranking, of_settings: bool) -> Tex
     has_times = any(row[-1].text != "–" for row in table.rows)
     if 1 < ranking.runs < _FULL_BLOCK and has_times:
         table.notes.append("CPU times: a run takes less in blocks of more runs.")
-    far = _far_from_best(ranking)
-    if far:
+    far_labels = _far_from_best(ranking)
+    if far_labels:
         table.notes.append(
-            f"{phrases.listed(far)}: more than {_FAR:g} times the error of the best, and no run counts "
-            "as lost: `lost_beyond` under `score` sets the error from which a run does."
+            f"{phrases.listed(far_labels)}: more than {_FAR:g} times the error of the best, and no run "
+            "counts as lost: `lost_beyond` under `score` sets the error from which a run does."
         )
-    return _without_empty_columns(results, table, names_losses=not far)
+    # A title that says "no lost runs" would mislead where filters are far from the target.
+    return _finish_table(results, table, names_losses=not far_labels)
 
 
 def _far_from_best(ranking: Ranking) -> list[str]:
@@ -133,7 +135,10 @@ def _far_from_best(ranking: Ranking) -> list[str]:
 
 
 def _runs_ranked(ranking: Ranking) -> str:
-    """Count the runs of which any filter has a value or is lost, of recordings those with a truth."""
+    """Count the runs in which any filter has a value or is lost: ``3 of 5 runs``.
+
+    A recorded run without a truth has neither.
+    """
     if ranking.runs <= 1:
         return "one run"
     is_ranked = np.zeros(ranking.runs, dtype=np.bool_)
@@ -147,9 +152,9 @@ def _runs_ranked(ranking: Ranking) -> str:
 
 
 def _insert_row(rows: list[list[Text]], row: list[Text], is_score: bool) -> None:
-    """Insert a row without a rank at the place of its number, at the end without one.
+    """Insert a row without a rank before the first row whose number is not better.
 
-    The rows are sorted by their numbers, the lowest error or the highest score first.
+    If ``is_score``, the highest number is the best, else the lowest. A row with NaN comes last.
     """
     sign = -1.0 if is_score else 1.0
     number = (row[1].number or 0.0) * sign
@@ -230,9 +235,10 @@ def _unranked_rows(
 
 
 def _ratio(ranking: Ranking, candidate: Candidate, matters: float) -> str:
-    """Write ``2.4 x (2.1 to 2.8)``, with a mark where it is not significant; of scores nats.
+    """Write a filter's ratio to the best and its interval, ``2.4 x (2.1 to 2.8)``, with a mark.
 
-    ``matters`` is the share of an error below which a significant difference is called tiny.
+    The mark is ``n.s.`` for a difference that is not significant, and ``tiny`` for a significant one
+    below the share ``matters`` of the error. Of scores the text is the difference in nats.
     """
     is_score = ranking.metric.family[0].is_score
     comparison = ranking.compared.get(candidate.name)
@@ -255,7 +261,11 @@ def _ratio(ranking: Ranking, candidate: Candidate, matters: float) -> str:
 
 
 def _ratio_text(is_score: bool, value: float, low: float, high: float, with_interval: bool) -> str:
-    """Write a ratio, or a difference of scores, and its interval as far as it is finite."""
+    """Write a ratio with its interval from ``low`` to ``high``, as far as its ends are finite.
+
+    If ``is_score``, the numbers are differences of scores. The interval is left out unless
+    ``with_interval``.
+    """
     width = high - low
     if is_score:
         text = f"{value:.2g}"
@@ -277,7 +287,10 @@ def _ratio_text(is_score: bool, value: float, low: float, high: float, with_inte
 
 
 def _ratio_to_best(metric: Measure, comparison: Comparison) -> tuple[float, float, float]:
-    """Return the ratio to the best and its interval; of a score, how far it is below the best."""
+    """Return the ratio to the best and the ends of its interval, NaN if it is not tested.
+
+    Of a score these are how far it lies below the best.
+    """
     if metric.family[0].is_score:
         difference = comparison.swapped.difference
         value = difference.value
@@ -289,7 +302,10 @@ def _ratio_to_best(metric: Measure, comparison: Comparison) -> tuple[float, floa
 
 
 def _multiple_of_best(ranking: Ranking, candidate: Candidate) -> float:
-    """Divide by the best, subtract scores; NaN of a filter that loses more."""
+    """Return a filter's ratio to the best, of a score its difference below the best.
+
+    It is NaN if the filter is not compared with the best, as one that loses more runs.
+    """
     if candidate in ranking.order[:1]:
         return 0.0 if ranking.metric.family[0].is_score else 1.0
     comparison = ranking.compared.get(candidate.name)
@@ -301,16 +317,17 @@ def _multiple_of_best(ranking: Ranking, candidate: Candidate) -> float:
 
 def _runs_needed(ranking: Ranking) -> str:
     """Write how many runs would decide the ties if the differences are as large as measured."""
-    runs = []
+    needed_runs = []
     for rival in ranking.not_worse:
         comparison = rival.comparison
         if isfinite(comparison.z) and comparison.z:
-            needed = rules.deviations_needed(comparison.tests)
+            needed_z = rules.deviations_needed(comparison.tests)
             measured_runs = comparison.difference.runs
-            runs.append(rules.runs_that_decide(measured_runs, comparison.z, needed))
-    if not runs:
+            needed_runs.append(rules.runs_that_decide(measured_runs, comparison.z, needed_z))
+    if not needed_runs:
         return ""
-    ends = (min(runs), max(runs))
+    ends = (min(needed_runs), max(needed_runs))
+    # One run is a recording, which is compared step by step: the numbers are multiples of its length.
     if ranking.runs == 1:
         times = [phrases.run_count(x) if x >= 10.0 else f"{max(x, 1.1):.2g}" for x in ends]
         text = _span(times)
@@ -320,10 +337,10 @@ def _runs_needed(ranking: Ranking) -> str:
 
 
 def consistency(results: Results, candidates: Sequence[Candidate]) -> dict[Candidate, str]:
-    """Judge NEES, or NIS without a truth, of every filter of a table in a word; empty if unknown.
+    """Judge the NEES of every filter of a table in a word, or its NIS if there is no truth.
 
-    The filters are one family of tests: of several exact filters none is called overconfident or
-    underconfident with a probability of 1 - `rules.LEVEL`.
+    The word is empty if a filter has neither. The filters are one family of tests: if all of them are
+    exact, any is called overconfident or underconfident with a probability of at most `rules.LEVEL`.
     """
     family = list(dict.fromkeys(candidates))
     values = [_normalized_squares(results, candidate) for candidate in family]
@@ -335,7 +352,10 @@ def consistency(results: Results, candidates: Sequence[Candidate]) -> dict[Candi
 
 
 def _normalized_squares(results: Results, candidate: Candidate) -> Array:
-    """Return each run's NEES over the number of components, or ANIS: 1 if consistent; NaN left out."""
+    """Return each run's NEES divided by the number of components, or without NEES its ANIS.
+
+    The mean is 1 for a consistent filter. Runs with NaN are left out.
+    """
     name = _consistency_metric(results, candidate)
     if not name:
         return np.empty(0)
@@ -354,7 +374,10 @@ def _consistency_metric(results: Results, candidate: Candidate) -> str:
 
 
 def _mean_if_consistent(results: Results, candidate: Candidate) -> tuple[float, float]:
-    """Return the least and largest mean of a consistent filter; a gate accepts small NIS only."""
+    """Return the least and largest mean of a consistent filter's normalized squares.
+
+    Both are 1, unless a gate leaves out measurements with a large NIS and so lowers the mean.
+    """
     accepted = results.facts(candidate.point).accepted_nis(candidate.label)
     if accepted is None or _consistency_metric(results, candidate) == "nees":
         return 1.0, 1.0
@@ -362,10 +385,10 @@ def _mean_if_consistent(results: Results, candidate: Candidate) -> tuple[float, 
 
 
 def _z_of_mean(values: Array, mean_if_consistent: tuple[float, float]) -> float:
-    """Return z of the mean of a consistent filter; NaN where the runs decide nothing.
+    """Return z of the difference of the mean from that of a consistent filter.
 
-    ``mean_if_consistent`` is the range of that mean. Runs with a number that is not finite have a word
-    of their own.
+    ``mean_if_consistent`` is the least and the largest mean of a consistent filter. z is NaN for fewer
+    than two runs, and if a value is infinite: `_consistency_word` has words for these.
     """
     if len(values) < 2 or not np.isfinite(values).all():
         return nan
@@ -376,9 +399,10 @@ def _z_of_mean(values: Array, mean_if_consistent: tuple[float, float]) -> float:
 
 
 def _consistency_word(values: Array, sign: int, mean_if_consistent: tuple[float, float]) -> str:
-    """Return the word on runs' normalized squares.
+    """Return the word on a filter's consistency by the normalized squares of its runs.
 
-    ``sign`` is that of a significant difference of their mean from that of a consistent filter.
+    ``sign`` is +1 if their mean is significantly above that of a consistent filter, -1 if below, else 0.
+    ``mean_if_consistent`` is the least and the largest mean of a consistent filter.
     """
     if not len(values):
         return ""
@@ -408,29 +432,30 @@ def _duration(seconds: float) -> str:
     return f"{phrases.rounded(seconds * units_per_second, 2)} {unit}"
 
 
-def _without_empty_columns(
-    results: Results, table: TextTable, names_losses: bool = True
-) -> TextTable:
-    """Leave out columns without a word, and the column of lost runs if there are none.
+def _finish_table(results: Results, table: TextTable, names_losses: bool = True) -> TextTable:
+    """Leave out the empty columns of a ranking, add its last note, and set its column heads.
 
-    The title then says that no run is lost, if it ``names_losses``.
+    If no run is lost, the title says so, unless ``names_losses`` is False.
     """
-    kept = []
+    # Step 1: the first three columns stay in every table; others only if they have a word.
+    columns = []
     for i, head in enumerate(table.heads):
         is_empty = all(row[i].text in ("–", "0") for row in table.rows)
         if i < 3 or not is_empty:
-            kept.append(i)
+            columns.append(i)
         if is_empty and head == _LOST and names_losses:
             table.title += "; no lost runs"
+    # Step 2: a star marks the CPU time of a filter that loops over the runs in Python.
     if any(row[-1].text.endswith("*") for row in table.rows):
         table.notes.append("*: filtered run by run, which is slower than the method.")
+    # Step 3: without NEES, which needs a truth, the column judges ANIS.
     has_nees = any(name == "nees" for _, name in results.runs(results.points()[0]))
     heads = []
-    for i in kept:
+    for i in columns:
         head = table.heads[i]
         heads.append("ANIS" if head == _ANEES and not has_nees else head)
     table.heads = heads
-    table.rows = [[row[i] for i in kept] for row in table.rows]
+    table.rows = [[row[i] for i in columns] for row in table.rows]
     return table
 
 
@@ -473,16 +498,20 @@ def _table_over_scenes(results: Results, scene_rankings: Sequence[Ranking]) -> T
         cells += _cells_over_scenes(results, candidates[label], consistency_words)
         table.rows.append(cells)
     table.notes = ["Among the best: the lowest error, or no significant difference from it."]
-    return _without_empty_columns(results, table)
+    return _finish_table(results, table)
 
 
 def _cells_over_scenes(
     results: Results, candidates: Sequence[Candidate], consistency_words: Mapping[Candidate, str]
 ) -> list[Text]:
-    """Write a filter's lost runs, words on its consistency and CPU times over several scenarios."""
+    """Write a filter's lost runs, words on its consistency and CPU times over several scenarios.
+
+    ``candidates`` are the filter in each scenario.
+    """
     lost = sum(candidate.losses for candidate in candidates)
     runs = sum(len(candidate.lost) for candidate in candidates)
     losses = f"{lost} of {runs}" if lost else "0"
+    # "collapsed in 3 of 10" counts as "collapsed".
     words = Counter(consistency_words[c].partition(" in ")[0] for c in candidates)
     consistency_texts = [f"{word} at {n}" for word, n in words.most_common() if word]
     seconds = sorted(filter(isfinite, [cpu_seconds(results, c) for c in candidates]))

@@ -167,12 +167,15 @@ class SuiteScores:
 
 
 def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score], ProblemRuns]:
-    """Return the scores of a problem's filters, and the errors of each run.
+    """Return the scores of a problem's filters, reference and bound, and the errors of each run.
+
+    Filters are compared with the best filter, smoothers with the best smoother. A tuned copy has the
+    label of its filter, which is left out.
 
     Parameters
     ----------
     problem : problem with its roster
-    results : its results folder
+    results : the problem's results folder
     """
     point = results.points()[0]
     metric = leading_metric(results)
@@ -180,7 +183,8 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
     candidates = {c.label: c for c in candidates_of(results, [point], metric, statistic)}
     reference = results.config.get("reference")
     smoothers = {f"{label}, smoothed" for label in results.config.get("smoothed", ())}
-    replaced = {shown_label(problem, label): label for label in problem.tuned}
+    # A tuned copy has a label of its own in the results; it takes the place of its filter.
+    roster_labels = {shown_label(problem, label): label for label in problem.tuned}
     hidden = set(problem.tuned)
     shown = [candidate for label, candidate in candidates.items() if label not in hidden]
     words_on_consistency = consistency(results, shown)
@@ -200,11 +204,11 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
         for candidate in ranked:
             word = words_on_consistency[candidate]
             score = _score_candidate(problem, results, ranking, candidate, role, word)
-            against = _ratio_to_reference(
+            to_reference = _ratio_to_reference(
                 results, candidates, candidate, reference, metric, statistic
             )
-            label = replaced.get(candidate.label, candidate.label)
-            scores.append(replace(score, label=label, ratio_to_reference=against))
+            label = roster_labels.get(candidate.label, candidate.label)
+            scores.append(replace(score, label=label, ratio_to_reference=to_reference))
     # Step 2: the reference and the bound.
     if reference in candidates:
         candidate = candidates[reference]
@@ -236,13 +240,14 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
     failed = {row["filter"]: str(row["reason"]) for row in results.failed}
     for label in results.filters:
         if label not in candidates and label not in hidden:
-            reasons[replaced.get(label, label)] = failed.get(label, "has no such error")
+            reasons[roster_labels.get(label, label)] = failed.get(label, "has no such error")
     for label, why in reasons.items():
         role = FILTER
         if label == reference:
             role = REFERENCE
         elif label in smoothers:
             role = SMOOTHER
+        # A program may refuse a scenario, with its reason: then it does not count as failed.
         _, refused, why_refused = why.partition(REFUSAL)
         why_refused = _RUNS_OF_BLOCK.sub("", why_refused)
         is_left_out = label in problem.left_out or bool(refused)
@@ -254,7 +259,7 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
             )
         )
     values = {
-        replaced.get(label, label): candidate.sample.values
+        roster_labels.get(label, label): candidate.sample.values
         for label, candidate in candidates.items()
         if label != reference and label not in smoothers and label not in hidden
     }
@@ -280,10 +285,13 @@ def _score_candidate(
     role: str,
     consistency_word: str,
 ) -> Score:
-    """Score a filter beside the best of its problem."""
+    """Return the score of a filter, compared with the best of its ranking.
+
+    ``role`` is `FILTER` or `SMOOTHER`. ``consistency_word`` is its score's ``consistency``.
+    """
     overall = candidate.overall
     runs = results.runs(candidate.point)
-    anees = runs.get((candidate.label, "nees"), np.full(0, nan))
+    nees = runs.get((candidate.label, "nees"), np.full(0, nan))
     size = results.facts(candidate.point).sizes.get("", 1)
     reason = ""
     if not isfinite(overall.value):
@@ -297,7 +305,7 @@ def _score_candidate(
         word=_word(ranking, candidate),
         runs=len(candidate.lost),
         lost=candidate.losses,
-        collapsed=collapsed_runs(anees / size),
+        collapsed=collapsed_runs(nees / size),
         consistency=consistency_word,
         cpu_s=cpu_seconds(results, candidate),
         reason=reason,
@@ -336,7 +344,10 @@ def _ratio_to_reference(
     metric: str,
     statistic: str,
 ) -> Ratio:
-    """Divide the error by that of the reference filter, or by the bound."""
+    """Divide the error by that of the reference filter, or without one by the bound.
+
+    The bound is one of the rms error, so that another statistic has no ratio to it.
+    """
     if reference is not None and reference in candidates:
         comparison = compare(candidate.sample, candidates[reference].sample)
         return Ratio() if comparison is None else Ratio.of(comparison)
@@ -347,13 +358,14 @@ def _ratio_to_reference(
 
 
 def _bound(results: Results, metric: str) -> RunEstimate | None:
-    """Return the scenario's bound of the rms error; None without one."""
+    """Return the stored bound of the rms error of a metric; None without one."""
     label = results.config.get("bound")
     rows = results.columns("summary").where(filter=label, metric=f"rms({metric})").records()
     for row in rows if label else ():
         stderr = row["stderr"]
-        exact = stderr if isfinite(stderr) else 0.0
-        return RunEstimate(row["value"], exact, None, int(row.get("runs", 0)))
+        # A bound without a standard error is exact.
+        bound_stderr = stderr if isfinite(stderr) else 0.0
+        return RunEstimate(row["value"], bound_stderr, None, int(row.get("runs", 0)))
     return None
 
 
@@ -406,17 +418,17 @@ def ratio_matrix(group: SuiteScores, role: str = FILTER) -> tuple[list[str], lis
 
 
 def typical_ratios(group: SuiteScores, without_class: str = "") -> dict[str, float]:
-    """Return each filter's geometric mean of the limited ratios, over the problems.
+    """Return each filter's geometric mean of its limited ratios to the best, over the problems.
 
     Parameters
     ----------
-    without_class : class of problems that is left out
+    without_class : class of problems that is left out; none if it is empty
     """
     labels, problems, ratios = ratio_matrix(group)
-    kept = [i for i, name in enumerate(problems) if group.classes[name] != without_class]
-    if not kept:
+    columns = [i for i, name in enumerate(problems) if group.classes[name] != without_class]
+    if not columns:
         return {}
-    means = np.exp(np.mean(np.log(ratios[:, kept]), axis=1))
+    means = np.exp(np.mean(np.log(ratios[:, columns]), axis=1))
     return dict(zip(labels, means.tolist(), strict=True))
 
 
@@ -427,7 +439,7 @@ def ordered_labels(group: SuiteScores) -> list[str]:
 
 
 def relative_costs(group: SuiteScores) -> dict[str, float]:
-    """Return the median over the problems of each filter's CPU time over that of the fastest filter."""
+    """Return each filter's CPU time divided by that of the fastest filter, the median over problems."""
     ratios: dict[str, list[float]] = {}
     for problem in group.problems:
         times = {
@@ -466,13 +478,16 @@ class Leader:
 
 
 def leader_of(group: SuiteScores) -> Leader | None:
-    """Find the filter with the smallest typical ratio, and try it with other runs and other classes."""
+    """Find the filter with the smallest typical ratio; None if the group has no problem.
+
+    Also find which filter would be first over resampled runs, and without each class of problems.
+    """
     typical = typical_ratios(group)
     if not typical:
         return None
     labels = [*typical]
     first = min(typical, key=lambda label: typical[label])
-    # With other runs: how often each filter is first.
+    # With other runs: how often each filter is first. Logarithms are (resamplings, labels).
     logs = np.log(group.resampled).mean(axis=2)
     low, high = np.exp(np.quantile(logs[:, labels.index(first)], [0.025, 0.975]))
     is_first = logs <= logs.min(axis=1, keepdims=True)
@@ -518,8 +533,8 @@ def profile(ratios: Array, factors: Array) -> Array:
 def resampled_ratios(group: SuiteScores, seed: int = 0) -> Array:
     """Return the limited ratios (RESAMPLINGS, labels, problems) over runs drawn with replacement.
 
-    The runs of a problem are drawn for all its filters the same. A filter that loses more runs than
-    others, or was not run, keeps `WORST`.
+    All filters of a problem get the same drawn runs. A filter that loses significantly more runs than
+    another, or was not run, keeps the ratio `WORST`.
     """
     labels, problems, ratios = ratio_matrix(group)
     rng = np.random.default_rng(seed)
@@ -540,7 +555,10 @@ def profile_bands(group: SuiteScores, factors: Array) -> tuple[Array, Array]:
 def _resample_problem(
     runs: ProblemRuns, labels: Sequence[str], ratios: Array, rng: np.random.Generator
 ) -> Array:
-    """Return the ratios to the best (labels,) over runs drawn with replacement."""
+    """Return the ratios to the best (labels,) over runs drawn with replacement.
+
+    ``ratios`` (labels,) are those over all runs: a filter with the ratio `WORST` is left out.
+    """
     statistic = _STATISTICS[runs.statistic]
     M = max((len(values) for values in runs.values.values()), default=0)
     if M < 2:

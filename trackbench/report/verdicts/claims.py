@@ -47,8 +47,8 @@ def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
     steps = len(claims_at_steps)
     tests = []
     for claim_at_step in claims_at_steps:
-        for right in claim.rights or [""]:
-            tests.append(_test(evidence, claim_at_step, right))
+        for right_label in claim.rights or [""]:
+            tests.append(_test(evidence, claim_at_step, right_label))
     if not tests:
         return _unjudged(claim, f"nothing is known of {claim.left}'s {claim.expression}")
     # Step 2: z of the weakest test, of all runs, of the parts and under stress.
@@ -101,13 +101,14 @@ def _unjudged(claim: Claim, why: str) -> ClaimVerdict:
 
 
 def _at_each_step(claim: Claim, evaluator: Evaluator) -> list[Claim]:
-    """Repeat the claim at each of its steps."""
+    """Split a claim about several steps into one claim for each step."""
     sides: list[list[Measure | None]] = []
-    for m in (claim.expression, claim.right_expression):
-        if m is None:
+    for side in (claim.expression, claim.right_expression):
+        if side is None:
             sides.append([None])
         else:
-            sides.append([*evaluator.at_each_step(m.of(claim.left))])
+            # Only the steps are wanted, so any filter does: `Claim.sides` sets the filter later.
+            sides.append([*evaluator.at_each_step(side.of(claim.left))])
     left, right = sides
     # A right side without steps is repeated at every step of the left side.
     if len(right) != len(left):
@@ -135,7 +136,8 @@ class _Test(NamedTuple):
     """A claim against one filter of its right side, or against its factor if there is none."""
 
     claim: Claim
-    right: str
+    right_label: str
+    """the filter; empty if there is none"""
     term: RunEstimate
     """the left side, less the right one times the factor"""
     bounds: tuple[_Bound, ...]
@@ -168,28 +170,34 @@ def _least(zs: list[float]) -> float:
     return nan if any(map(isnan, zs)) else min(zs)
 
 
-def _test(evaluator: Evaluator, claim: Claim, right: str) -> _Test:
-    """Test a claim against a filter of its right side, ``right``; empty if it has none."""
-    sides = claim.sides(right)
+def _test(evaluator: Evaluator, claim: Claim, right_label: str) -> _Test:
+    """Test a claim against one filter of its right side.
+
+    ``right_label`` is empty if the right side is a number.
+    """
+    sides = claim.sides(right_label)
     left = sides[0]
     if len(sides) == 1:
         term = evaluator.estimate_of_steps(left) or evaluator.term(left)
         bounds = []
         for edge, is_above in _ends(evaluator, claim, None):
             bounds.append(_Bound(term=term, edge=edge, is_above=is_above))
-        return _Test(claim=claim, right=right, term=term, bounds=tuple(bounds))
-    # The right side is measured, too: its error belongs to the test of an end.
+        return _Test(claim=claim, right_label=right_label, term=term, bounds=tuple(bounds))
+    # The right side is measured, too: each end is a test of left - factor * right against zero, which
+    # has the errors of both sides.
     other = sides[1]
     bounds = []
     for factor, is_above in _ends(evaluator, claim, other):
         difference = evaluator.difference(left, other, factor)
         bounds.append(_Bound(term=difference, edge=0.0, is_above=is_above))
     term = evaluator.difference(left, other, claim.factor)
-    return _Test(claim=claim, right=right, term=term, bounds=tuple(bounds))
+    return _Test(claim=claim, right_label=right_label, term=term, bounds=tuple(bounds))
 
 
 def _ends(evaluator: Evaluator, claim: Claim, other: Measure | None) -> list[tuple[float, bool]]:
-    """Return multiples of the right side, and whether the left side must lie above each.
+    """Return the ends that a claim sets, and for each whether the left side must lie above it.
+
+    An end is a factor, by which the right side is multiplied.
 
     An equality is two one-sided tests (Schuirmann 1987, J. Pharmacokinet. Biopharm. 15, 657): the left
     side is above the lower end of the tolerance and below the upper one. ``other`` is the measure on the
@@ -204,16 +212,20 @@ def _ends(evaluator: Evaluator, claim: Claim, other: Measure | None) -> list[tup
 
 
 def _weakest(zs_of_tests: list[list[float]], steps: int) -> list[float]:
-    """Find z of the weakest test by each part of the runs; none unless every test has parts."""
+    """Return z of the weakest test for each of several sets of the runs.
+
+    Each test has a list of z, one for each set. The result is empty if any of these lists is.
+    ``steps`` is the number of steps that the tests are of.
+    """
     if not all(zs_of_tests):
         return []
     return [rules.weakest(zs, steps) for zs in zip(*zs_of_tests, strict=True)]
 
 
 def _missing_labels(evaluator: Evaluator, test: _Test) -> list[str]:
-    """List the filters of a test that have no number, and have not lost their runs either."""
+    """List the filters of a test whose value is NaN although they have lost no run."""
     labels: dict[str, None] = {}
-    for side in test.claim.sides(test.right):
+    for side in test.claim.sides(test.right_label):
         term = evaluator.term(side)
         if isnan(term.value) and not term.lost:
             labels[side.filter] = None
@@ -224,17 +236,20 @@ def _values_compared(evaluator: Evaluator, test: _Test) -> str:
     """Write the values of both sides of a test: ``HDEPF 1.2, PF 3.4``."""
     claim = test.claim
     values = []
-    for side in claim.sides(test.right):
+    for side in claim.sides(test.right_label):
         term = evaluator.term(side)
         losses = f" ({term.losses})" if term.lost else ""
         values.append(f"{side.filter} {term.value:.4g}{losses}")
-    if not test.right:
+    if not test.right_label:
         values.append(f"{claim.factor:g}")
     return noted(", ".join(values), test.term.why)
 
 
 def _significance(verdict: Verdict) -> str:
-    """Note that an inconclusive claim is significant by the rule for filters, if it is."""
+    """Note that an inconclusive claim is significant at the level of the ranking; else empty.
+
+    A verdict on a claim takes a larger z than that level.
+    """
     z = verdict.z
     if verdict.word != UNDECIDED or not (rules.is_significant(z) and verdict.is_short):
         return ""
@@ -244,11 +259,11 @@ def _significance(verdict: Verdict) -> str:
 
 
 def _size(evaluator: Evaluator, test: _Test) -> str:
-    """Note that the printed size of a difference lies outside its 95 % interval, if it does."""
+    """Note that the printed size of a difference, %, lies outside its 95 % interval; else empty."""
     claim = test.claim
-    if claim.printed is None or not test.right or claim.expression is None:
+    if claim.printed is None or not test.right_label or claim.expression is None:
         return ""
-    left, right = (evaluator.term(side) for side in claim.sides(test.right))
+    left, right = (evaluator.term(side) for side in claim.sides(test.right_label))
     low, high = gain(quotient(left, right)).interval()
     if low <= claim.printed <= high or isnan(low + high):
         return ""
@@ -266,7 +281,10 @@ def _tests_at_steps(weakest: _Test, zs: list[float]) -> str:
 
 
 def _loses_more(evaluator: Evaluator, claim: Claim, right: str) -> str:
-    """Explain why a filter with a smaller error is no better: it loses more of the same runs."""
+    """Note that the left filter loses significantly more runs than ``right``; else empty.
+
+    A filter that loses more runs is not better than another, even if its error is smaller.
+    """
     lost_left = evaluator.runs.get((claim.left, "lost"))
     lost_right = evaluator.runs.get((right, "lost"))
     # Only a claim that the left side is better is affected.
@@ -274,6 +292,7 @@ def _loses_more(evaluator: Evaluator, claim: Claim, right: str) -> str:
     better = ">" if more_is_better else "<"
     if claim.relation != better or lost_left is None or lost_right is None:
         return ""
+    # All pairs of filters are one family of tests: the test needs the number of filters.
     filters = sum(metric == "lost" for _, metric in evaluator.runs)
     if not rules.loses_more(lost_left, lost_right, filters):
         return ""

@@ -93,7 +93,11 @@ def _judge_claim(results: Results, claim: Claim) -> TimeVerdict:
 
 
 def _judge(results: Results, row: PublishedNumber | Claim, left: str, right: str) -> TimeVerdict:
-    """Judge the ratio of the times of two filters; the time of the left one if ``right`` is empty."""
+    """Judge a published number or claim about CPU times.
+
+    It is about the time of the filter ``left`` divided by that of ``right``, or about the time of
+    ``left`` itself if ``right`` is empty.
+    """
     # Step 1: each filter's repeats and operations; of a folder without measured times none.
     point = point_of(results, row.point)
     timing: dict[str, dict[str, Any]] = {}
@@ -116,6 +120,7 @@ def _judge(results: Results, row: PublishedNumber | Claim, left: str, right: str
     high = nan
     all_timed = len(seconds) == len(labels) > 0 and all(map(len, seconds))
     word = UNDECIDED if all_timed else NOT_MEASURED
+    # Each repeat gives a ratio, so both filters need equally many; an interval needs at least two.
     repeats = {len(times) for times in seconds}
     if wanted is not None and all_timed and len(repeats) == 1 and max(repeats) > 1:
         ratios = seconds[0] / (seconds[1] if right else 1.0)
@@ -139,7 +144,10 @@ _OPERATIONS = ("likelihoods", "covariances")
 
 
 def _wanted_range(row: PublishedNumber | Claim) -> tuple[float, float] | None:
-    """Find the ends of the ratios, or of the seconds, that a row speaks of; None of what is no ratio."""
+    """Return the least and the largest ratio (or seconds) that agree with a published row.
+
+    Return None if the row is not about a CPU time or a ratio of two.
+    """
     relation = row.expression.relation if row.expression else ""
     if not all(m.is_cpu_time for m in row.expressions):
         return None
@@ -159,15 +167,16 @@ def _wanted_range(row: PublishedNumber | Claim) -> tuple[float, float] | None:
 
 
 def _word(row: PublishedNumber | Claim, low: float, high: float, least: float, most: float) -> str:
-    """Return the verdict by the widened interval, ``low`` to ``high``.
+    """Return the verdict by the measured interval, ``low`` to ``high``, which `SCATTER` widened.
 
-    The ratio has to be in the range ``least`` to ``most``.
+    The published row is true of ratios from ``least`` to ``most``.
     """
     if isnan(low):
         return UNDECIDED
     is_outside = high <= least or low >= most
     is_inside = least <= low and high <= most
     if isinstance(row, PublishedNumber):
+        # A setting was fitted to this number, which therefore confirms nothing.
         if row.chosen:
             return UNDECIDED
         return "differs" if is_outside else "compatible"

@@ -64,11 +64,11 @@ _WORDS = (
 
 
 def tallies(verdicts: Iterable[Compared | ClaimVerdict]) -> list[Tally]:
-    """Count the verdicts of each word, in a fixed order, without words of which there is none."""
+    """Count the verdicts of each word, in the order of `_WORDS`; leave out words without a verdict."""
     rows = list(verdicts)
     numbers = Counter(row.verdict.word for row in rows)
     fragile = Counter(row.verdict.word for row in rows if row.verdict.fragile)
-    found = []
+    counts = []
     for word in _WORDS:
         number = numbers[word]
         if number:
@@ -77,14 +77,14 @@ def tallies(verdicts: Iterable[Compared | ClaimVerdict]) -> list[Tally]:
                 verb = f"with {word}"
             elif number > 1 and word in _VERBS:
                 verb = word.removesuffix("s")
-            found.append(Tally(number=number, word=word, verb=verb, fragile=fragile[word]))
-    return found
+            counts.append(Tally(number=number, word=word, verb=verb, fragile=fragile[word]))
+    return counts
 
 
 def bars(comparison: Verdicts) -> list[Bar]:
-    """Return a bar of the numbers, one of the words on a bias, one of the claims, without empty ones.
+    """Return the bars of numbers, of words on a bias and of claims that have any verdicts.
 
-    There is none of results with fewer runs than the experiment: see `needed_runs`.
+    The list is empty if the results have fewer runs than the experiment: see `needed_runs`.
     """
     return [] if comparison.experiment_runs is not None else _all_bars(comparison)
 
@@ -98,7 +98,8 @@ def needed_runs(comparison: Verdicts) -> str:
 
 
 def _all_bars(comparison: Verdicts) -> list[Bar]:
-    # Words on a bias are counted apart from numbers.
+    """Return the bars of numbers, of words on a bias and of claims that have any verdicts."""
+    # A published value that is a text is a word on a bias, and is counted apart from numbers.
     words = []
     numbers = []
     for reproduced in comparison.numbers:
@@ -153,8 +154,10 @@ def write_paired(results: Results) -> None:
 
 
 def number_rows(comparison: Verdicts) -> list[dict[str, object]]:
-    """Return rows of comparison.csv: every reading of every number, the best ones marked."""
-    # A number counts by its best reading; every reading is a row.
+    """Return the rows of comparison.csv, one for each reading of each number.
+
+    A number counts by its best reading, whose row has "yes" in the column ``best``.
+    """
     best = {id(number.best) for number in comparison.numbers}
     rows: list[dict[str, object]] = []
     for compared in comparison.rows:
@@ -213,18 +216,21 @@ def _yes(flag: bool) -> str:
 
 
 def summary_lines(comparison: Verdicts) -> list[str]:
-    """Return a line each on numbers, counted once, words on a bias, claims, and numbers left out.
+    """Count the verdicts: a line on numbers, one on words on a bias, one on claims.
 
-    Of results with fewer runs than the experiment the line says how many runs the verdicts need.
+    A number with several readings counts once. A last line counts the numbers left out. If the results
+    have fewer runs than the experiment, the only line is how many runs the verdicts need.
     """
     if needed_runs(comparison):
         return [f"{needed_runs(comparison)}."]
     lines = [bar.words for bar in bars(comparison)]
-    tried = [number for number in comparison.numbers if number.readings > 1]
-    if tried:
-        agree = sum(number.best.verdict.word == "agrees" for number in tried)
-        what = f"{len(tried)} were tried under several readings, of which {agree} agree in one"
-        lines[0] += f"; {what}"
+    with_readings = [number for number in comparison.numbers if number.readings > 1]
+    if with_readings:
+        agree = sum(number.best.verdict.word == "agrees" for number in with_readings)
+        what = (
+            f"{len(with_readings)} were tried under several readings, of which {agree} agree in one"
+        )
+        lines[0] += f"; {what}"  # the first line is that of the numbers
     if comparison.left_out:
         lines.append(f"{counted(len(comparison.left_out), 'printed number')} left out")
     return lines
@@ -265,7 +271,10 @@ def verdict_tables(comparison: Verdicts) -> list[TextTable]:
 
 
 def _number_tables(comparison: Verdicts) -> list[TextTable]:
-    """Tabulate verdicts per published table, and of those with several readings all of them."""
+    """Tabulate the verdicts of each published table by each number's best reading.
+
+    A second table lists every reading of the numbers that have several.
+    """
     numbers_by_table: dict[str, list[Reproduced]] = {}
     for number in comparison.numbers:
         published = number.best.published
@@ -294,7 +303,7 @@ _HEADS = ["Filter", "Metric", "Verdict", "Published", "Measured", "z", "z withou
 
 
 def _number_row(row: Compared, readings: int = 1) -> list[Text]:
-    """Write a row of a table of numbers; ``readings`` is of how many the row is the best."""
+    """Write a row of a table of numbers, which is the best of so many ``readings``."""
     published = row.published
     name = published.filter
     if row.label:

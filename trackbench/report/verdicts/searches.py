@@ -28,7 +28,7 @@ class SearchedReading(NamedTuple):
 
 
 def searched_numbers(results: Results) -> Iterator[list[SearchedReading]]:
-    """Yield for each printed number every reading of it that a `readings` table searches."""
+    """Yield, for each printed number, the list of its readings in the tables of kind `readings`."""
     yielded_places = set[tuple[str, ...]]()
     for keys in (results.config.get("tables") or {}).values():
         if keys.get("kind") != "readings":
@@ -51,7 +51,10 @@ def searched_numbers(results: Results) -> Iterator[list[SearchedReading]]:
 
 
 def _fitted_setting(number: PublishedNumber, chosen: dict[str, str]) -> str:
-    """Return the setting that was fitted to a number, in words; empty if none was."""
+    """Return the setting that was fitted to a number, in words; empty if none was.
+
+    ``chosen`` is that key of the table: settings by ``filter: metric`` or by the metric alone.
+    """
     of_filter = chosen.get(f"{number.filter}: {number.metric}", "")
     return of_filter or chosen.get(number.metric, "")
 
@@ -59,9 +62,10 @@ def _fitted_setting(number: PublishedNumber, chosen: dict[str, str]) -> str:
 def _readings(
     results: Results, rows: list[PublishedNumber], statistics: list[str]
 ) -> list[SearchedReading]:
-    """Return a number's readings: each expression of each label at each point.
+    """Return the readings of one printed number: each expression of each label at each point.
 
-    ``rows`` are the published rows of the number, ``statistics`` those that a printed error may be.
+    ``rows`` are the published rows of the number. ``statistics`` are those that a printed error may be,
+    empty for that of its row.
     """
     variants: dict[PublishedNumber, None] = {}
     for row in rows:
@@ -74,12 +78,13 @@ def _readings(
     for number in numbers:
         if number.expression is None:
             continue
-        compared = [number.label]
+        # An expression such as a ratio compares the label with another filter.
+        labels = [number.label]
         if number.expression.other:
-            compared.append(number.expression.other)
-        if not set(compared) <= {*results.filters}:
+            labels.append(number.expression.other)
+        if not set(labels) <= {*results.filters}:
             continue
-        heads, points = searched_points(results, compared)
+        heads, points = searched_points(results, labels)
         for values, point in points:
             if not picks(number.point, point):
                 continue
@@ -94,12 +99,12 @@ def _readings(
 def searched_points(
     results: Results, labels: list[str]
 ) -> tuple[list[str], list[tuple[list[str], dict[str, Any]]]]:
-    """Return the distinct points of the grid for these filters.
+    """List the combinations of those values of the grid that concern the filters ``labels``.
 
     Returns
     -------
-    Headings of the paths that concern these filters, and for each combination of the paths' values these
-    as texts, with one point that has them.
+    Headings of the paths that vary these filters or the scenario, and the combinations of their values.
+    A combination is the values as texts, and the first point of the grid that has them.
     """
     paths = [path for path in results.grid if _concerns(results, path, labels)]
     # Points that differ in other paths only are one reading: the first stands for it.
@@ -129,10 +134,10 @@ def _concerns(results: Results, path: str, labels: list[str]) -> bool:
 def ways_to_measure(
     numbers: list[PublishedNumber], statistics: tuple[str, ...] = ()
 ) -> tuple[list[str], list[tuple[list[str], list[PublishedNumber]]]]:
-    """Return each way to measure the printed numbers.
+    """List the ways to measure all printed numbers together.
 
-    A printed number with rows of several expressions is measured by one of them at a time, the same for
-    all numbers of its printed metric. ``statistics`` are those that a printed error may be.
+    A printed metric may have rows of several expressions. A way takes one of them for all numbers of the
+    metric, and one of ``statistics`` for all errors if there are any.
 
     Returns
     -------
@@ -151,21 +156,25 @@ def ways_to_measure(
     # Step 2: every combination of a statistic and one expression for each of these metrics.
     ways = []
     for statistic in statistics or ("",):
-        for taken in itertools.product(*alternatives.values()):
-            measure_by_metric = dict(zip(alternatives, taken, strict=True))
+        for measures_of_way in itertools.product(*alternatives.values()):
+            measure_by_metric = dict(zip(alternatives, measures_of_way, strict=True))
             rows = []
             for number in numbers:
                 if number.expression == measure_by_metric.get(number.metric, number.expression):
                     rows.append(with_statistic(number, statistic))
             words = [statistic] if statistic else []
-            words += [m.name if _is_average(m) else str(m) for m in taken]
+            words += [m.name if _is_average(m) else str(m) for m in measures_of_way]
             ways.append((words, rows))
     heads = ["statistic"] if statistics else []
     return [*heads, *alternatives], ways
 
 
 def with_statistic(number: PublishedNumber, statistic: str) -> PublishedNumber:
-    """Take another statistic of the same errors; a variance stays one."""
+    """Return the number with its expression's statistic replaced.
+
+    A number stays as it is if ``statistic`` is empty, or if its expression is no average, such as a
+    variance.
+    """
     m = number.expression
     if not statistic or m is None or not _is_average(m):
         return number
