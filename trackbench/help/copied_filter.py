@@ -60,7 +60,10 @@ _SCENARIOS = [
 
 
 def parts_of_copy(kind: str) -> dict[str, str]:
-    """Fill a template's marks for a filter of this kind; raises UserError."""
+    """Return the text for each mark of the template of a filter that copies the kind's `step`.
+
+    Raises UserError for an unknown kind and for a program.
+    """
     known = kinds("filters")
     cls = known.get(kind)
     if cls is None:
@@ -79,8 +82,8 @@ def parts_of_copy(kind: str) -> dict[str, str]:
     imports.add(("trackbench.registry", "register", ""))
     imports.add((cls.__module__, cls.__name__, ""))
     methods = sorted(set(re.findall(r"\bself\.(\w+)\(", source)))
-    # Step 2: a scenario on which it runs. A few particles, the default of particle filters, are enough
-    # for one component, so these begin with the last one.
+    # Step 2: a scenario on which the filter runs. The last scenario has one component, for which the few
+    # particles of a particle filter's default are enough: particle filters try it first.
     keys = ""
     on = ""
     on_file = ""
@@ -106,7 +109,10 @@ def parts_of_copy(kind: str) -> dict[str, str]:
 
 
 def _find_scenario(kind: str, keys: str, scenarios: list[str]) -> str:
-    """Find the first scenario on which the filter runs; raises UserError if it runs on none."""
+    """Return the first of the scenarios on which a filter of this kind runs.
+
+    ``keys`` are further keys of the filter, ``, q: 1``. Raises UserError if it runs on none.
+    """
     last_error = UserError()
     for scenario in scenarios:
         text = f"name: a\nscenario:\n  kind: tracking\n{scenario}\nfilters:\n"
@@ -154,11 +160,11 @@ def _import_lines(imports: Iterable[_Import]) -> str:
             line = f"from {module} import (\n{items})"
         lines.append((module, line))
     # Step 3: two groups.
-    of_python = []
-    others = []
+    standard_library = []
+    other_packages = []
     for module, line in lines:
         if module.partition(".")[0] in sys.stdlib_module_names:
-            of_python.append(line)
+            standard_library.append(line)
         else:
-            others.append(line)
-    return "\n".join([*of_python, "", *others])
+            other_packages.append(line)
+    return "\n".join([*standard_library, "", *other_packages])

@@ -498,7 +498,10 @@ def missing_paths(points: Sequence[Point], **paths: str | None) -> dict[str, str
 
 
 def scenes(results: Results) -> list[GridPoint]:
-    """List the grid's combinations of scenario values, in order; one empty one without any."""
+    """List the combinations of the values that the grid gives the scenario, in order.
+
+    If the grid does not vary the scenario, the list has one empty combination.
+    """
     paths = [path for path in results.grid if is_of_scenario(path)]
     combinations: list[GridPoint] = []
     for point in results.points():
@@ -515,7 +518,7 @@ def points_of(results: Results, scene: GridPoint) -> list[GridPoint]:
 
 def own_values(results: Results, point: GridPoint, label: str) -> GridPoint:
     """Select the values that a point gives a filter, by single path."""
-    # The grid's points have lists, where those of the files have words.
+    # Linked paths have a list of values, which is a text in a point that is read from a file.
     place = results.index_of(point)
     values = point if place is None else results.grid_points[place]
     value_by_path: GridPoint = {}
