@@ -67,7 +67,7 @@ def component_mismatch(
 
 
 def always_zero_components(model: Model) -> list[str]:
-    """Name the components that the motion leaves at zero, without noise, if they are zero.
+    """Name the components that stay at zero: the motion neither moves them from zero nor adds noise.
 
     Such are the errors of a sensor in scenarios with faults. A filter need not estimate them.
     """
@@ -75,7 +75,7 @@ def always_zero_components(model: Model) -> list[str]:
     zero_components = []
     with np.errstate(all="ignore"):
         for i, name in enumerate(motion.components):
-            # Any state in which this component is zero.
+            # Try an arbitrary state in which this component is zero.
             x = np.linspace(0.5, 1.5, len(motion.components))[:, None]
             x[i] = 0.0
             next_state = motion.transition(x, 1)
@@ -104,9 +104,11 @@ class Order:
     def of(
         cls, model: Model, state: Sequence[str], measured: Sequence[str], std: Mapping[str, float]
     ) -> "Order":
-        """Return the order of names without a `component_mismatch`; no names are the scenario's.
+        """Return the order of a filter's components, which have no `component_mismatch`.
 
-        ``std`` has the initial standard deviations of the components that only the filter has.
+        ``state`` and ``measured`` name the components of the filter's state and measurement; empty ones
+        are those of the scenario. ``std`` has the initial standard deviations of the components that
+        only the filter has.
         """
         scenario_state = model.motion.components
         scenario_measured = model.sensor.components
@@ -163,10 +165,9 @@ def as_numbers(value: ArrayLike, shape: tuple[int, ...]) -> Array | None:
 
 
 def measured_part(nu: ArrayLike, S: ArrayLike, is_measured: Mask) -> Innovation:
-    """Return the innovation (n, 1) of the measured components, ``is_measured`` (n_z,).
+    """Return the innovation (n, 1) of the measured components, which ``is_measured`` (n_z,) marks.
 
-    ``nu`` and its covariance ``S`` are of all components, or, from an object that was updated with the
-    measured ones alone, of these.
+    The innovation ``nu`` and its covariance ``S`` may have all components, or the measured ones only.
     """
     column = np.asarray(nu, dtype=float).reshape(-1, 1)
     cov = np.asarray(S, dtype=float)
@@ -176,7 +177,7 @@ def measured_part(nu: ArrayLike, S: ArrayLike, is_measured: Mask) -> Innovation:
 
 
 def inflate_missing(R: Array, is_measured: Mask) -> Array:
-    """Give the missing components vast variances in the sensor's covariance."""
+    """Return the sensor's covariance R (n_z, n_z) with vast variances of the missing components."""
     # Without correlations, a vast variance leaves the component with a gain of nearly zero.
     inflated = np.where(is_measured[:, None] & is_measured, R, 0.0)
     missing = ~is_measured
@@ -188,11 +189,12 @@ def inflate_missing(R: Array, is_measured: Mask) -> Array:
 def partial_update(
     parts: Sequence[Foreign], z: Array, is_measured: Mask, keywords: Functions
 ) -> Iterator[tuple[Array, Functions]]:
-    """Let filterpy's objects be updated with a part of z (n_z,): yield their z and keywords.
+    """Prepare filterpy's objects for an update with the measured components of z (n_z,).
 
-    If H is a matrix or a keyword, the rows of the missing components are left out of it and of R.
-    Other objects get vast variances in R. Raises ValueError for an IMM of those: its likelihoods
-    would be wrong.
+    Yield the z and the keywords of the update. If H is a matrix or a keyword, the rows of the missing
+    components are left out of H, R and z. Otherwise R gets vast variances for them. ``parts`` are
+    the filters of an IMM, or the only filter. Raises ValueError for an IMM whose filters have no H, as
+    vast variances would make its likelihoods wrong.
     """
     has_rows = "HJacobian" in keywords or all(hasattr(part, "H") for part in parts)
     if not all(hasattr(part, "R") for part in parts) or (len(parts) > 1 and not has_rows):
@@ -224,7 +226,7 @@ def partial_update(
 
 
 def _keywords_of_part(keywords: Functions, is_measured: Mask) -> Functions:
-    """Restrict an extended filter's functions to a part of the measurement."""
+    """Return an extended filter's functions restricted to the measured components."""
 
     def select_rows(function: Callable[..., Array]) -> Callable[..., Array]:
         return lambda *args: np.asarray(function(*args))[is_measured]

@@ -59,8 +59,8 @@ class FilterPy(PerRun):
         """Call the object's prediction, with the motion of this interval."""
         self._diagnostics = dict.fromkeys(self._diagnostics, np.nan)
         self._is_measured = None
-        # The object keeps its state; once an interval was another one than the first, the motion comes
-        # from an object made for the interval.
+        # For another interval than the first, an object made for this interval gives the motion. After
+        # that the motion must be set for every interval, also the first.
         if dt != self.dt or self._object_by_dt:
             if dt not in self._object_by_dt:
                 self._object_by_dt[dt], _ = self._make(dt)
@@ -100,7 +100,10 @@ class FilterPy(PerRun):
         return measured_part(y, self._object.S, is_measured).nis.item()
 
     def log_likelihood(self) -> float:
-        """Return the log score from the innovations: an IMM's are summed with predicted weights."""
+        """Return the log-density of the innovation, of an IMM that of the mixture of its filters.
+
+        It is NaN without an update, and for an object that has no innovation.
+        """
         is_measured = self._is_measured
         parts = _imm_filters(self._object) or (self._object,)
         if is_measured is None or not all(hasattr(p, "y") and hasattr(p, "S") for p in parts):
@@ -131,7 +134,7 @@ class FilterPy(PerRun):
 
 
 def _in_form_of_state(z: Array, target: Foreign) -> Array:
-    """Reshape z as the object's state is, a column or a vector."""
+    """Return z as a column if the object's state is a column, else as a vector."""
     further_axes = np.ndim(target.x) - 1
     return z.reshape((-1, *[1] * further_axes))
 
@@ -142,7 +145,7 @@ def _imm_filters(target: Foreign) -> tuple[Foreign, ...]:
 
 
 def _copy_motion(source: Foreign, target: Foreign) -> None:
-    """Copy the motion of a filter made for another interval, and of the filters in it."""
+    """Copy the motion (F, Q, B) of ``source`` to ``target``, of an IMM also that of its filters."""
     sources = (source, *_imm_filters(source))
     targets = (target, *_imm_filters(target))
     for source_part, target_part in zip(sources, targets, strict=True):

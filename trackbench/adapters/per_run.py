@@ -269,7 +269,7 @@ def loop_over_runs(run_class: "type[PerRun]") -> type[LoopFilter]:
 
 
 def _copy_field(key: Field[object]) -> object:
-    """Copy a key: a field belongs to one class."""
+    """Return a copy of a dataclass field, as one field cannot belong to two classes."""
     if key.default_factory is not MISSING:
         return dataclass_field(default_factory=key.default_factory)
     return dataclass_field(default=key.default)
@@ -281,9 +281,9 @@ def _restore(run_class: "type[PerRun]", keys: dict[str, object]) -> LoopFilter:
 
 
 def _checked_moments(returned: object, n: int, run_class: type) -> tuple[Array, Array]:
-    """Return the mean (n,) and the covariance (n, n) that a step of the class ``run_class`` returned.
+    """Return the mean (n,) and the covariance (n, n) that the step of one run ``returned``.
 
-    Raises WrongReturnError for other values.
+    ``run_class`` is the class of the run. Raises WrongReturnError for other values.
     """
     method = "step" if "step" in vars(run_class) else "update"
     if not isinstance(returned, tuple | list) or len(returned) != 2:
@@ -297,7 +297,10 @@ def _checked_moments(returned: object, n: int, run_class: type) -> tuple[Array, 
 
 
 def _checked_array(method: str, name: str, value: ArrayLike, shape: tuple[int, ...]) -> Array:
-    """Return a value as an array of this shape; raises WrongReturnError for other values."""
+    """Return a value as an array of this shape; raises WrongReturnError for other values.
+
+    ``method`` returned it, and ``name`` is what it is.
+    """
     array = as_numbers(value, shape)
     if array is None:
         description = f"a {type(value).__name__}"

@@ -23,7 +23,7 @@ def models(run: PerRun) -> tuple[Foreign, Foreign]:
     motion: Foreign = run.model.motion
     sensor: Foreign = run.model.sensor
     x = np.zeros((len(motion.components), 1))
-    # A covariance with an axis of states depends on the state.
+    # A covariance that has a third axis, over states, depends on the state.
     R = np.asarray(sensor.measurement(x + 1.0, 0).cov)
     if R.ndim != 2:
         raise ValueError("the sensor's noise depends on the state: write Stone Soup's own model")
@@ -50,7 +50,7 @@ def models(run: PerRun) -> tuple[Foreign, Foreign]:
 
 
 def _columns(state: Foreign) -> Array:
-    """Return the vectors (n, M) of one state or of several side by side."""
+    """Return the vectors (n, M) of a Stone Soup state that holds M vectors, one or more."""
     return np.asarray(state.state_vector, dtype=float)
 
 

@@ -24,7 +24,10 @@ Complete: TypeAlias = Callable[[typer.Context, str], list[str]]
 
 
 def _completing(candidates: Callable[[typer.Context, str], Iterable[str]]) -> Complete:
-    """Keep the candidates that begin with the typed word, quoted for the shell."""
+    """Make a completion of the function ``candidates``, which returns all words for a place.
+
+    The completion returns those that begin with the typed word, quoted for the shell.
+    """
 
     @wraps(candidates)
     def complete(ctx: typer.Context, incomplete: str) -> list[str]:
@@ -98,7 +101,11 @@ def assignments(ctx: typer.Context, incomplete: str) -> Iterator[str]:
 
 
 def _key_paths(component: Any, group: str | None, path: str) -> Iterator[str]:
-    """Yield paths to the keys of a component: its kind's, those in the config, nested ones."""
+    """Yield paths to the keys of a component: those of its kind, those in the config, nested ones.
+
+    ``component`` is its mapping in the config, ``group`` the group of its kind, and ``path`` the
+    beginning of the paths.
+    """
     from trackbench.config.build import hints_of
     from trackbench.field_types import dataclasses_in, part_group
     from trackbench.models.sensors.base import Assume

@@ -101,7 +101,7 @@ def _is_real_stdout(stream: TextIO) -> bool:
 
 
 def as_reportable(error: Exception) -> "UserError | RunError":
-    """Give the error a printable message; an internal bug is raised again."""
+    """Return the error as one with a printable message; raise it again if it is a bug of the package."""
     from trackbench.errors import RunError, UserError, reason
 
     if isinstance(error, UserError | RunError):

@@ -67,7 +67,7 @@ def _console() -> Console:
 
 
 def _print_table(table: TextTable, console: Console) -> None:
-    """Print a table; columns beyond the width follow below, again with the first columns."""
+    """Print a table; if it is too wide, in parts below each other that repeat the first columns."""
     if table.title:
         console.print(Styled(table.title, "bold"))
     widths = _column_widths(table, console.width)
@@ -138,9 +138,9 @@ def _is_numeric(table: TextTable, column: int) -> bool:
 
 
 def _column_widths(table: TextTable, room: int) -> dict[int, int]:
-    """Fit the width of each column so that all stand side by side, if they can.
+    """Return the width of each column, so that all columns fit into the ``room`` if possible.
 
-    Headings are wrapped first, then words, and those that begin with a digit last.
+    Headings are wrapped first, then cells with words, and last cells that begin with a digit.
     """
     columns = range(len(table.heads))
     gaps = _GAP * (len(columns) - 1)

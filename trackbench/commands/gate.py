@@ -126,9 +126,11 @@ def _run(config: Path, options: Options, folder: Path) -> Results:
 def _checked_out(
     ref: str, config: Path, file: Path | None, home: Path
 ) -> Iterator[tuple[Path, list[Path]]]:
-    """Check out a revision of the repository of the config or filter; yield their paths in it.
+    """Check out the revision ``ref`` of a git repository into the temporary folder ``home``.
 
-    The repository stays as it is: the index of the revision is a temporary file in ``home``.
+    The repository is that of ``config``, or else of the filter's ``file``. Yield the config's path in
+    the revision, and a list of the file's path, empty if the revision has no such file. The repository
+    stays as it is: the index of the revision is a file in ``home``.
     """
     # Step 1: find the repository, and write the files of the revision.
     top = _repository_of(config)
@@ -186,7 +188,11 @@ def _ref_error(ref: str, what: str) -> UserError:
 
 
 def _compare_results(stored: Results, new: Results, limit: Limit, largest_cost: float) -> Verdict:
-    """Judge the primary metrics of the filters that both have, and what failed or is gone."""
+    """Judge the primary metrics of the filters that both results have.
+
+    The verdict also lists the filters that failed and what the new results lack. ``largest_cost`` is the
+    largest ratio of costs that is accepted; 0 compares no costs.
+    """
     # Step 1: the tests of filters that both have.
     all_rows, why_not_paired = compare_folders(stored, new)
     rows = judge([row for row in all_rows if row.is_primary], limit)
@@ -212,7 +218,10 @@ def _compare_results(stored: Results, new: Results, limit: Limit, largest_cost: 
 
 
 def _removed_names(stored: Results, new: Results, stored_labels: Sequence[str]) -> Iterator[str]:
-    """Yield the filters, the points of the grid, and the errors and scores that are gone."""
+    """Yield the names of filters, points of the grid, errors and scores that the new results lack.
+
+    ``stored_labels`` are the filters with stored numbers.
+    """
     for label in stored_labels:
         if label not in new.config["filters"]:
             yield named(label)
@@ -241,7 +250,11 @@ def _errors_and_scores(results: Results) -> dict[str, list[str]]:
 
 
 def judge(rows: Sequence[Row], limit: Limit) -> list[Row]:
-    """Judge the rows by one-sided p-values (Holm)."""
+    """Return the rows with their verdicts, by one-sided tests that Holm's method corrects.
+
+    A significant difference is negligible unless it is larger than the share ``limit.share`` of the
+    stored value. A share of runs, which has no such limit, is always worse or better.
+    """
     zs = [nan if row.how == EQUAL else row.worse.z for row in rows]
     p_values, signs = rules.beyond(zs, limit.sigmas)
     judged = []
@@ -263,9 +276,10 @@ def judge(rows: Sequence[Row], limit: Limit) -> list[Row]:
 
 
 def _compare_costs(stored: Results, new: Results, largest_ratio: float) -> list[Row]:
-    """Compare costs: evaluations, and CPU times if both are of this machine.
+    """Compare the filters' numbers of evaluations, and their CPU times if both ran on one machine.
 
-    A cost is worse if it is more than ``largest_ratio`` times the stored one; 0 compares none.
+    A cost is worse if it is more than ``largest_ratio`` times the stored cost. A ratio of 0 compares
+    none.
     """
     both = (stored, new)
     if not largest_ratio or not all((results.folder / TIMING).is_file() for results in both):

@@ -194,13 +194,14 @@ def _prepare_job(
 ) -> Job:
     """Choose the results folder of an experiment, and plan its first batch of runs.
 
-    If it is the only config, the option ``out`` is its own folder; else that of all folders.
+    The option ``out`` is the results folder of an only config. Of several configs it contains their
+    folders.
     """
     if options.grid:
-        left_out = list(experiment.settings.figures)
+        omitted_figures = list(experiment.settings.figures)
         experiment = as_sweep(experiment)
-        if left_out:
-            names = ", ".join(left_out)
+        if omitted_figures:
+            names = ", ".join(omitted_figures)
             say(f"note: a sweep draws figures over its keys, not the config's ({names})", options)
     # Step 1: its folder.
     folder = Path("results" if options.out is None else options.out)
@@ -238,10 +239,11 @@ def _prepare_job(
 
 
 def expected_time(job: Job, options: Options, tries: bool = True) -> str:
-    """Estimate the time of the missing blocks from stored results of the same scenario and filters.
+    """Write how long the filters will take for the missing blocks, in words.
 
-    Without such results each filter steps through the beginning of a block, if ``tries``. It is the
-    time of the filters. Simulation, errors, tables and figures take more.
+    The estimate is made from stored results of the same scenario and filters. Without such results each
+    filter is timed over the beginning of a block, if ``tries``. Simulation, errors, tables and figures
+    take further time.
     """
     # Step 1: CPU time of the missing blocks.
     store = BlockStore(cache_folder())
@@ -255,8 +257,8 @@ def expected_time(job: Job, options: Options, tries: bool = True) -> str:
         basis = ", by a trial of the first steps"
     if cost is None:
         return "time unknown: no results of the same scenario and filters are stored"
-    # Step 2: time on all workers. The plan has the first batch of runs, which `until` may continue up
-    # to the most. No run is shorter than its longest block.
+    # Step 2: time on all workers. The plan has the first batch of runs, and `until` may continue up to
+    # ``job.most`` runs. The filters take at least as long as their longest block.
     workers = min(most_workers(options), len(job.plan.unique))
     seconds = cost.cpu_s * job.most / job.experiment.settings.runs / workers
     seconds = max(seconds, cost.longest_block_s)
@@ -297,9 +299,10 @@ class _Cost(NamedTuple):
 
 
 def _cost_in_folder(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
-    """Scale the times of each filter's blocks in the results folder to the missing blocks.
+    """Estimate the CPU time of the missing blocks from the times in the results folder.
 
-    A block is computed whole: one run that is stored may have taken the time of 500.
+    None if the folder is not of the same scenario and filters. The estimate is a bound if a stored block
+    has fewer runs than a missing one, as wide blocks take less time per run.
     """
     config = resolved(job.experiment, job.folder)
     grid = job.experiment.settings.grid
@@ -334,7 +337,10 @@ def _cost_in_folder(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
 
 
 def _filter_passes(plan: Plan, missing: Sequence[BlockTask]) -> Iterator[tuple[Key, BlockTask]]:
-    """Yield the missing tasks of each filter; tasks that share the filter's estimates count once."""
+    """Yield the missing blocks with the point and filter of each.
+
+    Several blocks may share one pass of the filter over its data: the first one is yielded.
+    """
     missing_tasks = set(missing)
     filtering_keys: set[BlockTask] = set()
     for key, tasks in plan.tasks.items():
@@ -345,9 +351,11 @@ def _filter_passes(plan: Plan, missing: Sequence[BlockTask]) -> Iterator[tuple[K
 
 
 def _cost_of_shipped(job: Job, options: Options, missing: Sequence[BlockTask]) -> _Cost | None:
-    """Scale the time of the shipped experiment, of all filters together, to the missing blocks.
+    """Estimate the CPU time of the missing blocks from the known time of a shipped experiment.
 
-    The filter that has most to do scales it, so that others may need less.
+    None if the config is no shipped experiment, or is changed by options. The known time is that of all
+    filters together. It is scaled by the largest ratio, over the filters, of missing blocks to shipped
+    ones. The estimate is a bound if this ratio is smaller for other filters.
     """
     is_changed = options.grid or options.only or any(word != FIT for word in options.set)
     if isinstance(job.config, Mapping | Assembled) or is_changed:
@@ -373,9 +381,9 @@ def _cost_of_shipped(job: Job, options: Options, missing: Sequence[BlockTask]) -
 
 
 def _cost_by_trial(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
-    """Estimate the time of each filter's blocks by a trial of its first missing block.
+    """Estimate the CPU time of the missing blocks by a trial of each filter's first missing block.
 
-    None if there are too many filters for a short trial, if one of them fails, or is a program.
+    None if there are too many filters for a short trial, if a filter fails, or if it is a program.
     """
     passes: dict[Key, list[BlockTask]] = {}
     for key, task in _filter_passes(job.plan, missing):
@@ -487,9 +495,10 @@ def _stored_runs(folder: Path) -> int:
 
 
 def _foreign_file(folder: Path, data: Collection[str]) -> Path | None:
-    """Find a file that a run would replace in a folder that no run has written.
+    """Find a file that a run would replace in a folder that no run has written; None without one.
 
-    A run that was killed has left a manifest, its points, or its config alone.
+    ``data`` names the data files that the run writes. A folder is one of a run, even of a killed one, if
+    it has a manifest or points.json. A config.yaml as runs write it may be replaced.
     """
     if any((folder / name).exists() for name in ("manifest.json", "points.json")):
         return None

@@ -258,7 +258,7 @@ def _bound_notes(experiment: Experiment) -> Iterator[str]:
 
 
 def _digit_notes(experiment: Experiment, outcome: Outcome) -> Iterator[str]:
-    """Yield a note for each program whose answers have few digits, by a run of the first point."""
+    """Yield a note for each program whose answers have few digits, tried on a run of the first point."""
     point = experiment.points[0]
     failed = {label for _, label in outcome.failures}
     for label, tracker in point.filters.items():
@@ -301,12 +301,12 @@ def measure_times(
 ) -> Times:
     """Measure the filters' CPU times if the config or a published row uses them.
 
-    They are measured in this process. Cached times are reused unless code, machine or a filter
-    changed, or ``fresh``.
+    They are measured in this process. Cached times are reused unless the code, the machine or a filter
+    has changed, or ``fresh`` is set. ``progress`` shows a progress bar.
     """
     if not takes_times(experiment):
         return Times({}, {})
-    # Step 1: a block of each filter. One run is timed as one; more runs in blocks, as they are computed.
+    # Step 1: a block of each filter, as wide as the blocks that were computed, or of the only run.
     tasks = {}
     for key, blocks in outcome.plan.tasks.items():
         if key in outcome.failures:

@@ -222,7 +222,10 @@ def run_suite(
 
 
 def _options_of_jobs(suite: Suite, options: Options) -> Options:
-    """Return the options of the experiments, whose configs hold the other options already."""
+    """Return the options with which the suite's experiments are run.
+
+    Other options of the suite are already in the experiments' configs.
+    """
     folder = suite_folder(suite, options)
     if len(suite.problems) == 1:
         folder = folder / suite.problems[0].name  # of several problems each has a folder in it
@@ -248,23 +251,23 @@ class _LeftOut(NamedTuple):
 
 
 def _misfits(suite: Suite) -> list[_LeftOut]:
-    """List the filters that the scenarios do not fit."""
-    found = []
+    """List the filters that are left out of a problem as its scenario does not fit them."""
+    misfits = []
     for problem in suite.problems:
         for label, why in problem.left_out.items():
-            found.append(_LeftOut(label, problem.name, why))
-    return found
+            misfits.append(_LeftOut(label, problem.name, why))
+    return misfits
 
 
 def _refusals(suite: Suite, groups: Sequence[SuiteScores]) -> list[_LeftOut]:
     """List the user's programs that refused a problem when they were started."""
     known = {(left.label, left.problem) for left in _misfits(suite)}
-    found = []
+    refusals = []
     for group in groups:
         for score in group.of_role(FILTER):
             if score.is_left_out and (score.label, score.problem) not in known:
-                found.append(_LeftOut(score.label, score.problem, score.reason))
-    return found
+                refusals.append(_LeftOut(score.label, score.problem, score.reason))
+    return refusals
 
 
 def _left_out_lines(misfits: Sequence[_LeftOut]) -> Iterator[str]:
@@ -283,22 +286,22 @@ _MOST_REASONS = 3
 def _left_out_notes(misfits: Sequence[_LeftOut]) -> Iterator[str]:
     """Yield `_left_out_lines` for the screen: one line for a filter that has many reasons."""
     for label in dict.fromkeys(left.label for left in misfits):
-        of_filter = [left for left in misfits if left.label == label]
-        lines = [*_left_out_lines(of_filter)]
+        filter_misfits = [left for left in misfits if left.label == label]
+        lines = [*_left_out_lines(filter_misfits)]
         if len(lines) <= _MOST_REASONS:
             yield from lines
         else:
-            example = of_filter[0]
+            example = filter_misfits[0]
             yield (
-                f"{label} is left out of {len(of_filter)} problems, such as {example.problem}: "
+                f"{label} is left out of {len(filter_misfits)} problems, such as {example.problem}: "
                 f"{example.why}; --dry-run and scores.csv have all reasons"
             )
 
 
 def _failures(suite: Suite, name: str, report: Report) -> list[str]:
-    """List the user's filters, tables and figures that failed on a problem.
+    """List the user's filters, and the tables and figures, that failed on the problem ``name``.
 
-    A filter of the roster that fails costs a cell of the matrix, which has the reason.
+    Failed filters of the roster are not listed: their cells of the matrix have the reasons.
     """
     lines = list(report.results.unmade_lines)
     for line in report.failed_filters:

@@ -336,8 +336,8 @@ def _opened_for_rewriting(
 ) -> Iterator[tuple[Results, list[Path]]]:
     """Open results for rewriting some of their files; update the manifest afterwards.
 
-    Yields the results and the list of the rewritten files. It waits for a run that writes into the
-    folder. Other files that changed since the run are noted and stay in the manifest as they were.
+    Yield the results and the list of the rewritten files, once no other run writes into the folder.
+    Other files that changed since the run are noted and stay in the manifest as they were.
     """
     folder = Path(folder)
     check_folder(folder)

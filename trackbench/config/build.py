@@ -72,7 +72,7 @@ def hints_of(cls: type) -> dict[str, object]:
 
 @_cached
 def file_keys(cls: type) -> frozenset[str]:
-    """Name the keys that hold paths of data files, words that may be paths, or variable names."""
+    """Return the keys of a dataclass that hold paths of files or names of environment variables."""
     names = set()
     for name, hint in hints_of(cls).items():
         # The annotation stands on the key's type, or on an option or item of it.
@@ -131,7 +131,10 @@ def build_kind(group: Group, source: Source, keys: Keys) -> Any:
 
 
 def _build_component(group: Group, data: object, source: Source, keys: Keys) -> Part | None:
-    """Build the component that ``data``, the mapping at ``keys`` or in its place, describes."""
+    """Build the component that the mapping ``data`` describes; None with its mistakes in ``source``.
+
+    ``keys`` is the place at which mistakes are reported.
+    """
     # Step 1: find the class.
     if not isinstance(data, dict) or "kind" not in data:
         if not any(p.path == dotted(keys) for p in source.problems):  # else it is already reported
@@ -192,7 +195,7 @@ def _find_class(group: Group, kind: object, source: Source, keys: Keys) -> type[
 
 
 def _add_declared(source: Source, values: dict[str, object]) -> None:
-    """Add the files and variables that the config declares for all of its programs."""
+    """Add the files and variables that the config declares for all programs to a program's values."""
     for key in ("files", "environment"):
         declared = source.data.get(key)
         own = values.get(key, [])
@@ -276,7 +279,10 @@ def _allows_type(hint: object, cls: type) -> bool:
 
 
 def _make_paths_absolute(cls: type, source: Source, keys: Keys, values: dict[str, object]) -> None:
-    """Count the paths of data files from the folder of the YAML file that names them."""
+    """Make the paths of files in ``values`` absolute.
+
+    They count from the folder of the YAML file that names them. ``cls`` is the class of the values.
+    """
     for key in file_keys(cls) & values.keys():
         annotations: set[object] = set()
         for annotated_type in get_args(hints_of(cls)[key]):
@@ -308,7 +314,7 @@ def _absolute_path(path: object, folder: Path, may_be_word: bool) -> object:
 def _with_preset(
     cls: type[Part], entry: Mapping[str, object], source: Source, keys: Keys
 ) -> dict[str, object]:
-    """Put the values of a component's keys over those of its preset."""
+    """Return the values of a component's keys: those of its preset, replaced by those of ``entry``."""
     presets = cls.presets
     values = {key: value for key, value in entry.items() if key != "kind"}
     # A class without presets may have a key of this name.
@@ -320,6 +326,7 @@ def _with_preset(
         hint = unknown(str(name), list(presets))
         source.add_problem(where, f"{name!r} is not a preset of {cls.kind}; {hint}")
         return values
+    # Every preset would be replaced in all of its keys.
     if any(presets.values()) and all(deep_merge(p, values) == values for p in presets.values()):
         what = f"no preset of {cls.kind} changes anything: all that they set is given"
         source.add_problem(where, what)

@@ -55,7 +55,11 @@ _REQUIREMENTS = {
 
 
 def chosen_labels(source: Source, settings: Settings) -> list[str]:
-    """Choose the labels of the filters to run; labels named at the top level must exist."""
+    """Return the labels of the filters to run.
+
+    A label in `only`, `smoothed`, `exact` or `reference` that no filter has is a mistake, which is added
+    to the source, and so is a bound or an exact error under the label of a filter.
+    """
     known = list(settings.filters)
     if not known:
         source.add_problem(("filters",), "name at least one filter")
@@ -78,9 +82,10 @@ def chosen_labels(source: Source, settings: Settings) -> list[str]:
 
 
 def meets_requirement(scenario: Scenario, requirement: str) -> bool:
-    """Test whether a scenario has what a filter requires: ``prior.first``, ``motion.T|F``.
+    """Test whether a scenario has what a filter requires.
 
-    ``T|F`` requires one of the two attributes.
+    ``requirement`` names a component and its attribute, as ``prior.first`` or ``motion.T``. Of
+    ``motion.T|F`` one of the two attributes is enough.
     """
     component, _, name = requirement.partition(".")
     if component == "state":
@@ -134,13 +139,16 @@ def _remedy(scenario: Scenario, requirement: str) -> str:
 
 
 def check_assumed(source: Source, point: Point, label: str) -> Scenario | None:
-    """Check the scenario as this filter models it; None, with a problem added, if impossible."""
+    """Return the scenario as the filter ``label`` models it; None if there is none.
+
+    The reason is then added to the source.
+    """
     keys = ("filters", label, "assume")
     try:
         with plugin_code(point.assumed.get(label)):
             try:
                 scenario = point.assumed_scenario(label)
-                # These two are computed at first use.
+                # Both are computed at their first use, which may raise.
                 _ = scenario.model
                 _ = scenario.prior_type
             except InvalidKeyError as error:
@@ -155,9 +163,10 @@ def check_assumed(source: Source, point: Point, label: str) -> Scenario | None:
 
 
 def check_idle(source: Source, points: list[Point]) -> None:
-    """Reject a set key that changes nothing at any point, unless default or preset set it.
+    """Reject keys of filters that are set in the config and have no effect at any point.
 
-    Filters with other mistakes are left out: their methods may rely on what is mistaken.
+    A key with the value of its default or of a preset is no mistake. Filters with other mistakes are
+    left out: their methods may rely on what is mistaken.
     """
     if not points:
         return
@@ -242,7 +251,7 @@ def _add_conflicts(source: Source, keys: Keys, conflicts: dict[str, str]) -> Non
 
 
 def check_idle_settings(source: Source, settings: Settings, points: list[Point]) -> None:
-    """Reject settings without an effect: by a key that is unset, or as nothing is held out."""
+    """Reject settings that have no effect, mostly as they need another key that is not set."""
     steps = max((len(point.scenario.steps) - 1 for point in points), default=0)
     if points and settings.hold_out is not None and settings.hold_out > steps:
         what = f"holds out none of {steps} measurements: give a number from 2 to {max(steps, 2)}"
@@ -293,7 +302,8 @@ def check_named_filters(
 ) -> None:
     """Check that tables and figures name existing filters only.
 
-    They do under ``filters``, under what they declare as ``label_keys``, and in measures that compare.
+    Labels stand under the key `filters`, under the keys in ``label_keys``, and in measures such as
+    ``ratio(rmse, PF)``.
     """
     known_labels = [*settings.filters, settings.bound]
     known_labels += [exact_label(label) for label in settings.exact]
@@ -326,7 +336,10 @@ def check_named_filters(
 
 
 def _walk_leaves(value: object, where: Keys) -> Iterator[tuple[Keys, object]]:
-    """Yield every label and measure within the value of a key, after the keys that lead to it."""
+    """Yield every label and measure in the ``value`` of a key, each with the keys that lead to it.
+
+    ``where`` are the keys that lead to the value.
+    """
     inner: dict[str | int, object] = {}
     if isinstance(value, dict):
         inner = value
@@ -368,7 +381,8 @@ def check_drawable(
 def check_figures(
     source: Source, settings: Settings, figures: dict[str, DrawnExhibit], points: list[Point]
 ) -> None:
-    """Check that figures show existing runs and components only."""
+    """Check that figures ask for no run and no component beyond the last."""
+    # A component must exist at every point of the grid.
     sizes = [len(p.scenario.components) for p in points]
     limits = {"run": settings.runs, "component": min(sizes, default=1)}
     for name, figure in figures.items():
@@ -382,17 +396,22 @@ def check_figures(
 
 
 def with_recorded_runs(source: Source, settings: Settings, points: list[Point]) -> Settings:
-    """Choose the number of runs: all recorded ones unless the config asks for fewer."""
+    """Return the settings with the number of runs: all recorded runs unless the config sets fewer.
+
+    Settings of simulated scenarios stay as they are.
+    """
     counts = [p.scenario.recorded_runs for p in points]
-    most = min((count for count in counts if count is not None), default=None)
-    if most is None:
+    recorded_runs = min((count for count in counts if count is not None), default=None)
+    if recorded_runs is None:
         return settings
-    if "runs" in source.data and settings.runs <= most:
-        most = settings.runs
+    runs = recorded_runs
+    if "runs" in source.data and settings.runs <= recorded_runs:
+        runs = settings.runs
     elif "runs" in source.data and source.mark(("runs",)).file != QUICK:
-        source.add_problem(("runs",), f"{settings.runs} is more than the {most} recorded runs")
+        what = f"{settings.runs} is more than the {recorded_runs} recorded runs"
+        source.add_problem(("runs",), what)
     block = settings.block
     if block is None and not settings.until:
         # There will never be more runs, and a wider block would filter runs that do not exist.
         block = "fit"
-    return replace(settings, runs=most, block=block)
+    return replace(settings, runs=runs, block=block)

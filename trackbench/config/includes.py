@@ -62,9 +62,10 @@ def inline_parts(source: Source, folder: Path) -> dict[str, list[Problem]]:
 
 
 def _include_nested(source: Source, keys: Keys, depth: int) -> None:
-    """Include the components within a component; paths are relative to their file.
+    """Replace the paths of YAML files within the component at ``keys`` by the mappings in the files.
 
-    ``depth`` is the number of files around this component.
+    Paths are relative to the file that names them. ``depth`` is the number of files that use one another
+    down to this component.
     """
     data = source.at(keys)
     inner_keys: list[str | int] = list(data) if isinstance(data, dict) else [*range(len(data))]
@@ -161,9 +162,10 @@ def split_path(source: Source, path: str) -> Keys:
 
 
 def _inline(source: Source, keys: Keys, folder: Path, depth: int) -> None:
-    """Put the mapping in a file, with the keys beside ``use`` on top, in place of its path.
+    """Replace the path of a YAML file at ``keys`` by the mapping in that file.
 
-    ``depth`` is the number of files around it.
+    Of ``{use: path, key: value}`` the further keys replace those of the file. The path is relative to
+    ``folder``. ``depth`` is the number of files that use one another down to this one.
     """
     # Step 1: the path, and the keys beside `use`.
     parent = source.at(keys[:-1])

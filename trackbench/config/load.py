@@ -249,9 +249,10 @@ def _validate_with_plugin_errors(
 def _validate(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -> Experiment:
     """Build and check the components of a config; raises UserError with every mistake.
 
-    It goes on after a mistake as far as possible, so that one round of corrections is enough.
+    After a mistake the check continues as far as possible, so that one round of corrections is enough.
+    ``folder`` is the config's, from which paths of published files count.
     """
-    # Step 1: the top level. Its keys with mistakes are left out, if the rest can be checked then.
+    # Step 1: the top level. Keys with mistakes are left out if the rest can be checked without them.
     complete_settings = build(Settings, source, ())
     settings = complete_settings or _build_independent_settings(source)
     if settings is not None and not settings.filters:  # no label can be known
@@ -324,7 +325,7 @@ def _validate(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) ->
 
 
 def _build_independent_settings(source: Source) -> Settings | None:
-    """Build the settings without their mistaken keys; None if the rest of the file depends on these."""
+    """Build the settings without mistaken keys; None if other parts of the config depend on these."""
     mistaken_keys = {problem.path.partition(".")[0] for problem in source.problems}
     known_keys = [key.name for key in fields(Settings)]
     # An unknown key is left out, unless it may be a misspelt one that other parts depend on.
@@ -340,7 +341,11 @@ def _build_independent_settings(source: Source) -> Settings | None:
 
 
 def _build_point(source: Source, labels: list[str], values: dict[str, object]) -> Point | None:
-    """Build scenario and filters with the values of a point; None if the scenario has mistakes."""
+    """Build the scenario and the filters ``labels`` at a point of the grid.
+
+    ``values`` are the point's, which the config in ``source`` already has. None if the scenario has
+    mistakes.
+    """
     scenario = build_kind("scenarios", source, ("scenario",))
     filters = _build_filters(source, labels)
     assumed = {}
@@ -380,9 +385,10 @@ def _check_components(source: Source) -> None:
 
 
 def _build_exhibits(group: Group, source: Source, points: list[Point]) -> dict[str, Any]:
-    """Build the tables or figures, without those that have mistakes.
+    """Build the tables or figures, by ``group``, without those that have mistakes.
 
-    One whose kind shows an error by default, and names none, shows the scenario's first error.
+    The default metric of some kinds is an error such as the RMSE of the position. Where the scenario
+    lacks it, an entry without `metric` gets the scenario's first error.
     """
     entries = source.data.get(group) or {}
     # Step 1: the default metric, where the scenario does not have it.
@@ -437,9 +443,10 @@ def _read_published(
 
 
 def _add_default_exhibits(source: Source, settings: Settings, points: list[Point]) -> None:
-    """Add a track of the first run, or tables and figures of innovations, to configs that name none.
+    """Add default tables and figures to a config that names none.
 
-    The latter is for recordings without ground truth.
+    With ground truth in the plane it gets a track of the first run. Without ground truth it gets tables
+    and figures of innovations, and of the estimates.
     """
     chooses_metrics = settings.metrics is not None or settings.per_step is not None
     if chooses_metrics or not points:

@@ -96,15 +96,19 @@ class Names:
     def add(
         self, settings: Settings, scenario: Scenario, counts: frozenset[str], series: frozenset[str]
     ) -> None:
-        """Add the names that a filter's series give; ``counts`` are its summed diagnostics."""
+        """Add the names of metrics that follow from a filter's ``series``.
+
+        ``counts`` are the filter's diagnostics that are summed over the steps.
+        """
         # Step 1: names of whole runs, from the scenario's metrics of series of zeros.
         self.series |= series
         zeros = np.zeros((len(scenario.steps), 1))
         with np.errstate(all="ignore"):
             scenario_metrics = frozenset(scenario.run_metrics(dict.fromkeys(series, zeros)))
         window_suffixes = tuple(in_window("", window) for window in scenario.windows)
+        # Points of a sweep mostly give the same names.
         inputs = (scenario_metrics, window_suffixes, tuple(sizes(scenario)), counts, series)
-        if inputs in self._added:  # as at another point of a sweep
+        if inputs in self._added:
             return
         self._added.add(inputs)
         # Step 2: the metrics of each series, per run in each window and per step.
@@ -121,7 +125,7 @@ class Names:
                 if metric.name == "rmsd":
                     efficiencies = [n.replace("rmsd", "efficiency", 1) for n in names_in_windows]
                     self.efficiencies.update(efficiencies)
-            # `error_series` makes these of several series.
+            # `error_series` makes these metrics of several series together.
             if series_name == "innovations":
                 per_run.update("anis" + suffix for suffix in window_suffixes)
             if series_name.startswith("autocovariance_"):
@@ -143,7 +147,7 @@ class Names:
 
 @cache
 def _summary_names(name: str) -> frozenset[str]:
-    """Name the rows of summary.csv that a metric of a run is made into."""
+    """Name the rows of summary.csv that are computed from a metric of per_run.csv."""
     rows = [f"{statistic}({name})" for statistic in STATISTICS]
     measure = measured(name)
     for metric, metric_name in metrics_of(measure.metric):
@@ -158,9 +162,10 @@ def names_of(
     left_out: dict[str, AnyFilter],
     with_diagnostics: bool,
 ) -> Names:
-    """Collect the names of all filters, of those that are not run too, at every scenario.
+    """Collect the names of the metrics of all filters in every scenario.
 
-    ``with_diagnostics`` adds the filters' diagnostics, at the first point of each scenario and the last.
+    ``left_out`` are filters that are not run, whose metrics may still be named. ``with_diagnostics``
+    adds the filters' diagnostics.
     """
     names = Names(
         components=points[0].scenario.components,
@@ -227,7 +232,7 @@ def _numeric_keys(tracker: AnyFilter) -> set[str]:
 
 
 def _predictive_series(settings: Settings, scenario: Scenario, tracker: Made) -> list[str]:
-    """Name the series that exist on request."""
+    """Name a filter's series of predictions, which are computed if a metric needs them."""
     has_scores = tracker is not None and has_likelihood(tracker)
     names = predictive_series(scenario.true_sensor.components, has_scores, settings.hold_out)
     if scenario.has_truth:
@@ -262,7 +267,10 @@ def _error_series(
 
 
 def _diagnostics(settings: Settings, scenario: Scenario, tracker: Made) -> set[str]:
-    """Name a filter's diagnostics, if undeclared from the first step of one run."""
+    """Name a filter's diagnostics: those it declares, or else those after the first step of one run.
+
+    A filter that fails raises.
+    """
     if tracker is None:
         raise ValueError("mistaken")
     if declares_diagnostics(type(tracker)):

@@ -127,15 +127,16 @@ def mistakes_of(
 
 
 def _merge_union_problems(problems: Collection[Problem]) -> list[Problem]:
-    """Merge the lines on an invalid value, for which the validator of a union has several.
+    """Merge the problems of one value, of which the validator of a union reports one per type.
 
-    A mistaken item of a list is reported without the remark that the list is no word, and a mapping of
-    no known kind without the remark that it is no number.
+    For a list with a mistaken item, the problem that the list is no word is dropped. For a mapping of no
+    known kind, the problem that it is no number is dropped.
     """
     merged: dict[tuple[Mark, str, str], Problem] = {}
     for problem in problems:
+        # A text on a value's type reads "VALUE is not TYPE".
         value, verb, rest = problem.what.rpartition(" is ")
-        # Step 1: drop remarks on the type of a value whose parts have mistakes.
+        # Step 1: drop texts on the type of a value whose parts have mistakes.
         has_inner_problems = any(p.path.startswith(f"{problem.path}.") for p in problems)
         if verb and has_inner_problems:
             continue
@@ -160,9 +161,10 @@ def _merge_union_problems(problems: Collection[Problem]) -> list[Problem]:
 def _problems_of(
     details: ErrorDetails, source: Source, keys: Keys, cls: type, also: Sequence[str]
 ) -> list[Problem]:
-    """Put one error of the validator into words, with its position.
+    """Put one error of the validator into words, with its position in the file.
 
-    ``keys`` lead to the mapping of ``cls``; ``also`` names keys that stand beside its own.
+    ``keys`` is the path to the mapping that was read as ``cls``. ``also`` names keys that the mapping
+    may have besides those of ``cls``.
     """
     error_type = details["type"]
     if error_type == REPORTED:
@@ -212,9 +214,10 @@ def _describe_unknown_key(key: str, owner: type[Any] | None, also: Sequence[str]
 
 
 def _find_dataclass(cls: type, path: Keys, tags: Keys) -> type[Any] | None:
-    """Find the dataclass of the mapping at ``path`` within one of ``cls``.
+    """Find the dataclass of the mapping at ``path`` below a mapping of ``cls``.
 
-    Returns None unless its key allows one dataclass only, or ``tags`` contain the kind of one.
+    If a key allows several dataclasses, the one is taken whose kind is in ``tags``, the validator's
+    location. Return None if there is no such one.
     """
     for key in path:
         if isinstance(key, int):
@@ -233,7 +236,8 @@ def _describe_value(
 ) -> str:
     """Describe in words the mistake that the validator found in a value.
 
-    ``message`` is the validator's own text, ``context`` its limits and names.
+    ``error_type`` and ``message`` are those of the validator. ``context`` has the limits and names that
+    belong to the type.
     """
     text = shown(value)
     if error_type == "value_error":

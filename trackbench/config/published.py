@@ -197,12 +197,21 @@ def read_published(
     points: Sequence[Mapping[str, object]] | None = None,
     also: Sequence[str] = (),
 ) -> Published:
-    """Read the rows for one experiment; raises UserError with every mistake in the files.
+    """Read the published rows for one experiment from CSV files.
 
-    Rows may name ``labels`` and the grid's ``points`` only, if they are given: a run with ``--only``
-    leaves labels out, one with ``--grid`` points. With ``labels`` there must be a row for the experiment
-    or for one of ``also``, and rows for others must not look misspelt. ``mark`` is the place of the
-    config's ``published``, where a file that cannot be read is reported.
+    Parameters
+    ----------
+    folder, paths : files with the rows, relative to the folder
+    experiment : name of the experiment
+    labels : filters that rows may name; default: any, as a run with ``--only`` leaves filters out. If
+        they are given, the experiment needs a row, and names of other experiments must not look misspelt
+    mark : place of the config's ``published``, where a file that cannot be read is reported
+    points : points of the grid that rows may name; default: any
+    also : further experiments, a row for one of which is enough
+
+    Raises
+    ------
+    UserError : every mistake in the files
     """
     # Step 1: the rows of every file.
     published = Published()
@@ -240,7 +249,7 @@ def read_published(
 
 
 class _Known(NamedTuple):
-    """The experiment that rows are read for, and the names that they may have, if those are known."""
+    """Experiment whose rows are read, and labels and points that they may name; None for any."""
 
     experiment: str
     labels: list[str] | None
@@ -250,10 +259,10 @@ class _Known(NamedTuple):
 
 
 def _misspelt_experiments(known: _Known, folders: list[Path]) -> Iterator[Problem]:
-    """Yield a mistake for each unknown experiment with nearly the name of a known one.
+    """Yield a mistake for each unknown experiment whose name is near to a known one.
 
-    Known are the shipped experiments and the configs in the folders and above them. Names that differ in
-    their numbers only may be of experiments elsewhere.
+    Known are the shipped experiments, and the configs in ``folders`` and in their parents. Two names
+    that differ only in numbers may both be right.
     """
     # Step 1: the known names.
     shipped_names = shipped_experiments.names()
@@ -412,7 +421,10 @@ def _check_point(
 
 
 def _check_reading(row: PublishedNumber, source: Source, earlier: list[PublishedNumber]) -> None:
-    """Check that rows of one number agree on it and name their interpretation."""
+    """Check a row against ``earlier`` rows of the same printed number.
+
+    They must have the same value and each an interpretation of its own in ``reading``.
+    """
     for other in earlier:
         if other.printed_at != row.printed_at:
             continue

@@ -111,7 +111,7 @@ def _requests_of_settings(settings: Settings) -> Iterator[MetricRequest]:
 
 
 def _requests_of_tuning(settings: Settings) -> Iterator[MetricRequest]:
-    """Yield the metrics of tuning's objective, without terms that are reported as mistakes."""
+    """Yield the metrics of tuning's objective. Terms that `bad_terms` reports are left out."""
     metric = settings.tuning.metric
     if not settings.tune or metric is None:
         return
@@ -159,7 +159,11 @@ def _requests_in_value(value: object, hint: object, keys: Keys) -> Iterator[Metr
 
 
 def _nearest_metric(word: str, known: Collection[str], bases: Sequence[str]) -> str:
-    """Return the known metric that was probably meant, with a statistic where the place needs one."""
+    """Return the known metric that was probably meant by ``word``; empty if none is near.
+
+    ``bases`` are the known metrics without statistic. A statistic is added if only the metric with it is
+    known at the place.
+    """
     lower = word.lower()
     base = nearest(word, bases) if word.isidentifier() else ""
     if base.startswith(lower) or lower in base.split("_"):
@@ -170,7 +174,10 @@ def _nearest_metric(word: str, known: Collection[str], bases: Sequence[str]) -> 
 
 
 def _why_unknown(request: MetricRequest, names: Names, settings: Settings) -> str | None:
-    """Explain why a metric is unknown, if the config names it."""
+    """Explain why a requested metric cannot exist or is unknown; None if it may exist.
+
+    An unknown metric that no key of the config names, as one that a plugin requires, is no mistake.
+    """
     role, word = _role_and_name(request, settings)
     if role == "efficiency" and settings.reference is None:
         return f"{word!r} compares with the reference filter; name one under `reference`"
@@ -213,7 +220,7 @@ def _why_unknown(request: MetricRequest, names: Names, settings: Settings) -> st
 
 
 def _why_not_stored(request: MetricRequest, names: Names, settings: Settings) -> str | None:
-    """Explain that a metric is one that its file does not store."""
+    """Explain that a requested metric is not stored in its file; None if it is, or need not be."""
     role, word = _role_and_name(request, settings)
     if role == "efficiency":
         return _why_not_computable(request.measure, settings)
@@ -232,7 +239,7 @@ def _why_not_stored(request: MetricRequest, names: Names, settings: Settings) ->
 
 
 def _why_not_computable(measure: Measure, settings: Settings) -> str | None:
-    """Explain which metrics that an expression is computed from are not stored."""
+    """Explain which metrics an expression needs that are not stored; None if all are."""
     stored = stored_metrics(settings, "summary.csv")
     if stored is None:
         return None
@@ -244,7 +251,7 @@ def _why_not_computable(measure: Measure, settings: Settings) -> str | None:
 
 
 def _role_and_name(request: MetricRequest, settings: Settings) -> tuple[str, str]:
-    """Return the role, such as the file, and the name there of a requested metric."""
+    """Return a requested metric's role in `Names.of`, such as its file, and its name there."""
     measure = request.measure
     if request.role == "base":
         return "base", measure.base
@@ -273,14 +280,17 @@ _PREDICTION_METRICS = re.compile(
 
 
 def requested_predictions(experiment: Experiment) -> tuple[Kind, ...]:
-    """Return the requested predictions; all of them for scenarios without a truth."""
+    """Return the kinds of predictions that the experiment's metrics need.
+
+    For a recording without a truth these are scores and one-step predictions.
+    """
     if not all(p.scenario.has_truth for p in experiment.points):
         return ("score", "prediction")
     return predictions_for(m.metric for m in _measures(experiment))
 
 
 def predictions_for(metrics: Iterable[str]) -> tuple[Kind, ...]:
-    """Return the predictions that metrics of these names need, without statistic and window."""
+    """Return the kinds of predictions that ``metrics`` need, which are names without statistic."""
     names = set(metrics)
     heads = {name.partition("_")[0] for name in names}
     requested: dict[Kind, bool] = {

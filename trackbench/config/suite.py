@@ -223,7 +223,10 @@ def load_suite(
 def _unknown_words(
     option: str, noun: str, words: Sequence[str], known: Sequence[str]
 ) -> list[Problem]:
-    """Return a mistake for each word of an option that the suite lacks."""
+    """Return a mistake for each word of a command-line option that is not ``known``.
+
+    ``noun`` is what the words name: filters or problems.
+    """
     problems = []
     for word in words:
         if word not in known:
@@ -323,7 +326,11 @@ class _Assembler:
     def _scenario_and_runs(
         self, experiment: Source, file: Path, problem: SuiteProblem, name: str, keys: Keys
     ) -> MarkedMapping:
-        """Return what a suite uses of an experiment, under the problem's name, and the suite's runs."""
+        """Return a config with the keys that a suite takes from an experiment, and the suite's own.
+
+        The suite's own are the problem's ``name``, title and score, and the seed and number of runs.
+        ``file`` is the experiment's; ``keys`` lead to the problem in the suite.
+        """
         mark = self.suite.mark(keys)
         data = MarkedMapping()
         put(data, "name", name, mark)
@@ -335,9 +342,9 @@ class _Assembler:
         if self.settings.seed is not None:
             put(data, "seed", self.settings.seed, self.suite.mark(("seed",)))
         if self.quick:
-            full = problem.runs or self.settings.runs
-            few = min(QUICK_RUNS, max(2, full // _QUICK_SHARE))
-            put(data, "runs", self.runs or few, Mark("--quick"))
+            all_runs = problem.runs or self.settings.runs
+            quick_runs = min(QUICK_RUNS, max(2, all_runs // _QUICK_SHARE))
+            put(data, "runs", self.runs or quick_runs, Mark("--quick"))
         elif problem.runs and self.runs is None:
             put(data, "runs", problem.runs, mark)
         else:
@@ -365,7 +372,11 @@ class _Assembler:
         name: str,
         keys: Keys,
     ) -> None:
-        """Put the roster, the problem's own filters and its reference into an experiment."""
+        """Put the roster, the problem's own filters and its reference into the config ``data``.
+
+        ``experiment`` is the config of the problem's ``file``, which has the reference. ``keys`` lead to
+        the problem in the suite.
+        """
         # Step 1: the roster with the problem's own filters, whose files are included.
         group = self.suite.data["groups"][group_name]
         changes = group["problems"][name].get("filters") or {}
@@ -400,7 +411,7 @@ class _Assembler:
     def _put_tuning(
         self, data: MarkedMapping, group: SuiteGroup, problem: SuiteProblem, mark: Mark
     ) -> None:
-        """Put the keys that are tuned, and the number of trials, into an experiment."""
+        """Put the keys that are tuned, and the number of trials, into the config ``data``."""
         tune = {**group.tune, **problem.tune}
         if not tune:
             return
@@ -422,10 +433,11 @@ def _include_parts(source: Source, folder: Path) -> None:
 def _fit_roster(
     assembled: _AssembledProblem, only: Sequence[str], allow_plugins: bool
 ) -> tuple[FittedProblem | None, dict[str, str]]:
-    """Leave out the filters that the scenario does not fit.
+    """Validate a problem's experiment without the filters that its scenario does not fit.
 
-    Returns the problem, None if no filter is left, and the reasons by label. Raises UserError for
-    other mistakes.
+    If there are labels in ``only``, other filters of the roster are removed first. Return the problem,
+    None if no filter is left, and by label why filters were left out. Raises UserError for other
+    mistakes.
     """
     source = assembled.config.source
     reference = source.data.get("reference")
@@ -433,6 +445,7 @@ def _fit_roster(
         for label in list(source.data["filters"]):
             if label not in (*only, reference, *assembled.added):
                 _remove_filter(source, label)
+    # Each round removes the filters of which validation complains, until none is left or all fit.
     left_out: dict[str, str] = {}
     while source.data["filters"].keys() - {reference}:
         try:
@@ -459,7 +472,7 @@ def _fit_roster(
 
 
 def _misfits(source: Source, error: UserError) -> dict[str, str]:
-    """Return the filters that all these mistakes are about, with the reasons; none if another is."""
+    """Return by label why filters do not fit; empty unless each mistake is one of a filter's entry."""
     reference = source.data.get("reference")
     reasons: dict[str, str] = {}
     for problem in error.problems:
@@ -473,7 +486,7 @@ def _misfits(source: Source, error: UserError) -> dict[str, str]:
 
 
 def _label_of(source: Source, path: str) -> str | None:
-    """Return the label of the filter whose entry this path is, or lies in."""
+    """Return the label of the filter whose entry ``path`` is or lies in; None if there is none."""
     labels = [*source.data["filters"]]
     labels += [f"{label}, smoothed" for label in source.data.get("smoothed", ())]
     labels = [label for label in labels if f"{path}.".startswith(f"filters.{label}.")]
@@ -481,7 +494,7 @@ def _label_of(source: Source, path: str) -> str | None:
 
 
 def _remove_filter(source: Source, label: str) -> None:
-    """Remove a filter, its smoother and its tuned keys; or a smoother alone."""
+    """Remove a filter with its smoother and its tuned keys, or only the smoother of this label."""
     data = source.data
     if label not in data["filters"]:
         data["smoothed"].remove(label.removesuffix(", smoothed"))
@@ -505,15 +518,17 @@ def _filters_without_problem(
 ) -> list[Problem]:
     """Return a mistake for each filter that fits no problem of its group.
 
-    A part of the suite (``is_whole`` is false) may be one that some filters of the roster do not fit.
+    Filters of the roster are checked only if ``is_whole``: the user may choose problems that some do not
+    fit. ``added`` are the user's own filters, each of which must fit a problem of any group.
     """
     problems = []
     for group_name, group in settings.groups.items() if is_whole else ():
-        mine = [problem for problem in fitted if problem.group == group_name]
-        if not mine:
+        group_problems = [problem for problem in fitted if problem.group == group_name]
+        if not group_problems:
             continue
         for label in group.filters:
-            reasons = [problem.left_out.get(label) for problem in mine]
+            # A filter that fits a problem has no reason there.
+            reasons = [problem.left_out.get(label) for problem in group_problems]
             if None in reasons:
                 continue
             keys = ("groups", group_name, "filters", label)

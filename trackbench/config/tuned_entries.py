@@ -106,7 +106,7 @@ def _check_tuned_label(source: Source, label: str) -> None:
 
 
 def with_values(source: Source, label: str, values: Chosen) -> Source:
-    """Return a config with other values of this filter; the rest is shared."""
+    """Return a config in which the filter ``label`` has these values; other parts are not copied."""
     keys = ("filters", label)
     changed = source.replaced(keys, copy.deepcopy(source.at(keys)))
     _set_values(changed, label, label, values)
@@ -143,7 +143,7 @@ def _is_entry(source: Source, label: str) -> bool:
 
 
 def _put_after_originals(source: Source, copies: Mapping[str, str]) -> None:
-    """Put each copy of a filter after its original; ``copies`` has their labels by the originals'."""
+    """Move each copy of a filter behind its original; ``copies`` has the copies' labels by original."""
     filters = source.data["filters"]
     entries = {label: filters.pop(copy_label) for label, copy_label in copies.items()}
     for label in list(filters):
@@ -153,7 +153,7 @@ def _put_after_originals(source: Source, copies: Mapping[str, str]) -> None:
 
 
 def _run_tuned_with_only(source: Source, labels: list[str]) -> None:
-    """Add the tuned filter to a list ``only: [KF]``, so that it is run, too."""
+    """Add the tuned filters of ``labels`` to the key `only` where it lists their originals."""
     only = source.data.get("only")
     if not isinstance(only, list):
         return
@@ -165,7 +165,7 @@ def _run_tuned_with_only(source: Source, labels: list[str]) -> None:
 
 
 def _is_tuned_run(source: Source, label: str) -> bool:
-    """Test whether the tuned filter beside this one is run."""
+    """Test whether the tuned copy of the filter ``label`` is run: `only` lists it or is not given."""
     only = source.data.get("only")
     if not isinstance(only, list) or not only:
         return True
@@ -251,7 +251,11 @@ def with_defaults(
 def tuned_axes(
     source: Source, settings: Settings, points: list[Point], training: Point | None
 ) -> dict[str, tuple[Axis, ...]]:
-    """Read the axes of the keys of each filter that is tuned and run."""
+    """Read, by label, the axes of the tuned keys of each filter that is run.
+
+    ``training`` is the point with the training scenario, on which values of the axes are tried. Mistakes
+    are added to the source.
+    """
     if not settings.tune:
         return {}
     problems_before = len(source.problems)
@@ -331,9 +335,10 @@ def _check_tuning(
 
 
 def _try_axes(source: Source, point: Point, label: str, axes: list[Axis]) -> tuple[Axis, ...]:
-    """Try values of the axes on the filter.
+    """Try values of the tuned keys' ``axes`` on the filter; return the axes.
 
-    An axis becomes whole where no other numbers are valid. The ends and all choices must be valid.
+    An axis whose key takes only whole numbers is returned as whole. A value at an end, or a choice, that
+    the filter rejects is a mistake, which is added to the source.
     """
     # Step 1: an axis between whole numbers is whole if the filter rejects a value between them.
     middle: dict[str, object] = {axis.key: axis.at(0.5) for axis in axes}
@@ -341,6 +346,7 @@ def _try_axes(source: Source, point: Point, label: str, axes: list[Axis]) -> tup
     for axis in axes:
         tried_axis = axis
         if not axis.choices and axis.low.is_integer() and axis.high.is_integer():
+            # The middle plus 1/4 is no whole number, as the middle is a multiple of 1/2.
             between = {**middle, axis.key: 0.5 * (axis.low + axis.high) + 0.25}
             if not isinstance(make_trial(source, point, label, between), Trial):
                 tried_axis = replace(axis, whole=True)
@@ -397,7 +403,7 @@ def same_recordings(a: Point, b: Point) -> bool:
 
 
 def held_out_data(experiment: Experiment) -> str:
-    """Name the judged data that is held out of training: noise, paths, recordings or time."""
+    """Name in what the judged data differ from the training data: noise, path, recordings or time."""
     judged = experiment.points[0]
     training = experiment.training
     assert training is not None

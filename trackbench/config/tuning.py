@@ -53,10 +53,10 @@ _FARTHEST = 1e100
 
 @dataclass(frozen=True)
 class Axis:
-    """A key and its values, laid out over the shares from 0 to 1.
+    """A tuned key and its values, each at a share of the axis from 0 to 1.
 
-    Numbers are rounded to four digits. An error shows at most so many of them, and a last bit of the
-    search cannot make another filter.
+    Numbers are rounded to four digits. More digits would not show in an error, and rounding differences
+    of the search then give equal values.
     """
 
     key: str
@@ -67,11 +67,12 @@ class Axis:
     choices: tuple[object, ...] = ()
 
     def at(self, share: float) -> object:
-        """Return the value at a share; beyond 0 and 1 that at the end."""
+        """Return the value at a share of the axis; a share outside 0 to 1 has the value of the end."""
         share = min(max(share, 0.0), 1.0)
         if self.choices:
-            number = int(share * len(self.choices))
-            return self.choices[min(number, len(self.choices) - 1)]
+            # Equal parts of the axis; a share of 1 belongs to the last choice.
+            index = int(share * len(self.choices))
+            return self.choices[min(index, len(self.choices) - 1)]
         # Step 1: the value; both ends exactly as written, whatever their digits.
         if share == 0.0:
             value = self.low
@@ -96,7 +97,7 @@ class Axis:
         return min(max(rounded, self.low), self.high)
 
     def share(self, value: object) -> float | None:
-        """Return the place of a value on the axis; None if it is outside."""
+        """Return the share of the axis at which a value lies; None if the axis does not have it."""
         if self.choices:
             for i, choice in enumerate(self.choices):
                 if choice == value:
@@ -187,7 +188,7 @@ class Objective(NamedTuple):
         return RunEstimate(value, stderr, influences, len(influences) - lost, lost)
 
     def _score_term(self, word: str, per_run: Mapping[str, Array]) -> tuple[float, Array]:
-        """Return the minimized value of a term, and each run's influence (M,) on it."""
+        """Return the minimized value of the term ``word``, and each run's influence (M,) on it."""
         measure = _read_term(word)
         metric, quantity = measure.family
         # Step 1: the statistic of the runs that are not lost, and each run's influence on it.

@@ -59,7 +59,7 @@ _IN_FILE: list[JsonSchema] = [
 
 
 def _definitions(group: Group, kind: str, cls: type[Part]) -> JsonSchema:
-    """Define one kind and the types that its keys refer to."""
+    """Return the schema of one kind, and of the types that its keys refer to, by name."""
     name = f"{group}.{kind}"
     schema = adapter(cls, documented=True).json_schema(ref_template=f"#/$defs/{name}.{{model}}")
     inner_definitions = {}
@@ -90,7 +90,10 @@ def _definitions(group: Group, kind: str, cls: type[Part]) -> JsonSchema:
 
 
 def _refer_to_components(cls: type, properties: JsonSchema) -> None:
-    """Replace the schemas of keys that hold components: a kind, its mapping, or a list of these."""
+    """Replace the schemas of the keys of ``cls`` that hold components, in ``properties``.
+
+    Such a key takes the name of a kind, a mapping with a kind, or a list of these.
+    """
     for key, hint in hints_of(cls).items():
         group = part_group(hint)
         if group is None:

@@ -168,7 +168,10 @@ def assume_keys() -> list[dict[str, str]]:
 
 
 def _assume_rows() -> list[tuple[str, str, str]]:
-    """Describe the keys of a filter model; ``late`` may stand beside ``assume``."""
+    """Describe the keys of a filter model: key, default and text.
+
+    The key `late` is written beside `assume`, the others in it.
+    """
     from trackbench.models.sensors.base import Assume
 
     rows = []
@@ -254,7 +257,10 @@ def _notes(group: Group, cls: type[Part]) -> Iterator[str]:
 
 
 def _key_rows(cls: "type[DataclassInstance]", prefix: str) -> Iterator[tuple[str, str, str]]:
-    """Yield key, default and text of each field; nested fields follow with their path."""
+    """Yield key, default and text of each field of a dataclass, and of the dataclasses in it.
+
+    ``prefix`` is put before each key, as ``assume.``.
+    """
     from trackbench.config.build import adapter, help_texts, hints_of
 
     schema = adapter(cls).json_schema()
@@ -272,8 +278,8 @@ def _key_rows(cls: "type[DataclassInstance]", prefix: str) -> Iterator[tuple[str
             yield prefix + key, _default_text(field), f"{text} (see `trackbench list {group}`)"
             continue
         yield prefix + key, _default_text(field), text
-        # Step 2: the keys of a dataclass within, or of each that the key may hold. Rows of all these
-        # dataclasses come once, without the kind of the dataclass.
+        # Step 2: the keys of each dataclass that the key may hold. A row that all of these dataclasses
+        # have comes once. Other rows name the kind of their dataclass: ``key[kind].name``.
         nested_classes = dataclasses_in(hints[field.name])
         rows_by_class = [list(_key_rows(nested, "")) for nested in nested_classes]
         for i, nested in enumerate(nested_classes):

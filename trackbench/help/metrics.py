@@ -79,7 +79,10 @@ def facts(word: str) -> JsonRow | None:
 
 
 def metrics_of_config(path: Path, allow_plugins: bool = False) -> str:
-    """List metrics, windows and numbers that tables and figures of an experiment may use."""
+    """List the metrics, windows and numbers that tables and figures of the experiment may use.
+
+    ``path`` is a config file or the name of a shipped experiment.
+    """
     names: dict[str, list[str]] = defaultdict(list)
     rows = []
     for row in rows_of_config(path, allow_plugins):
@@ -112,7 +115,8 @@ def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[JsonRow]
     print_note = partial(print, file=sys.stderr)
     try:
         experiment = load(located(path, print_note), allow_plugins=allow_plugins)
-    except UnknownNamesError as error:  # the list has the right names
+    except UnknownNamesError as error:
+        # Only names of metrics are mistaken: the list then shows the right ones.
         experiment = error.experiment
         print_note(error)
     settings = experiment.settings

@@ -98,7 +98,7 @@ def location_of(error: BaseException, *parts: object) -> str:
 
 
 def foreign_line(error: BaseException) -> str | None:
-    """Write ``my_target.py:12: ValueError: ...`` if plugin code was running."""
+    """Write ``my_target.py:12: ValueError: ...``; None if no plugin code was running."""
     plugin_files = {_file(cls) for cls in registered_kinds() if is_foreign(cls)}
     place = place_within(error, plugin_files)
     if not place:
@@ -118,7 +118,7 @@ def package_line(error: BaseException) -> str:
 
 def place_within(error: BaseException, files: set[str]) -> str:
     """Find the innermost line in these files: ``my_filter.py:12: ``, or an empty text."""
-    # An error, then its cause, and so on; of each the innermost frame first.
+    # Search the error, then its cause, and so on, in each the innermost frame first.
     linked_error: BaseException | None = error
     while linked_error is not None:
         for frame, line in reversed(list(walk_tb(linked_error.__traceback__))):
@@ -156,7 +156,10 @@ def _file(cls: type) -> str:
 
 
 def _definition(method: str, component: object) -> str:
-    """Locate a method in a component's class, or the class: ``my_filter.py:12: ``."""
+    """Write the line at which a component's plugin class defines a method: ``my_filter.py:12: ``.
+
+    If no plugin class defines it, the line is that of the class. The text is empty without such a class.
+    """
     # Step 1: the first class that defines the method.
     classes = _plugin_classes(component)
     for cls in classes:
@@ -202,7 +205,7 @@ def guarded() -> Iterator[None]:
 
 @contextmanager
 def working_folder(folder: str = "") -> Iterator[None]:
-    """Run code in a folder, by default in that of now, and go back to the folder of before."""
+    """Run code in a folder, by default the current one, and go back to the current folder afterwards."""
     try:
         before = os.getcwd()
     except OSError:  # a folder that was deleted meanwhile
@@ -231,7 +234,7 @@ def blocked(number: int) -> Iterator[None]:
 
 @contextmanager
 def postponed() -> Iterator[None]:
-    """Keep signals to stop waiting until this is done; only the main thread receives them."""
+    """Postpone signals to stop until the block is done; only the main thread receives signals."""
     # Record the signals in place of handling them, and raise the first one afterwards.
     received: list[int] = []
     replaced_handlers = {}

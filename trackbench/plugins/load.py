@@ -203,7 +203,7 @@ def load_plugin(plugin: Plugin, check: Callable[[type[Part]], None] | None = Non
         registry.reactivate(plugin.module)
         sys.modules.update(_brought[plugin.module])
         return loaded
-    # Step 2: its modules must be those of the main process, and compiled ones those that were loaded.
+    # Step 2: a worker needs the modules of the main process; compiled modules cannot be loaded again.
     modules, _ = imports(plugin.source, plugin.path)
     if check is None:
         _compare_with_main(plugin)
@@ -275,11 +275,11 @@ def working_folder_of(plugins: Sequence[Plugin]) -> str:
 
 
 def forget_outdated(plugins: Sequence[Plugin], as_now: bool) -> None:
-    """Forget modules that the plugins of a config share with plugins that have changed since.
+    """Forget the modules that changed plugins imported, so that Python executes them again.
 
-    A module may have been made of a file, a variable or a plugin that is another one by now. It is
-    forgotten with all other modules that the changed plugin brings. A plugin that shares one of them is
-    executed again, too. ``as_now``: compare with the files and variables as they are now.
+    A plugin has changed if its code, a file that it opened or a variable that it read has. Plugins that
+    share a module with a changed one are executed again, too. If ``as_now``, the files and variables are
+    compared as they are now, else as they are noted in ``plugins``.
     """
     # Step 1: the modules that each plugin brings, and the plugins that have changed.
     modules: dict[str, set[str]] = {}
@@ -327,7 +327,11 @@ def restore_modules(plugins: Iterable[Plugin]) -> None:
 
 
 def _is_current(loaded: Plugin, plugin: Plugin, as_now: bool) -> bool:
-    """Test whether a plugin was executed with the files and variables that it has now."""
+    """Test whether a loaded plugin was executed with the content that ``plugin`` has.
+
+    If ``as_now``, the files that the loaded plugin opened and the variables that it read are digested
+    again.
+    """
     if not as_now:
         return loaded.identity == plugin.identity
     opened = Opened(
@@ -348,7 +352,10 @@ def _new_module(plugin: Plugin) -> ModuleType:
 
 
 def _mark(plugin: Plugin) -> None:
-    """Keep the plugin as loaded, and mark its modules: blocks of their classes depend on it."""
+    """Keep the plugin as loaded, and note its identity in its modules.
+
+    Cached blocks of filters whose classes come from these modules depend on the identity.
+    """
     _loaded[plugin.module] = plugin
     setattr(sys.modules[plugin.module], "__plugin_digest__", plugin.identity)  # noqa: B010
     names, _ = imports(plugin.source, plugin.path)
@@ -361,8 +368,9 @@ def _mark(plugin: Plugin) -> None:
 
 
 def _with_opened(plugin: Plugin, opened: Opened) -> Plugin:
-    """Add the files that a plugin opened and the variables that it read."""
-    modules, packages = imports(plugin.source, plugin.path)  # it may have extended the path
+    """Return the plugin with digests of the files that it opened and of the variables that it read."""
+    # Imports are found once more, as the plugin's code may have extended Python's search path.
+    modules, packages = imports(plugin.source, plugin.path)
     # Step 1: add the files and variables that its modules read when they were imported.
     all_opened = Opened()
     all_opened.add(opened)

@@ -88,9 +88,11 @@ def _full_name(holder: Any) -> str:
 
 
 def _is_patched(holder: Any, name: str, value: Any, value_now: Any) -> bool:
-    """Test whether a name has another value; of numpy and scipy only functions count.
+    """Test whether plugin code has replaced or added the value of a name.
 
-    Importing a submodule or using a class adds names, which are no patches.
+    ``holder`` is the module or class of the name, ``value`` its value before and ``value_now`` after. In
+    modules of numpy and scipy only replaced functions count. A submodule that was imported, and an
+    internal name that Python added to a class, are no patches.
     """
     if value_now is value:
         return False

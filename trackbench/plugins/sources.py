@@ -124,10 +124,10 @@ def _get_code(loader: SourceFileLoader, fullname: str) -> CodeType | None:
 
 
 def imports(source: bytes, plugin: str) -> tuple[dict[str, str], set[str]]:
-    """Find modules outside installed packages, each with its file, and names of other packages.
+    """Find what a plugin's source imports anywhere, directly or by the modules that it imports.
 
-    They are the modules that a plugin's source imports anywhere, and that these modules import in turn.
-    Nothing is run. ``plugin`` is the plugin's own file.
+    Return the file of each module outside installed packages, by the module's name, and the names of the
+    installed packages. No code is run. ``plugin`` is the plugin's own file.
     """
     modules: dict[str, str] = {}
     packages: set[str] = set()
@@ -176,7 +176,10 @@ def _imported_names(source: bytes, parent: str) -> Iterator[str]:
 
 
 def _find_specs(name: str) -> Iterator[ModuleSpec]:
-    """Yield the specs of the packages around a module and of the module, without importing them."""
+    """Yield the specs of the packages that contain a module, outermost first, and of the module.
+
+    Nothing is imported. The specs end before the first name that is not found.
+    """
     search_path: Sequence[str] | None = None
     inner_name = ""
     for word in name.split("."):
@@ -224,7 +227,7 @@ def forget_modules(modules: Iterable[str]) -> None:
 
 
 def is_rebuilt(module: ModuleType) -> bool:
-    """Test whether a compiled module has another file than the one that this process loaded."""
+    """Test whether the file of a compiled module has changed since this process loaded it."""
     file = os.path.abspath(getattr(module, "__file__", None) or "")
     if not file.endswith(_EXTENSIONS) or not os.path.isfile(file):
         return False
@@ -253,9 +256,10 @@ class Opened:
         self.updated = {**other.updated, **self.updated}
 
     def files(self) -> list[str]:
-        """Select the files that make the plugin: those of no installed package, and not written.
+        """Return the paths of the files on which the plugin's code depends.
 
-        A file that was opened to be read and written counts if it still has its content.
+        Files of installed packages and files that were written are left out. A file that was opened to
+        be read and written counts if its content has not changed.
         """
         unchanged = [name for name, digest in self.updated.items() if _is_unchanged(name, digest)]
         paths: dict[str, None] = {}
@@ -351,7 +355,10 @@ def recorded() -> Iterator[Opened]:
 
 
 def _note_variables() -> Iterator[tuple[Any, Callable[[Any], Any]]]:
-    """Note the variables that plugin code reads; yield each environment with its own function."""
+    """Replace the function by which environments look up a name, so that reads are noted.
+
+    Yield each environment with its original function, which is to be restored.
+    """
     environments: list[Any] = [os.environ]
     if os.supports_bytes_environ:
         environments.append(os.environb)

@@ -37,7 +37,7 @@ from trackbench.statistics.over_runs import OVER_RUNS, influence, median
 
 
 class _OverRuns(NamedTuple):
-    """A statistic over runs of a metric of per_run.csv, and what divides the metric."""
+    """A statistic over the runs of a metric of per_run.csv, whose values are first divided."""
 
     statistic: str
     name: str
@@ -102,7 +102,10 @@ class Evaluator:
         return self.results.judged_steps(self.point)
 
     def collapse_words(self, m: Measure) -> str:
-        """Return ``collapsed in 3 of 40 runs`` of a chi-square statistic that such runs decide."""
+        """Return ``collapsed in 3 of 40 runs``; empty unless collapsed runs decide the measure.
+
+        Only the mean of a NEES or NIS is decided by runs in which the covariance collapsed.
+        """
         family, quantity = m.family
         is_chi_square = family.name in ("nees", "anees", "nis", "anis")
         is_mean = not (m.relation or m.steps or m.statistic == "median")
@@ -120,7 +123,7 @@ class Evaluator:
         return collapsed_in_words(values / components)
 
     def per_run(self, m: Measure) -> tuple[str, Array] | None:
-        """Return what a statistic over runs is of.
+        """Return the values of the runs from which a measure is computed.
 
         Returns
         -------
@@ -136,14 +139,14 @@ class Evaluator:
         return over_runs.statistic, values
 
     def at_each_step(self, m: Measure) -> list[Measure]:
-        """Return a measure of many steps at each of those at which anything is known of the filter."""
+        """Split a measure of many steps into one for each step at which the filter has a value."""
         if not m.is_many:
             return [m]
         # Steps of the metric's series in per_step.csv.
         per_step = self.results.columns("per_step", self.point)
         series = per_step.where(filter=m.filter, metric=m.metric)
         steps = {int(step) for step in series["step"]}
-        # Steps of shares of runs, which are metrics of per_run.csv.
+        # Steps of which per_run.csv has each run's contribution.
         for label, name in self.runs:
             if label == m.filter:
                 share = measured(name)
@@ -179,14 +182,18 @@ class Evaluator:
         return term
 
     def _related(self, m: Measure, mine: Measure, other: Measure) -> RunEstimate:
-        """Evaluate the relation of a filter's measure (``mine``) to that of another filter."""
+        """Evaluate a relation such as a ratio of one filter's measure, ``mine``, to another's.
+
+        ``m`` is the measure with the relation; ``other`` is the other filter's measure.
+        """
         if m.relation == "minus":
             return self.difference(mine, other)
         if m.relation == "win_rate":
             return self._win_rate(mine, other)
         if m.relation == "controlled":
             return self._controlled(mine, other)
-        if m.family[0].is_score:  # a ratio of logarithms says nothing
+        # A score is a logarithm: a ratio of two depends on the unit and means nothing.
+        if m.family[0].is_score:
             return MISSING
         common = self._common_runs(mine, other)
         ratio = quotient(self.term(mine, common), self.term(other, common))
@@ -196,7 +203,10 @@ class Evaluator:
 
     @ignore_float_errors
     def _controlled(self, mine: Measure, other: Measure) -> RunEstimate:
-        """Estimate a - beta (b - E b), with exact E b (Hammersley & Handscomb 1964, section 5.5)."""
+        """Estimate the measure a, ``mine``, with the measure b, ``other``, as a control variate.
+
+        The estimate is a - beta (b - E b) with the exact E b (Hammersley & Handscomb 1964, section 5.5).
+        """
         exact = self.exact(other)
         common = self._common_runs(mine, other)
         a = self.term(mine, common).influences
@@ -226,7 +236,7 @@ class Evaluator:
 
     @cached_property
     def stored(self) -> dict[tuple[str, str], RunEstimate]:
-        """Rows of summary.csv, and the times of timing.csv, of all runs, by (filter, metric)."""
+        """Rows of summary.csv and CPU times of timing.csv as estimates, by (filter, metric)."""
         estimates = {}
         for row in self.results.columns("summary", self.point).records():
             estimates[row["filter"], row["metric"]] = RunEstimate(
@@ -246,7 +256,10 @@ class Evaluator:
         return estimates
 
     def _paired_times(self, mine: Measure, other: Measure) -> RunEstimate | None:
-        """Divide two filters' measured times repeat by repeat; None if either has none."""
+        """Return the median ratio of two filters' CPU times, repeat by repeat.
+
+        None unless both have equally many repeats, at least two.
+        """
         rows = self.results.columns("timing", self.point).records()
         repeats = {row["filter"]: repeats_of(row) for row in rows}
         a = repeats.get(mine.filter, np.empty(0))
@@ -257,7 +270,10 @@ class Evaluator:
         return RunEstimate(value=ratio.value, stderr=ratio.stderr, influences=None, runs=len(a))
 
     def _statistic_over_runs(self, m: Measure) -> _OverRuns | None:
-        """Return the statistic that a measure is; None for a time, or if no run has a part in it."""
+        """Return the statistic over the values per run that a measure is.
+
+        None if per_run.csv has no such values, as for CPU times.
+        """
         # Case 1: a statistic of a metric, such as mean(rmse).
         if m.is_over_runs and (m.steps is None or (m.filter, m.name) in self.runs):
             return _OverRuns(statistic=m.statistic, name=m.name)
@@ -270,14 +286,14 @@ class Evaluator:
         if m.is_row and m.family[0].per_component and (m.filter, nees) in self.runs:
             mean_nees = self.stored.get((m.filter, f"mean({nees})"))
             anees = self.stored.get((m.filter, str(m)))
-            # Without a positive and finite number no run has a part in it.
+            # The mean NEES divided by ANEES is the number of components, if both are usable.
             if mean_nees is not None and anees is not None and 0.0 < anees.value < np.inf:
                 components = round(mean_nees.value / anees.value)
                 return _OverRuns(statistic="mean", name=nees, divisor=components)
         return None
 
     def _common_runs(self, *sides: Measure) -> Mask | bool:
-        """Find the runs that every side's metric exists for."""
+        """Find the runs (M,) that have a value of every side's measure; True for all runs."""
         common: Mask | bool = True
         for side in sides:
             # A side that relates two filters needs both of them.
@@ -308,7 +324,7 @@ class Evaluator:
         return self._share(mine.filter, np.where(np.isnan(a) | np.isnan(b), np.nan, a < b))
 
     def _share(self, label: str, values: Array, common: Mask | bool = True) -> RunEstimate:
-        """Count the runs with a value (M,) above zero, as a share of those that have one."""
+        """Return the share of the runs with a value (M,) above zero among those with a value."""
         events = np.where(np.isnan(values), np.nan, values > 0)
         share = Share(*self._statistic(label, "mean", events, common))
         if share.stderr != 0.0:
@@ -359,7 +375,10 @@ class Evaluator:
         )
 
     def reference_and_rmsd(self, m: Measure) -> tuple[Array | None, Array | None]:
-        """Return each run's (M,) parts of an efficiency; the reference's own difference is missing."""
+        """Return each run's RMSE of the reference and the filter's difference from it, (M,) each.
+
+        They are None if the results lack them. The reference differs from itself by zero.
+        """
         rmse, distance = m.made_of()
         reference = self.results.config.get("reference")
         floor = self.runs.get((str(reference), str(rmse)))

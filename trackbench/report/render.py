@@ -165,10 +165,11 @@ Draw: TypeAlias = Callable[[str, FigureKind], Files]
 def drawing_pool(
     results: Results, formats: Sequence[str], processes: int = 1, fresh: bool = True
 ) -> Iterator[Draw]:
-    """Begin to draw an experiment's figures in other processes; give the function that returns them.
+    """Begin to draw an experiment's figures in other processes; yield a function that returns them.
 
-    The function draws here what the processes cannot draw: figures of plugins, and figures of a process
-    that was killed. Unless ``fresh``, figures in the cache are not drawn again.
+    The function draws in this process the figures of plugins, and those of a process that was killed.
+    ``processes`` is the number of processes; 1 draws all figures in this one. Unless ``fresh``, figures
+    in the cache are not drawn again.
     """
     # Step 1: figures that are in the cache, and those that other processes draw.
     figures = results.parts("figures") if formats else {}
@@ -316,9 +317,9 @@ def write_tables(results: Results, tex: bool = False) -> dict[str, Table]:
 
 
 def _table_files(results: Results, name: str, spec: TableKind) -> Iterator[tuple[str, Table]]:
-    """Yield a table by its folders; none if the table failed.
+    """Yield each folder that gets a form of the table ``name``, with this form; none if it failed.
 
-    A table with CPU times stands in ``run/tables/``, and without them in ``tables/``.
+    A table with CPU times is written to ``run/tables/``, and without these columns to ``tables/``.
     """
     table = results.tables.get(name)
     if table is None:

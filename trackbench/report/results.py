@@ -57,11 +57,11 @@ _MOST_ROWS = 50
 def default_keys(
     group: Group, metrics: Iterable[str], points: int, filters: int, config: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return keys of the default table or figure; none if too large or unmeasured.
+    """Return the keys of the default table or figure, by ``group``; empty if there is none.
 
-    ``metrics`` are those of summary.csv: the first two errors over the whole run are shown, those that
-    the score of the experiment's ``config`` names before the others. ``points`` and ``filters`` are
-    numbers of them, by which the table grows.
+    The table shows the first two errors over the whole run among ``metrics``, those of summary.csv.
+    Errors that ``config`` names under `score` come first. ``points`` and ``filters`` are the numbers of
+    grid points and filters: a table with too many rows is left out.
     """
     metrics = list(dict.fromkeys(metrics))
     matches = {match[1]: match for match in map(_ERROR.fullmatch, metrics) if match}
@@ -240,8 +240,8 @@ class Results(ResultsFolder):
 
     @cached_property
     def pairs(self) -> list[tuple[GridPoint, list[Pair]]]:
-        """Every pair of filters on common runs, by point of the grid."""
-        every = []
+        """Comparisons of every pair of filters on common runs, a list for each point of the grid."""
+        pairs_by_point = []
         for point in self.points():
             runs = self.runs(point)
             steps = self.judged_steps(point)
@@ -255,18 +255,19 @@ class Results(ResultsFolder):
                     if key in runs:
                         samples[label] = Sample.of(runs[key], statistic, steps.get(key))
                 pairs += pairs_of(metric, samples)
-            every.append((point, pairs))
-        return every
+            pairs_by_point.append((point, pairs))
+        return pairs_by_point
 
     @property
     def batches(self) -> int:
-        """Batches of consecutive runs, each of which a verdict leaves out; one in old folders."""
+        """Number of batches of consecutive runs, each of which a verdict omits; 1 in old folders."""
         return int(self.config.get("verdict_seeds", 1))
 
     def judged_steps(self, point: GridPoint) -> dict[tuple[str, str], Array]:
-        """Return what each step (T,) of one recorded run adds to a number, by (filter, metric).
+        """Return what each step (T,) of a recording's one run adds to a number, by (filter, metric).
 
-        The mean is the number; steps without a value are NaN.
+        The mean over the steps is the number. A step without a value is NaN. The mapping is empty if the
+        runs are not judged by their steps.
         """
         key = tuple(point.items())
         if self._judged_steps.get(key):
@@ -497,7 +498,10 @@ def missing_paths(points: Sequence[Point], **paths: str | None) -> dict[str, str
 
 
 def scenes(results: Results) -> list[GridPoint]:
-    """List the grid's combinations of scenario values, in order; one empty one without any."""
+    """List the combinations of the values that the grid gives the scenario, in order.
+
+    If the grid does not vary the scenario, the list has one empty combination.
+    """
     paths = [path for path in results.grid if is_of_scenario(path)]
     combinations: list[GridPoint] = []
     for point in results.points():
@@ -514,7 +518,7 @@ def points_of(results: Results, scene: GridPoint) -> list[GridPoint]:
 
 def own_values(results: Results, point: GridPoint, label: str) -> GridPoint:
     """Select the values that a point gives a filter, by single path."""
-    # The grid's points have lists, where those of the files have words.
+    # Linked paths have a list of values, which is a text in a point that is read from a file.
     place = results.index_of(point)
     values = point if place is None else results.grid_points[place]
     value_by_path: GridPoint = {}

@@ -27,10 +27,10 @@ _TABLE = "best-settings"
 
 
 def as_sweep(experiment: Experiment) -> Experiment:
-    """Return the experiment with a sweep's figures, as its own would have a panel per point.
+    """Return the experiment with the figures of a sweep in place of its own, and without published rows.
 
-    What is published is of the experiment as it is, so no point is compared with it. A sweep that varies
-    filters also has a table of their best values.
+    Its own figures would have a panel per point. Published rows are about the experiment without a
+    sweep. If the sweep varies filters, a table of their best values is added.
     """
     settings = experiment.settings
     tables = experiment.tables
@@ -59,9 +59,9 @@ def _figures(settings: Settings) -> dict[str, DrawnExhibit]:
     for group in groups or [[]]:
         paths = [path for path in grid if path in group or path not in independent]
         if len(paths) > _AXES:
-            of_filter = [path for path in paths if path in group]
-            of_scenario = [path for path in paths if path not in group]
-            paths = [*of_filter, *of_scenario][:_AXES]
+            filter_paths = [path for path in paths if path in group]
+            other_paths = [path for path in paths if path not in group]
+            paths = [*filter_paths, *other_paths][:_AXES]
         # A title such as ``q of KF``.
         title = " and ".join(map(phrases.axis, paths))
         labels: dict[str, None] = {}

@@ -114,7 +114,10 @@ class TextTable:
         return "\n".join([*lines, r"\end{table}", _ALONE_END, ""])
 
     def _column_format(self, column: int) -> str:
-        """Return the type of a column for LaTeX: ``l``, ``r``, or ``S`` with the room for its digits."""
+        """Return a column's type in LaTeX: ``l`` for words, ``r`` for other texts, ``S`` for numbers.
+
+        An ``S`` has the largest numbers of digits in the column, so that siunitx aligns them.
+        """
         numbers = []
         for row in self.rows:
             number = _SIUNITX.fullmatch(row[column].tex or "")
@@ -438,7 +441,7 @@ class Table:
 
 
 def _losses_text(cells: list[Cell]) -> Text:
-    """Write how many runs the cell of a row with the most losses lost."""
+    """Write how many runs are lost in the cell of a row that has the most lost runs."""
     most = max(cells, key=lambda cell: (cell.lost, cell.runs))
     runs = most.lost + most.runs
     if not runs:  # a bound has none
@@ -487,24 +490,30 @@ def rounded(value: float, stderr: float, digits: int) -> str:
 
 
 def _places(value: float, stderr: float, digits: int) -> int:
-    """Count the places of a value down to its error's second digit, at most six or the digits."""
-    exact = _exact_places(digits)
+    """Count the decimals of a value with an exponent, down to the second digit of its error.
+
+    There are at least two and at most six, or more if ``digits`` are more.
+    """
+    exact_places = _exact_places(digits)
     if not stderr > 0.0:
-        return exact
-    of_error = _exponent(value) - _exponent(stderr) + 1
-    return min(max(2, of_error), max(6, exact))
+        return exact_places
+    places_of_error = _exponent(value) - _exponent(stderr) + 1
+    return min(max(2, places_of_error), max(6, exact_places))
 
 
 def _exact_places(digits: int) -> int:
-    """Count the places of a number with an exponent and no error: three digits, or more than four."""
+    """Count the decimals of a number with an exponent and no error.
+
+    It has three digits, or ``digits`` if these are more than the usual four.
+    """
     return digits - 1 if digits > _USUAL_DIGITS else 2
 
 
 def in_tex(value: float, stderr: float, digits: int) -> str:
     """Return value and error for LaTeX's siunitx: ``5.96 +- 0.99 e-6``, one exponent for both.
 
-    A value with an error has at most so many digits, or four if ``digits`` are fewer. An error below
-    half of the last digit is left out.
+    A value with an error has at most ``digits`` significant digits, or four if ``digits`` is less. An
+    error below half of the last digit is left out.
     """
     text = rounded(value, stderr, digits)
     most_digits = max(digits, _USUAL_DIGITS)

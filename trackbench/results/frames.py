@@ -63,18 +63,21 @@ class Columns:
 
     @cached_property
     def _codes(self) -> dict[str, tuple[Array, dict[object, int]]]:
-        """Hold the numbers of words, and the words, of columns that were compared."""
+        """Codes of each compared column of words: the rows' codes, and the code of each word."""
         return {}
 
     def _is_word(self, name: str, value: object) -> Array:
-        """Compare a column of words by their numbers, which takes a hundredth of the time."""
+        """Mark the rows whose word in a column is ``value``.
+
+        Words are compared by codes, which are whole numbers: that takes a hundredth of the time.
+        """
         if name not in self._codes:
-            numbers: dict[object, int] = {}
+            new_codes: dict[object, int] = {}
             words = self[name].tolist()
-            codes = [numbers.setdefault(word, len(numbers)) for word in words]
-            self._codes[name] = (np.array(codes, dtype=np.int64), numbers)
-        array, numbers = self._codes[name]
-        return np.asarray(array == numbers.get(value, -1))
+            row_codes = [new_codes.setdefault(word, len(new_codes)) for word in words]
+            self._codes[name] = (np.array(row_codes, dtype=np.int64), new_codes)
+        codes_of_rows, code_by_word = self._codes[name]
+        return np.asarray(codes_of_rows == code_by_word.get(value, -1))
 
     def chosen(self, which: Any) -> "Columns":
         """Return rows by a mask or by their numbers."""
@@ -195,7 +198,11 @@ _PARSES: dict[str, Parse] = {"i": int, "f": float, "b": _parse_truth}
 
 
 def read_runs(path: Path, summary: Columns, grid: list[str], labels: Collection[str]) -> PointRuns:
-    """Read the filters' runs by the values of the grid, which have their types in the summary."""
+    """Read per_run.csv: the values per run by filter and metric, at each point of the grid.
+
+    ``grid`` are the grid's paths; their values get the types that they have in ``summary``. ``labels``
+    are the filters to read.
+    """
     keys = [*grid, "filter", "metric"]
     pieces: dict[tuple[str, ...], dict[tuple[str, str], list[Array]]] = {}
     for piece in read_pieces(path, ["filter", "metric", "value"], only=[*keys, "value"]):
@@ -206,8 +213,9 @@ def read_runs(path: Path, summary: Columns, grid: list[str], labels: Collection[
             end += sum(1 for _ in rows)
             *texts, label, metric = words
             if label in labels:
-                of_point = pieces.setdefault(tuple(texts), {})
-                of_point.setdefault((label, metric), []).append(piece["value"][start:end])
+                pieces_of_point = pieces.setdefault(tuple(texts), {})
+                values = piece["value"][start:end]
+                pieces_of_point.setdefault((label, metric), []).append(values)
     parses = [_PARSES.get(summary[path].dtype.kind, str) for path in grid]
     point_runs: PointRuns = {}
     for point_texts, runs in pieces.items():

@@ -64,13 +64,13 @@ def long_run_note(experiment: Experiment) -> str:
 
 
 def write_arrays(path: Path, arrays: Mapping[str, Any], stored: Iterable[str] = ()) -> None:
-    """Write arrays as `np.load` reads them, packed fast; those named in ``stored`` are not packed."""
-    as_they_are = set(stored)
+    """Write arrays to a file for `np.load`, compressed fast; those named in ``stored`` are not."""
+    uncompressed = set(stored)
     with atomic_write(path) as file, ZipFile(file, "w", ZIP_DEFLATED, compresslevel=1) as archive:
         for name, array in arrays.items():
-            # A fixed date: the same arrays are the same bytes.
+            # `ZipInfo` has a fixed date, so that equal arrays give equal bytes.
             member_info = ZipInfo(f"{name}.npy")
-            member_info.compress_type = ZIP_STORED if name in as_they_are else ZIP_DEFLATED
+            member_info.compress_type = ZIP_STORED if name in uncompressed else ZIP_DEFLATED
             with archive.open(member_info, "w", force_zip64=True) as member:
                 np.lib.format.write_array(member, np.ascontiguousarray(array))
 
@@ -116,7 +116,10 @@ class StepArrays:
 
 
 def _at_positions(values: Array, positions: Index, number: int) -> Any:
-    """Put values (S,) at their places among so many steps, as float32 where that is exact enough."""
+    """Return an array over ``number`` steps with the values (S,) at their positions, else NaN.
+
+    It is float32 if its relative error is then at most `_PRECISION`.
+    """
     whole = np.full(number, np.nan)
     whole[positions] = values
     with np.errstate(over="ignore", under="ignore"):
@@ -179,18 +182,19 @@ class SeriesColumns(Columns):
 
     def at(self, values: Mapping[str, Any]) -> Columns:
         """Return the rows that have these values, by names of columns."""
-        words = set(self._names).difference(_NUMBERS)
-        of_series = {name: value for name, value in values.items() if name in words}
+        # Words, such as the filter's label, choose whole series; numbers choose rows of them.
+        word_columns = set(self._names).difference(_NUMBERS)
+        words = {name: value for name, value in values.items() if name in word_columns}
         chosen = [
             series
             for series in self._series
-            if all(series.words[name] == value for name, value in of_series.items())
+            if all(series.words[name] == word for name, word in words.items())
         ]
         columns = SeriesColumns(chosen, self._names)
-        of_rows = {name: value for name, value in values.items() if name not in words}
-        if not of_rows:
+        numbers = {name: value for name, value in values.items() if name not in word_columns}
+        if not numbers:
             return columns
-        return Columns(columns.arrays).at(of_rows)
+        return Columns(columns.arrays).at(numbers)
 
 
 _NUMBERS = ("run", "step", "time", "value", "stderr", "runs")

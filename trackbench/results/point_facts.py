@@ -75,7 +75,10 @@ class PointFacts:
     """first and last step that count, of one recorded run"""
 
     def accepted_nis(self, label: str) -> AcceptedNis | None:
-        """Return the law of the NIS of what a filter's gate accepts; None without a gate."""
+        """Return the distribution of the NIS of measurements that a filter's gate accepts.
+
+        None if the filter has no gate.
+        """
         keys = self.filters.get(label, {})
         if isinstance(keys.get("filter"), dict):
             keys = keys["filter"]
@@ -125,7 +128,7 @@ def facts_of_point(point: Point, shown: Callable[[str], str] = str) -> PointFact
 
 
 def points_text(points: Sequence[Point], folder: Path) -> str:
-    """Write the file's content: a line per point, with what differs from the first point.
+    """Return the content of points.json: the first point's facts, then how each point differs from it.
 
     Paths of data files are relative to ``folder``.
     """
@@ -143,9 +146,9 @@ def points_text(points: Sequence[Point], folder: Path) -> str:
 
 
 def same_points(stored: str, computed: str) -> bool:
-    """Test whether a file's content is the computed one, but for keys of newer versions.
+    """Test whether the stored content of points.json has the facts of the computed content.
 
-    The config does not name such a key, so it has its default.
+    The stored content may lack keys of newer versions, which its config does not set.
     """
     try:
         return stored == computed or _is_part(json.loads(stored), json.loads(computed))
@@ -172,7 +175,7 @@ def points_in(text: str) -> Iterator[PointFacts]:
 
 
 def _differences(first: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
-    """Keep the facts of the other point that differ; of filters, label by label."""
+    """Return the facts in which ``other`` differs from ``first``; of filters only those that differ."""
     differences = {key: value for key, value in other.items() if value != first.get(key)}
     filters = {}
     for label, keys in other["filters"].items():

@@ -93,7 +93,7 @@ class FigureTracks(TrackFile):
                 arrays[f"sensor/{n}"] = path
             for n, place in landmark_places(scenario):
                 arrays[f"landmark/{n}"] = place
-        # A figure of one filter shows no other; any other figure may show the best, too.
+        # A figure that names one filter shows no other. Any other figure may show the best filters, too.
         figures_of_filter = []
         for figure in figures:
             labels = figure.filters or ()
@@ -140,9 +140,9 @@ def landmark_places(scenario: Scenario) -> list[tuple[int, Array]]:
 
 
 def measured_positions(scenario: Scenario, z: Array) -> Array | None:
-    """Locate measurements (n_z, T, r): positions (axes, T, r), NaN for a missing one.
+    """Return the positions (axes, T, r) that measurements z (n_z, T, r) show; NaN for a missing one.
 
-    None if no sensor measures a position at once.
+    None if no single measurement shows a position.
     """
     sensor = scenario.true_sensor
     sensor_and_rows = position_part(sensor) if isinstance(sensor, Sensors) else None
@@ -163,7 +163,10 @@ def _most_runs(figures: list[DrawnExhibit]) -> int:
 
 @np.errstate(over="ignore", invalid="ignore")  # a value beyond float32 is infinite: no page has it
 def _quantize(mean: Array, components: list[int]) -> Array:
-    """Round the components (n_x, T + 1, r) to a step of a power of two, which float32 represents."""
+    """Return states (n_x, T + 1, r) as float32, rounded in ``components`` and NaN in the others.
+
+    The resolution is a power of two, which float32 represents exactly: about 1 / `_LEVELS` of the span.
+    """
     values = mean[components]
     finite = values[np.isfinite(values)]
     span = float(np.ptp(finite)) if len(finite) else 0.0

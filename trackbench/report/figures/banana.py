@@ -275,7 +275,7 @@ def ellipse(mean: Array, cov: Array, deviations: float) -> Array:
 
 
 def _root(cov: Array) -> Array:
-    """Factor a covariance (2, 2), which may be singular but for rounding."""
+    """Return a matrix (2, 2) A with A A' = cov, also of a covariance that is singular by rounding."""
     try:
         return np.asarray(np.linalg.cholesky(cov))
     except np.linalg.LinAlgError:

@@ -88,8 +88,8 @@ class CalibrationFigure(FigureKind):
 
     def draw(self, results: Results) -> Figure:
         """Return a row of panels per filter (and point of the grid), a column per PIT."""
-        every = list(product(results.points(), results.chosen(self.filters)))
-        shown = every[: style.MOST_PANELS]
+        all_rows = list(product(results.points(), results.chosen(self.filters)))
+        shown = all_rows[: style.MOST_PANELS]
         height = 1.25 * len(shown) + 0.6
         figure, axes = style.subplots(
             len(shown), len(self.columns), height, sharex=True, squeeze=False
@@ -110,7 +110,7 @@ class CalibrationFigure(FigureKind):
             ax.set_title(f"{heading}\n{p_value}".strip())
         for ax in axes[-1]:
             ax.set_xlabel("Rank of the truth")
-        return style.add_title_and_legend(figure, self.title, len(every))
+        return style.add_title_and_legend(figure, self.title, len(all_rows))
 
 
 def _say_of_ranks(labels: list[str], adjective: str) -> str:
@@ -119,9 +119,9 @@ def _say_of_ranks(labels: list[str], adjective: str) -> str:
 
 
 def _draw_histogram(ax: Axes, ranks: Histogram, color: str, over_steps: bool) -> None:
-    """Draw ten bars about their common expectation, the band, the p-value.
+    """Draw the ten bars of a histogram, their expectation, its 95 % band, and the p-value.
 
-    ``over_steps``: the ranks are those of all steps of the runs, which depend on each other.
+    If ``over_steps``, the ranks are those of all steps of the runs, which depend on each other.
     """
     edges = np.arange(TENTHS + 1) / TENTHS
     level = 1.0 / TENTHS
@@ -236,7 +236,8 @@ def _draw_coverage(ax: Axes, coverage: _Coverage, label: str, look: LineStyle) -
 
 
 def _count_coverage(results: Results, point: GridPoint, label: str, metric: Measure) -> _Coverage:
-    """Count the truths within a filter's regions: of the whole state, or central intervals."""
+    """Return the share of truths within a filter's regions of each level."""
+    # The regions of a component are central intervals; those of the whole state grow from NEES = 0.
     is_central = metric.family[1] != "nees"
     if metric.steps:
         return _coverage_at_step(pits(results, point, label, metric), is_central)
@@ -246,7 +247,8 @@ def _count_coverage(results: Results, point: GridPoint, label: str, metric: Meas
 def _coverage_at_step(ranks: Array, is_central: bool) -> _Coverage:
     """Count coverage from the ranks of the truth (M,) at a step; NaN for a run without a rank."""
     known = ranks[~np.isnan(ranks)]
-    # A truth is within the region of each level from this one on.
+    # The least level whose region contains the truth. A central interval of level p has the ranks
+    # (1 - p) / 2 to (1 + p) / 2.
     least_levels = np.abs(2.0 * known - 1.0) if is_central else known
     level = np.linspace(0.0, 1.0, _LEVELS)
     number_within = np.searchsorted(np.sort(least_levels), level, side="right")

@@ -75,10 +75,10 @@ class AccuracyVsCost(FigureKind):
     def default_caption(self, results: Results) -> str:
         """Return the filters on the front."""
         scene = scenes(results)[0]
-        every = self._curves(results, scene)
-        identities_on_front = {id(spot) for spot in self._front(every)}
+        all_curves = self._curves(results, scene)
+        identities_on_front = {id(spot) for spot in self._front(all_curves)}
         names = []
-        for curve in every:
+        for curve in all_curves:
             spots = [spot for spot in curve.spots if id(spot) in identities_on_front]
             if not spots:
                 continue
@@ -100,8 +100,8 @@ class AccuracyVsCost(FigureKind):
 
     def draw(self, results: Results) -> Figure:
         """Return one panel per scene."""
-        every = scenes(results)
-        drawn = every[: style.MOST_PANELS]
+        all_scenes = scenes(results)
+        drawn = all_scenes[: style.MOST_PANELS]
         figure, axes = style.make_panels(len(drawn), 1, 4.2, sharey=True)
         headings = style.wrap_headings([phrases.heading(scene) for scene in drawn])
         for (ax,), scene, heading in zip(axes, drawn, headings, strict=True):
@@ -109,7 +109,7 @@ class AccuracyVsCost(FigureKind):
             ax.set_title(heading)
             ax.set_xlabel(COST)
         axes[0][0].set_ylabel(self.y_label or str(self.metric))
-        return style.add_title_and_legend(figure, self.title, len(every))
+        return style.add_title_and_legend(figure, self.title, len(all_scenes))
 
     def _draw_panel(self, ax: Axes, results: Results, scene: GridPoint) -> None:
         """Draw the filters' curves, the front and the floor of one scene."""
@@ -126,7 +126,7 @@ class AccuracyVsCost(FigureKind):
             marker = _MARKERS[number % len(_MARKERS)]
             look = looks[curve.label] | {"marker": marker}
             _draw_curve(ax, curve, look)
-        # Step 2: the front, which goes on to the largest CPU time.
+        # Step 2: the front. Its last error is drawn on to the largest CPU time.
         front_values = _values_of(self._front(drawn))
         times = list(front_values.time)
         errors = list(front_values.error)
@@ -163,9 +163,9 @@ class AccuracyVsCost(FigureKind):
         labels = [label for label in compared_labels(results, self.filters) if label != floor]
         return curves(results, scene, labels, self.metric, self.along)
 
-    def _front(self, every: Sequence[Curve]) -> list[Spot]:
-        """Return the points of all curves that no other point betters at the same time or less."""
-        return list(front(_spots_of(every), self.metric.family[0].more_is_better))
+    def _front(self, all_curves: Sequence[Curve]) -> list[Spot]:
+        """Return the points of all curves that are better than all others of the same time or less."""
+        return list(front(_spots_of(all_curves), self.metric.family[0].more_is_better))
 
 
 def _draw_curve(ax: Axes, curve: Curve, look: LineStyle) -> None:
@@ -196,10 +196,10 @@ def _draw_curve(ax: Axes, curve: Curve, look: LineStyle) -> None:
         )
 
 
-def _spots_of(every: Sequence[Curve]) -> list[Spot]:
+def _spots_of(all_curves: Sequence[Curve]) -> list[Spot]:
     """Return the points of all curves, curve by curve."""
     spots: list[Spot] = []
-    for curve in every:
+    for curve in all_curves:
         spots += curve.spots
     return spots
 

@@ -79,10 +79,14 @@ class CriticalDifference(FigureKind):
 
 
 def mean_ranks(values: Array) -> Array:
-    """Return mean ranks (k,) of k filters from values (k, M); NaN is worst, ties share."""
+    """Return the mean ranks (k,) of k filters over M runs; ``values`` (k, M), the smallest is best.
+
+    NaN has the worst rank. Equal values share the mean of their ranks.
+    """
     values = np.where(np.isnan(values), np.inf, values)
     better = np.array([np.sum(values < row, axis=0) for row in values])
-    equal = np.array([np.sum(values == row, axis=0) for row in values])  # with itself
+    equal = np.array([np.sum(values == row, axis=0) for row in values])  # at least 1: itself
+    # Equal values have the ranks better + 1 to better + equal.
     return np.mean(better + 0.5 * (equal + 1), axis=1)
 
 
@@ -117,7 +121,10 @@ def range_quantile(level: float, k: int) -> float:
 
 
 def cliques(mean: Array, critical: float) -> list[tuple[float, float]]:
-    """Return the first and last mean rank of every largest group within the critical difference."""
+    """Return the first and last mean rank of each group of filters that a bar joins.
+
+    The mean ranks of a group lie within the ``critical`` difference, and no larger group contains it.
+    """
     ranks = np.sort(mean)
     groups: list[tuple[float, float]] = []
     for first in ranks:

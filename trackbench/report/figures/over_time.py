@@ -239,8 +239,9 @@ class OverTime(Curves):
     def panel_titles(self, results: Results, steps: Mapping[str, int]) -> list[str]:
         """Return the labels that get a panel each; an empty list if all share one panel.
 
-        Panels need many filters, many ``steps`` (by label) and a single grid point. The floor, the
-        baseline, exact filters and labels without steps get none.
+        Each filter gets a panel if there are many filters, many steps and a single grid point. ``steps``
+        is the number of steps by label. The floor, the baseline, exact filters and labels without steps
+        get no panel.
         """
         references = (self.floor, self.baseline, *results.exact)
         filters = [label for label in steps if steps[label] and label not in references]
@@ -250,10 +251,10 @@ class OverTime(Curves):
         return []
 
     def count_steps(self, results: Results, metric: OfStep) -> dict[str, int]:
-        """Return how many steps of the first point have the metric, by label."""
+        """Return the number of steps at which each label has the metric, at the first grid point."""
         first_point = results.points()[0]
-        every = self.metric_series(results, first_point, metric)
-        return {series.look["label"]: len(series.rows) for series in every}
+        all_series = self.metric_series(results, first_point, metric)
+        return {series.look["label"]: len(series.rows) for series in all_series}
 
     def make_panels_over_time(
         self, results: Results, titles: Sequence[str], rows: int = 1, **layout: Any
@@ -268,7 +269,7 @@ class OverTime(Curves):
             len(titles), 1, 1.9, balanced=True, sharex=True, sharey=True
         )
         point = results.points()[0]
-        across = axes[0][0].get_gridspec().ncols
+        across = axes[0][0].get_gridspec().ncols  # panels in a row
         panels = []
         for place, ((ax,), label) in enumerate(zip(axes, titles, strict=True)):
             ax.set_title(style.wrapped(label, across))
@@ -286,7 +287,10 @@ class OverTime(Curves):
         return figure, panels
 
     def shade_fault(self, ax: Axes, rows: Columns, fault: Mapping[str, Any], number: int) -> None:
-        """Shade the steps of a fault among those of the rows, in the color of the fault's ``number``."""
+        """Shade the part of the axis in which a fault of a sensor lasts.
+
+        ``rows`` have the steps and times that are drawn. ``number`` is the fault's, and sets its color.
+        """
         if fault["steps"] is not None:
             first, last = fault["steps"]
             steps_or_times = rows["step"]
@@ -304,7 +308,10 @@ class OverTime(Curves):
             ax.axvspan(x.min(), x.max(), label=fault["name"], **style.fault_look(number))
 
     def series_with_gaps(self, rows: Columns) -> tuple[Array, ...]:
-        """Return abscissas, values and standard errors (n,), with NaN in gaps of the steps."""
+        """Return the steps or times, the values and the standard errors (n,) of rows of per_step.csv.
+
+        A NaN is inserted where steps are missing, so that the line has a gap.
+        """
         return filter_lines.insert_gaps(rows["step"], rows[self.x], rows["value"], rows["stderr"])
 
     def draw_curve(
@@ -317,10 +324,11 @@ class OverTime(Curves):
         titles: Collection[str],
         steps: int = 1,
     ) -> bool:
-        """Draw the line of the filter ``look["label"]``; return whether it is in its own look.
+        """Draw the line of the filter ``look["label"]``; return True if it is drawn in this look.
 
-        The line is gray if the filter has a panel of its own (it is one of the ``titles``), which is not
-        this one (its ``title``). ``steps`` is the number of steps of which each value is the mean.
+        ``titles`` are the filters with a panel of their own, and ``title`` is the filter of this panel.
+        Other filters with a panel of their own are gray lines here. ``steps`` is the number of steps of
+        which each value is the mean.
         """
         label = look["label"]
         if label == title:
@@ -365,8 +373,8 @@ class RmseVsTime(OverTime):
         """Return one line per filter."""
         curves: list[Array] = []
         for point in results.points()[: style.MOST_PANELS]:
-            every = self.metric_series(results, point, self.metric)
-            curves += [series.rows["value"] for series in every]
+            all_series = self.metric_series(results, point, self.metric)
+            curves += [series.rows["value"] for series in all_series]
         return self.with_vertical_axis(self.metric, curves)._draw_curves(results)
 
     def _draw_curves(self, results: Results) -> Figure:
@@ -375,12 +383,12 @@ class RmseVsTime(OverTime):
         figure, panels = self.make_panels_over_time(results, titles)
         for panel in panels:
             (ax,) = panel.axes
-            every = list(self.metric_series(results, panel.point, self.metric))
-            lines_with_errors = 1 if titles else len(every)
+            all_series = list(self.metric_series(results, panel.point, self.metric))
+            lines_with_errors = 1 if titles else len(all_series)
             faults = results.facts(panel.point).scenario.get("faults", ())
             for number, fault in enumerate(faults):
-                self.shade_fault(ax, every[0].rows, fault, number)
-            for place, series in enumerate(every):
+                self.shade_fault(ax, all_series[0].rows, fault, number)
+            for place, series in enumerate(all_series):
                 look = series.look
                 k, value, stderr = self.series_with_gaps(series.rows)
                 if self.log and scales.has_logarithm(value):
@@ -524,7 +532,10 @@ class EstimatesOfOneRun(OverTime):
 
 
 def _without_jumps(tracks: dict[str, Array], component: int, run: int) -> dict[str, Array]:
-    """Return the tracks, with the angle of one run continued where it jumps by a turn."""
+    """Return the tracks with the angle ``component`` of one run unwrapped: jumps by a turn are removed.
+
+    Each estimate is shifted by whole turns to lie near the truth.
+    """
     continued = dict(tracks)
     continued["truth"] = _continue_angle(tracks["truth"], component, run)
     truth = continued["truth"][component, :, run]
@@ -542,7 +553,7 @@ def _without_jumps(tracks: dict[str, Array], component: int, run: int) -> dict[s
 
 
 def _continue_angle(states: Array, component: int, run: int) -> Array:
-    """Return a copy of states (n, T + 1, runs) in which an angle of one run has no jumps by a turn."""
+    """Return a copy of states (n, T + 1, runs) with the angle ``component`` of one run unwrapped."""
     continued = np.array(states)
     angle = continued[component, :, run]
     is_known = np.isfinite(angle)

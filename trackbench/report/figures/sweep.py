@@ -372,7 +372,10 @@ class SweepFigure(FigureKind):
         return self._draw_panels(section, panels, x_path)
 
     def _axes(self, section: _Section) -> tuple[str, str | None]:
-        """Return the path along the horizontal axis, and the path that has a panel for each value."""
+        """Return the path along the horizontal axis, and the path that has a panel for each value.
+
+        The latter is None if the figure has one path, and else the path with fewer values.
+        """
         if len(self.paths) == 1:
             return self.paths[0], None
         first, second = self.paths
@@ -410,7 +413,9 @@ class SweepFigure(FigureKind):
             heights.append(self._draw_panel(ax, section, panel, x_path, place_of_value, looks))
         # Step 2: the axes.
         if has_one_metric:
-            heights = [[height for of_panel in heights for height in of_panel]] * len(panels)
+            heights = [[height for panel_heights in heights for height in panel_heights]] * len(
+                panels
+            )
         across = max(1, min(len(panels), style.MOSAIC))
         panel_in = sheet().width_in / across - _AXIS_IN
         for place, (ax, panel) in enumerate(zip(axes, panels, strict=False)):
@@ -575,7 +580,10 @@ class SweepFigure(FigureKind):
         return [label for label in chosen if _is_varied(results, self.paths, label)]
 
     def _labels_to_draw(self, section: _Section, metric: Measure) -> list[str]:
-        """Return the filters that the path varies, and those that no path varies; of many the best."""
+        """Return the filters that the shown paths vary, and those that no path of the grid varies.
+
+        Of more than three that no path varies, only the best by ``metric`` is returned.
+        """
         results = section.results
         chosen = results.chosen(self.filters)
         varied = self._varied_labels(results)
@@ -592,7 +600,7 @@ class SweepFigure(FigureKind):
 
 
 def _set_limits(ax: Axes, places: Array) -> None:
-    """Let a horizontal axis end a little beyond the places (n,), on a logarithmic axis by a factor."""
+    """Let a horizontal axis end a small share of its length beyond the first and last place (n,)."""
     first = float(places.min())
     last = float(places.max())
     if first == last:
@@ -606,7 +614,7 @@ def _set_limits(ax: Axes, places: Array) -> None:
 
 
 def shown_metrics(results: Results) -> dict[str, Measure]:
-    """Return the axis label and metric: the first errors over the whole run and ANEES, or log scores."""
+    """Return the default metrics by axis label: the first errors or log scores, and ANEES or ANIS."""
     stored = set(results.columns("summary")["metric"])
     metrics = [measured(f"mean({name})") for name in ranking_metrics(results)[:_MOST_ERRORS]]
     if "anees" in stored:

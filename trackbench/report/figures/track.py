@@ -127,12 +127,13 @@ class Track(FigureKind):
         point = next(filter(results.tracks, results.grid_points))
         facts = results.facts(point)
         scene = self._read_scene(results, results.tracks(point), facts)
-        every = [scene.truth, scene.measured, *scene.sensors.values()]
-        every += [place[:, None] for place in scene.landmarks.values()]
-        every += [estimate[..., 0] for estimate in scene.estimates.values()]
-        metres, unit = plane_unit(*every)
+        # All positions that are drawn set the unit and the size of the figure.
+        positions = [scene.truth, scene.measured, *scene.sensors.values()]
+        positions += [place[:, None] for place in scene.landmarks.values()]
+        positions += [estimate[..., 0] for estimate in scene.estimates.values()]
+        metres, unit = plane_unit(*positions)
         panels = max(len(self.filters), 1)
-        width, height = _fit_figure(panels, *(xy / metres for xy in every))
+        width, height = _fit_figure(panels, *(xy / metres for xy in positions))
         figure, axes = style.subplots(
             1, panels, height, width, squeeze=False, sharex=True, sharey=True
         )
@@ -149,7 +150,10 @@ class Track(FigureKind):
     def _read_scene(
         self, results: Results, tracks: dict[str, Array], facts: PointFacts
     ) -> "_Scene":
-        """Read the tracks of a grid point: those of sensors only if they are near the target."""
+        """Read what the figure draws at a grid point: truth, estimates, measurements and sensors.
+
+        Sensors and landmarks far from the target are left out.
+        """
         errors = (facts.scenario.get("score") or {}).get("errors") or {}
         rows = self._rows(facts.components, errors)
         assert rows is not None
@@ -171,20 +175,21 @@ class Track(FigureKind):
             for name in all_sensors:
                 if _is_near(tracks[name], first_run):
                     sensors[name.removeprefix("sensor/")] = tracks[name]
-            names = (facts.scenario.get("target") or {}).get("sensors") or ()
+            # Landmarks of a recording have the names of its sensors, others their numbers.
+            landmark_names = (facts.scenario.get("target") or {}).get("sensors") or ()
             for name in tracks:
                 if name.startswith("landmark/") and _is_near(tracks[name][:, None], first_run):
                     number = name.removeprefix("landmark/")
-                    called = names[int(number) - 1] if names else number
-                    landmarks[str(called)] = tracks[name]
+                    landmark = landmark_names[int(number) - 1] if landmark_names else number
+                    landmarks[str(landmark)] = tracks[name]
         path = truth
         headings = tracks["truth"][heading_rows(facts.components, facts.angles or ()), :, 0]
         if not np.isfinite(truth).any() and estimates:
             # Without ground truth the heading is that of the first filter.
             label, estimate = next(iter(estimates.items()))
             path = estimate[..., 0]
-            of_filter = tracks[f"mean/{label}"]
-            headings = of_filter[heading_rows(facts.components, facts.angles or ()), :, 0]
+            states = tracks[f"mean/{label}"]
+            headings = states[heading_rows(facts.components, facts.angles or ()), :, 0]
         return _Scene(
             landmarks=landmarks,
             path_of_headings=path,
@@ -237,11 +242,11 @@ class Track(FigureKind):
             _draw_heading(ax, scene.path_of_headings / metres, heading)
 
     def _best_filters(self, results: Results) -> list[str]:
-        """Choose the best filters of the first ranking, else the first ones."""
+        """Return the first ``best`` filters of the first ranking, or without a ranking of the config."""
         labels: list[str] = []
-        every = rankings(results)
-        if every:
-            labels = [contender.label for contender in every[0].order]
+        all_rankings = rankings(results)
+        if all_rankings:
+            labels = [contender.label for contender in all_rankings[0].order]
         return (labels or results.filters)[: self.best]
 
     def _draw_runs(self, ax: Axes, estimates: Array, color: str) -> None:
@@ -280,16 +285,16 @@ class _Scene:
 
 
 def _draw_best(ax: Axes, results: Results, estimates: Mapping[str, Array], metres: float) -> None:
-    """Draw the first run's estimates (2, T, runs) of the best filters, the best on top.
+    """Draw the first run's estimates of the best filters, the best on top.
 
-    A solid line that would hide an equal line lies below all.
+    ``estimates`` (2, T, runs) are by label, the best first. A solid line that would hide an equal line
+    is drawn below all others. ``metres`` is the unit of the axes.
     """
     looks = results.line_styles(list(estimates))
     for rank, (label, estimate) in enumerate(estimates.items()):
         look = looks[label]
-        equal = [
-            np.allclose(estimate, other, equal_nan=True) for other in estimates.values()
-        ]  # with itself
+        # Every estimate equals itself: more than one equal estimate means another one.
+        equal = [np.allclose(estimate, other, equal_nan=True) for other in estimates.values()]
         level = rank
         if sum(equal) > 1 and look["linestyle"] == "-":
             level = len(estimates)
@@ -311,7 +316,10 @@ def _known_points(tracks: Sequence[Array]) -> Array:
 
 
 def _is_near(path: Array, tracks: Sequence[Array]) -> bool:
-    """Return whether a picture with a sensor's path (2, T) leaves the tracks (2, T) a quarter of it."""
+    """Test whether a sensor's ``path`` (2, T) is so near that a picture still shows the ``tracks`` well.
+
+    With the path, the picture may be at most `_FAR` times as large as without.
+    """
     points = _known_points(tracks)
     if not points.size:
         return False

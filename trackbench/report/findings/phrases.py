@@ -132,7 +132,7 @@ def joined(names: Iterable[str]) -> str:
 
 
 def verb(names: Sequence[str]) -> str:
-    """Conjugate for one or for several."""
+    """Return "is" for one name and "are" for several."""
     return "is" if len(names) == 1 else "are"
 
 

@@ -70,7 +70,7 @@ def answer(results: Results) -> list[str]:
 
 
 def _explain_undecided(ranking: Ranking) -> str:
-    """Explain why no filter is best, or why one that looks worse than another is not."""
+    """Explain why no filter is best, or why a comparison with the best is undecided; else empty."""
     if ranking.best is not None:
         reasons = dict.fromkeys(rival.difference.why for rival in ranking.undecided)
         return " ".join(f"Undecided: {why}." for why in reasons if why)
@@ -93,7 +93,7 @@ def _explain_undecided(ranking: Ranking) -> str:
 
 
 def _tuned(results: Results, ranking: Ranking) -> str:
-    """Name the untuned filters that a tuned best one is compared with."""
+    """Return the sentence on untuned filters that the best filter, a tuned one, is compared with."""
     best = ranking.best
     label_by_tuned_label = {tuned_label(label): label for label in results.config.get("tune") or {}}
     if best is None or best.label not in label_by_tuned_label:
@@ -109,7 +109,7 @@ def _tuned(results: Results, ranking: Ranking) -> str:
 
 
 def _other_metrics(results: Results, ranking: Ranking) -> str:
-    """Name the other metrics by which another filter is better than the best."""
+    """Return the sentence on other metrics by which another filter is significantly better."""
     metrics_by_leader: dict[str, list[str]] = {}
     for metric in ranking_metrics(results):
         if metric == ranking.metric.metric:

@@ -94,7 +94,10 @@ def write_report(
 
 
 def _rerun(results: Results) -> str:
-    """Write the arguments that run the config again, for a shell; of an absolute path the last part."""
+    """Write the arguments of `trackbench run`, for a shell, that run the config again.
+
+    Of an absolute path only the folder's name and the file's are written.
+    """
     path = results.folder / "config.yaml"
     shown = "/".join(path.parts[-2:]) if path.is_absolute() else path.as_posix()
     arguments = shlex.quote(shown)
@@ -197,9 +200,10 @@ def _versions(results: Results) -> TextTable:
 
 
 def drawings(results: Results) -> list[dict[str, Any]]:
-    """Prepare all figures for the page, the key figure first; disallowed plugins' as stored.
+    """Prepare all figures for the page, the key figure first.
 
-    Each has name, svg, heading (its name, where the picture has no title), caption (what to see in it).
+    Each figure has a name, an SVG, a heading and a caption. The heading is the name, or empty if the
+    picture has a title. Figures of plugins that are not allowed are shown as they are stored.
     """
     from markupsafe import Markup
 

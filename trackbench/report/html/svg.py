@@ -127,7 +127,10 @@ def _clean_element(element: ET.Element) -> None:
 
 
 def _may_stay(tag: str, key: str, value: str) -> bool:
-    """Test whether an attribute of an element named ``tag`` draws, and refers to its own file only."""
+    """Test whether an attribute, ``key`` with ``value``, of an element ``tag`` is kept.
+
+    It is kept if it has a part in drawing and refers to nothing outside the file.
+    """
     if key in ("href", f"{{{_XLINK}}}href"):
         is_picture = tag == f"{{{_SVG}}}image" and value.startswith("data:image/png;base64,")
         return is_picture or value.startswith("#")
@@ -144,7 +147,7 @@ def _is_harmless(value: str) -> bool:
 
 @cache
 def _style(text: str) -> str:
-    """Drop the properties of a style that do not draw; any other style is left as it is."""
+    """Return the text of a style without the properties that have no part in drawing."""
     properties = [part.partition(":") for part in text.split(";") if part.strip()]
     good = []
     for name, colon, value in properties:

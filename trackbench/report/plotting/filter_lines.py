@@ -69,6 +69,7 @@ def draw_error_band(
         ax.fill_between(x, low, high, alpha=0.15, lw=0, color=color, label=label)
         ax.fill_between([], [], [], color="#888888", alpha=0.4, lw=0, label=SPREAD)
     else:
+        # Lines begin at different x, so that their bars lie beside each other.
         period = max(1, len(x) // _BARS)
         chosen = slice(place * period // places, None, period)
         ax.vlines(x[chosen], low[chosen], high[chosen], linewidth=1.0, color=color, label=label)
@@ -78,7 +79,10 @@ def draw_error_band(
 def draw_error_bars(
     ax: Axes, x: Array, value: Array, stderr: Array, label: str, color: str, **look: Any
 ) -> None:
-    """Draw two standard errors as a bar at each point of the line ``label``, for the page too."""
+    """Draw a bar of two standard errors at each point of the line ``label``.
+
+    The interactive page gets the standard errors, too.
+    """
     svg_file.set_stderr(ax, label, stderr)
     if not (stderr > 0.0).any():
         return

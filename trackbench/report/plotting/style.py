@@ -171,10 +171,10 @@ def distinct_looks(usual_looks: Mapping[str, LineStyle]) -> dict[str, LineStyle]
             looks[label] = look
             colors.add(color)
     # Step 2: the other labels have a new color, else a color with another dash.
-    every = [line(number) for number in range(len(COLORS) * len(DASHES))]
+    all_looks = [line(number) for number in range(len(COLORS) * len(DASHES))]
     for label in waiting:
-        new_colors = [look for look in every if look["color"] not in colors]
-        new_looks = [look for look in every if look not in looks.values()]
+        new_colors = [look for look in all_looks if look["color"] not in colors]
+        new_looks = [look for look in all_looks if look not in looks.values()]
         look = [*new_colors, *new_looks, usual_looks[label]][0]
         looks[label] = look
         colors.add(look["color"])
@@ -231,7 +231,10 @@ def _count_legend_columns(labels: Sequence[str], width_in: float) -> int:
 
 
 def _handles_by_label(figure: Figure, without: Collection[str]) -> dict[str, Any]:
-    """Collect the first handle of each label in the figure; that of two standard errors is last."""
+    """Return the first handle of each label in the figure, except the labels ``without``.
+
+    The label of two standard errors comes last.
+    """
     handles: dict[str, Any] = {}
     for ax in figure.axes:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
@@ -285,7 +288,7 @@ def panel_grid(
 
 
 def set_title(figure: Figure, text: str, points: int = 1) -> None:
-    """Set the figure's title, which says so if not all of its grid ``points`` are shown."""
+    """Set the figure's title, with a remark if it has more grid ``points`` than it shows."""
     parts = []
     if text and sheet().titled:
         parts.append(text)
@@ -434,7 +437,7 @@ def _fix_layout(figure: Figure) -> None:
 
 
 def spell_out_texts(figure: Figure) -> None:
-    """Write texts in letters that are no formulas: those with a dollar only, and powers of ten."""
+    """Draw as plain letters the texts whose dollars enclose no formula, and powers of ten."""
     from matplotlib.mathtext import MathTextParser
     from matplotlib.text import Text
 

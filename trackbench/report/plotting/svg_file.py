@@ -211,9 +211,9 @@ def _axis_data(figure: "Figure", ax: "Axes", name: str) -> dict[str, Any]:
 
 
 def _curve_data(ax: "Axes", labels: list[str]) -> Iterator[dict[str, Any]]:
-    """Yield the number, color and values of each curve.
+    """Yield the number, color and values of each curve of an axes; ``labels`` are those of all curves.
 
-    A curve with the abscissas of the curve before has no abscissas.
+    The abscissas are left out if they are those of the curve before.
     """
     from matplotlib.colors import to_hex
 

@@ -84,10 +84,10 @@ def draw_figures(
 
 
 def ordered_problems(group: SuiteScores) -> list[str]:
-    """Return the problems by class; neighboring classes are those on which the same filters are good.
+    """Return the problems sorted by class, so that similar classes are neighbors.
 
-    Classes are ordered by the first principal component of the mean logarithms of the ratios, and the
-    problems of a class stay in the suite's order.
+    On similar classes the same filters are good. Classes are sorted by the first principal component of
+    their mean logarithms of the ratios. The problems of a class keep the suite's order.
     """
     _, problems, ratios = ratio_matrix(group)
     names = list(dict.fromkeys(group.classes[problem] for problem in problems))
@@ -98,7 +98,7 @@ def ordered_problems(group: SuiteScores) -> list[str]:
     centered = means - means.mean(axis=0)
     # The first principal component, with the sign that puts the suite's first class before its last.
     component = np.linalg.svd(centered, full_matrices=False)[2][0]
-    places = np.round(centered @ component, 9)
+    places = np.round(centered @ component, 9)  # the same order on every machine
     if places[0] > places[-1]:
         places = -places
     rank = {name: (place, i) for i, (name, place) in enumerate(zip(names, places, strict=True))}
@@ -188,7 +188,10 @@ def _ratio_text(ratio: float) -> str:
 def _write_cell(
     ax: Axes, row: float, column: float, text: str, log: float, is_undecided: bool = False
 ) -> None:
-    """Write a cell's text in an ink that can be read on its color, in italics if it is undecided."""
+    """Write a cell's text in black or white, whichever can be read on its color; undecided in italics.
+
+    ``log`` is the decimal logarithm of the ratio, which sets the color.
+    """
     ink = "white" if log > 0.45 * log10(WORST) else "black"
     slant = "italic" if is_undecided else "normal"
     ax.text(

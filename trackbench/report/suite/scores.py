@@ -620,17 +620,21 @@ class Likeness:
 
 
 def nearest_filter(group: SuiteScores, label: str) -> Likeness | None:
-    """Find the filter of the roster whose errors, run by run, are nearest to those of a filter."""
+    """Find the filter of the roster whose errors, run by run, are nearest to those of ``label``.
+
+    None if no other filter has errors on a problem that both ran on.
+    """
     likenesses = []
     for other in group.labels(FILTER):
         if other == label:
             continue
         differences = {}
         for problem, runs in group.runs.items():
-            mine = runs.values.get(label)
-            theirs = runs.values.get(other)
-            if mine is not None and theirs is not None and len(mine) == len(theirs):
-                differences[problem] = _largest_difference(mine, theirs)
+            errors = runs.values.get(label)
+            other_errors = runs.values.get(other)
+            if errors is None or other_errors is None or len(errors) != len(other_errors):
+                continue
+            differences[problem] = _largest_difference(errors, other_errors)
         if differences:
             likenesses.append(Likeness(label=other, differences=differences))
     if not likenesses:

@@ -42,14 +42,15 @@ def roster_table(group: SuiteScores) -> TextTable:
     heads += ["Overconfident at", "Not run at", "CPU time"]
     table = TextTable(f"{group.title}: {number} problems", heads)
     for label in ordered_labels(group):
-        mine = [score for score in group.of_role(FILTER) if score.label == label]
-        run = [score for score in mine if score.has_error]
-        left_out = sum(score.is_left_out for score in mine)
-        near = sum(score.limited_ratio <= NEAR for score in run)
-        within = sum(score.limited_ratio <= 2.0 for score in run)
-        first = sum(is_best(score) for score in run)
-        failing = sum(fails(score) for score in mine)
-        overconfident = sum(is_overconfident(score) for score in run)
+        # Numbers of problems, with an error of the filter or without.
+        scores = [score for score in group.of_role(FILTER) if score.label == label]
+        with_error = [score for score in scores if score.has_error]
+        left_out = sum(score.is_left_out for score in scores)
+        near = sum(score.limited_ratio <= NEAR for score in with_error)
+        within = sum(score.limited_ratio <= 2.0 for score in with_error)
+        first = sum(is_best(score) for score in with_error)
+        failing = sum(fails(score) for score in scores)
+        overconfident = sum(is_overconfident(score) for score in with_error)
         cost = costs.get(label)
         table.rows.append(
             [
@@ -97,7 +98,7 @@ def is_overconfident(score: Score) -> bool:
 
 
 def smoother_table(group: SuiteScores) -> TextTable | None:
-    """Tabulate what smoothing gains: the smoother's error over that of its filter."""
+    """Tabulate each smoother's error divided by that of its filter; None without any such ratio."""
     smoothers = group.of_role(SMOOTHER)
     if not smoothers:
         return None
@@ -106,10 +107,10 @@ def smoother_table(group: SuiteScores) -> TextTable | None:
         "Smoothers", ["Problem", "Smoother", "Error", "Error / its filter's", "Lost runs"]
     )
     for score in smoothers:
-        own = filters.get((score.problem, score.label.removesuffix(", smoothed")))
-        if not score.has_error or own is None or not own.has_error:
+        filter_score = filters.get((score.problem, score.label.removesuffix(", smoothed")))
+        if not score.has_error or filter_score is None or not filter_score.has_error:
             continue
-        ratio = score.error / own.error
+        ratio = score.error / filter_score.error
         table.rows.append(
             [
                 Text(score.problem),
@@ -142,15 +143,15 @@ def _score_row(score: Score) -> list[Text]:
     ratio = score.ratio_to_best
     if score.has_error:
         number = rounded(score.error, score.stderr, 4)
-        beside = ratio_in_words(score)
+        ratio_or_reason = ratio_in_words(score)
     else:
         number = "–"
-        beside = score.reason
+        ratio_or_reason = score.reason
     lost = f"{score.lost} of {score.runs}" if score.lost else "0"
     return [
         Text(score.problem),
         Text(number, score.error),
-        Text(beside, ratio.value),
+        Text(ratio_or_reason, ratio.value),
         Text(lost, score.lost),
         Text(score.consistency or "–"),
     ]
@@ -178,11 +179,11 @@ def ratio_in_words(score: Score) -> str:
 
 
 def filter_sentences(group: SuiteScores, label: str) -> list[str]:
-    """Say of one filter where it ran, where it is first or fails, and which filter it resembles."""
-    mine = [score for score in group.of_role(FILTER) if score.label == label]
-    run = [score for score in mine if not score.is_left_out]
-    lines = [f"{group.title}: {label} ran on {len(run)} of {len(mine)} problems."]
-    if len(run) <= _SHARE_OF_MANY * len(mine):
+    """Return sentences on one filter: where it ran, where it is best or fails, and its likeness."""
+    scores = [score for score in group.of_role(FILTER) if score.label == label]
+    run = [score for score in scores if not score.is_left_out]
+    lines = [f"{group.title}: {label} ran on {len(run)} of {len(scores)} problems."]
+    if len(run) <= _SHARE_OF_MANY * len(scores):
         lines.append(
             "The others measure something else, or have another state. A filter that takes its model "
             "as functions runs on nearly all: `trackbench new filter NAME --per-run --nonlinear` writes "
@@ -217,7 +218,7 @@ def filter_sentences(group: SuiteScores, label: str) -> list[str]:
 
 
 def _likeness_sentence(likeness: Likeness) -> str:
-    """Say which filter of the roster a filter is, or is nearest to."""
+    """Return the sentence on the filter of the roster that a filter equals, or is nearest to."""
     number = len(likeness.differences)
     if not likeness.others:
         also = f", which equals {_listed(likeness.also)} there" if likeness.also else ""
@@ -247,7 +248,7 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def leader_sentence(group: SuiteScores) -> str:
-    """Say which filter is first over the problems, and on what that depends."""
+    """Return the sentence on the filter that is first over the problems, and on what that depends."""
     if len(group.labels(FILTER)) < 2:
         return ""
     leader = leader_of(group)

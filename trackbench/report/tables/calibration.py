@@ -23,7 +23,7 @@ from trackbench.statistics.over_runs import Estimate
 
 
 def check_rank(m: Measure, *path: str) -> None:
-    """Raise InvalidKeyError at what is no PIT, at one step or over all of a window.
+    """Raise InvalidKeyError unless a measure is a PIT, at one step or over all steps of a window.
 
     ``path`` are the keys of the config that lead to the measure.
     """

@@ -79,10 +79,10 @@ class Consistency(TableKind):
 
 
 def degrees_of(rows: Columns, metric: str, n: int) -> Array:
-    """Count the degrees of freedom (K,) of a metric summed over the runs, at the steps that have it.
+    """Count the degrees of freedom (K,) of a metric's sum over the runs, at the K steps that have it.
 
-    ``rows`` are those of one filter in per_step.csv. They are n for each run, less the components that
-    are not measured or known exactly.
+    Each run has n, the number of components, less those that are not measured or are known exactly.
+    ``rows`` are those of one filter in per_step.csv.
     """
     chosen = rows.where(metric=metric)
     series = metric.replace("anees", "nees", 1)
@@ -93,15 +93,18 @@ def degrees_of(rows: Columns, metric: str, n: int) -> Array:
 
 
 def _band(components: float, accepted: AcceptedNis | None) -> tuple[float, float]:
-    """Return the 95 % band of a mean over so many components; of what a gate accepts its own."""
+    """Return the 95 % band of a mean of normalized squares over so many components.
+
+    ``accepted`` is the distribution of what a filter's gate accepts; None without a gate.
+    """
     return anees_band(1, components) if accepted is None else accepted.band(components)
 
 
 def _cells(values: Array, degrees: Array, accepted: AcceptedNis | None) -> list[Cell]:
-    """Fill the median over the steps, and the share of steps inside their bands.
+    """Return a cell with the median of the values over the steps, and one with the share in their bands.
 
-    ``values`` (K,) are per component, with ``degrees`` (K,) of freedom; ``accepted`` is the law of what
-    a gate accepts.
+    ``values`` (K,) are normalized squares per component, and ``degrees`` (K,) their degrees of freedom.
+    ``accepted`` is the distribution of what a filter's gate accepts; None without a gate.
     """
     if not len(values):
         return [Cell.missing(), Cell.missing()]
@@ -115,9 +118,10 @@ def _cells(values: Array, degrees: Array, accepted: AcceptedNis | None) -> list[
 
 
 def _consistency_bands(degrees: dict[str, _DegreesOfFreedom], runs: int) -> Iterator[str]:
-    """Yield the band for each number of components, and the widest one of steps that use fewer.
+    """Yield a sentence with the 95 % band for each number of components.
 
-    ``degrees`` has the degrees of freedom of the steps for ANEES and for ANIS.
+    If some steps use fewer components, it also has the band of the step with the fewest. ``degrees`` has
+    the degrees of freedom of the steps for ANEES and for ANIS.
     """
     for name, degrees_by_law in degrees.items():
         several = len({n for n, _ in degrees_by_law}) > 1
@@ -139,16 +143,16 @@ def _consistency_bands(degrees: dict[str, _DegreesOfFreedom], runs: int) -> Iter
 
 
 def components(numbers: Array) -> float:
-    """Return the number of components of one average with the variance of the mean of runs' averages.
+    """Return the number N of components of which one average varies as much as the mean over runs.
 
-    Of run i with n_i components (``numbers``, (M,)) that is chi2(n_i) / n_i, of variance 2 / n_i. Their
-    unweighted mean has sum(2 / n_i) / M^2, which a chi-square over its M^2 / sum(1 / n_i) degrees of
-    freedom has, too (Satterthwaite 1946, Biometrics Bull. 2, 110). Of equal n_i exactly M n; 0 of none.
+    Run i averages n_i components (``numbers``, (M,)): chi2(n_i) / n_i, of variance 2 / n_i. The mean
+    over runs has the variance sum(2 / n_i) / M^2, and so has chi2(N) / N with N = M^2 / sum(1 / n_i)
+    (Satterthwaite 1946, Biometrics Bull. 2, 110). N is M n for equal n_i, and 0 without any component.
     """
     positive = numbers[numbers > 0]
     if not len(positive):
         return 0.0
-    least = positive.min()  # so that of equal numbers nothing is rounded
+    least = positive.min()  # divided out, so that equal numbers give M n without rounding
     # N = M^2 / sum(1 / n_i)
     return float(len(positive) * least * (len(positive) / total(least / positive)))
 
@@ -217,7 +221,7 @@ class Innovations(TableKind):
 
 
 def _refused_column(evaluators: Iterable[Evaluator]) -> dict[str, str]:
-    """Find the column of refused measurements, where any filter has a gate: heading and metric."""
+    """Return heading and metric of the column of refused measurements; empty if no filter has a gate."""
     if "mean(gated)" not in _stored_metrics(evaluators):
         return {}
     return {"Refused a run": "mean(gated)"}
@@ -237,7 +241,7 @@ def _innovation_cell(evaluator: Evaluator, label: str, metric: str) -> Cell:
 
 
 def _error_columns(results: Results) -> dict[str, str]:
-    """Find a column for each component of the measurement: heading and metric."""
+    """Return heading and metric of the columns of prediction errors, one for each component measured."""
     columns = {}
     for head, kind in _ERRORS.items():
         for name in dict.fromkeys(results.columns("summary")["metric"]):
@@ -248,7 +252,10 @@ def _error_columns(results: Results) -> dict[str, str]:
 
 
 def _band_notes(results: Results, labels: list[str]) -> list[str]:
-    """Write the bands of a consistent filter; filters and points with equal bands share a sentence."""
+    """Write sentences with the bands of a consistent filter.
+
+    The filters ``labels`` and the grid points with equal bands share a sentence.
+    """
     places_by_sentence: dict[str, list[str]] = {}
     for point in results.points():
         labels_by_sentence: dict[str, list[str]] = {}

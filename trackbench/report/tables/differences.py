@@ -46,9 +46,9 @@ class Differences(TableKind):
             for label in labels:
                 cells = []
                 for metric in map(str, self.columns.values()):
-                    mine = runs.get((label, metric))
-                    other = runs.get((self.against, metric))
-                    cells.append(Cell.difference(mine, other))
+                    values = runs.get((label, metric))
+                    subtracted_values = runs.get((self.against, metric))
+                    cells.append(Cell.difference(values, subtracted_values))
                 table.add([*map(str, point.values()), label], cells)
         return table
 

@@ -78,7 +78,7 @@ class EfficiencyTable(TableKind):
         return table
 
     def _cells(self, expressions: Evaluator, label: str) -> list[Cell]:
-        """Fill both efficiencies of a filter, the runs that the first saves, and the cross term."""
+        """Return the cells of a filter: both efficiencies, the runs saved, and the cross term."""
         m = self.metric.of(label)
         rmse, _ = m.made_of()
         floor, distance = expressions.reference_and_rmsd(m)
@@ -108,7 +108,7 @@ class _Form(NamedTuple):
 
 
 def _forms(results: Results, scene: GridPoint, label: str) -> list[_Form]:
-    """Find the forms of a filter in a scene."""
+    """List the forms of a filter in one scenario: its sets of keys that the grid gives it."""
     variants: list[dict[str, Any]] = []
     points = []
     for point in points_of(results, scene):
@@ -175,7 +175,7 @@ class EqualCost(TableKind):
     def _add_budget(
         self, table: Table, keys: list[str], rivals: Sequence[Curve], budget: Spot
     ) -> None:
-        """Add the rows at one CPU time, that of the spot ``budget``, and the conclusion.
+        """Add a row for each rival at the CPU time of the spot ``budget``, and the conclusion as a note.
 
         ``keys`` are the first columns of the rows: values of the scenario, and the size at the budget.
         """
@@ -207,9 +207,10 @@ class _Comparison(NamedTuple):
 
 
 def _compare(errors: dict[str, AtCost], higher: bool) -> _Comparison:
-    """Find the best filter, those that may be as good, and worse ones that lose fewer runs.
+    """Find the best filter, its ties, and worse filters that lose fewer runs than the best.
 
-    Of ``errors`` by name the lowest is the best, or if ``higher`` the highest (of efficiencies).
+    ``errors`` are by the filter's name. The lowest is the best, or the highest if ``higher`` is set, as
+    for efficiencies.
     """
     sign = -1.0 if higher else 1.0
     order = sorted(errors, key=lambda name: sign * errors[name].error.value)
@@ -219,7 +220,7 @@ def _compare(errors: dict[str, AtCost], higher: bool) -> _Comparison:
     ties: list[str] = []
     losing_fewer: list[str] = []
     for place, name in enumerate(order[1:]):
-        # Those behind a worse one are no ties. A worse filter may still lose fewer runs.
+        # A filter behind a significantly worse one is no tie. A worse filter may still lose fewer runs.
         is_significant = family[best[0], name].sign != 0
         if not is_significant and len(ties) == place:
             ties.append(name)
@@ -231,7 +232,7 @@ def _compare(errors: dict[str, AtCost], higher: bool) -> _Comparison:
 def _marked(errors: dict[str, AtCost], comparison: _Comparison) -> list[str]:
     """Return the filters that are marked: the best, and ties up to the first that is not near it.
 
-    None if a tie is not near and no filter is worse: nothing is decided.
+    The list is empty if a tie is not near and no filter is worse, as nothing is then decided.
     """
     near: list[str] = []
     for name in comparison.ties:

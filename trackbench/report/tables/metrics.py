@@ -103,11 +103,12 @@ class Metrics(TableKind):
 
 
 def best_labels(evaluator: Evaluator, labels: Sequence[str], m: Measure) -> list[str]:
-    """Return the filters that are marked as best, by the ranking at this point.
+    """Return those of the filters ``labels`` that are marked as best in the column of a measure.
 
-    The other filters of the experiment belong to its family of tests. Of a time or a step, of which
-    runs have no values, only the least value is the best; of a step none in fewer than five runs. A
-    number that is zero in every run has no error to be compared, and the column no mark.
+    If each run has a value, they are the filters that the ranking marks. All filters of the experiment
+    count in the correction for the number of tests. A CPU time or the number of a step has no value per
+    run: the least number is marked. No label is returned for a measure of which neither the least nor
+    the highest is best, for numbers that are zero in every run, and for a step in fewer than five runs.
     """
     lower_is_better = m.is_cpu_time or m.family[0].better == "lower"
     if not (lower_is_better or m.family[0].is_score) or m.relation in ("gain", "win_rate"):
@@ -121,6 +122,7 @@ def best_labels(evaluator: Evaluator, labels: Sequence[str], m: Measure) -> list
             candidates[label] = candidate
     rivals = [candidates[label] for label in labels if label in candidates]
     if len(rivals) > 1:
+        # Equal numbers of all filters have no best one.
         if len({rival.overall.value for rival in rivals}) == 1:
             return []
         unranked = [candidates[label] for label in candidates if label not in labels]
@@ -141,6 +143,7 @@ def best_labels(evaluator: Evaluator, labels: Sequence[str], m: Measure) -> list
     if least == 0.0 and not m.is_share:
         return []
     best = [label for label, value in values.items() if value == least]
+    # If all filters have the least number, none is better than another.
     return best if lower_is_better and len(best) < len(values) else []
 
 
@@ -151,7 +154,10 @@ def _is_zero_in_every_run(candidate: Candidate) -> bool:
 
 
 def _candidate(evaluator: Evaluator, m: Measure) -> Candidate | None:
-    """Return a filter with the values of its runs; None if the measure has none, or is not ranked by."""
+    """Return a measure's filter with the values of its runs, to be ranked.
+
+    None if the runs have no values, or if filters are not ranked by the statistic.
+    """
     column = evaluator.per_run(m)
     if column is None:
         return None
@@ -167,7 +173,7 @@ def _candidate(evaluator: Evaluator, m: Measure) -> Candidate | None:
 
 
 def _cell(evaluator: Evaluator, m: Measure) -> Cell:
-    """Read a row of summary.csv, or evaluate it, such as a ratio to another filter."""
+    """Return the cell of a measure: its row of summary.csv, or without one its evaluation."""
     stored = None if m.is_share else evaluator.stored.get((m.filter, str(m)))
     term = stored or evaluator.term(m)
     suffix = ""
@@ -179,7 +185,7 @@ def _cell(evaluator: Evaluator, m: Measure) -> Cell:
 
 
 def _lost_notes(results: Results, point: GridPoint, labels: list[str]) -> Iterator[str]:
-    """Yield why runs were lost, in words."""
+    """Yield a sentence for each filter and each reason for which it lost runs at a point."""
     runs = results.runs(point)
     place = ", ".join(f"{path} = {value}" for path, value in point.items())
     for label in labels:
@@ -194,7 +200,10 @@ def _lost_notes(results: Results, point: GridPoint, labels: list[str]) -> Iterat
 def _tail_notes(
     evaluator: Evaluator, labels: Sequence[str], columns: Collection[Expression]
 ) -> Iterator[str]:
-    """Yield for each error the filters of which a few runs decide a number, with their medians."""
+    """Yield a warning for each error of which a few runs decide a filter's number.
+
+    It has the medians of these filters, which the few runs do not change.
+    """
     # Step 1: medians of the filters' errors that have a heavy tail, by error and filter.
     medians: dict[str, dict[str, str]] = {}
     for column in columns:

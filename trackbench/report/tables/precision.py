@@ -41,8 +41,8 @@ class Precision(TableKind):
             sizes = results.facts(point).sizes
             for label in results.filters:
                 values_by_metric = {}
-                for (of_filter, metric), values in results.runs(point).items():
-                    if of_filter == label:
+                for (filter_label, metric), values in results.runs(point).items():
+                    if filter_label == label:
                         values_by_metric[metric] = values
                 if "lost" not in values_by_metric:
                     continue

@@ -95,7 +95,10 @@ class Readings(TableKind):
     """significant digits of the values"""
 
     def table(self, results: Results) -> Table:
-        """Rank the readings by the distance of their numbers from the printed ones."""
+        """Rank the readings by the distance of their measured numbers from the printed ones.
+
+        A reading is a point of the grid together with a way to measure the printed numbers.
+        """
         # Step 1: printed numbers, distinct points of the grid, ways to measure the numbers.
         numbers = self._published_numbers(results)
         measured_labels = set[str]().union(*(number.labels for number in numbers))
@@ -111,8 +114,8 @@ class Readings(TableKind):
                 measured = _measure(evaluator, numbers_of_way)
                 filter_distances = []
                 for label in labels:
-                    mine = [number for number in measured if number.label == label]
-                    filter_distances.append(distance(mine))
+                    numbers_of_filter = [number for number in measured if number.label == label]
+                    filter_distances.append(distance(numbers_of_filter))
                 readings.append(
                     RankedReading(
                         values=[*point_values, *way_values],
@@ -129,7 +132,7 @@ class Readings(TableKind):
             distances = [reading.distance]
             if several:
                 distances += reading.filter_distances
-            cells = [Cell.of(of_numbers.estimate) for of_numbers in distances]
+            cells = [Cell.of(distance_of_reading.estimate) for distance_of_reading in distances]
             table.add([str(rank), *reading.values], cells)
         if numbers:
             _, numbers_of_first_way = ways[0]
@@ -139,7 +142,7 @@ class Readings(TableKind):
         return table
 
     def _published_numbers(self, results: Results) -> list[PublishedNumber]:
-        """Read the printed numbers of the filters that count, without words, ratios and gains."""
+        """Read the printed numbers of the chosen filters, without words, ratios and gains."""
         paths = results.config.get("published", [])
         published = read_published(results.folder, paths, self.of)
         self._check_chosen(published.numbers)
@@ -147,8 +150,9 @@ class Readings(TableKind):
         numbers = []
         for number in published.numbers:
             is_word = isinstance(number.value, str)
-            is_made_of_others = number.expression is None or number.expression.relation
-            if is_word or is_made_of_others:
+            # A ratio or gain follows from numbers that count by themselves.
+            is_ratio_or_gain = number.expression is None or number.expression.relation
+            if is_word or is_ratio_or_gain:
                 continue
             if counted_labels & set(number.labels):
                 numbers.append(number)
@@ -167,7 +171,8 @@ class Readings(TableKind):
 def distance(numbers: list[Number]) -> Distance:
     """Return the distance of the measured numbers from the printed ones.
 
-    It is infinite if a number is not positive, not finite, or loses most of its runs.
+    The distance is the root mean square of ``log(measured / printed)``. It is infinite if a number is
+    not positive, not finite, or loses most of its runs.
     """
     terms = [number.measured for number in numbers]
     runs = max((len(t.influences) for t in terms if t.influences is not None), default=0)
@@ -186,15 +191,16 @@ def distance(numbers: list[Number]) -> Distance:
             )
             return Distance(infinite, near=0)
         # log(measured / printed), half of it for a variance
-        off = number.power * float(elementary.log(term.value / printed))
-        squares += off * off
+        log_ratio = number.power * float(elementary.log(term.value / printed))
+        squares += log_ratio * log_ratio
         if abs(term.value - printed) <= NEAR * printed:
             near += 1
-        # d distance = sum off power dx / x / (n distance), x the measured value
+        # d distance = sum log_ratio power dx / x / (n distance), x the measured value
         if term.influences is not None:
-            share = runs / term.runs  # of survivors, each counts for more
+            # Where runs are lost, each of the others counts for more.
+            weight = runs / term.runs
             changes = np.nan_to_num(term.influences)
-            influences_on_sum += off * number.power / term.value * share * changes
+            influences_on_sum += log_ratio * number.power / term.value * weight * changes
     # Step 2: the root mean square.
     value = float(np.sqrt(squares / max(len(numbers), 1)))
     influences = influences_on_sum
@@ -232,7 +238,8 @@ def _measure(evaluator: Evaluator, numbers: list[PublishedNumber]) -> list[Numbe
 def _notes(heads: list[str], readings: list[RankedReading], numbers: int) -> list[str]:
     """Write how many readings were tried, which is the nearest, and how many are as near.
 
-    ``readings`` are sorted by distance; ``numbers`` is how many numbers are printed.
+    ``heads`` are the headings of the readings' values. ``readings`` are sorted by distance. ``numbers``
+    is how many numbers are printed.
     """
     nearest = readings[0]
     finite = []

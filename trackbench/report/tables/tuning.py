@@ -96,8 +96,8 @@ def _score(
 ) -> RunEstimate | None:
     """Score a filter on the runs of the results; None if it was not run, or failed."""
     values_by_metric = {}
-    for (of_filter, metric), values in runs.items():
-        if of_filter == label:
+    for (filter_label, metric), values in runs.items():
+        if filter_label == label:
             values_by_metric[metric] = values
     needed = {*objective.metrics, "lost"}
     return objective.score(values_by_metric) if needed <= values_by_metric.keys() else None

@@ -110,13 +110,13 @@ _BEST_FIRST = (*NUMBER_WORDS, TOO_FEW_RUNS, NOT_MEASURED)
 
 
 def _sort_key(row: Compared) -> tuple[int, float]:
-    """Return a key that sorts the best verdict first; of equal ones the nearest value."""
+    """Return a key that sorts the best verdict first, and equal verdicts by the nearest value."""
     printed = row.published.value
     value = row.measured.value
-    off = inf
+    difference = inf
     if not isinstance(printed, str) and isfinite(value):
-        off = abs(value - printed)
-    return _BEST_FIRST.index(row.verdict.word), off
+        difference = abs(value - printed)
+    return _BEST_FIRST.index(row.verdict.word), difference
 
 
 def compare(results: Results) -> Verdicts:
@@ -154,7 +154,7 @@ def compare(results: Results) -> Verdicts:
 
 
 def _best_of_searches(results: Results) -> Iterator[Compared]:
-    """Yield each number of a searched paper under the best of all its readings."""
+    """Yield each printed number that a `readings` table searches, compared under its best reading."""
     evidence: dict[tuple[str, ...], Evaluator] = {}
     for readings in searched_numbers(results):
         rows: list[Compared] = []
@@ -163,6 +163,7 @@ def _best_of_searches(results: Results) -> Iterator[Compared]:
             if values not in evidence:
                 evidence[values] = Evaluator(results, point)
             for row in _compare_readings(number, evidence[values]):
+                # A NaN without lost runs means that this reading is not measured.
                 if row.measured.lost or not isnan(row.measured.value):
                     rows.append(row)
         if rows:
@@ -234,7 +235,8 @@ def _compare_readings(number: PublishedNumber, evidence: Evaluator | None) -> It
         # Step 2: of a linear filter the exact number in its place.
         judged_number = number
         if exact is not None:
-            if number.variance is None:  # the paper's error is that of our runs, scaled to its own
+            # An exact number has no variance. The paper's runs then have that of the runs here.
+            if number.variance is None:
                 variance = measured.stderr**2 * measured.runs
                 judged_number = replace(number, variance=variance)
             measured = RunEstimate(
@@ -265,10 +267,11 @@ def _is_near(number: PublishedNumber, measured: RunEstimate, verdict: Verdict) -
 def _verdict(
     number: PublishedNumber, measured: RunEstimate, label: str, results: Results
 ) -> Verdict:
-    """Judge a number; a filter without random numbers on recorded data has the digits, or not.
+    """Return the verdict on a measured number of the filter ``label``.
 
-    It `agrees` if it has all digits that are stored, and more are printed. Of fewer runs than the
-    experiment has, only z is known.
+    If the results have fewer runs than the experiment, the verdict has z but is `TOO_FEW_RUNS`. A filter
+    without random numbers on recorded data is judged by its digits, not by z. It is `equal` if all
+    printed digits are, and `agrees` if more digits are printed than are stored.
     """
     value = measured.value
     if isnan(value) and not measured.lost:
@@ -287,7 +290,7 @@ def _verdict(
 
 
 def _half_unit(value: float, digits: int) -> float:
-    """Return half a unit of the last one of so many significant digits; 0 for 0."""
+    """Return half a unit of the last of a value's so many significant ``digits``; 0 for the value 0."""
     if not value:
         return 0.0
     exponent = floor(log10(abs(value)))
