@@ -340,7 +340,8 @@ def _check_consistency(tracker: AnyFilter, scenario: Scenario) -> None:
     problems = [scenario]
     if scenario is PLANAR:
         problems = [UNEQUAL if runs_on(tracker, UNEQUAL) else PLANAR]
-        # A filter of the runner's sensor is one of a radar, too, also where the azimuth jumps.
+        # PRECISE is an accurate radar far from the jump of the azimuth. A filter that follows a target
+        # with it works for radars, and is checked with RADAR too, where the azimuth jumps by 2 pi.
         if runs_on(tracker, PRECISE) and not mistaken_track(tracker, PRECISE):
             problems.append(RADAR)
     precise_tracker = _with_many_particles(tracker)

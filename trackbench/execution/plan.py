@@ -80,7 +80,11 @@ class Plan:
 
 
 def make_plan(experiment: Experiment, save_tracks: bool = False, looks: Sequence[int] = ()) -> Plan:
-    """Split every filter's runs into blocks; ``looks`` are the numbers of runs to stop at."""
+    """Split every filter's runs into blocks.
+
+    ``save_tracks`` records the tracks of more runs. ``looks`` are the numbers of runs after which the
+    experiment may stop, so that results of that many runs are needed.
+    """
     settings = experiment.settings
     kept_series = _kept_series(experiment)
     predictions = requested_predictions(experiment)

@@ -270,7 +270,7 @@ def algorithm(task: BlockTask) -> tuple[object, ...]:
 
 
 def _join_filters(stacks: Sequence[Stack], most: int) -> list[Stack]:
-    """Join lone blocks of filters that differ in numbers only into one stack; others stay.
+    """Join stacks of one block each whose filters differ only in numbers; other stacks stay as they are.
 
     ``most`` is the largest number of blocks of a stack.
     """
@@ -281,6 +281,7 @@ def _join_filters(stacks: Sequence[Stack], most: int) -> list[Stack]:
         if len(stack) > 1 or not isinstance(task.filter, JoinableFilter):
             joined.append(stack)
             continue
+        # Blocks are joined if all is equal but the filters' numbers and the runs used of each block.
         structure = task.filter.structure(task.assumed_scenario)
         without_filter = replace(task, filter=cast(Any, None), runs_used=0)
         key = (structure, without_filter)

@@ -112,7 +112,10 @@ class EKF(NonlinearFilter):
         return idle
 
     def all_steps(self, model: Model, state: Tracked, z: Array, k: int) -> Steps | None:
-        """Return the Kalman filter's steps, bit for bit, where it is that with one covariance."""
+        """Filter all measurements z (n_z, T, M) in one call as a Kalman filter, with the bits of `step`.
+
+        None unless this is a plain EKF, motion and sensor are linear, and all runs have one covariance.
+        """
         if type(self) is not EKF or self != EKF(smooth=self.smooth):
             return None
         cov = with_trailing(state.posterior.cov, 1, leading=2)

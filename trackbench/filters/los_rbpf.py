@@ -293,10 +293,11 @@ def _kalman_gain(P: Array, variance: float, missing: Mask) -> tuple[Array, Array
 
 
 def _add_range_covariance(moments: Gaussian, P: Array) -> Gaussian:
-    """Add the covariance P along the mean line of sight to the moments of the particles.
+    """Add the covariance P (2, 2, M) of range and range rate to the moments of the particles.
 
-    The particles' own lines of sight differ, which turns P. This changes the covariance by less than
-    sigma_range^2 / r^2 of the particles' covariance across.
+    P is added along one line of sight for all particles, that of their mean. Each particle's own line
+    of sight would change the covariance by less than sigma_range^2 / r^2 of the particles' covariance
+    across the line of sight.
     """
     u = moments.mean[0::2] / np.sqrt(total(np.square(moments.mean[0::2]), axis=0))
     cov = moments.cov.copy()
