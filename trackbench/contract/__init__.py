@@ -147,9 +147,10 @@ def _labels_of_program(path: Path, on: Path) -> list[str]:
 def _check_program(
     path: Path, on: Path | None, labels: list[str], allow_plugins: bool
 ) -> dict[str, list[Finding]]:
-    """Check a program, with the keys of each filter of a config that runs it.
+    """Check the program ``path`` with the keys of each filter of the config ``on`` that runs it.
 
-    Without ``labels`` of such filters it is checked without keys, on the problem of the config ``on``.
+    ``labels`` are those of the filters. Without labels the program is checked without keys, on the
+    problem of the config. Without a config it is checked on the contract's problems.
     """
     if not labels and not is_program(path):
         what = "`--on CONFIG` checks a script, by the command of its filter there"
@@ -168,7 +169,11 @@ def _check_program(
 def _check_entries(
     cls: type[AnyFilter], point: Point, labels: Sequence[str]
 ) -> dict[str, list[Finding]]:
-    """Check a filter with the keys of each entry of a config; if it fits with one, the code is right."""
+    """Check a filter with the keys of each of its entries in a config, given by label.
+
+    If the filter is consistent with the keys of one entry, its code is right, and the keys of other
+    entries are at fault: their check of consistency is then left out.
+    """
     # Step 1: check each entry.
     findings_by_label = {}
     for label in labels:
@@ -261,7 +266,7 @@ def _keys_without_default(cls: type[AnyFilter]) -> list[str]:
 
 
 def _exemptions(tracker: AnyFilter, scenario: Scenario, why_not_linear: str) -> dict[str, str]:
-    """Collect the checks that are left out, with reasons.
+    """Return the checks that are left out for a filter on a scenario, with reasons.
 
     ``why_not_linear`` is the reason why the filter is not compared with the Kalman filter.
     """
@@ -308,7 +313,7 @@ def report(findings: dict[str, list[Finding]]) -> Iterator[str]:
 
 
 def run_check(name: str, check: Check, tracker: AnyFilter, scenario: Scenario) -> Finding:
-    """Run one check, in which an exception of the filter is a breach."""
+    """Run one check and return its finding; an exception of the filter is a breach of the contract."""
     try:
         with guarded(), np.errstate(all="ignore"), catch_warnings():
             simplefilter("ignore")
@@ -323,7 +328,10 @@ def run_check(name: str, check: Check, tracker: AnyFilter, scenario: Scenario) -
 
 
 def _with_defaults(cls: type[AnyFilter]) -> AnyFilter:
-    """Make the filter with its default keys: it must be hashable, comparable and picklable."""
+    """Return the filter with its default keys.
+
+    Raises ContractError unless the filter can be hashed, compared and pickled.
+    """
     if not is_dataclass(cls):
         raise ContractError("is not a dataclass (frozen=True, kw_only=True)")
     tracker = cls()
@@ -342,9 +350,9 @@ def _with_defaults(cls: type[AnyFilter]) -> AnyFilter:
 def _choose_scenario(
     tracker: AnyFilter, scenarios: Sequence[Scenario], on: Scenario | None
 ) -> tuple[Scenario | None, str]:
-    """Choose the first scenario that the filter can run on; explain why not those before it.
+    """Choose the first scenario that the filter can run on; explain why it cannot run on earlier ones.
 
-    If ``on`` is given, it is the only one to choose from.
+    The candidates are the contract's scenarios and ``scenarios``, or only ``on`` if that is given.
     """
     candidates = (PLANAR, SCALAR, RADAR, *scenarios) if on is None else (on,)
     reasons: list[str] = []
@@ -358,16 +366,18 @@ def _choose_scenario(
 
 
 def takes_model(tracker: AnyFilter, of_radar: bool) -> bool:
-    """Test whether the estimates depend on the noise of the runner's model.
+    """Test whether the filter uses the noise of the model that it is given.
 
-    A filter of one run often has one of the noises in a key. So it takes the model only if it uses both.
-    ``of_radar`` chooses the contract's problem of a radar instead of the planar one.
+    Its estimates then depend on the process noise or on the measurement noise. A filter of one run often
+    has one of the two noises in a key: it must depend on both. ``of_radar`` chooses the contract's
+    problem of a radar instead of the planar one.
     """
     make_problem: Callable[..., Tracking] = radar if of_radar else planar
     large_sigma = 120.0 if of_radar else 60.0
     if not runs_on(tracker, make_problem()):
-        return True  # the checks report it
-    # Step 1: two equal runs. A filter that draws by itself gives no answer.
+        return True  # the checks report that the filter does not run
+    # Step 1: two equal runs. If they differ, the filter draws random numbers of its own, and its
+    # dependence on the noise cannot be seen.
     data = simulate(make_problem(), 3)
     first = run_filter(tracker, make_problem(), data)
     again = run_filter(tracker, make_problem(), data)

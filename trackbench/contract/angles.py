@@ -70,9 +70,10 @@ def angles_of(problem: ModelDraws) -> list[Angle]:
 
 
 def turn(problem: ModelDraws, angle: Angle, values: Array, ahead: Array, seed: int) -> Simulation:
-    """Draw runs from priors that are turned until the angle has ``values`` (M,) after ``ahead`` steps.
+    """Simulate runs whose ``angle`` has the ``values`` (M,) after ``ahead`` (M,) steps.
 
-    The mean of a prior whose angle cannot have the value is NaN.
+    For this the prior of each run is turned about the sensor. A prior for which the angle cannot have
+    its value has the mean NaN.
     """
     runs = len(values)
     # Step 1: the priors of the problem, one after the other if fewer are recorded.
@@ -98,7 +99,11 @@ def turn(problem: ModelDraws, angle: Angle, values: Array, ahead: Array, seed: i
 
 
 class _Turning:
-    """Turn prior means (n, M) about the sensor, whose other components keep their values."""
+    """Turns the prior means (n, M) of a problem about the sensor until an angle has its value.
+
+    ``ahead`` (M,) is the number of steps after which it has this value. The other components that the
+    sensor measures keep their values.
+    """
 
     def __init__(self, problem: ModelDraws, angle: Angle, ahead: Array) -> None:
         self.model = problem.model
@@ -113,7 +118,10 @@ class _Turning:
                 self.planar.append((components.index(x), components.index(y)))
 
     def values(self, x: Array) -> Array:
-        """Return the measurement after the steps ahead, or the state if the angle is one of it."""
+        """Return the expected measurement after the steps ahead, from first states x (n, M).
+
+        If the angle is a component of the state, the state is returned instead.
+        """
         values = np.empty(0)
         state = x
         for i, k in enumerate(self.steps[1 : 1 + int(self.ahead.max())].tolist(), 1):
@@ -128,7 +136,7 @@ class _Turning:
         return values
 
     def jacobian(self, x: Array, columns: list[int]) -> Array:
-        """Return the derivatives (m, len(columns), M) of `values`."""
+        """Return the derivatives (m, len(columns), M) of `values` at x by these components of x."""
         derivatives = []
         for i in columns:
             upper, lower, h = _neighbors(x, i)
@@ -137,13 +145,16 @@ class _Turning:
         return np.stack(derivatives, axis=1)
 
     def difference(self, a: Array, b: Array) -> Array:
-        """Subtract two `values`."""
+        """Return the difference of two `values`, in which measured angles are wrapped."""
         if self.angle.kind == "measured":
             return self.model.sensor.innovation(a, b)
         return a - b
 
     def turn_priors(self, mean: Array, cov: Array, values: Array) -> Gaussian:
-        """Return the priors whose angle has the values; NaN where it cannot have them."""
+        """Return the turned priors, whose angle has the ``values`` (M,); NaN where it cannot have them.
+
+        ``mean`` (n, M) and ``cov`` (n, n, M) are those of the priors before.
+        """
         row = self.angle.row
         start = self.values(mean)
         whole_angle = wrap_angle(values - start[row])
@@ -157,7 +168,8 @@ class _Turning:
         moved = [i for i in range(len(mean)) if support[row, i]]
         others = [i for i in range(len(mean)) if not support[row, i]]
         rows = [row, *self._fixed_rows(support)[: len(moved) - 1]]
-        # Step 2: turn velocities stage by stage, and follow with the positions by Newton's method.
+        # Step 2: rotate the components that the angle does not depend on by a small angle at each stage,
+        # and adjust the others by Newton's method.
         is_planar = any(set(pair) <= set(moved) for pair in self.planar)
         x = mean.copy()
         for stage in range(1, _STAGES + _NEWTON_STAGES + 1):
@@ -225,7 +237,7 @@ class _Turning:
 
 
 def _neighbors(x: Array, i: int) -> tuple[Array, Array, Array]:
-    """Return the states for a central difference in component i, above and below, and its step h."""
+    """Return the states above and below x for a central difference in component i, and the step h."""
     h = 1e-5 * np.maximum(np.abs(x[i]), 1.0)
     upper = x.copy()
     upper[i] += h
@@ -250,9 +262,10 @@ class _WithoutWrap(ModelDraws):
 def measured_without_cut(
     problem: ModelDraws, data: Simulation, center: Estimates, row: int, cut: float
 ) -> Simulation:
-    """Shift a measured angle by whole turns to within half a turn of its prediction.
+    """Return the data with a measured angle shifted by whole turns near to its prediction.
 
-    The prediction is that of a reference filter with the estimates ``center``, in (cut - 2 pi, cut].
+    ``row`` is the index of the angle in the measurement. The prediction is that of a reference filter
+    with the estimates ``center``, in (cut - 2 pi, cut]. The angle is within half a turn of it.
     """
     z = data.measurements.copy()
     motion, sensor = problem.model
@@ -268,9 +281,10 @@ def measured_without_cut(
 def name_of_unwrapped(
     tracker: AnyFilter, problem: ModelDraws, data: Simulation, center: Estimates, runs: Mask
 ) -> str:
-    """Name the measured angle that explains the errors of some runs: its innovation is not wrapped.
+    """Name the measured angle whose innovation a filter does not wrap; empty if there is none.
 
-    It explains them if the runs are right once the angle is measured without a cut.
+    ``runs`` are those with large errors, as compared with the estimates ``center`` of a reference. An
+    angle explains these errors if most of the runs are right once it is measured without a cut.
     """
     rows = problem.angle_rows
     unwrapped_problem = _without_wrap(problem)
@@ -298,7 +312,7 @@ def is_unwrapped(
 
     Only the runs of the comparison in which the angle is far from any cut count.
     """
-    # A program is sent no angle beyond half a turn, unless the sensor has none.
+    # Measured angles are wrapped before a program gets them, unless the sensor does not wrap.
     sent_problem = _without_wrap(problem) if tracker.runs_program else problem
     data = comparison.data
     before = run_filter(tracker, sent_problem, data)
@@ -328,16 +342,20 @@ def deviation(estimates: Estimates, center: Estimates, rows: tuple[int, ...]) ->
 
 
 class _Comparison(NamedTuple):
-    """Runs of an angle: deviations from a reference in units of an honest filter's, and their groups."""
+    """Comparison of a filter with reference filters, in runs in which one angle has chosen values."""
 
     ratio: Array
+    """deviation of each run (M,) from a reference, over that of another correct filter"""
     group: tuple[str, ...]
+    """group of each run: the cut that the angle passes, or a value far from its cuts"""
     center: Estimates
+    """estimates of the best reference"""
     data: Simulation
     random: bool
+    """whether the filter drew random numbers"""
 
     def of_group(self, name: str) -> Mask:
-        """Select the runs of a group."""
+        """Return which runs (M,) belong to a group."""
         return np.array([other == name for other in self.group])
 
     @property
@@ -358,7 +376,7 @@ class _Comparison(NamedTuple):
 
     @property
     def limit(self) -> float:
-        """Limit of the ratio: the largest one of the best group without a cut, times a margin."""
+        """Ratio from which a run is wrong: the largest of the best group elsewhere, times a margin."""
         largest = [float(self.ratio[self.of_group(name)].max()) for name in self.elsewhere]
         return _BEYOND * max(1.0, min(largest))
 
@@ -366,8 +384,8 @@ class _Comparison(NamedTuple):
 def mistaken_angle(tracker: AnyFilter, problem: ModelDraws) -> str | None:
     """Describe the angle at whose cut a filter goes wrong; an empty text if there is none.
 
-    None if no angle passes its cut, if no reference filter runs, or if the filter does not follow the
-    target elsewhere either, as one that was written for positions.
+    The result is None if no angle passes its cut, or if no reference filter runs. It is also None if the
+    filter does not even follow the target elsewhere, for example one that was written for positions.
     """
     compared_any = False
     doubtful = ""
@@ -393,7 +411,10 @@ def mistaken_angle(tracker: AnyFilter, problem: ModelDraws) -> str | None:
 
 
 def _compare(tracker: AnyFilter, problem: ModelDraws, angle: Angle) -> _Comparison | None:
-    """Filter runs at the cuts of an angle, and elsewhere; None if the angle passes no cut."""
+    """Compare a filter with reference filters, in runs at the cuts of an angle and in runs elsewhere.
+
+    None if the angle does not pass the cut at pi, or if no reference filter runs.
+    """
     # Step 1: runs of each group, whose angle has its value after different numbers of steps.
     values: list[float] = []
     group: list[str] = []
@@ -449,10 +470,14 @@ def _compare(tracker: AnyFilter, problem: ModelDraws, angle: Angle) -> _Comparis
 
 
 def _cut_of_fault(compared: _Comparison) -> str:
-    """Return the cut at which most runs are beyond the limit, if they are too many; else nothing."""
+    """Return the cut at which the largest share of the runs is wrong, if these are too many; else "".
+
+    For a filter that draws they are too many if chance does not explain them, in comparison with the
+    runs elsewhere.
+    """
     beyond = compared.ratio > compared.limit
     shares = {name: float(beyond[compared.of_group(name)].mean()) for name in {*compared.group}}
-    # The two best groups without a cut: a filter may be wrong in half of the plane.
+    # Compare with the two best groups elsewhere only: a filter may be wrong in half of the plane.
     quiet = sorted(compared.elsewhere, key=shares.__getitem__)[:2]
     is_quiet = np.any([compared.of_group(name) for name in quiet], axis=0)
     cuts = [name for name in _RUNS_BY_CUT if name in shares]
@@ -470,10 +495,14 @@ def _cut_of_fault(compared: _Comparison) -> str:
 
 
 def _fisher(here: int, runs_here: int, there: int, runs_there: int) -> float:
-    """Return the probability that at least ``here`` of all such runs are here by chance (Fisher)."""
-    every = here + there
+    """Return the probability of Fisher's exact test that wrong runs are this often here by chance.
+
+    ``here`` of ``runs_here`` runs are wrong, and ``there`` of ``runs_there`` others. It is the
+    probability that at least ``here`` of all wrong runs are among ``runs_here``.
+    """
+    wrong = here + there
     ways = [
-        comb(runs_here, i) * comb(runs_there, every - i)
-        for i in range(here, min(every, runs_here) + 1)
+        comb(runs_here, i) * comb(runs_there, wrong - i)
+        for i in range(here, min(wrong, runs_here) + 1)
     ]
-    return sum(ways) / comb(runs_here + runs_there, every)
+    return sum(ways) / comb(runs_here + runs_there, wrong)

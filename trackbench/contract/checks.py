@@ -56,7 +56,7 @@ class LeftOutError(Exception):
 
 
 def alike(a: Estimates, b: Estimates) -> bool:
-    """Test whether two estimates are equal."""
+    """Test whether two filters' estimates have equal means and covariances."""
     return np.array_equal(a.mean, b.mean) and np.array_equal(a.cov, b.cov)
 
 
@@ -85,6 +85,7 @@ def _check_shapes(tracker: AnyFilter, scenario: Scenario) -> None:
         for name, array in (("mean", estimate.mean), ("cov", estimate.cov)):
             if np.asarray(array).dtype != np.float64:
                 raise ContractError(f"{name} at step {k} is of {np.asarray(array).dtype}")
+            # A program may answer a mean without a covariance.
             is_unanswered = name == "cov" and tracker.runs_program and np.isnan(array).all()
             if not np.isfinite(array).all() and not is_unanswered:
                 raise ContractError(f"{name} at step {k} is not finite")
@@ -150,7 +151,10 @@ def _check_purity(tracker: AnyFilter, scenario: Scenario) -> None:
 
 
 def _equal(a: object, b: object) -> bool:
-    """Test whether two values have equal arrays, in tuples, lists and dataclasses too."""
+    """Test whether two values have equal arrays, also within tuples, lists and dataclasses.
+
+    Values of other types count as equal.
+    """
     if isinstance(a, np.ndarray) and isinstance(b, np.ndarray):
         return bool(np.array_equal(a, b, equal_nan=a.dtype.kind == "f"))
     if isinstance(a, tuple | list) and isinstance(b, tuple | list):
@@ -211,7 +215,8 @@ def _check_covariance(tracker: AnyFilter, scenario: Scenario) -> None:
         raise ContractError(
             "not symmetric: an entry is NaN or infinite, and its mirror image is not"
         )
-    # Correlations, so that units do not matter; a component that is known or collapsed has none.
+    # Compare correlations, so that units do not matter. The least sigma keeps those of a component that
+    # is known exactly or has collapsed from being rounding errors.
     sigma = np.sqrt(np.abs(linalg.diagonal(P)))
     least_sigma = 1e-6 * np.nanmax(sigma, axis=(1, 2), keepdims=True)
     limited_sigma = np.maximum(sigma, least_sigma)
@@ -229,7 +234,7 @@ def _check_covariance(tracker: AnyFilter, scenario: Scenario) -> None:
 
 
 def _check_gaps(tracker: AnyFilter, scenario: Scenario) -> None:
-    """Check that a missing measurement is predicted over, and not taken as a number."""
+    """Check that a filter predicts where a measurement is missing, and does not take it as a number."""
     data = simulate(scenario, 6)
     z = data.measurements
     is_gap = np.zeros(z.shape, dtype=bool)
@@ -282,7 +287,7 @@ def _check_interval(tracker: AnyFilter, scenario: Scenario) -> None:
 
 
 def _check_unequal_intervals(tracker: AnyFilter, scenario: ModelDraws) -> None:
-    """Check that a filter that fits a config's problem fits it at unequal intervals, too."""
+    """Check that a filter that fits the problem of a config also fits it at unequal intervals."""
     other = at_unequal_intervals(scenario)
     if other is None:
         raise LeftOutError("the steps of this problem cannot be unequal")
@@ -299,8 +304,8 @@ def _check_unequal_intervals(tracker: AnyFilter, scenario: ModelDraws) -> None:
     what = misfit(precise_tracker, other, runs)
     if what:
         raise ContractError(f"fits at equal intervals and not at unequal ones: {what}")
-    # Step 2: its estimates, if it is the EKF at equal intervals. A wrong Q alone hardly shows in the
-    # errors.
+    # Step 2: its estimates, if they equal those of the EKF at equal intervals. They show a wrong Q,
+    # which hardly changes the errors.
     if two_runs.random or _difference_from_ekf(precise_tracker, scenario, runs):
         return
     what = _difference_from_ekf(precise_tracker, other, runs)
@@ -316,7 +321,10 @@ def _runs_for(tracker: AnyFilter) -> int:
 
 
 def _with_many_particles(tracker: AnyFilter) -> AnyFilter:
-    """Give a particle filter so many particles that chance hides fewer mistakes."""
+    """Return a particle filter with at least `_LEAST_N` particles: chance then hides fewer mistakes.
+
+    Other filters are returned as they are.
+    """
     if tracker.particle_count < _LEAST_N and any(f.name == "N" for f in fields(tracker)):
         return replace(tracker, N=_LEAST_N)
     return tracker
@@ -324,7 +332,7 @@ def _with_many_particles(tracker: AnyFilter) -> AnyFilter:
 
 def _check_tracks(tracker: AnyFilter, scenario: Scenario) -> None:
     """Check that estimates follow a fast target in the plane."""
-    # A filter that names no components may be one of positions or of a radar.
+    # A filter for position sensors only, or for radars only, may not say so: one problem is enough.
     mistakes = []
     for problem in (PLANAR, PRECISE):
         if runs_on(tracker, problem):
@@ -340,7 +348,8 @@ def _check_consistency(tracker: AnyFilter, scenario: Scenario) -> None:
     problems = [scenario]
     if scenario is PLANAR:
         problems = [UNEQUAL if runs_on(tracker, UNEQUAL) else PLANAR]
-        # A filter of the runner's sensor is one of a radar, too, also where the azimuth jumps.
+        # PRECISE is an accurate radar far from the jump of the azimuth. A filter that follows a target
+        # with it works for radars, and is checked with RADAR too, where the azimuth jumps by 2 pi.
         if runs_on(tracker, PRECISE) and not mistaken_track(tracker, PRECISE):
             problems.append(RADAR)
     precise_tracker = _with_many_particles(tracker)
@@ -383,7 +392,7 @@ def _check_against_kalman(tracker: AnyFilter, scenario: Scenario) -> None:
 
 
 def _difference_from_ekf(tracker: AnyFilter, scenario: Scenario, runs: int) -> str:
-    """Describe how far estimates are from the EKF's, beyond rounding or what chance allows."""
+    """Describe how estimates differ from the EKF's; empty if rounding or chance explain it."""
     if why_not(EKF(), scenario):
         return "the EKF does not run there"
     data = with_gaps(simulate(scenario, runs))
@@ -405,7 +414,7 @@ def _difference_from_ekf(tracker: AnyFilter, scenario: Scenario, runs: int) -> s
 
 
 def _describe_bias(error: Array, sigma: Array, N: int) -> str:
-    """Describe a bias of a filter with N particles that chance does not allow; empty if it does.
+    """Describe a bias of a filter with N particles; empty if chance and N explain it.
 
     ``error`` (n, T + 1, M) is the difference of the means from the exact ones, ``sigma`` (n, T + 1, M)
     the exact standard deviation.

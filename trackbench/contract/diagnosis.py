@@ -64,7 +64,10 @@ _SCORE_TEXTS = {
 def score(
     estimates: Estimates, reference: Estimates, data: Simulation, angle_rows: tuple[int, ...] = ()
 ) -> Scores:
-    """Score estimates; ``angle_rows`` of a state are equal after whole turns."""
+    """Score the estimates of a filter on simulated data, also in comparison with a reference filter.
+
+    ``angle_rows`` are the rows of the state that are angles, whose differences are wrapped.
+    """
     n = len(data.truth)
     n_z = len(data.measurements)
     cov = estimates.cov[:, :, 1:]
@@ -103,7 +106,10 @@ def score(
 
 
 def misfit(tracker: AnyFilter, scenario: Scenario, runs: int, seed: int = 1) -> str:
-    """Describe how a filter differs from the package's on a problem drawn from its model."""
+    """Describe how a filter's scores differ from those of the package's filters; empty if they fit.
+
+    All filter the same ``runs`` runs of a problem that is drawn from the filter's model.
+    """
     data = with_gaps(simulate(scenario, runs, seed=seed))
     tested = run_filter(tracker, scenario, data)
     # Step 1: references. A filter that draws is compared with a particle filter of as many particles.
@@ -147,7 +153,7 @@ def misfit(tracker: AnyFilter, scenario: Scenario, runs: int, seed: int = 1) -> 
         tested_mean = float(tested_score.mean())
         reference_mean = float(scores_of_name[0].mean())
         if name == "squared_distance":
-            # The farthest reference: one of them is the center, at no distance.
+            # Report the farthest reference, as one of them is the center itself, at the distance 0.
             tested_mean = np.sqrt(tested_mean)
             reference_mean = np.sqrt(max(float(values.mean()) for values in scores_of_name))
         differences[name] = tested_mean - reference_mean
@@ -174,9 +180,10 @@ def misfit(tracker: AnyFilter, scenario: Scenario, runs: int, seed: int = 1) -> 
 
 
 def _limits(name: str, reference: Array, margin: float) -> tuple[Array, Array]:
-    """Bound the scores that an honest filter may have, per run (M,).
+    """Return the least and the largest score of each run (M,) that a correct filter may have.
 
-    ``reference`` are a reference's scores; ``margin`` is 1 for a filter that draws, less for others.
+    ``reference`` (M,) are a reference's scores of this name. ``margin`` is 1 for a filter that draws,
+    and less for others.
     """
     if name == "squared_distance":
         return np.full_like(reference, -1.0), 3.0 * reference + 0.05
@@ -188,14 +195,15 @@ def _limits(name: str, reference: Array, margin: float) -> tuple[Array, Array]:
 
 
 def _exceeds(excess: Array) -> bool:
-    """Test whether numbers per run (M,) are positive in the mean, by six standard errors."""
+    """Test whether the mean of numbers per run (M,) is positive by more than six standard errors."""
     return bool(excess.mean() > _MAX_DEVIATION * excess.std(ddof=1) / np.sqrt(len(excess)))
 
 
 def _guess_cause(estimates: Estimates, path: Array, differences: dict[str, float]) -> str:
-    """Guess the cause of differences from the path (n, T + 1, M) of the states.
+    """Guess why estimates differ from a reference or from the truth, as a text after the differences.
 
-    ``differences`` are those of the scores, by their names.
+    ``path`` (n, T + 1, M) are the states of the reference or of the truth. ``differences`` are those of
+    the scores, by their names.
     """
     mean = estimates.mean[: len(path)]
 
@@ -222,10 +230,13 @@ def _guess_cause(estimates: Estimates, path: Array, differences: dict[str, float
 
 
 def mistaken_track(tracker: AnyFilter, problem: Tracking) -> str:
-    """Describe how estimates miss the path of a fast target; no model is needed for it."""
+    """Describe how estimates miss the path of a fast target; empty if they follow it.
+
+    The estimates are compared with the truth alone, so that the filter may have any model.
+    """
     data = simulate(problem, 40)
     estimates = run_filter(tracker, problem, data)
-    # Step 1: the prior.
+    # Step 1: estimates from another prior must differ.
     moved_prior = Gaussian(data.prior.mean + 100.0, data.prior.cov)
     moved_estimates = run_filter(tracker, problem, data._replace(prior=moved_prior))
     if np.array_equal(estimates.mean[:, 1], moved_estimates.mean[:, 1]):
@@ -245,7 +256,8 @@ def mistaken_track(tracker: AnyFilter, problem: Tracking) -> str:
         squared = np.square(position - true_position)[:, 3:]
         return float(np.sqrt(np.median(squared.mean(axis=(0, 1)))))
 
-    # Step 3: an honest filter lies between the prediction of the start and the measured positions.
+    # Step 3: the error of a correct filter is at most about that of the predictions from the prior, or
+    # that of the measured positions.
     error = rms_error(position)
     error_from_earlier = rms_error(position, np.roll(true_position, 1, axis=1))
     is_late = error_from_earlier < 0.3 * error

@@ -97,7 +97,10 @@ class ModelDraws(Scenario):
         return self.draw_from(prior, np.isnan(data.measurements), rng)
 
     def draw_from(self, prior: Distribution, missing: Mask, rng: Streams) -> Simulation:
-        """Draw truth and measurements from a prior; measurements are ``missing`` (n_z, T, M)."""
+        """Draw first states from the prior, then truth and measurements from the model.
+
+        ``missing`` (n_z, T, M) marks the measurements that become NaN.
+        """
         truth, z = simulate_markov(self.model, prior.sample(rng), self.steps, rng)
         z[missing[:, : z.shape[1]]] = np.nan
         return Simulation(truth, z, prior)
@@ -111,7 +114,7 @@ def _tracking(sensor: SensorBase, launch: Launch, q: float, T: float) -> Trackin
 
 
 def planar(q: float = 25.0, sigma: float = 20.0, T: float = 2.0) -> Tracking:
-    """Make a linear problem."""
+    """Make a linear problem: a position sensor with the standard deviation sigma, and steps of T."""
     launch = Launch(x=1500.0, vx=150.0, y=-700.0, vy=-90.0)
     return _tracking(PositionSensor(sigma=sigma), launch, q, T)
 
@@ -160,20 +163,20 @@ class Estimates(NamedTuple):
 
 
 def new_rng() -> Generator:
-    """Begin the same stream of random numbers for every check."""
+    """Return a new stream of random numbers, which is the same for every check."""
     return Generator(SFC64(20260101))
 
 
 def simulate(scenario: Scenario, runs: int, step: int = 1, seed: int = 1) -> Simulation:
-    """Simulate the first runs of the scenario, in their order or the last one first (step -1)."""
+    """Simulate the first ``runs`` runs of the scenario; in reverse order if ``step`` is -1."""
     runs = min(runs, scenario.recorded_runs or runs)
     return scenario.simulate(RunStreams(seed, range(runs)[::step]), runs)
 
 
 def run_filter(tracker: AnyFilter, scenario: Scenario, data: Simulation) -> Estimates:
-    """Run the filter, by `init` and one `step` after another.
+    """Run the filter over the data, by `init` and one `step` after another; return its estimates.
 
-    A program takes all steps in one call: from step to step it would begin each run again.
+    A program filters all steps in one call, since single steps would begin each run anew.
     """
     rng = new_rng()
     state = tracker.init(scenario.model, data.prior, rng)
@@ -228,7 +231,7 @@ def depends_on_seed(tracker: AnyFilter, scenario: Scenario) -> bool:
 
 
 def has_covariance(tracker: AnyFilter, scenario: Scenario) -> bool:
-    """Test whether estimates have a covariance: a program may answer a mean alone."""
+    """Test whether the estimates have covariances, as a program may answer means alone."""
     return not np.isnan(run_filter(tracker, scenario, simulate(scenario, 1)).cov).all()
 
 
@@ -238,7 +241,7 @@ def _state_words(rng: Generator) -> list[int]:
 
 
 def runs_on(tracker: AnyFilter, scenario: Scenario) -> bool:
-    """Test whether a filter runs on a scenario, also one that it does not refuse beforehand."""
+    """Test whether a filter accepts a scenario and runs on it without an exception."""
     try:
         with guarded(), np.errstate(all="ignore"):
             if why_not(tracker, scenario):
@@ -260,7 +263,7 @@ def why_not(tracker: AnyFilter, scenario: Scenario) -> str:
 
 
 def why_program_fails(tracker: AnyFilter, scenario: Scenario) -> str:
-    """Explain why a program does not start or ends on a scenario; an empty text if it runs."""
+    """Explain why a program does not run on a scenario; an empty text if it runs."""
     if not tracker.runs_program:
         return ""
     try:
@@ -274,7 +277,7 @@ def why_program_fails(tracker: AnyFilter, scenario: Scenario) -> str:
 
 
 def with_gaps(data: Simulation) -> Simulation:
-    """Leave out some measurements, in two runs of three."""
+    """Return the data with some measurements missing, in two of three runs."""
     z = data.measurements.copy()
     z[:, 2::4, ::3] = np.nan
     z[:, 3::5, 1::3] = np.nan

@@ -26,10 +26,10 @@ Kind: TypeAlias = predictive_scores.Kind | calibration.Kind
 
 @dataclass(frozen=True)
 class BlockTask:
-    """Task of a block: runs ``index * width`` onwards, ``runs_used`` of the block's ``width``.
+    """Task of a block: runs from ``index * width`` on, of which the first ``runs_used`` are reported.
 
-    A block of negative index holds training runs, from run -1 down: -1 the first ``width`` of them.
-    Only numbers per run are kept of it.
+    A block of negative index has training runs, whose numbers count down from -1: the block -1 has the
+    first ``width`` of them. Only its numbers per run are stored.
     """
 
     scenario: Scenario
@@ -56,9 +56,10 @@ class BlockTask:
     hold_out: int | None = None
     """every so many-th measurement of a run is not given to the filter"""
     extra_run_counts: tuple[int, ...] = field(default=(), compare=False)
-    """further numbers of runs over which the block is reduced: a batch may stop there, or go on"""
+    """further numbers of the block's runs to compute metrics for: the batch may stop after so many"""
     stacked: int = 1
-    """blocks from this one outwards that are filtered side by side, each with its own random numbers"""
+    """number of consecutive blocks, this one first, that are filtered side by side, each with its own
+    random numbers"""
     copies: int = 1
     """number of filters that filter the same runs side by side; ``filter`` is the joined one"""
 
@@ -83,7 +84,7 @@ class BlockTask:
 
     @property
     def blocks(self) -> list[int]:
-        """Numbers of the stacked blocks: training blocks count down."""
+        """Numbers of the stacked blocks, repeated for each of the copies; training blocks count down."""
         step = 1 if self.index >= 0 else -1
         return [*range(self.index, self.index + step * self.stacked, step)] * self.copies
 
@@ -98,7 +99,7 @@ class BlockTask:
 
     @property
     def filtering_key(self) -> "BlockTask":
-        """Task that is equal for all tasks of which the filter makes the same estimates."""
+        """Task that is equal for all tasks in which the filter computes the same estimates."""
         return BlockTask(
             scenario=self.scenario.without_scoring,
             filter=self.filter,
@@ -115,13 +116,13 @@ class BlockTask:
 
     @property
     def reference_task(self) -> "BlockTask":
-        """The reference's own task, as it is among the filters."""
+        """Task of the reference in the same runs, equal to its own task if it is among the filters."""
         assert self.reference is not None
         return replace(self.filtering_key, filter=self.reference, assume=self.reference_assume)
 
     @property
     def twin_task(self) -> "BlockTask | None":
-        """Task of the same filter in the same runs without faults; None if there are none."""
+        """Task of the same filter and runs without faults; None if the scenario has no faults."""
         scenario = self.scenario.without_faults
         if scenario is self.scenario:
             return None
@@ -176,7 +177,7 @@ simulate = LatestResults(_simulate, size=2)
 def _simulate_copies(
     scenario: Scenario, seed: int, first_run: int, width: int, copies: int
 ) -> Simulation:
-    """Repeat the same runs several times, with the prior's moments."""
+    """Repeat the data of the same runs ``copies`` times; the prior becomes a Gaussian of its moments."""
     data = simulate(scenario, seed, first_run, width)
 
     def repeat_runs(rows: Any) -> Any:

@@ -43,8 +43,8 @@ _AT_ONCE = 4096
 class ConsistencySeries:
     """Normalized errors squared of the whole state and of its marginals, many steps at a time.
 
-    Estimates and truth are ``mean`` and ``truth`` (n, T, M); a step's mean must be there when its
-    covariance is added.
+    Estimates and truth are ``mean`` and ``truth`` (n, T, M). The caller writes a step's estimate to
+    ``mean`` before it adds the step's covariance.
     """
 
     def __init__(self, scenario: Scenario, mean: Array, truth: Array) -> None:
@@ -88,7 +88,7 @@ class ConsistencySeries:
             self._waiting.clear()
 
     def _reduce(self, cov: Array) -> None:
-        """Score the next S steps, with covariances (n, n, S, M), in one call."""
+        """Compute each NEES of the next S steps, with covariances (n, n, S, M), in one call."""
         steps = slice(self._scored, self._scored + cov.shape[2])
         truth = near(self._truth[:, steps], self._mean[:, steps], self._angles)
         error = self._mean[:, steps] - truth
@@ -97,6 +97,7 @@ class ConsistencySeries:
             n = len(error[rows])
             squared, rank = distance_in_range(error[rows], cov[rows][:, rows], truth[rows])
             if rank is not None and not (rank == n).all():
+                # A NEES of rank r is stored times n / r, so that its mean is n.
                 unused = self._unused.setdefault(f"unused_{name}", np.zeros(self._mean.shape[1:]))
                 unused[steps] = n - rank
                 squared = np.where(rank == 0, np.nan, squared * (n / np.maximum(rank, 1)))
@@ -105,7 +106,10 @@ class ConsistencySeries:
 
 
 def side_by_side(covs: Sequence[Array]) -> Array:
-    """Stack the covariances (n, n, S, M) of S steps; (n, n, S, 1) if the runs share all of them."""
+    """Stack the covariances, (n, n) or (n, n, M) each, of S steps to one array (n, n, S, M).
+
+    It is (n, n, S, 1) if the runs of every step share one covariance.
+    """
     if all(cov.ndim == 2 for cov in covs):
         return np.stack(covs, axis=2)[..., None]
     if any(cov.shape != covs[0].shape for cov in covs):
@@ -119,7 +123,11 @@ def side_by_side(covs: Sequence[Array]) -> Array:
 def observable_errors(
     scenario: Scenario, tracker: Filter[State], state: State, truth: Array
 ) -> dict[str, Array]:
-    """Return errors (M,) of the observables at one step by series; truth is (n_x, M)."""
+    """Return the squared and signed errors (M,) of the scenario's observables at one step, by series.
+
+    The filter's expectations from its ``state`` are compared with the values at the ``truth`` (n_x, M).
+    There are none if the filter has no expectations, or the scenario no observables.
+    """
     if not has_expectations(tracker):
         return {}
     exact = scenario.observables(truth)
@@ -135,7 +143,7 @@ def observable_errors(
 
 
 def sizes(scenario: Scenario) -> dict[str, int]:
-    """Count the components of each NEES series, by its name; the whole state has no name."""
+    """Count the components of each NEES by its marginal's name, which is empty for the whole state."""
     counts = {"": len(scenario.components)}
     for name, rows in scenario.marginals.items():
         counts[name] = len(rows)
@@ -154,7 +162,7 @@ _EULER = 0.5772156649015329
 
 
 def calibration_series(components: Sequence[str], exact: bool) -> list[str]:
-    """Name all series on request; ``exact``: there is a reference with a likelihood."""
+    """Name all series that a config can request; ``exact`` if there is a reference with a likelihood."""
     quantities = (*components, _NEES)
     names = [f"pit_{quantity}" for quantity in quantities]
     names += [f"coverage_{percent}" for percent in LEVELS]
@@ -168,12 +176,15 @@ def calibration_series(components: Sequence[str], exact: bool) -> list[str]:
 
 
 def bars(quantity: str) -> list[str]:
-    """Name metrics of the share of steps at which a quantity's rank is in each tenth."""
+    """Name the bars of a rank histogram: shares of steps at which a quantity's PIT is in each tenth."""
     return [f"rank_{quantity}_{b}" for b in range(1, TENTHS + 1)]
 
 
 class Calibration:
-    """The series of one filter over one block, step by step."""
+    """Calibration series of one filter over one block, computed step by step.
+
+    ``components`` are those of the truth, ``wanted`` the requested `Kind` of series.
+    """
 
     def __init__(self, components: Sequence[str], wanted: Sequence[str]) -> None:
         self._components = components
@@ -184,7 +195,7 @@ class Calibration:
         self._log_excess: list[Array | None] = []
 
     def add(self, posterior: Posterior | None, estimate: Gaussian, truth: Array) -> None:
-        """Add a step's posterior, estimate of the truth's components, and truth (n_x, M)."""
+        """Add the posterior, the estimate of the truth's components and the truth (n_x, M) of a step."""
         if self.disabled:
             return
         # A filter without a posterior of its own is judged by the Gaussian of its estimate.
@@ -206,7 +217,10 @@ class Calibration:
                 self._add_row(f"crps_{component}", score)
 
     def series(self, consistency: Mapping[str, Array]) -> dict[str, Array]:
-        """Return values (T + 1, M) by the name of their series, from those of `ConsistencySeries`."""
+        """Return values (T + 1, M) by the name of their series.
+
+        ``consistency`` are the series of `ConsistencySeries`, whose NEES the NCI of a Gaussian needs.
+        """
         rows = {name: np.stack(values) for name, values in self._rows.items()}
         pits = {name: row for name, row in rows.items() if name.startswith("pit_")}
         if "calibration" in self._wanted:
@@ -224,8 +238,8 @@ class Calibration:
         if "ranks" in self._wanted:
             for name, pit in pits.items():
                 # Shares (T + 1, TENTHS, M) of each transform in the tenths: a series per bar.
-                steps = zip(pit, self._places, strict=True)
-                shares = np.stack([in_tenths(at_step, places) for at_step, places in steps])
+                pits_of_steps = zip(pit, self._places, strict=True)
+                shares = np.stack([in_tenths(of_step, places) for of_step, places in pits_of_steps])
                 names = bars(name.removeprefix("pit_"))
                 rows |= zip(names, shares.swapaxes(0, 1), strict=True)
         return rows
@@ -235,12 +249,12 @@ class Calibration:
 
 
 def likelihood_ratio(scores: Mapping[str, Array], exact: Mapping[str, Array]) -> dict[str, Array]:
-    """Compare a filter's likelihood of all measurements so far with the reference's: (T + 1, M).
+    """Return the ratio (T + 1, M) of the likelihoods of all measurements so far: filter to reference.
 
-    ``scores`` and ``exact`` are the series of the filter and of the reference. A particle filter's
-    estimate of the likelihood is unbiased, so that the mean of the ratio is one (Del Moral 2004, section
-    7.4.2). Filters that weigh or move particles in another way are biased. Without a likelihood of both
-    there is no series.
+    ``scores`` and ``exact`` are the predictive series of the filter and of the reference. A particle
+    filter's estimate of the likelihood is unbiased, so that the mean of the ratio is one (Del Moral
+    2004, section 7.4.2). Filters that weigh or move particles in another way are biased. The result is
+    empty unless both have a likelihood.
     """
     if _SCORE not in scores or _SCORE not in exact:
         return {}
@@ -255,12 +269,14 @@ def likelihood_ratio(scores: Mapping[str, Array], exact: Mapping[str, Array]) ->
 
 
 def noncredibility(nees: Array, n: int, rank: Array | None = None) -> Array:
-    """Return ``10 log10 NEES`` minus its Gaussian mean; positive means overconfident.
+    """Return ``10 log10 NEES`` minus its mean for a Gaussian posterior; positive means overconfident.
 
-    The NEES (T, M) has n components; ``rank`` (T, M) is the number of them with spread, None for all.
+    ``nees`` (T, M) is of states of n components. ``rank`` (T, M) is the number of components whose
+    covariance is not zero; None if it is n everywhere.
     """
 
     def noncredibility_of_rank(squared: Array, r: int) -> Array:
+        # A NEES of rank r is stored times n / r: squared * (r / n) is chi-square of r degrees.
         # psi(r / 2) by psi(1) = -gamma, psi(1 / 2) = -gamma - 2 log 2, psi(x + 1) = psi(x) + 1 / x
         digamma = -_EULER
         first = 2
@@ -292,10 +308,12 @@ def _covered(within: Array, level: float) -> Array:
 
 
 def in_tenths(pit: Array, places: int = 0) -> Array:
-    """Share (TENTHS, M) of each transform (M,) in each tenth; NaN of NaN.
+    """Return the share (TENTHS, M) of each probability integral transform (M,) in each tenth of (0, 1).
 
-    A rank among so many places has a place ``1 / places`` wide; 0 places stand for a density. So each
-    tenth has a tenth of the ranks in the mean, even if their number is no multiple of ten.
+    ``places`` is the number of possible ranks of a transform among particles, and 0 for a transform by
+    a density. Each rank stands for a place of the width ``1 / places``, which may be in two tenths. So
+    each tenth has a tenth of the ranks on average, even if their number is no multiple of ten. A NaN
+    has the shares NaN.
     """
     if places:
         # A rank fills its place: its share in a tenth is the part of the place between both edges.

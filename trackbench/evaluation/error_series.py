@@ -47,7 +47,7 @@ class StepSums(NamedTuple):
     number: Array
 
     def plus(self, other: "StepSums") -> "StepSums":
-        """Add the sums over both sets of runs."""
+        """Return the sums over the runs of both."""
         return StepSums(
             total=self.total + other.total,
             squares=self.squares + other.squares,
@@ -64,11 +64,12 @@ def series(
     rank: Array | None = None,
     twin: Array | None = None,
 ) -> dict[str, Array]:
-    """Return every series of a block, or of some of its steps.
+    """Return every series of errors of a block, or of some of its steps.
 
-    Truth, mean and the reference's mean ``exact`` are (n_x, T + 1, M); ``rank`` (T + 1, M) is that of
-    the covariances, None if it is full everywhere; ``twin`` is the mean of the same filter without
-    faults. Recorded data without a truth have no errors; where the truth has a gap, so have they.
+    Truth, mean and the reference's mean ``exact`` are (n_x, T + 1, M). ``nees`` and ``rank`` (T + 1, M)
+    are those of the covariances; ``rank`` is None if it is full everywhere. ``twin`` is the mean of the
+    same filter in the same runs without faults. Recorded data without a truth have no errors, and those
+    of a step without a truth are NaN.
     """
     rows: dict[str, Array] = {}
     if scenario.has_truth:
@@ -93,9 +94,10 @@ def series(
 def _errors(
     scenario: Scenario, mean: Array, truth: Array, squared: str, signed: str = ""
 ) -> dict[str, Array]:
-    """Sum the squares of each error vector; of scalar errors keep the signed value, too.
+    """Return series of the squared length of each of the scenario's error vectors.
 
-    ``squared`` and ``signed`` begin the names of these series; without ``signed`` there are no others.
+    ``squared`` is the first word of their names. If ``signed`` is given, scalar errors also have a
+    series of signed errors, whose name begins with that word.
     """
     rows: dict[str, Array] = {}
     for quantity, vectors in scenario.errors(mean, truth).items():
@@ -114,19 +116,20 @@ def per_run_metrics(
     finite_truth: Mask | None = None,
     weights: Mapping[str, Array] | None = None,
 ) -> dict[str, Array]:
-    """Return numbers per run (M,) over each window, as each metric is made of its series; NaN if lost.
+    """Return the metrics of each run (M,) over each window of steps; NaN for lost runs.
 
-    ``rmse`` is eq. 14 of the hdepf paper. A name carries its window: ``rmse[k<=30]``. ``finite`` (M,)
-    marks the runs whose estimates stayed finite, ``finite_truth`` those whose simulated truth did. A
-    series with ``weights`` (T + 1, M) has a weighted mean over the steps. Raises ValueError if a name
-    would be given twice.
+    ``values`` are the series (T + 1, M), and ``sums`` their sums. ``rmse`` is eq. 14 of the hdepf paper.
+    The name of a metric contains its window, as ``rmse[k<=30]``. ``finite`` (M,) marks the runs whose
+    estimates stayed finite, ``finite_truth`` those whose simulated truth did. A series with ``weights``
+    (T + 1, M) has a weighted mean over the steps. Raises ValueError if two metrics have one name.
     """
     # Step 1: the sums over the steps of each window.
     lost = lost_runs(scenario, values, finite, finite_truth)
     metrics = {"lost": lost}
     metrics |= sums.over_windows(values)
     for name, numbers in metrics.items():
-        if name.startswith("rmse"):  # the sum of finite squares may be infinite
+        # Even a sum of finite squares may be infinite.
+        if name.startswith("rmse"):
             lost[(lost == NOT_LOST) & np.isinf(numbers)] = NOT_FINITE
     for name, weight_of_steps in (weights or {}).items():
         for window, mask in scenario.windows.items():
@@ -151,10 +154,11 @@ def per_run_metrics(
 
 
 def rejections(z: Array, twin: Array, diagnostics: Mapping[str, Array]) -> dict[str, Array]:
-    """Return which good measurements a gate rejects and which bad ones it accepts, 0 or 1 (T + 1, M).
+    """Return which good measurements a gate rejects, and which bad ones it accepts.
 
-    A measurement of z (n_z, T, M) is bad if a fault changed it from that of the ``twin`` without faults.
-    It is NaN in the other series, and in both if the filter was not given it.
+    A measurement of z (n_z, T, M) is bad if a fault changed it, so that it differs from that of the
+    ``twin`` without faults. Both series (T + 1, M) are 0 or 1. ``rejected_good`` is NaN for bad
+    measurements, ``accepted_bad`` for good ones, and both if the filter was not given a measurement.
     """
     if not {"gated", "nis"} <= diagnostics.keys():
         return {}
@@ -172,10 +176,12 @@ def rejections(z: Array, twin: Array, diagnostics: Mapping[str, Array]) -> dict[
 def sensor_rejections(
     z: Array, twin: Array, refused: Mask, sensors: Sequence[slice]
 ) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Return `rejections` of several sensors, each with a gate: shares of each step's measurements.
+    """Return the shares of good measurements that gates reject, and of bad ones that they accept.
 
-    ``refused`` (n_z, T, M) are the refused components, ``sensors`` the rows of each sensor. The second
-    result has the numbers (T + 1, M) of the measurements behind the shares.
+    Each of several sensors has a gate. As in `rejections`, ``z`` (n_z, T, M) are the measurements and
+    ``twin`` those without faults. ``refused`` (n_z, T, M) are the refused components, ``sensors`` the
+    rows of each sensor. The first result has the shares of each step's measurements, the second the
+    numbers (T + 1, M) of the measurements that they are shares of.
     """
     changed = (z != twin) & ~np.isnan(z)
     given = np.stack([~np.isnan(z[rows]).all(axis=0) for rows in sensors])
@@ -189,9 +195,9 @@ def sensor_rejections(
 
 
 def _share_of_measurements(counted: Mask, decided: Mask) -> tuple[Array, Array]:
-    """Return the share of the ``counted`` measurements (S, T, M) that are ``decided``, and its base.
+    """Return the share of the ``counted`` measurements (S, T, M) that are ``decided``, and their number.
 
-    Both are (T + 1, M).
+    Both results are (T + 1, M): they are over the sensors at each step.
     """
     number = counted.sum(axis=0).astype(float)
     with np.errstate(invalid="ignore"):
@@ -202,7 +208,11 @@ def _share_of_measurements(counted: Mask, decided: Mask) -> tuple[Array, Array]:
 def over_windows(
     values: Mapping[str, Array], windows: Mapping[str, Mask], counts: Collection[str]
 ) -> dict[str, Array]:
-    """Return each metric's numbers per run (M,) over the steps of each window, window by window."""
+    """Return each metric of each run (M,) over the steps of each window, with the window in its name.
+
+    ``values`` are the series (T + 1, M), ``windows`` the masks (T + 1,) of the steps. ``counts`` names
+    the diagnostics whose metric is the sum over the steps, not the mean.
+    """
     return SeriesSums.from_series(values, windows, counts).over_windows(values)
 
 
@@ -227,7 +237,7 @@ class SeriesSums:
     def from_series(
         cls, values: Mapping[str, Array], windows: Mapping[str, Mask], counts: Collection[str]
     ) -> "SeriesSums":
-        """Sum whole series."""
+        """Return the sums of whole series (T + 1, M)."""
         sums = cls(windows, counts)
         for name, rows in values.items():
             sums.add(name, rows, 0)
@@ -247,7 +257,7 @@ class SeriesSums:
             columns["values"] = rows
         if "root" in reductions:
             columns["roots"] = np.sqrt(rows)  # of squares
-        # Values that do not exist count as nothing; an infinite NEES of collapsed particles counts.
+        # NaN is left out of the sums; the infinite NEES of collapsed particles is not.
         for name, column in columns.items():
             if (series, name) not in self._window_sums:
                 self._window_sums[series, name] = WindowSums(self._masks, rows.shape[1])
@@ -256,7 +266,7 @@ class SeriesSums:
         self._step_sums.setdefault(series, []).append(sums)
 
     def over_runs(self) -> dict[str, StepSums]:
-        """Sum over all runs at each step, lost runs too; -0.0 becomes 0.0."""
+        """Return the sums over all runs, lost ones included, at each step; -0.0 becomes 0.0."""
         return {
             name: StepSums(
                 total=np.concatenate([sums.total for sums in pieces]) + 0.0,
@@ -268,7 +278,7 @@ class SeriesSums:
 
     @np.errstate(all="ignore")  # a run may have no value
     def over_windows(self, values: Mapping[str, Array]) -> dict[str, Array]:
-        """Return each metric's numbers per run (M,) by window; ``values`` are the whole series."""
+        """Return each metric of each run (M,) over each window; ``values`` are the whole series."""
         by_window: list[dict[str, Array]] = [{} for _ in self._windows]
         last = [np.flatnonzero(mask)[-1] for mask in self._masks]
         for series, reductions in self._reductions.items():
@@ -293,7 +303,7 @@ class SeriesSums:
 
 
 def _innovation_metrics(values: Mapping[str, Array], mask: Mask) -> dict[str, Array]:
-    """Return the ANIS and the autocorrelations over the steps of the mask."""
+    """Return the ANIS and the autocorrelations of the innovations over the steps of the mask."""
     if "innovations" not in values:
         return {}
     metrics: dict[str, Array] = {}
@@ -338,7 +348,10 @@ def lost_runs(
 
 
 def step_sums(rows: Array, lost: Array) -> StepSums:
-    """Sum over the runs that are not lost and whose value exists."""
+    """Sum the values (T + 1, M) of a series over the runs that are not lost; NaN is left out.
+
+    ``lost`` (M,) has a key of `LOST_BECAUSE` or `NOT_LOST` for each run.
+    """
     not_lost = lost == NOT_LOST
     if not_lost.all() and not any_nan(rows):
         runs = float(rows.shape[1])
@@ -353,7 +366,7 @@ def step_sums(rows: Array, lost: Array) -> StepSums:
 
 
 def with_unused(steps: dict[str, StepSums]) -> dict[str, StepSums]:
-    """Add the sums of the components that each NEES and NIS lacks: zeros if there are no such sums."""
+    """Complete the sums of components that a NEES or NIS lacks: zeros for each that lacks none."""
     completed = dict(steps)
     for name, sums in steps.items():
         if name == "nis" or name.partition("_")[0] == "nees":
@@ -365,12 +378,12 @@ def with_unused(steps: dict[str, StepSums]) -> dict[str, StepSums]:
 
 @cache
 def _gate(n_x: int) -> float:
-    """Return the chi-square value that is exceeded with probability 1e-6."""
+    """Return the value that a chi-square variable of n_x degrees exceeds with probability 1e-6."""
     from scipy.special import chdtri
 
     return float(chdtri(n_x, 1e-6))
 
 
 def _sum(rows: Array) -> Array:
-    """Sum over the steps (S, M) at which a value exists."""
+    """Sum the rows (S, M) over the steps; NaN is left out."""
     return total(np.where(np.isnan(rows), 0.0, rows), axis=0)

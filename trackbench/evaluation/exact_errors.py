@@ -54,7 +54,7 @@ class _FixedNormals:
 def _run_with_streams(
     task: BlockTask, streams: _FixedNormals, runs: int
 ) -> tuple[Simulation, FilterOutput]:
-    """Simulate and filter runs whose noise comes from these streams."""
+    """Simulate and filter so many runs, with the noise of these streams."""
     data = freeze(task.scenario.simulate(cast(RunStreams, streams), runs))
     return data, run_filter(replace(task, width=runs, runs_used=runs), data)
 
@@ -62,8 +62,13 @@ def _run_with_streams(
 @lru_cache(maxsize=64)
 @np.errstate(all="ignore")
 def why_not_exact(task: BlockTask) -> str | None:
-    """Explain why a filter has no exact errors; None if it has."""
+    """Explain why a filter has no exact errors; None if it has some.
+
+    Filter and scenario are linear if states, measurements and estimates are affine in the noise, which
+    is tried with four vectors of noise.
+    """
     tracker = task.filter
+    # A gate or a robust update depends on the innovation, so that the estimate is not affine in it.
     adapts = isinstance(tracker, GaussianFilter) and (tracker.gate or tracker.robust)
     if not tracker.is_linear or adapts:
         what = f"`{tracker.kind}` is not linear"
@@ -87,14 +92,17 @@ def why_not_exact(task: BlockTask) -> str | None:
 
 
 def _dense(rows: Index) -> Array:
-    """Return variates (J, 4): zeros, two vectors a and b, and a + b."""
+    """Return four vectors (J, 4) of the rows of noise: zeros, a, b and a + b, with arbitrary a and b."""
     a = (37 * rows % 11 - 5) / 3.0
     b = (23 * rows % 7 - 3) / 2.0
     return np.stack([np.zeros(len(rows)), a, b, a + b], axis=1)
 
 
 def _is_affine(x: Array) -> bool:
-    """Test whether f(a + b) + f(0) = f(a) + f(b), of values (..., 4) at 0, a, b and a + b."""
+    """Test whether a function f is affine, so that f(a + b) + f(0) = f(a) + f(b).
+
+    ``x`` (..., 4) are its values at 0, a, b and a + b. Components without any value are left out.
+    """
     known = x[~np.isnan(x).all(axis=-1)]
     difference = known[..., 3] + known[..., 0] - known[..., 1] - known[..., 2]
     return bool(np.all(np.abs(difference) <= 1e-9 * np.abs(known).max(initial=0.0)))
@@ -135,9 +143,10 @@ def exact_series(task: BlockTask) -> dict[str, Array]:
 
 
 def _unit_vectors(first: int) -> _FixedNormals:
-    """Return streams without noise in run 0, with u_j in run 1 and -u_j in run 2, and so on.
+    """Return streams whose noise is zero in run 0, and a unit vector or its negative in the other runs.
 
-    j counts from ``first``; u_j has a one in row j of the noise.
+    Run 1 has u_first and run 2 its negative, runs 3 and 4 have those of the next unit vector, and so
+    on. The unit vector u_j is 1 in row j of the noise.
     """
     row_of_run = np.append(-1, np.arange(first, first + _UNITS).repeat(2))
     value_of_run = np.array([0.0, *([1.0, -1.0] * _UNITS)])

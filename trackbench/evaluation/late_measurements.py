@@ -51,7 +51,10 @@ class Deliveries:
         """True if the filter repeats its last steps when a measurement arrives late"""
 
     def _apply(self, T: int) -> None:
-        """Give each late measurement at the step of its arrival, the newest of several."""
+        """Let the filter get each late measurement at the step of its arrival, the newest of several.
+
+        T is the number of steps, which stands for never.
+        """
         late = np.nonzero(self._late & (self.learned < T))
         sensor, due, run = late
         delivery = (sensor, self.learned[late], run)
@@ -61,7 +64,7 @@ class Deliveries:
         self.learned[sensor[is_superseded], due[is_superseded], run[is_superseded]] = T
 
     def given(self, z: Array) -> Array:
-        """Arrange measurements (n_z, T, M) by the step at which the filter gets them."""
+        """Arrange measurements (n_z, T, M) by the step at which the filter gets them; NaN for none."""
         arranged = np.empty_like(z)
         for rows, number in zip(self._rows, self._given, strict=True):
             taken = np.take_along_axis(z[rows], np.maximum(number, 0)[None], axis=1)
@@ -69,7 +72,10 @@ class Deliveries:
         return freeze(arranged)
 
     def known(self, z: Array, first: int, last: int) -> Array:
-        """Blank the measurements of steps ``first`` to ``last`` - 1 that arrive after ``last``."""
+        """Return the measurements of steps ``first`` to ``last`` - 1 that have arrived at step ``last``.
+
+        Of z (n_z, T, M) those that arrive later are NaN.
+        """
         known = z[:, first:last].copy()
         for rows, learned in zip(self._rows, self.learned[:, first:last], strict=True):
             known[rows][:, learned > last] = np.nan
@@ -77,7 +83,7 @@ class Deliveries:
 
     @property
     def first_repeated(self) -> Index:
-        """First step (T, M) that a filter repeats at each step, the step itself for none."""
+        """First step (T, M) that a filter repeats at each step; the step itself if it repeats none."""
         T, runs = self._late.shape[1:]
         first = np.repeat(np.arange(T)[:, None], runs, axis=1)
         late = np.nonzero(self._late & (self.learned < T))
@@ -86,7 +92,10 @@ class Deliveries:
         return first
 
     def counts(self) -> dict[str, Array]:
-        """Count measurements that arrive late, and the dropped ones of them, by step (T + 1, M)."""
+        """Count the measurements that arrive late at each step, and those of them that are dropped.
+
+        The series (T + 1, M) are named ``arrived_late`` and ``late_dropped``.
+        """
         T = self._late.shape[1]
         arrived = self._late & (self._arrival < T)
         dropped = arrived & (self.learned == T)
@@ -104,7 +113,7 @@ class Deliveries:
 
     @property
     def steps_per_step(self) -> float:
-        """Mean number of steps that a filter makes at a step of a run."""
+        """Mean number of filter steps per step of a run, the repeated ones included."""
         if not self.refilters:
             return 1.0
         first = self.first_repeated
@@ -112,7 +121,7 @@ class Deliveries:
 
 
 def deliveries(task: BlockTask, data: Simulation) -> Deliveries | None:
-    """Plan the delivery to a filter; None if it gets all measurements on time."""
+    """Plan the delivery of the measurements to a filter; None if it gets all of them on time."""
     if task.assumed_scenario.late is None:
         return None
     if data.arrival is None:
@@ -136,10 +145,11 @@ class Refilter:
         rng: Generator,
         clock: AbstractContextManager[None],
     ) -> None:
-        """Begin with no state.
+        """Begin without stored states.
 
-        ``repeat`` yields the states after measurements (n_z, L, M) from a state and a step on; ``copy``
-        protects a state from the filter's next step; ``clock`` times the repeated steps.
+        ``z`` (n_z, T, M) are the measurements, and ``delivered`` their delivery. ``repeat(state, z, i)``
+        filters the measurements (n_z, L, M) from step i on, and yields the state after each. ``copy``
+        protects a state from the filter's next step. ``clock`` times the repeated steps.
         """
         self._z = z
         self._delivered = delivered
@@ -154,15 +164,18 @@ class Refilter:
         self._before: dict[int, tuple[Any, Any]] = {}
 
     def state_before(self, i: int, state: Any) -> Any:
-        """Update the state before step i: filter again if a measurement has just arrived late."""
+        """Return the state before step i, from which the filter goes on; ``state`` is the present one.
+
+        If a measurement has just arrived late, the steps since the measurement are filtered again.
+        """
         first = int(self._first_repeated[i])
         with self._clock:
             self._store(i, state)
             if first < i:
-                begin, position = self._before[first]
+                state_before_first, position = self._before[first]
                 put_back(self._rng, position)
                 z = self._delivered.known(self._z, first, i)
-                repeated = self._repeat(self._copy(begin), z, first)
+                repeated = self._repeat(self._copy(state_before_first), z, first)
                 for j, state in enumerate(repeated, first + 1):
                     self._store(j, state)
         # Keep only the states that this or a later step goes back to.

@@ -38,7 +38,7 @@ Relation: TypeAlias = Literal["gain", "ratio", "minus", "win_rate", "controlled"
 
 
 class Steps(NamedTuple):
-    """Step numbers from first to last, one if there is no last; ``last`` is the run's last step."""
+    """Step numbers from first to last; only first if last is empty. ``last`` is the run's last step."""
 
     first: str
     last: str = ""
@@ -49,7 +49,7 @@ class Steps(NamedTuple):
         return f"@{self.first}"
 
     def among(self, steps: Iterable[int]) -> list[int]:
-        """Select the steps of the expression among the given ones."""
+        """Select the steps of the expression among the steps of a run."""
         end = float("inf") if self.last == "last" else int(self.last)
         return [k for k in steps if int(self.first) <= k <= end]
 
@@ -98,11 +98,13 @@ class Measure(NamedTuple):
 
     @property
     def base(self) -> str:
-        """Name of the stored metric: no statistic, window or step; ``pit_x`` for a bar ``rank_x_1``."""
+        """Name of the stored metric that the number is from, without statistic, window and step."""
         spec, quantity = self.family
-        if spec.name == "rank":  # a bar of a histogram is stored with its transform
+        # Each bar `rank_x_1` of a histogram is stored under its transform `pit_x`.
+        if spec.name == "rank":
             return joined("pit", quantity.rpartition("_")[0])
-        if spec.name == "unused":  # missing components of a statistic are stored with it
+        # The number of components that a NEES lacks is stored under the name of the NEES.
+        if spec.name == "unused":
             return quantity
         if spec.per_component:
             return joined(spec.series, quantity)
@@ -130,7 +132,10 @@ class Measure(NamedTuple):
         return self.family[0].name == "efficiency" and self.is_row
 
     def made_of(self) -> tuple["Measure", "Measure"]:
-        """Return the parts of an efficiency: the reference's RMSE, the filter's difference from it."""
+        """Return the two measures that an efficiency is computed from.
+
+        They are the RMSE of the reference, and the RMS difference of the filter from the reference.
+        """
         _, quantity = self.family
         rmse = self._replace(metric=joined("rmse", quantity))
         rmsd = self._replace(metric=joined("rmsd", quantity))
@@ -148,33 +153,36 @@ class Measure(NamedTuple):
 
     @property
     def step(self) -> int | None:
-        """Number of its step, if it is at one that has a number."""
+        """Number of the step that the measure is at; None for no step, several steps, or ``last``."""
         if self.steps is None or self.steps.last or self.steps.first == "last":
             return None
         return int(self.steps.first)
 
     @property
     def is_many(self) -> bool:
-        """True if this is a range of steps."""
+        """True if the measure is at a range of steps."""
         return self.steps is not None and bool(self.steps.last)
 
     def of(self, label: str) -> "Measure":
-        """Return the expression for one filter, by its label."""
+        """Return the expression for the filter with this label."""
         return self._replace(filter=label)
 
     def beside(self, relation: Literal["gain", "ratio", "minus"], other: str) -> "Measure":
-        """Relate the expression to another filter."""
+        """Return the expression as one that relates the filter to another one, given by its label."""
         return self._replace(relation=relation, other=other)
 
     def at_each(self, steps: Iterable[int]) -> list["Measure"]:
-        """Return an expression for each of its steps; itself if it has one."""
+        """Return an expression for each step of its range; only itself if it has no range.
+
+        ``steps`` are the numbers of the steps of a run.
+        """
         if self.steps is None or not self.is_many:
             return [self]
         return [self._replace(steps=Steps(str(k))) for k in self.steps.among(steps)]
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> Any:
-        """Return a word in the config."""
+        """Return the schema of an expression, which is a word in the config."""
         from pydantic_core import core_schema
 
         return core_schema.no_info_after_validator_function(
@@ -211,7 +219,7 @@ def measure(text: str) -> Measure:
 
 
 def measured(name: str) -> Measure:
-    """Parse a name in a file; an unreadable one becomes a metric of that name."""
+    """Parse a name in a results file; a name that is no expression becomes a metric of that name."""
     try:
         return measure(name)
     except ValueError:
@@ -233,7 +241,10 @@ Comparison = Annotated[Measure, "comparison"]
 
 
 def role_of(hint: object) -> str:
-    """Return the role of a key's type: a file's metric, an expression, a comparison; else nothing."""
+    """Return the role of a config key by its type hint, as `OfRun` and the types after it name it.
+
+    It is empty if the key names no metric or expression.
+    """
     for annotation in annotations_of(hint):
         if annotation in _ROLES:
             return str(annotation)

@@ -26,13 +26,13 @@ class PrecisionTarget(NamedTuple):
 
     @classmethod
     def read(cls, metric: str, error: float | str) -> "PrecisionTarget":
-        """Read ``1%`` or a number."""
+        """Read the standard error that a config requests: ``1%``, or a number in the metric's unit."""
         if isinstance(error, str):
             return cls(metric, float(error.removesuffix("%")) / 100.0, relative=True)
         return cls(metric, float(error), relative=False)
 
     def share(self, row: SummaryRow) -> float:
-        """Return the standard error as a share of the target; NaN if the target is zero."""
+        """Return the standard error of a summary row over its target; NaN if the target is zero."""
         target = self.error
         if self.relative:
             target = self.error * abs(row.value)
@@ -59,7 +59,10 @@ class PrecisionCheck(NamedTuple):
 
 
 def checkpoints(least: int, most: int) -> Iterator[int]:
-    """Yield the numbers of runs after which errors are checked: half as many again each time."""
+    """Yield the numbers of runs after which errors are checked, from ``least`` to ``most``.
+
+    Each number is half as large again as the one before.
+    """
     runs = min(least, most)
     # n, 1.5 n, 2.25 n, ..., and the largest number last.
     while runs < most:
@@ -69,10 +72,10 @@ def checkpoints(least: int, most: int) -> Iterator[int]:
 
 
 def exact_after(stops: Sequence[int], exact: Sequence[bool]) -> int | None:
-    """Return the number of runs at which the rule stops; None if it never does.
+    """Return the number of runs at which the stopping rule stops; None if it never does.
 
-    ``exact`` says for each of the ``stops`` whether the errors are small enough. Two in a row have to
-    be; the last stop needs no other.
+    ``exact`` has for each of the ``stops`` whether the errors are small enough after that number of
+    runs. They must be small enough at two stops in a row. Only the last stop may be alone.
     """
     was_exact = False
     for runs, is_exact in zip(stops, exact, strict=False):
@@ -91,7 +94,10 @@ def check_precision(
     windows: Mapping[str, Mask],
     runs: int | None = None,
 ) -> list[PrecisionCheck]:
-    """Compare the standard errors of one filter after its first ``runs`` runs with the targets."""
+    """Compare the standard errors of one filter after its first ``runs`` runs with the targets.
+
+    ``sizes`` has the number of components of each NEES, ``windows`` the masks (T + 1,) of the steps.
+    """
     # Only the metrics behind the requested numbers, and only the first ``runs`` runs.
     names = {target.metric for target in wanted}
     needed = {_per_run_values(name) for name in names}
@@ -113,6 +119,6 @@ def check_precision(
 
 
 def _per_run_values(metric: str) -> tuple[str, str]:
-    """Return the values of per_run.csv behind a number of the summary: metric and window."""
+    """Return the metric and the window of per_run.csv that a number of the summary is computed from."""
     m = measured(metric)
     return m.base, m.window

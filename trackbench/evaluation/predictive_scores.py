@@ -57,7 +57,11 @@ def visible_to_filter(measurements: Array, hold_out: int | None) -> Array:
 
 
 def predictive_series(components: Sequence[str], scores: bool, hold_out: int | None) -> list[str]:
-    """Return names of all predictive series; ``scores``: the filter has a log-likelihood."""
+    """Return the names of all predictive series of measurements with these components.
+
+    ``scores`` if the filter has a log-likelihood. ``hold_out`` is every how many-th measurement is held
+    out, if any.
+    """
     names = []
     if scores:
         names.append(_SCORE)
@@ -90,7 +94,10 @@ class Step(NamedTuple):
 
 
 class PredictionScorer:
-    """The series of one filter over one block, step by step."""
+    """Predictive series of one filter over one block, computed step by step.
+
+    ``wanted`` are the requested `Kind` of series, and ``rng`` draws the noise of steps aside.
+    """
 
     def __init__(
         self,
@@ -125,13 +132,16 @@ class PredictionScorer:
         return not self._wanted and self._held_out is None
 
     def snapshot(self, state: Any) -> Any:
-        """Return the state as it is now: objects of one run change with each step."""
+        """Return a state that the filter's next step does not change.
+
+        A filter that loops over runs has an object for each run, which changes with every step.
+        """
         if not self._tracker.loops_over_runs:
             return state
         return deepcopy(state, {id(self._model): self._model})
 
     def add(self, step: Step, i: int) -> None:
-        """Add the step that used measurement i."""
+        """Add the step that was given the measurement of index i."""
         if self.disabled:
             return
         z = self.visible[:, i]
@@ -154,12 +164,13 @@ class PredictionScorer:
                 self._held_scores += self._log_likelihoods(after, z.shape[1])
 
     def add_steps(self, many: Steps, piece: slice, steps: Sequence[int]) -> bool:
-        """Add many steps of one call; False if each must be added alone.
+        """Add the steps that a filter made in one call; return False if each must be added alone.
 
-        ``piece`` are the indices of their measurements, ``steps`` the numbers of the steps.
+        ``piece`` is the slice of the indices of their measurements, ``steps`` the numbers of the steps.
         """
         if self.disabled:
             return True
+        # The scores need the states of all steps, with their predictions.
         if not self._has_predictions or many.together is None or many.before is None:
             return False
         state = many.together()
@@ -175,7 +186,9 @@ class PredictionScorer:
             self._refused.extend(np.zeros((count, n_z, runs), dtype=np.bool_))
         if self._held_out is not None and self._held_out[piece].any():
             is_held = self._held_out[piece]
-            index = np.flatnonzero(is_held.any(axis=1))  # steps at which any run has a held-out one
+            index = np.flatnonzero(
+                is_held.any(axis=1)
+            )  # steps with a held-out measurement in any run
             held = np.where(is_held[index], self._all[:, piece][:, index], np.nan)
             estimate = Gaussian(many.estimate.mean[:, index], many.estimate.cov[:, :, index])
             self._held.add_steps(estimate, held, np.take(steps, index).tolist())
@@ -189,7 +202,7 @@ class PredictionScorer:
         return True
 
     def series(self) -> dict[str, Array]:
-        """Return values (T + 1, M) by the name of their series; of the first state there are none."""
+        """Return values (T + 1, M) by the name of their series, NaN for the first state."""
         rows: dict[str, Array] = {}
         if self._scores:
             rows[_SCORE] = np.where(_measured(self.visible), np.stack(self._scores), np.nan)
@@ -200,12 +213,15 @@ class PredictionScorer:
         return {name: after_first(values) for name, values in rows.items()}
 
     def _step_aside(self, step: Step, z: Array) -> Any:
-        """Return the state after a step with other measurements."""
+        """Return the state after the step if it is given z (n_z, M) instead of its own measurements."""
         before = self.snapshot(step.before)
         return self._tracker.step(self._model, before, z, step.k, self._rng)
 
     def _prediction(self, step: Step, z: Array) -> Gaussian:
-        """Return the estimate after a step without a measurement."""
+        """Return the prediction of the step: the estimate after the step without a measurement.
+
+        z (n_z, M) are the step's measurements, of which only the shape matters.
+        """
         if self._has_predictions:
             stored = _finite(getattr(step.after, "prediction", None))
             if stored is not None:
@@ -214,7 +230,10 @@ class PredictionScorer:
         return _copy(self._tracker.estimate(self._step_aside(step, no_measurement)))
 
     def _log_likelihoods(self, state: Any, *batch: int) -> list[Array]:
-        """Return the rows (M,) of the increments (*batch) of one or many steps."""
+        """Return the filter's log-likelihood increments of one or many steps, a row (M,) for each step.
+
+        ``batch`` is the shape of the increments. There are none if the filter has no log-likelihood.
+        """
         if not self._has_likelihood:
             return []
         increments: Any = self._tracker.log_likelihood(state)
@@ -222,17 +241,17 @@ class PredictionScorer:
         return [*checked[_SCORE].reshape(-1, self._all.shape[2])]
 
     def _innovation_series(self) -> dict[str, Array]:
-        """Return the series (T, M) of the innovations, all steps at once."""
+        """Return the series (T, M) of the innovations of all steps."""
         nu, S = self._predicted.joined(self._all.shape[2])
-        # Step 1: whiten, e = L^-1 nu with S = L L'; missing and refused components have no e, nor do
-        # those of a prediction without a covariance.
+        # Step 1: whiten, e = L^-1 nu with S = L L'. Missing and refused components have no e, and
+        # neither have the components of a prediction without a covariance.
         refused = np.stack(self._refused, axis=1) & ~np.isnan(nu)
         missing = np.isnan(nu) | refused
         for i in range(len(nu)):
             missing[i] |= np.isnan(S[i, i])
         number = (~missing).sum(axis=0)
         if (refused.any(axis=0) & (number > 0)).any():
-            # The measurements of other sensors are used: theirs is the covariance without the refused.
+            # Other sensors' components are used: their covariance is S without the refused components.
             S = kalman.drop_missing_cov(S, refused)
         whitened = list(linalg.whiten(linalg.cholesky(S), np.where(missing, 0.0, nu)))
         e = np.where(missing, np.nan, np.stack(whitened))
@@ -246,7 +265,7 @@ class PredictionScorer:
         return series
 
     def _held_out_series(self, held_out: Mask) -> dict[str, Array]:
-        """Return the series (T, M) of held-out measurements, NaN of the others."""
+        """Return the series (T, M) of the held-out measurements; NaN for all other measurements."""
         nu = np.full(self._all.shape, np.nan)
         if self._held_steps:
             held_nu, _ = self._held.joined(self._all.shape[2])
@@ -260,7 +279,10 @@ class PredictionScorer:
         return series
 
     def _errors(self, head: str, nu: Array) -> dict[str, Array]:
-        """Return squared and signed innovations of each component; ``head``: predicted or held."""
+        """Return the squared and signed innovations nu (n_z, T, M) of each component by series.
+
+        ``head`` is the word in their names: predicted or held.
+        """
         components = self._model.sensor.components
         series: dict[str, Array] = {}
         for component, innovation in zip(components, nu, strict=True):
@@ -285,7 +307,7 @@ class _Innovations:
             self._compute_waiting()
 
     def add_steps(self, predicted: Gaussian, z: Array, steps: Sequence[int]) -> None:
-        """Add the predictions of steps, means (n, T, M), and their measurements (n_z, T, M)."""
+        """Add predictions of many steps, with means (n, T, M), and their measurements (n_z, T, M)."""
         n = len(predicted.mean)
         model = Model(self._model.motion, SensorOfSteps(self._model.sensor, steps))
         # The batch (T, M) becomes one axis.
@@ -312,9 +334,10 @@ class _Innovations:
 
 
 def _innovation(model: Model, predicted: Gaussian, z: Array, k: int) -> Innovation:
-    """Compare z (n_z, B) with a prediction; a mean without a covariance has an innovation and no S.
+    """Return the innovations of measurements z (n_z, B) at step k, with covariances S, from predictions.
 
-    The measurement is then predicted by the sensor at the mean, ``h(F x)``.
+    If a predicted state has a mean and no covariance, the measurement is predicted by the sensor at the
+    mean, and S is NaN.
     """
     # Imported here, since pydantic comes with the filters' keys, and a worker may need neither.
     from trackbench.filters.ukf import predicted_innovation
@@ -333,7 +356,7 @@ def _copy(estimate: Gaussian) -> Gaussian:
 
 
 def _finite(stored: Gaussian | None) -> Gaussian | None:
-    """Return a stored prediction without infinite moments, which an update would turn to NaN."""
+    """Return the stored prediction if it is finite; None otherwise, as infinite moments turn to NaN."""
     if stored is None or not (all_finite(stored.mean) and all_finite(stored.cov)):
         return None
     return stored
@@ -345,12 +368,16 @@ def after_first(rows: Array) -> Array:
 
 
 def _measured(z: Array) -> Mask:
-    """Return the runs (*batch) with a measurement, or a component of one."""
+    """Return which runs (*batch) have at least one component of a measurement."""
     return np.asarray(~np.isnan(z).all(axis=0))
 
 
 def _lagged_products(white: Array, missing: Mask) -> Iterator[Array]:
-    """Yield ``e_j e_(j-l)`` (n, T, M) for each lag l; j counts a component's known values."""
+    """Yield ``e_j e_(j-l)`` (n, T, M) for each lag l from 1 to `LAGS`.
+
+    ``white`` (n, T, M) are the whitened innovations e. j counts the known values of a component, so
+    that steps without a measurement are skipped.
+    """
     # Known values stand before the missing ones, in the order of their steps.
     order = np.argsort(missing, axis=1, kind="stable")
     known = np.take_along_axis(white, order, axis=1)
@@ -362,6 +389,6 @@ def _lagged_products(white: Array, missing: Mask) -> Iterator[Array]:
 
 
 def _sum_of_known(rows: Array) -> Array:
-    """Sum over the components (n, T, M) of those that are known; NaN where none is."""
+    """Sum the known values of the rows (n, T, M) over the components; NaN if none is known."""
     known = ~np.isnan(rows)
     return np.where(known.any(axis=0), total(np.where(known, rows, 0.0), axis=0), np.nan)

@@ -43,18 +43,20 @@ def run_block(task: BlockTask) -> BlockResult:
 
 
 def run_whole_block(task: BlockTask) -> dict[int, BlockResult]:
-    """Return the block reduced over the runs that are used, and over all of its width.
+    """Return the block's metrics by the number of runs that they are computed from.
 
-    The second costs next to nothing, and is what a later batch of more runs needs.
+    These numbers are those of the used runs and of all runs of the block. A later batch of more runs
+    needs the latter, which cost next to nothing.
     """
     return run_stack([task])[0]
 
 
 def run_stack(blocks: Sequence[BlockTask]) -> list[dict[int, BlockResult]]:
-    """Return each block's results, with the same bytes as alone, by the number of runs used.
+    """Filter several blocks side by side, to save calls of numpy; return the results of each block.
 
-    The blocks are filtered side by side, to save calls of numpy. They are adjacent blocks of one filter,
-    or have the same runs and filters of one structure (`JoinableFilter`).
+    The results are by the number of runs that they are computed from. They have the same bytes as those
+    of each block alone. The blocks are adjacent blocks of one filter, or have the same runs and filters
+    of one structure (`JoinableFilter`).
     """
     keep_freed_memory()
     stack = _join_blocks(blocks)
@@ -63,9 +65,11 @@ def run_stack(blocks: Sequence[BlockTask]) -> list[dict[int, BlockResult]]:
     if stack.keep_covariance:
         covariances = stack.runs_with_tracks_among(stack.runs)
         if covariances and stack.copies > 1:
-            covariances = stack.runs  # each copy has its first runs
+            covariances = (
+                stack.runs
+            )  # the first runs of each copy are not the first ones of the stack
     with np.errstate(all="ignore"):  # a run that is no longer finite is counted, not warned about
-        # The reference first, so that the filter's output is the one that stays cached.
+        # The reference runs first, so that the filter's output is the last one and stays cached.
         run_reference.size = max(run_reference.size, len(blocks))
         for block in blocks:
             if block.reference is not None:
@@ -92,9 +96,12 @@ def run_stack(blocks: Sequence[BlockTask]) -> list[dict[int, BlockResult]]:
 
 
 def _reference_output(task: BlockTask) -> FilterOutput:
-    """Return the reference's output, NaN if it fails: the filter keeps its other numbers."""
+    """Return the reference's output, or one of NaN if the reference fails.
+
+    The filter then has only the numbers that need no reference.
+    """
     reference = task.reference_task
-    # The reference among the filters reports its own failure.
+    # If the reference is itself the filter of the task, its failure is raised.
     is_reference = (task.filter, task.assume) == (task.reference, task.reference_assume)
     unknown = _unknown_references.cached(reference)
     if unknown is not None and not is_reference:
@@ -160,7 +167,10 @@ def _cut_output(output: FilterOutput, first: int, width: int) -> FilterOutput:
 
 
 def _cut_runs(rows: Any, first: int, width: int) -> Any:
-    """Copy some runs: sums over contiguous copies are added in the order of a lone block."""
+    """Copy ``width`` runs from run ``first`` on.
+
+    numpy adds up a contiguous copy in the same order as the array of a block that is filtered alone.
+    """
     return np.ascontiguousarray(rows[..., first : first + width])
 
 
@@ -172,7 +182,7 @@ def _view_runs(rows: Any, first: int, width: int) -> Any:
 
 
 def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int, BlockResult]:
-    """Return the block's metrics by the number of runs that they are reduced over."""
+    """Return the block's metrics by the number of runs that they are computed from."""
     check_names(task.filter.summed_diagnostics)
     exact_mean: Array | None = None
     predictive = dict(output.diagnostics)
@@ -191,7 +201,8 @@ def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int
         predictive |= decisions
     # Step 1: error series (T + 1, M), then the filter's diagnostics and the likelihood ratio.
     values, sums = _series_and_sums(task, data, output, predictive, exact_mean, twin_mean)
-    # Step 2: over the whole block, then trimmed: numpy adds up a single column in another order.
+    # Step 2: compute the metrics of all runs of the block, and trim them then: numpy adds up a single
+    # column in another order.
     finite = _stayed_finite(output.mean)
     finite_truth: Mask | None = None
     if task.scenario.recorded_runs is None:
@@ -285,11 +296,16 @@ def _steps_of_mean(mean: Array | None, piece: slice) -> Array | None:
 
 
 def _stayed_finite(mean: Array) -> Mask:
-    """Return the runs (M,) that are finite at every step, in the components that any run estimates."""
-    if np.isfinite(np.add.reduce(mean, axis=None)):  # in any order: a finite sum has finite terms
+    """Return which runs (M,) of the mean (n_x, T + 1, M) are finite at every step.
+
+    Components that the filter never estimates, such as the velocity of a converted measurement, are
+    left out.
+    """
+    # A finite sum has finite terms: then no term needs a test.
+    if np.isfinite(np.add.reduce(mean, axis=None)):
         return np.ones(mean.shape[-1], dtype=np.bool_)
     finite = np.isfinite(mean)
-    estimated = finite.any(axis=(1, 2))  # a converted measurement, say, has no velocity
+    estimated = finite.any(axis=(1, 2))
     return np.asarray(finite[estimated].all(axis=(0, 1)) & estimated.any())
 
 
@@ -344,7 +360,7 @@ def _trimmed_result(
 
 
 def _first_runs(rows: Array, number: int) -> Array:
-    """Return the first runs as a copy, because a view would keep the other runs in memory."""
+    """Return the first ``number`` runs as a copy, because a view would keep all runs in memory."""
     if rows.shape[-1] == number:
         return rows
     return rows[..., :number].copy()
@@ -354,7 +370,8 @@ def _first_runs(rows: Array, number: int) -> Array:
 def keep_freed_memory() -> None:
     """Let the arrays of one step reuse the memory of the last, which can halve the time of a step.
 
-    The GNU allocator gives freed memory back to the system, to fetch it again page by page a moment
-    later, unless it has once freed a larger block (up to 32 MiB). This one is never touched.
+    The GNU allocator gives freed memory back to the system and fetches it again page by page a moment
+    later. It stops doing so for blocks up to the size of the largest one that it has freed (32 MiB at
+    most). So a block of nearly that size is allocated and freed here; its memory is never used.
     """
     np.empty(31 << 20, dtype=np.uint8)

@@ -64,15 +64,16 @@ class FilterOutput(NamedTuple):
 
 @explain_read_only_errors()
 def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> FilterOutput:
-    """Run the filter over the block's data; estimates of every step, the prior's included.
+    """Run the filter over the block's data; return the estimates of the prior and of every step.
 
     Only the filter is timed. ``covariances`` is the number of first runs whose covariances are recorded.
-    Raises ValueError if the filter writes to what it is given, or gives back what is no estimate.
+    Raises ValueError if the filter writes to its arguments, or returns something that is no estimate.
     """
     tracker = task.filter
     model = freeze(task.assumed_scenario.model)
     rng = _join_streams(task, block_stream)
-    # Steps aside, for scores, have random numbers of their own: those of the filter stay as they are.
+    # Additional steps that only the scores need draw from another stream, so that the filter's random
+    # numbers do not depend on the scores.
     aside = _join_streams(task, aside_stream)
     clock = _Clock()
     delivered = deliveries(task, data)
@@ -136,7 +137,7 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
                     states.append(state)
                 else:
                     recorder.add(state, estimate)
-                # The state before the step predicts the measurement.
+                # A gate marks the measurements that the step has not used.
                 not_used = diagnostics.get("gated") if refused is None else refused
                 scorer.add(Step(before, state, estimate, k, not_used), i)
         if tracker.smooths:
@@ -164,7 +165,7 @@ def _make_refilter(
     rng: Generator,
     clock: "_Clock",
 ) -> Refilter:
-    """Prepare a filter that repeats steps when a measurement of z (n_z, T, M) arrives late."""
+    """Return the `Refilter` that repeats steps when a measurement of z (n_z, T, M) arrives late."""
     tracker = task.filter
     steps = task.scenario.steps[1:].tolist()
 
@@ -178,7 +179,7 @@ def _make_refilter(
                 yield many.state(i)
 
     def copy(state: Any) -> Any:
-        # A step of a program, and one of a plugin that breaks the contract, changes its state.
+        # A program's step changes its state, and so does that of a plugin that breaks the contract.
         if tracker.loops_over_runs or foreign_parts(tracker):
             return deepcopy(state, {id(model): model})
         return state
@@ -187,7 +188,7 @@ def _make_refilter(
 
 
 def _assumed_data(task: BlockTask, data: Simulation) -> Simulation:
-    """Return the data with the filter's prior, and without the errors of faults that it knows."""
+    """Return the data with the prior that the filter assumes, and without the errors of known faults."""
     assumed = task.assumed_scenario
     prior = assumed.assumed_prior(data.truth.shape[-1]) or data.prior
     measurements = assumed.assumed_measurements(data.measurements)
@@ -208,9 +209,9 @@ def _filter_many(tracker: AnyFilter, model: Model, state: Any, z: Array, k: int)
 
 @contextmanager
 def _sealed(task: BlockTask, *shared: Any) -> Iterator[None]:
-    """Raise WrongReturnError if code of a plugin writes to the shared arrays, and undo it.
+    """Raise WrongReturnError if code of a plugin writes to the shared arrays, and restore the arrays.
 
-    numpy cannot write to these arrays; a library that takes an array's address can.
+    They are read-only for numpy. A library that takes the address of an array can still write to it.
     """
     if not foreign_parts((task.filter, task.scenario, task.assume)):
         yield
@@ -225,7 +226,7 @@ def _sealed(task: BlockTask, *shared: Any) -> Iterator[None]:
 
 
 def prior_of(data: Simulation, model: Model) -> Distribution:
-    """Return the prior of the filter's state, which may have extra components."""
+    """Return the prior of the filter's state, which may have more components than the truth."""
     if len(model.motion.components) <= len(data.truth):
         return data.prior
     return freeze(augment_prior(data.prior, extra_std(model.motion)))
@@ -239,7 +240,7 @@ def _run_filter(task: BlockTask, covariances: int) -> FilterOutput:
         raise error.after(task.first_run) from None
     for values in (output.mean, output.nees, output.cov, *output.diagnostics.values()):
         if values is not None:
-            values.flags.writeable = False  # without a copy: no filter sees it
+            values.flags.writeable = False  # no copy is needed, as no filter has these arrays
     return output
 
 
@@ -293,7 +294,7 @@ class _Recorder:
             self._refused.append(refused)
 
     def add(self, state: Any, estimate: Gaussian) -> None:
-        """Record a step's state and estimate; score the truth's components of the estimate."""
+        """Record the state and the estimate of the next step, in the components of the truth."""
         check_estimate(estimate, self._sizes, self._task.runs)
         k = self._next_step
         n = self._sizes[0]
@@ -304,7 +305,7 @@ class _Recorder:
         if self._angles or not self._calibration.disabled:
             posterior = self._task.filter.posterior(state)
         if self._angles and isinstance(posterior, ParticlePosterior):
-            # Particles on both sides of an angle's cut have their mean direction.
+            # Particles on both sides of the jump of an angle by 2 pi are averaged about one direction.
             particles = posterior.particles
             particles = particles._replace(x=particles.x[:n])
             together = particles_together(particles, estimate.mean, self._angles)
@@ -341,7 +342,11 @@ class _Recorder:
         self._next_diagnostics = piece.stop
 
     def output(self, z: Array, predictive: dict[str, Array], cpu_s: float) -> FilterOutput:
-        """Return the output, with the predictive series; z (n_z, T, M) are the measurements."""
+        """Return the output of the filter after the last step.
+
+        z (n_z, T, M) are the measurements that the filter was given, ``predictive`` the predictive
+        series, and ``cpu_s`` the CPU seconds of the filter.
+        """
         series = self._consistency.series()
         series |= self._calibration.series(series)
         if not self._data.prior.cov.any():
@@ -352,7 +357,7 @@ class _Recorder:
         nis = diagnostics.get("nis")
         refused = np.stack(self._refused, axis=1) if self._refused else None
         if nis is not None and (any_nan(z) or (refused is not None and refused.any())):
-            # Components that the NIS of a step lacks, where it has any.
+            # Number of components that each NIS lacks; NaN if a step has no NIS.
             unused = np.isnan(z)
             if refused is not None:
                 unused |= refused
@@ -370,7 +375,10 @@ class _Recorder:
         )
 
     def _filled(self, series: Series, steps: int | slice, rows: dict[str, Array]) -> Series:
-        """Enter the rows of some steps; all steps have the names of the first."""
+        """Write the rows of some steps to the series, and return them; None makes new series.
+
+        All steps have the names of the first.
+        """
         if series is None:
             series = {name: np.full(self._data.truth.shape[1:], np.nan) for name in rows}
         for name, values in series.items():
@@ -379,7 +387,7 @@ class _Recorder:
 
 
 class _Clock:
-    """Adds up the CPU time of the blocks it is entered for, that of programs included."""
+    """Context that adds up the CPU time spent within it, the time of external programs included."""
 
     cpu_s = 0.0
 

@@ -114,12 +114,12 @@ class StepColumns(NamedTuple):
 def summary_rows(
     result: FilterResult, sizes: Mapping[str, int], windows: Mapping[str, Mask]
 ) -> Iterator[SummaryRow]:
-    """Yield ``mean(rmse)``, ``variance(rmse)``, ``rms(rmse)``, ``median(rmse)``, ..., and ``anees``.
+    """Yield the rows of summary.csv: ``mean(rmse)``, ``variance(rmse)``, ``rms(rmse)``, ..., ``anees``.
 
-    ``sizes`` is the number of components by the name of each NEES. ``time-mean(rmse)`` is the mean over
-    a window's steps of the RMSE over runs. Its standard error is computed from the runs' shares if they
-    are stored. Otherwise it is an upper bound, the mean of the steps' own standard errors, because
-    errors that are correlated in time cannot add up to more.
+    ``sizes`` is the number of components of each NEES by its name, ``windows`` are the masks (T + 1,)
+    of the steps. ``time-mean(rmse)`` is the mean over a window's steps of the RMSE over runs. Its
+    standard error is computed from the runs' shares if they are stored. Otherwise it is an upper bound,
+    the mean of the steps' own standard errors: errors that are correlated in time cannot add up to more.
     """
     lost = int((result.per_run["lost"] != NOT_LOST).sum())
     for metric, values in result.per_run.items():
@@ -129,8 +129,9 @@ def summary_rows(
         finite = values[~np.isnan(values)]
         runs = len(finite)
         if m.statistic == TIME_MEAN:
-            # Shares of a time mean. Results that were read from files have no sums per step: then the
-            # mean of the shares is the time mean.
+            # These values are the runs' shares of a time mean. `_time_means` computes the mean itself
+            # from the sums per step. Results that were read from files have no such sums: there the time
+            # mean is the mean of the shares.
             if not result.steps:
                 value, stderr = mean(finite)
                 yield SummaryRow(metric, value, stderr, runs, lost)
@@ -147,7 +148,10 @@ def summary_rows(
 
 
 def per_component(m: Measure, sizes: Mapping[str, int]) -> Iterator[tuple[str, int]]:
-    """Yield rows that are the mean of a metric per run over a number of components, and that number."""
+    """Yield the rows of the summary that are m per component, such as ANEES, with the number of these.
+
+    ``m`` is a metric per run, ``sizes`` has the number of components of each NEES.
+    """
     if m.steps is not None:
         return
     for metric, name in metrics_of(m.metric):
@@ -181,8 +185,13 @@ def _time_means(
 
 
 def step_columns(result: FilterResult, sizes: Mapping[str, int]) -> Iterator[StepColumns]:
-    """Yield ``rmse`` (hdepf eq. 16), ``bias``, ``std`` (adaptive-kf eqs. 13, 14), other means."""
+    """Yield the metrics of each series at every step, as per_step.csv has them.
+
+    They are ``rmse`` (hdepf eq. 16), ``bias``, ``std`` (adaptive-kf eqs. 13, 14), other means over the
+    runs, and medians of stored series. ``sizes`` has the number of components of each NEES.
+    """
     for name, sums in result.steps.items():
+        # A column of zeros, of a NEES or NIS that lacks no component, is left out.
         if name.startswith("unused_") and not sums.total.any():
             continue
         # From the sums: metrics at the steps where any run has a value.
@@ -245,9 +254,9 @@ def _root_mean_square(x: Array) -> Array:
 
 
 def _jackknife(without: Sequence[Array]) -> Array:
-    """Return the standard error of values that were computed B times, each without a batch.
+    """Return the jackknife's standard error of a value from the B values without one batch each.
 
-    ``sqrt((B - 1) / B sum (b_i - mean b)^2)`` (Efron & Stein 1981); NaN without any.
+    ``sqrt((B - 1) / B sum (b_i - mean b)^2)`` (Efron & Stein 1981). It is NaN if there are no batches.
     """
     B = len(without)
     if not B:
@@ -259,12 +268,17 @@ def _jackknife(without: Sequence[Array]) -> Array:
 def exact_rows(
     means: Mapping[str, Array], sizes: Mapping[str, int], windows: Mapping[str, Mask]
 ) -> tuple[list[SummaryRow], list[StepColumns]]:
-    """Return what follows from exact means (T + 1,) of series, over runs and at every step."""
+    """Return the rows of the summary and of every step that follow from exact means of series.
+
+    ``means`` (T + 1,) are those over all possible runs, ``sizes`` are the numbers of components of each
+    NEES, and ``windows`` the masks (T + 1,) of the steps.
+    """
     columns = {name: values[:, None] for name, values in means.items()}
     per_run = {"lost": np.zeros(1)} | over_windows(columns, windows, ())
     steps = {}
     for name, values in means.items():
-        # Sums as of two equal runs; the mean square of a signed error gives its spread.
+        # Sums over two runs that are both the mean: a standard deviation needs two. The mean square of a
+        # signed error gives its standard deviation.
         squares = means.get(name.replace("error", "squared", 1), values)
         known = ~np.isnan(values)
         steps[name] = StepSums(
@@ -276,7 +290,7 @@ def exact_rows(
 
 
 def is_exact(m: Measure) -> bool:
-    """Test whether a measure follows from means of squares; ``mean(rmse)``, of roots, does not."""
+    """Test whether a measure follows from exact mean squares, unlike ``mean(rmse)``, a mean of roots."""
     metric, _ = m.family
     is_quadratic = (metric.series or metric.name) in QUADRATIC
     return is_quadratic and m.statistic in ("", TIME_MEAN, metric.over_steps)
@@ -299,7 +313,11 @@ def _step_metrics(
 
 
 def _spread(total: Array, squares: Array, number: Array) -> Estimates:
-    """Return standard deviations over two runs or more; their standard errors as of normal values."""
+    """Return standard deviations over the runs from sums per step; NaN for fewer than two runs.
+
+    ``squares`` are sums of squares, ``number`` the numbers of values. The standard errors are those of
+    normal values.
+    """
     with np.errstate(all="ignore"):
         # s = sqrt(E x^2 - (E x)^2), and its standard error s / sqrt(2 M)
         std = np.sqrt(np.maximum(squares / number - np.square(total / number), 0.0))
@@ -318,12 +336,16 @@ def _spread(total: Array, squares: Array, number: Array) -> Estimates:
 
 
 def series_of(m: Measure) -> str | None:
-    """Name of the series that a share of this measure is made of; None if it has no shares."""
+    """Return the name of the series from which the runs' shares of the measure m are computed.
+
+    A share is what one run contributes to a number over steps. None if the measure has no shares.
+    """
     family, quantity = m.family
     if m.statistic == TIME_MEAN and not m.steps:
         if family.name != "rmse":
             return None
         return joined(family.series, quantity)
+    # Only a number at a step of one filter has shares besides a time mean.
     if m.statistic or not m.steps or family.name == "efficiency":
         return None
     if family.series:
@@ -332,7 +354,7 @@ def series_of(m: Measure) -> str | None:
 
 
 def statistic_of(m: Measure) -> str | None:
-    """Return the statistic over runs of its shares that a measure is; None if it has no shares."""
+    """Return the statistic over the runs' shares whose value is the measure m; None without shares."""
     if series_of(m) is None:
         return None
     if m.statistic:
@@ -347,10 +369,10 @@ def with_shares(
     steps: Sequence[int],
     sizes: Mapping[str, int],
 ) -> FilterResult:
-    """Return the result with a metric per run for each measure whose series was kept.
+    """Return the result with the runs' shares of each measure in ``wanted``, as a metric per run.
 
-    ``windows`` are masks (T + 1,) by name, ``steps`` the T + 1 numbers of the steps, ``sizes`` how
-    many components each NEES has.
+    A measure whose series was not stored is left out. ``windows`` are masks (T + 1,) by name, ``steps``
+    the T + 1 numbers of the steps, and ``sizes`` the number of components of each NEES.
     """
     shares: dict[str, Array] = {}
     for m in wanted:
@@ -371,9 +393,10 @@ def with_shares(
 def _errors_at_step(
     m: Measure, rows: Array, steps: Sequence[int], sizes: Mapping[str, int]
 ) -> Array | None:
-    """Return each run's error (M,) at the measure's step; None if there is no such step.
+    """Return the value of the measure m in each run (M,) at its step; None if there is no such step.
 
-    ``rows`` (T + 1, M) is the series. A squared error is rooted.
+    ``rows`` (T + 1, M) is the series, ``steps`` are the T + 1 numbers of the steps. Of a squared error
+    the root is returned, of a NEES the value per component.
     """
     assert m.steps is not None
     number = steps[-1] if m.steps.first == "last" else int(m.steps.first)
@@ -392,8 +415,9 @@ def _errors_at_step(
 def time_mean_shares(squared: Array, not_lost: Mask) -> Array:
     """Return runs' contributions (M,) to ``mean_k sqrt(mean_m e_km^2)`` from squared errors (K, M).
 
-    A run's share is ``value + 1 / K sum_k (e_km^2 - MSE_k) / (2 RMSE_k)``: their mean is the value. Runs
-    that are not ``not_lost`` (M,) have none; a run without an error at a step has no influence there.
+    A run's share is ``value + 1 / K sum_k (e_km^2 - MSE_k) / (2 RMSE_k)``. The mean of the shares is
+    the value. Lost runs, whose ``not_lost`` (M,) is False, have the share NaN. A run without an error at
+    a step has no influence there.
     """
     counted = ~np.isnan(squared) & not_lost
     number = counted.sum(axis=1)

@@ -58,7 +58,11 @@ def check_estimate(estimate: Gaussian, sizes: tuple[int, int], *batch: int) -> N
 
 
 def check_axes(first: Gaussian, prior_mean: Array) -> None:
-    """Raise ValueError if the first mean (n, n) is the prior's with components and runs exchanged."""
+    """Raise ValueError if the first mean is the prior's with components and runs exchanged.
+
+    `check_estimate` finds exchanged axes by the shape, except for as many runs as components. Then the
+    means are both (n, n), and only their values differ.
+    """
     exchanged = first.mean.shape == prior_mean.shape[::-1] and np.array_equal(
         first.mean.T, prior_mean
     )

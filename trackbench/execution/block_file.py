@@ -56,7 +56,7 @@ def encode(result: BlockResult, key: str) -> bytes:
 
 
 def decode(content: bytes, key: str) -> BlockResult | None:
-    """Return the block; None if it is damaged, truncated, or of another format or key."""
+    """Return the block in the bytes of a file; None if it is damaged, truncated, or of another key."""
     start = len(_MAGIC) + _HASH
     body = content[start:]
     if content[: len(_MAGIC)] != _MAGIC:
@@ -71,7 +71,7 @@ def decode(content: bytes, key: str) -> BlockResult | None:
 
 
 def _arrays(result: BlockResult) -> Iterator[tuple[_ArrayPath, Array]]:
-    """Yield the arrays of a block, each with its place in the result."""
+    """Yield the arrays of a block, each with the names that lead to it in the result."""
     for name, values in result.per_run.items():
         yield ("per_run", name), values
     for name, sums in result.steps.items():
@@ -86,7 +86,7 @@ def _arrays(result: BlockResult) -> Iterator[tuple[_ArrayPath, Array]]:
 
 
 def _result(header: dict[str, Any], raw: bytes) -> BlockResult:
-    """Build the block from the arrays in ``raw``, whose places and shapes are in the header."""
+    """Build the block from the numbers in ``raw``; the header names their arrays and has the shapes."""
     per_run: dict[str, Array] = {}
     run_series: dict[str, Array] = {}
     tracks: dict[str, Array] = {}

@@ -31,7 +31,10 @@ from trackbench.field_types import require_regular_file
 
 
 def block_key(task: BlockTask, used: int) -> str:
-    """Digest everything that a block of ``used`` runs depends on: its file name in the cache."""
+    """Return the key of a block of ``used`` runs, which is its file name in the cache.
+
+    It is a digest of everything that the block depends on.
+    """
     shown = task.runs_with_tracks_among(used)
     facts: list[Any] = [
         _facts_of(task.scenario),
@@ -47,9 +50,10 @@ def block_key(task: BlockTask, used: int) -> str:
 
 @lru_cache(maxsize=1000)
 def _facts_of(component: Any) -> list[Any] | None:
-    """Return the keys of a filter or scenario, digests of its data files and plugin code.
+    """Return what the numbers of a filter or scenario depend on; None if ``component`` is None.
 
-    None has no facts.
+    These are its keys with digests of its data files, digests of plugin code, and, if it computes with
+    numpy's functions, the digest of numpy's arithmetic.
     """
     if component is None:
         return None
@@ -63,7 +67,7 @@ def _facts_of(component: Any) -> list[Any] | None:
             contents |= inner.contents
 
     def content_digest(path: str) -> str:
-        # The content that was read makes the numbers: the file may have been edited since.
+        # The numbers depend on the content that was read; the file may have been edited since.
         return contents.get(path) or hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
     keys = as_config(component, content_digest)
@@ -74,7 +78,7 @@ def _facts_of(component: Any) -> list[Any] | None:
 
 
 def _foreign_code(cls: type[Any]) -> Iterator[str]:
-    """Yield digests of the code of classes from outside this package."""
+    """Yield digests of the code of a class and its bases, of those that are from another package."""
     for base in cls.__mro__:
         name = base.__module__
         if name.partition(".")[0] in ("trackbench", "builtins", "typing"):
@@ -90,7 +94,8 @@ def _package_digest(name: str) -> str:
     """Return the digest of an installed package's source, or of a module's."""
     try:
         file = Path(inspect.getsourcefile(sys.modules[name]) or "")
-    except TypeError:  # typed into an interpreter: equal to nothing that was ever kept
+    except TypeError:
+        # Code that was typed into an interpreter has no file: a random digest equals no stored one.
         return os.urandom(16).hex()
     digest = hashlib.sha256()
     sources = python_files(file.parent if file.name == "__init__.py" else file)
@@ -147,9 +152,9 @@ class BlockStore:
         return {used: BlockFile(self._file(key).absolute(), key) for used, key in keys.items()}
 
     def prepare(self) -> None:
-        """Create the folder with a .gitignore and its marker; raises WriteError if there is none."""
+        """Create the folder with a .gitignore and its marker; raises WriteError if that fails."""
         ensure_folder(self.root)
-        with suppress(WriteError):  # a folder that may only be read serves its blocks
+        with suppress(WriteError):  # stored blocks can be used in a read-only folder, too
             mark_cache(self.root)
             if not (self.root / ".gitignore").exists():
                 write_text(self.root / ".gitignore", "*\n")
@@ -160,7 +165,10 @@ class BlockStore:
 
 @contextmanager
 def announced(root: Path) -> Iterator[Path]:
-    """Place a temporary file in the cache folder, by which a worker detects that it shares it."""
+    """Place a temporary file in the cache folder ``root``, and yield its path.
+
+    A worker that finds the file shares the folder with this process.
+    """
     token = root.absolute() / f"shared-{os.urandom(8).hex()}"
     write_text(token, "")
     try:
@@ -197,7 +205,7 @@ class CacheSize(NamedTuple):
 
 
 def cache_size(root: Path) -> CacheSize:
-    """Count the files that `cache` reports and that `--prune` and `--clear` remove."""
+    """Measure the files that `trackbench cache` reports, and removes with `--prune` and `--clear`."""
     now = code_digest()[:_CODE_DIGITS]
     current = [folder for folder in _versions(root) if folder.name == now]
     old = [folder for folder in _versions(root) if folder.name != now]
@@ -220,9 +228,9 @@ _BESIDE = re.compile(r"\.gitignore|shared-[0-9a-f]{16}")
 
 
 def mark_cache(root: Path) -> bool:
-    """Mark a folder as a cache unless it has other files; return whether it is marked.
+    """Mark a folder as a cache unless it has files that trackbench did not write.
 
-    Raises WriteError.
+    Return whether it is marked. Raises WriteError.
     """
     marker = root / _MARKER
     with suppress(OSError):

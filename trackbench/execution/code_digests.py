@@ -66,7 +66,7 @@ NO_PART_OF_BLOCKS = {
 
 @cache
 def code_digest() -> str:
-    """Return the digest of the sources that make a block's numbers, and of library versions."""
+    """Return the digest of the sources that a block's numbers depend on, and of library versions."""
     home = Path(trackbench.__file__).parent
     platform_ = (platform.machine(), sys.version_info[:2], version("numpy"), version("scipy"))
     digest = hashlib.sha256(repr(platform_).encode())
@@ -83,7 +83,7 @@ def block_sources(home: Path) -> Iterator[Path]:
 
 
 def python_files(source: Path) -> list[Path]:
-    """Return a source file, or all in a folder in the order of their names, those of C included."""
+    """Return the Python and C files of a folder in the order of their names, or a file itself."""
     if not source.is_dir():
         return [source]
     return sorted([*source.rglob("*.py"), *source.rglob("*.c")])
@@ -98,7 +98,7 @@ def add_sources(digest: "hashlib._Hash", home: Path, files: Iterable[Path]) -> N
 
 @cache
 def own_arithmetic() -> str:
-    """Return the digest of the package's own arithmetic on this machine."""
+    """Return the digest of results of the package's own arithmetic on this machine."""
     x, y = _inputs()
     square = x[:64].reshape(8, 8)
     runs = RunStreams(1, range(3))
@@ -127,7 +127,7 @@ def own_arithmetic() -> str:
 
 @cache
 def numpy_arithmetic() -> str:
-    """Return the digest of the numpy functions that a plugin may call, on this machine."""
+    """Return the digest of results, on this machine, of numpy functions that a plugin may call."""
     x, y = _inputs()
     square = x[:4096].reshape(64, 64)
     positive = square @ square.T + np.eye(64)
@@ -160,7 +160,7 @@ def _uses_own_arithmetic_only(component: Any) -> bool:
     if is_program or not type(component).__module__.startswith("trackbench."):
         return False
     motion = None
-    with suppress(InvalidKeyError):  # where every filter assumes a motion of its own
+    with suppress(InvalidKeyError):  # a scenario whose filters all assume a motion has none itself
         if isinstance(component, Scenario):
             motion = component.model.motion
         elif isinstance(component, Motion):

@@ -31,14 +31,16 @@ def start_forkserver(*modules: str) -> None:
 
     The first call decides on the modules. Systems without a fork server (Windows) skip this.
     """
-    for name in _BLAS:  # blocks are what runs side by side
+    # Each worker has one thread of BLAS, as blocks run side by side.
+    for name in _BLAS:
         os.environ.setdefault(name, "1")
     if _can_fork() and not is_worker_bootstrapping():
         from multiprocessing import resource_tracker
         from multiprocessing.forkserver import ensure_running
 
         with _safe_path():
-            resource_tracker.ensure_running()  # now, since it ends by hearing interrupts again
+            # Starting the tracker unblocks SIGINT, so that it starts before SIGINT is blocked.
+            resource_tracker.ensure_running()
             _context().set_forkserver_preload([_FORKED, *modules])
             with blocked(signal.SIGINT):
                 ensure_running()
@@ -65,7 +67,10 @@ def _safe_path() -> Iterator[None]:
 def pool(
     workers: int, begun: Callable[..., None] | None = None, *arguments: Any
 ) -> Iterator[ProcessPoolExecutor]:
-    """Open a pool of processes that first call ``begun``; an error terminates them at once."""
+    """Open a pool of processes, which an error within the context terminates at once.
+
+    Each process first calls ``begun`` with the ``arguments``.
+    """
     start_forkserver()
     first = ({**os.environ}, begun, *arguments)
     processes = _Pool(workers, _context(), _start_worker, first)
@@ -75,10 +80,10 @@ def pool(
         # Only the pool's own: the caller may have children, too. Public from Python 3.14 on.
         children = list((processes._processes or {}).values())
         for process in children:
-            process.terminate()  # what is being computed is not waited for
+            process.terminate()  # without waiting for the block that it computes
         for process in children:
             process.join()
-        # One that was sending left half a message: its reader waits until nobody can write.
+        # A process that was sending has left half a message, whose reader waits until the pipe closes.
         cast("Any", processes._result_queue)._writer.close()
         if any(process.exitcode == _NO_GUARD for process in children):
             raise UserError(_GUARD) from None
@@ -91,7 +96,7 @@ class _Pool(ProcessPoolExecutor):
     """Process pool that knows all its processes: Ctrl-C waits for a starting one."""
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        """Submit a call; raises BrokenProcessPool also if a process is killed while it starts."""
+        """Submit a call; raises BrokenProcessPool, also if a worker process is killed as it starts."""
         try:
             with postponed(), _safe_path():
                 return super().submit(fn, *args, **kwargs)
@@ -100,7 +105,7 @@ class _Pool(ProcessPoolExecutor):
 
 
 def result_of(future: Future[T]) -> T:
-    """Wait for a future's result; unlike in ``future.result``, a signal leaves it unlocked."""
+    """Wait for a future's result. Unlike ``future.result``, a signal cannot leave the future locked."""
     done: SimpleQueue[Future[T]] = SimpleQueue()
     with postponed():
         future.add_done_callback(done.put)
@@ -124,7 +129,7 @@ def check_script() -> None:
     main = sys.modules["__main__"]
     file = getattr(main, "__file__", None)
     if file is None or getattr(main, "__spec__", None) is not None:
-        return  # an interpreter, a notebook, or a module that is imported by its name
+        return  # workers of an interpreter, a notebook or `python -m` import no script
     if not os.path.isfile(file):
         raise UserError(
             f"{file}: several worker processes import the script from its file, and it has none; "
@@ -144,7 +149,7 @@ _NO_GUARD = 77
 
 
 def _line_of_script(file: str) -> int:
-    """Return the line of the script's own code that is running, outside of functions; 0 if none is."""
+    """Return the line of the script, outside of functions, that is running; 0 if there is none."""
     frame = sys._getframe(1)
     line = 0
     while frame is not None:
@@ -155,7 +160,7 @@ def _line_of_script(file: str) -> int:
 
 
 def _is_guarded(file: str, line: int) -> bool:
-    """Test whether a condition on the process stands around this line, or before it.
+    """Test whether an ``if`` on the name of the process stands around a script's line, or before it.
 
     A script that cannot be read counts as guarded.
     """
@@ -180,7 +185,7 @@ def _can_fork() -> bool:
 
 
 def _context() -> Any:
-    """Return the way in which worker processes are started."""
+    """Return multiprocessing's context: a fork server where the system can fork, else spawn."""
     method = "forkserver" if _can_fork() else "spawn"
     return multiprocessing.get_context(method)
 
@@ -188,9 +193,10 @@ def _context() -> Any:
 def _start_worker(
     environment: dict[str, str], begun: Callable[..., None] | None = None, *arguments: Any
 ) -> None:
-    """Ignore Ctrl-C in a worker, and end it with its parent, even after kill -9.
+    """Ignore Ctrl-C in a worker, and end it with its parent, even if that is killed.
 
-    A fork server has the environment of its start, and a worker that of its parent now.
+    ``environment`` is that of the parent now, since a fork server has the one of its start. The worker
+    then calls ``begun`` with the ``arguments``.
     """
     os.environ.clear()
     os.environ.update(environment)
@@ -227,7 +233,7 @@ class ClusterExecutor(Executor):
         self.workers = workers
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        """Submit a call."""
+        """Submit a call to a worker of the cluster."""
         return self._executor.submit(fn, *args, **kwargs)
 
 
@@ -252,9 +258,9 @@ def cpu_count() -> int:
 
 
 def check_address_space() -> None:
-    """Raise RunError if this shell allows less memory than libraries take when they are loaded.
+    """Raise RunError if the shell allows a process less memory than the libraries need.
 
-    Loading them with less may wait for ever instead of failing.
+    With less memory, loading the libraries may never end instead of failing.
     """
     if sys.platform == "win32":
         return
@@ -269,7 +275,7 @@ def check_address_space() -> None:
 
 
 def begin(name: str, workers: int | None, *modules: str) -> None:
-    """Start the engine's helper process early and let it import these modules."""
+    """Start the fork server of the engine ``name`` early and let it import these modules."""
     check_address_space()
     if name == "processes" and (workers or cpu_count()) > 1:
         check_script()
@@ -277,7 +283,11 @@ def begin(name: str, workers: int | None, *modules: str) -> None:
 
 
 def engine(name: Engine, workers: int, scheduler: str | None = None) -> OpenEngine:
-    """Return a function that opens the engine; raises UserError if it is missing or unreachable."""
+    """Return a function that opens the engine with so many workers.
+
+    ``scheduler`` is the address of a Dask scheduler. The function raises UserError if Dask is missing
+    or no scheduler answers.
+    """
     check_address_space()
     if name == "dask":
         return lambda: _dask(workers, scheduler)
@@ -314,7 +324,7 @@ def _dask(workers: int, scheduler: str | None) -> Iterator[Executor]:
         reason = str(error).splitlines()[0]
         raise UserError(f"--scheduler {scheduler}: no scheduler answers there ({reason})") from None
     with client:
-        # pure=False: a block is asked for once, and its result is not to stay in the cluster.
+        # pure=False: each block is requested once, so that the cluster need not store its result.
         threads: dict[str, int] = client.nthreads()
         executor = client.get_executor(pure=False)
         yield ClusterExecutor(executor, workers=sum(threads.values()))

@@ -68,7 +68,10 @@ class Plan:
         return replace(self, tasks=tasks)
 
     def of_shard(self, shard: int, shards: int) -> "Plan":
-        """Return one of so many parts: consecutive blocks, so that each has blocks of all filters."""
+        """Return the plan of one shard of ``shards``, counted from 1.
+
+        A shard has consecutive blocks in the order of computation, so that it has blocks of all filters.
+        """
         n = len(self.unique)
         in_shard = set(self.unique[n * (shard - 1) // shards : n * shard // shards])
         tasks: dict[Key, list[BlockTask]] = {}
@@ -80,7 +83,11 @@ class Plan:
 
 
 def make_plan(experiment: Experiment, save_tracks: bool = False, looks: Sequence[int] = ()) -> Plan:
-    """Split every filter's runs into blocks; ``looks`` are the numbers of runs to stop at."""
+    """Split every filter's runs into blocks.
+
+    ``save_tracks`` records the tracks of more runs. ``looks`` are the numbers of runs after which the
+    experiment may stop, so that results of that many runs are needed.
+    """
     settings = experiment.settings
     kept_series = _kept_series(experiment)
     predictions = requested_predictions(experiment)
@@ -142,9 +149,9 @@ def _block_width_of(settings: Settings, tracker: AnyFilter, scenario: Scenario) 
 def block_width(tracker: AnyFilter, scenario: Scenario) -> int:
     """Choose the number of runs per block.
 
-    About 32 000 particles, so that the cost of numpy's calls is small, at most 500 runs. Filters that
-    loop over runs get ten. Long tracks and filters with boosted particle counts get fewer, because a
-    block is in memory as a whole.
+    A block has about 32 000 particles, so that the cost of numpy's calls is small, and at most 500 runs.
+    Blocks of filters that loop over runs have at most ten. Long tracks and filters with boosted particle
+    counts have smaller blocks, because a block is in memory as a whole.
     """
     widest = _ONE_BY_ONE if tracker.loops_over_runs else _WIDEST
     most = min(widest, _RUN_STEPS_AT_A_TIME // len(scenario.steps))
@@ -152,11 +159,11 @@ def block_width(tracker: AnyFilter, scenario: Scenario) -> int:
 
 
 def stack_limit(task: BlockTask) -> int:
-    """Return how many blocks a worker may filter side by side, for the same numbers.
+    """Return how many blocks a worker may filter side by side without changing their numbers.
 
-    Plugins may draw or sum over all runs they are given, and held-out measurements are predicted with
-    draws that depend on the block: such blocks run alone, and so does a block of one run, whose sums
-    numpy adds in another order.
+    Some blocks run alone. Plugins may draw or sum over all runs that they are given. Held-out
+    measurements are predicted with draws that depend on the block. numpy adds up the sums of a block of
+    one run in another order.
     """
     alone = task.filter.mixes_runs or task.filter.loops_over_runs or task.hold_out
     if alone or task.width == 1 or foreign_parts((task.scenario, task.filter, task.assume)):
@@ -167,7 +174,10 @@ def stack_limit(task: BlockTask) -> int:
 
 
 def _run_limit(tracker: AnyFilter) -> int:
-    """Return how many runs' particles fit in the cache."""
+    """Return how many runs may be filtered together: their particles fit in the processor's cache.
+
+    More particles in the few steps of a boost need only fit in the memory.
+    """
     usual = _PARTICLES_AT_A_TIME // tracker.particle_count
     boosted = _BOOSTED_AT_A_TIME // tracker.max_particle_count
     return min(usual, boosted)
@@ -222,10 +232,10 @@ def container_limits(groups: Path, root: Path) -> Iterator[int]:
 
 
 def check_memory(experiment: Experiment, save_tracks: bool = False) -> None:
-    """Reject a filter of which one block, or the stored numbers, are more than the machine's memory.
+    """Raise UserError if a block of a filter and the stored numbers exceed the machine's memory.
 
-    A step has at least the particles with their weights before and after it, a block its estimates;
-    how much more it takes is measured.
+    This is a lower bound: the particles with their weights before and after a step, and the estimates
+    of a block. The queue measures how much a block really takes.
     """
     settings = experiment.settings
     series = len(_kept_series(experiment))
@@ -253,7 +263,11 @@ def check_memory(experiment: Experiment, save_tracks: bool = False) -> None:
 
 
 def _kept_states(tracker: AnyFilter, point: Point, label: str) -> int:
-    """Return how many states a filter keeps: a smoother's of all steps, and those to go back to."""
+    """Return how many states of a run are in memory at once.
+
+    A smoother has those of all steps. A filter that repeats steps for late measurements has the states
+    that it may go back to.
+    """
     steps = len(point.scenario.steps)
     if tracker.smooths:
         return steps
@@ -264,7 +278,7 @@ def _kept_states(tracker: AnyFilter, point: Point, label: str) -> int:
 
 
 def announced(experiment: Experiment, plan: Plan, workers: int, kept: int = 0) -> str:
-    """Return one line that announces the run; ``kept`` blocks are finished already."""
+    """Return the line that announces the run; ``kept`` is the number of blocks that are finished."""
     settings = experiment.settings
     tuned = ""
     if experiment.tuned:
@@ -287,7 +301,7 @@ def announced(experiment: Experiment, plan: Plan, workers: int, kept: int = 0) -
 
 
 def cautions(points: Iterable[Point]) -> list[str]:
-    """Return the cautions of scenarios and filters, each once with the labels of its filters."""
+    """Return the cautions of scenarios and filters, each once, after the labels of its filters."""
     labels_by_text: dict[str, list[str]] = {}
     for point in points:
         for text in point.scenario.cautions:

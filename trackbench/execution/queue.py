@@ -63,9 +63,9 @@ class Queue:
         self._plugins: dict[BlockTask, tuple[Plugin, ...]] = {}
 
     def add(self, tasks: Sequence[BlockTask], plugins: tuple[Plugin, ...]) -> None:
-        """Append the tasks that are new, as stacks.
+        """Append the tasks that are new to the queue, in stacks; ``plugins`` is the code they need.
 
-        Several workers get at least two stacks each.
+        Stacks are so small that each of several workers gets at least two.
         """
         most = len(tasks)
         if self._workers > 1:
@@ -78,7 +78,7 @@ class Queue:
             self._plugins[task] = plugins
             of_filter = replace(task, index=0, runs_used=0)
             stack = last_stack.get(of_filter)
-            # A stack has adjacent blocks of one filter.
+            # A stack has adjacent blocks of one filter: begin a new one if it is full, or after a gap.
             if (
                 stack is None
                 or len(stack) >= min(most, stack_limit(task))
@@ -91,7 +91,10 @@ class Queue:
         self._waiting.extend(_join_filters(stacks, most))
 
     def run(self, open_engine: OpenEngine) -> Generator[tuple[BlockTask, BlockOutcome]]:
-        """Yield tasks with their results as they finish; raises RunError if no worker starts."""
+        """Yield tasks with their results as they finish.
+
+        The engine is opened again after a worker has died. Raises RunError if no worker starts.
+        """
         unstarted = 0
         while self._waiting:
             try:
@@ -101,7 +104,7 @@ class Queue:
                     if isinstance(executor, ClusterExecutor):
                         self._workers = max(self._workers, executor.workers)
                         self._remote = True
-                        # The scheduler is idle half of the time.
+                        # Batches are so long that the scheduler is idle half of the time.
                         least_seconds = max(_TASK_SECONDS, 2.0 * _SCHEDULER_SECONDS * self._workers)
                     yield from self._drain(executor, least_seconds, shared)
             except BrokenExecutor as error:
@@ -111,7 +114,10 @@ class Queue:
                 yield from self._after_death()
 
     def give_up(self, task: BlockTask, error: Exception) -> list[BlockTask]:
-        """Record why a task's filter failed; return the filter's blocks that are dropped."""
+        """Record the error with which a task's filter failed, and drop the filter's waiting blocks.
+
+        Return the dropped blocks, the failed one included.
+        """
         failed = algorithm(task)
         step = 1 if task.index >= 0 else -1  # training runs count down
         last_run = task.first_run + (task.runs_used - 1) * step
@@ -149,7 +155,7 @@ class Queue:
             while self._waiting and len(self._running) < self._limit():
                 batch = self._next_batch(least_seconds)
                 plugins = self._plugins[batch[0][0]]
-                restore_modules(plugins)  # in which pickle looks for the classes of the tasks
+                restore_modules(plugins)  # pickle looks for the tasks' classes in these modules
                 works = []
                 for stack in batch:
                     files = [self._store.files(task) for task in stack]
@@ -159,14 +165,15 @@ class Queue:
                 with postponed():
                     future.add_done_callback(finished.put)
                 if not finished.empty():
-                    break  # keep a result before more is begun: a serial engine is done already
+                    break  # store a result first: a serial engine computes in `submit`
             future = finished.get()
             if future not in self._running:
-                continue  # taken back
+                continue  # `_take_back` has canceled it
             outcomes = _result_of(future)
             batch = self._running.pop(future)
             if isinstance(outcomes, Exception):
-                if len(batch) > 1:  # each stack alone
+                # A batch that failed as a whole is repeated with each stack alone.
+                if len(batch) > 1:
                     self._waiting.extendleft(reversed(batch))
                     least_seconds = 0.0
                     continue
@@ -177,7 +184,7 @@ class Queue:
                 self._take_back()
 
     def _take_back(self) -> None:
-        """Let tasks that no worker has begun wait again, in their order."""
+        """Cancel batches that no worker has begun; their stacks wait again, in their order."""
         for future in reversed(list(self._running)):
             with postponed():
                 taken_back = future.cancel()
@@ -186,7 +193,8 @@ class Queue:
 
     def _finish(self, stack: Stack, computed: Computed) -> Iterator[tuple[BlockTask, BlockOutcome]]:
         """Yield a stack's blocks with their results; queue each block alone if the stack failed."""
-        # Memory that a worker has taken once stays with it: the first block of a filter counts.
+        # The measured memory of a worker is its largest so far, which never falls. Only an increase by
+        # more than 5 % is due to this stack.
         if self.hungriest is None or computed.memory > 1.05 * self.hungriest[1]:
             self.hungriest = (stack[0], computed.memory)
         if not isinstance(computed.results, Exception):
@@ -195,13 +203,15 @@ class Queue:
             yield from zip(stack, computed.results, strict=True)
         elif len(stack) == 1:
             yield stack[0], computed.results
-        else:  # each alone: only the failing block's runs are at fault
+        else:
+            # The error is that of some block: each one runs again alone.
             self._waiting.extendleft([task] for task in reversed(stack))
 
     def _next_batch(self, least_seconds: float) -> list[Stack]:
-        """Return the next stack, or as many of the same plugins as take so many seconds.
+        """Return the next stacks: so many that they take ``least_seconds``, and at least one.
 
-        Every worker gets at least two batches of the waiting stacks.
+        A batch has stacks of the same plugins. It is so small that every worker gets at least two
+        batches of the waiting stacks.
         """
         most = 1
         if not self.deaths:
@@ -218,9 +228,10 @@ class Queue:
         return batch
 
     def _limit(self) -> int:
-        """Return how many tasks may run at once: one while a task is suspected to kill workers.
+        """Return how many batches may be submitted at once.
 
-        Every worker has tasks in advance, unless the memory is too small for all of them.
+        It is one while a block is suspected to kill workers. Otherwise every worker has batches in
+        advance, unless the memory is too small for all workers.
         """
         stacks = list(chain.from_iterable(self._running.values()))
         if self._waiting:
@@ -233,7 +244,7 @@ class Queue:
 
     @property
     def fitting(self) -> int:
-        """Number of workers of this machine that have memory side by side; all of a cluster's."""
+        """Number of workers that fit into this machine's memory; those of a cluster all do."""
         peak = 0
         if self.hungriest is not None:
             _, peak = self.hungriest
@@ -242,10 +253,13 @@ class Queue:
         return max(1, memory() // peak)
 
     def _after_death(self) -> Iterator[tuple[BlockTask, Exception]]:
-        """Queue the running blocks again, one at a time; yield those that killed too many workers."""
+        """Queue the blocks that ran as a worker died again, one at a time.
+
+        Yield those over which too many workers have died, with an error.
+        """
         suspects = list(chain.from_iterable(self._running.values()))
         if not suspects:
-            # Nothing runs in a pool that never began: its first stack is suspected.
+            # No block ran, as the pool never began: its first stack is suspected.
             suspects = [self._waiting.popleft()]
         for task in chain.from_iterable(suspects):
             self.deaths[task] += 1
@@ -265,12 +279,15 @@ def _death_message(task: BlockTask) -> str:
 
 
 def algorithm(task: BlockTask) -> tuple[object, ...]:
-    """Return the parts of a task that fail together: a filter on a scenario."""
+    """Return the parts of a task that are equal for all blocks of a filter on a scenario.
+
+    If one block fails, the others with these parts are given up.
+    """
     return task.scenario, task.filter, task.assume, task.reference, task.width
 
 
 def _join_filters(stacks: Sequence[Stack], most: int) -> list[Stack]:
-    """Join lone blocks of filters that differ in numbers only into one stack; others stay.
+    """Join stacks of one block each whose filters differ only in numbers; other stacks stay as they are.
 
     ``most`` is the largest number of blocks of a stack.
     """
@@ -281,6 +298,7 @@ def _join_filters(stacks: Sequence[Stack], most: int) -> list[Stack]:
         if len(stack) > 1 or not isinstance(task.filter, JoinableFilter):
             joined.append(stack)
             continue
+        # Blocks are joined if all is equal but the filters' numbers and the runs used of each block.
         structure = task.filter.structure(task.assumed_scenario)
         without_filter = replace(task, filter=cast(Any, None), runs_used=0)
         key = (structure, without_filter)
@@ -293,7 +311,7 @@ def _join_filters(stacks: Sequence[Stack], most: int) -> list[Stack]:
 
 
 def _result_of(future: Future[list[Computed]]) -> list[Computed] | Exception:
-    """Return the stacks' results or the task's error; raises if the engine failed."""
+    """Return the results of a batch's stacks, or the batch's error; raises if the engine failed."""
     try:
         return future.result()
     except (BrokenExecutor, WriteError):
@@ -305,7 +323,10 @@ def _result_of(future: Future[list[Computed]]) -> list[Computed] | Exception:
 
 
 def progress_bar(total: int, unit: str, wanted: bool, **keys: Any) -> Any:
-    """Return a progress bar of ``total`` units; ``keys`` are tqdm's. Off a terminal it prints lines."""
+    """Return a progress bar of ``total`` units, or an object that prints lines outside of terminals.
+
+    ``wanted`` is False for no bar, and ``keys`` are arguments of tqdm.
+    """
     if wanted and not sys.stderr.isatty() and not _in_notebook():
         return _ProgressLines(total, unit, **keys)
     bar_class = _bar_class()
@@ -340,11 +361,11 @@ class _ProgressLines:
             print(f"{self._name}: {units}, {seconds:.0f} s", file=sys.stderr, flush=True)
 
     def set_postfix_str(self, text: str) -> None:
-        """Leave out what a bar shows beside the count."""
+        """Ignore the text that a bar shows after the count."""
 
 
 def _bar_class() -> Any:
-    """Return the bar's class: the notebook's where it can be shown."""
+    """Return tqdm's class of a bar: that for notebooks if this is one and it can show the bar."""
     import tqdm
 
     if not (_in_notebook() and find_spec("ipywidgets")):

@@ -112,7 +112,7 @@ def execute(
                         break
                     _extend_plan(outcome, bigger, queue, bar)
             if outcome is outcomes[-1]:
-                next(finished, None)  # nothing comes any more: the workers may go
+                next(finished, None)  # all blocks are computed: this closes the engine
             outcome.failures = _failures(outcome.plan, queue)
             outcome.deaths = sum(task in queue.deaths for task in outcome.plan.unique)
             outcome.crowding = _crowding(outcome.plan, queue, workers)
@@ -127,7 +127,7 @@ def _enqueue(outcome: Outcome, queue: Queue, missing: Sequence[BlockTask]) -> No
 
 
 def _extend_plan(outcome: Outcome, bigger: Plan, queue: Queue, bar: Any) -> None:
-    """Continue with more runs; blocks computed a moment ago are not computed again."""
+    """Continue with the plan of more runs; blocks of the former plan are not computed again."""
     before = set(outcome.plan.unique)
     outcome.plan = bigger
     new = [task for task in bigger.unique if task not in before and outcome.store.get(task) is None]
@@ -147,7 +147,7 @@ def _failures(plan: Plan, queue: Queue) -> dict[Key, str]:
 
 
 def _crowding(plan: Plan, queue: Queue, workers: int) -> str:
-    """Return which filter's memory lets fewer workers run side by side."""
+    """Describe the filter whose memory allows fewer than ``workers`` workers; empty if all fit."""
     if queue.hungriest is None or queue.fitting >= workers:
         return ""
     task, peak = queue.hungriest
@@ -202,7 +202,7 @@ def with_runs(experiment: Experiment, runs: int) -> Experiment:
 
 
 def first_batch(experiment: Experiment) -> Experiment:
-    """Return the experiment with the runs of the first checkpoint; all runs without `until`."""
+    """Return the experiment with the runs of the first checkpoint; itself without the key `until`."""
     settings = experiment.settings
     if not settings.until:
         return experiment
@@ -247,7 +247,7 @@ def next_batch(experiment: Experiment, most: int, outcome: Outcome) -> NextBatch
 def imprecise(
     experiment: Experiment, outcome: Outcome, runs: int | None = None
 ) -> Iterator[tuple[Key, PrecisionCheck]]:
-    """Yield the numbers that are not precise enough after ``runs`` runs, by default all."""
+    """Yield the numbers whose standard error exceeds that of `until` after ``runs``, or all, runs."""
     targets = []
     for metric, error in experiment.settings.until.items():
         targets.append(PrecisionTarget.read(metric, error))

@@ -45,9 +45,11 @@ def environment_digests() -> Environment:
 def compute(
     stack: bytes, plugins: tuple[Plugin, ...], expected: Environment
 ) -> list[dict[int, BlockResult]]:
-    """Load the plugins, run the pickled block tasks, return each one's results by number of runs used.
+    """Load the plugins and run a pickled stack of tasks; return each block's results.
 
-    Raises RuntimeError if its numbers could differ from those of the requesting process.
+    The results are by the number of runs that they are computed from. Raises RuntimeError if the numbers
+    could differ from those of the requesting process, whose digests are ``expected``. Raises FilterError
+    if the filter or scenario fails.
     """
     digests = environment_digests()
     if digests.code != expected.code:
@@ -111,9 +113,10 @@ def compute_batch(
     expected: Environment,
     shared: Path | None = None,
 ) -> list[Computed]:
-    """Compute stacks one after the other; an error affects its own stack.
+    """Compute stacks one after the other; the error of one does not affect the others.
 
-    The blocks are stored if this process sees the file ``shared`` in their folder. Raises WriteError.
+    ``expected`` are the digests of the requesting process. The blocks are stored if the file ``shared``,
+    which that process wrote to its cache folder, exists here, too. Raises WriteError.
     """
     stores = shared is not None and shared.exists()
     return [_compute_stack(work, plugins, expected, stores) for work in batch]

@@ -74,7 +74,10 @@ class AlphaBeta(InnovationFilter[Smoothed]):
         return float(alpha), float(2.0 * (2.0 - alpha) - 4.0 * np.sqrt(1.0 - alpha))
 
     def gain(self, n: Array, T: float, sigma: float) -> Array:
-        """Return K (4, 2[, M]) at the n-th measurement, n () or (M,)."""
+        """Return the gain K (4, 2[, M]) at the measurement of number n, one number or (M,).
+
+        T is the interval of the steps, s, and sigma the standard deviation of a measured position, m.
+        """
         alpha, beta = self.gains(T, sigma)
         K = np.zeros((4, 2, *n.shape))
         K[0, 0] = alpha

@@ -29,7 +29,7 @@ class PriorMean(Filter[Gaussian]):
         return per_run_moments(prior)
 
     def step(self, model: Model, state: Gaussian, z: Array, k: int, rng: Generator) -> Gaussian:
-        """Predict, without the measurement."""
+        """Predict by the motion; the measurement is not used."""
         return extended_prediction(model, state, k, MODEL_NOISE)
 
     def estimate(self, state: Gaussian) -> Gaussian:

@@ -56,7 +56,10 @@ class CMKF(GaussianFilter):
         return prior.gaussian(self.start or self.conversion)
 
     def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
-        """Predict, convert the measurement, update linearly; half a measurement counts as missing."""
+        """Predict, convert the measurement to a position, and update linearly.
+
+        A measurement that lacks range or azimuth counts as missing.
+        """
         sensor = cast(RangeAzimuth, model.sensor)
         predicted = extended_prediction(model, state, k, MODEL_NOISE)
         # Step 1: convert (r, a) to a position; ducm uses the predicted range and azimuth.
@@ -70,7 +73,8 @@ class CMKF(GaussianFilter):
         nu = sensor.absolute_position(converted.mean, k) - linalg.matvec(H, predicted.mean)
         R = np.where(np.isnan(nu).any(axis=0), np.eye(2)[..., None], converted.cov)
         posterior, innovation = kalman.update(predicted, nu, H, R)
-        # The likelihood is one of (r, a): d(x, y) = b^2 r d(r, a) of a position at b r.
+        # The likelihood is that of (r, a): d(x, y) = b^2 r d(r, a), if the conversion scales the range
+        # by b.
         x, y = converted.mean
         return posterior, innovation._replace(volume_ratio=(x * x + y * y) / sensor.reading(z).r)
 

@@ -112,7 +112,10 @@ class EKF(NonlinearFilter):
         return idle
 
     def all_steps(self, model: Model, state: Tracked, z: Array, k: int) -> Steps | None:
-        """Return the Kalman filter's steps, bit for bit, where it is that with one covariance."""
+        """Filter all measurements z (n_z, T, M) in one call as a Kalman filter, with the bits of `step`.
+
+        None unless this is a plain EKF, motion and sensor are linear, and all runs have one covariance.
+        """
         if type(self) is not EKF or self != EKF(smooth=self.smooth):
             return None
         cov = with_trailing(state.posterior.cov, 1, leading=2)
@@ -189,7 +192,11 @@ class MCAEKF(NonlinearFilter):
         return kalman.update(predicted, nu, H, R)
 
     def _sagitta(self, predicted: Polar, nu: Array, variance: float) -> Array:
-        """Return D = r (1 / cos d - 1), d the largest likely change of azimuth (eq. 11)."""
+        """Return the sagitta D = r (1 / cos d - 1) for the largest likely change d of azimuth (eq. 11).
+
+        ``predicted`` are range and azimuth of the prediction, ``nu`` (M,) is the innovation of the
+        azimuth, and ``variance`` that of the azimuth's noise.
+        """
         gain = predicted.azimuth_variance / (predicted.azimuth_variance + variance)
         spread = np.sqrt(predicted.azimuth_variance * (1.0 - gain))
         turn = np.abs(gain * nu) + self.n_sigma * spread
@@ -237,7 +244,11 @@ class IPLF(NonlinearFilter):
 
 
 def _widen_exact_posterior(posterior: Gaussian, predicted: Gaussian) -> Gaussian:
-    """Widen a posterior that an exact measurement leaves without spread, so that it has a slope."""
+    """Widen the posteriors of runs that an exact measurement leaves without spread.
+
+    A regression over points that are all equal has no slope. A small share of the ``predicted``
+    covariance is added.
+    """
     least = _LEAST_SPREAD * np.abs(posterior.mean)
     is_exact = ~(linalg.diagonal(linalg.root(posterior.cov)) > least).all(axis=0)
     if not is_exact.any():
@@ -260,8 +271,12 @@ class _Line(NamedTuple):
 def _regress_measurement(
     model: Model, state: Gaussian, k: int, assumed: AssumedNoise, rule: PointRule
 ) -> _Line:
-    """Regress the measurement on the state over N(m, P), ``state`` (eqs. 5-9)."""
-    # Step 1: measured points, relative to the mean's: angles are averaged away from their cut.
+    """Return the linear regression of the measurement on the state over the Gaussian ``state``, N(m, P).
+
+    ``rule`` has the points over which it is computed (eqs. 5-9).
+    """
+    # Step 1: measurements of the points relative to that of the mean, so that angles are averaged away
+    # from their jump by 2 pi.
     points = rule.points(state)
     z = model.sensor.measurement(points.x, k).mean
     z_of_mean = z[:, 0]
@@ -276,7 +291,8 @@ def _regress_measurement(
     unexplained = z_cov - linalg.sandwich(slope, state.cov)
     cancelled = is_cancelled(unexplained, z_cov)
     if cancelled.any():
-        # As of a linear sensor: sum the squares of z - slope x over the points.
+        # The difference is only rounding, as for a linear sensor: sum the squares of the deviations
+        # z - slope x over the points instead.
         explained = linalg.matvec(slope[:, :, None], points.x - state.mean[:, None])
         rest = offsets - offset_mean[:, None] - explained
         zero = np.zeros_like(offset_mean)

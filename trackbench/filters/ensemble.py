@@ -54,9 +54,10 @@ class GaussianPF(WeightedParticlesFilter):
 
 
 def _state_of_draws(x: Array, log_w: Array, angles: tuple[int, ...] = ()) -> PFState:
-    """Return the state of draws (n, M, N) with log-weights (M, N).
+    """Return the state whose particles are the draws x (n, M, N) with log-weights (M, N).
 
-    ``angles`` are the components that are brought together before they are averaged.
+    ``angles`` are the components that are angles: whole turns between them are removed before they are
+    averaged.
     """
     # A log-weight that all particles share is broadcast to (M, N) first.
     w, collapsed, mass = particles.normalize(np.broadcast_to(log_w, x.shape[1:]))
@@ -218,9 +219,10 @@ class EnKF(SmoothingFilter[Ensemble], EnsembleFilter):
 
 
 def _together(x: Array, angles: tuple[int, ...]) -> tuple[Array, Array]:
-    """Bring the angles of members x (n, M, N) together, and return also their middle (n, M).
+    """Shift angles of the members x (n, M, N) by whole turns so that they are near each other.
 
-    The middle is the mean; of an angle the mean direction, half a turn from which the members are cut.
+    Return the members, and their middle (n, M): the mean, or of an angle the mean direction. The
+    members' angles are within half a turn of it.
     """
     if not angles:
         return x, mean(x)
@@ -234,7 +236,12 @@ def _together(x: Array, angles: tuple[int, ...]) -> tuple[Array, Array]:
 
 
 def _transformed(dx: Array, dz: Array, S: Array, R: Array) -> Array:
-    """Transform the deviations to dx T, T = (I + dz' R^-1 dz / (N - 1))^-1/2 the symmetric root."""
+    """Return the deviations of the updated members, ``dx T`` (ensemble transform).
+
+    T is the symmetric root ``(I + dz' R^-1 dz / (N - 1))^-1/2``. ``dx`` (n, M, N) and ``dz`` (n_z, M, N)
+    are the deviations of the members and of their predicted measurements, S is the covariance of the
+    innovation.
+    """
     # E = I - W W' = L^-1 R L'^-1 = V diag(w) V'.
     L = linalg.cholesky(S)
     whitened = linalg.solve_lower(L[..., None], dz)
@@ -255,9 +262,10 @@ def _transformed(dx: Array, dz: Array, S: Array, R: Array) -> Array:
 
 
 def _rotated(dx: Array, rng: Generator) -> Array:
-    """Rotate deviations dx (n, M, N) of mean zero by a random orthogonal matrix that keeps it.
+    """Rotate deviations dx (n, M, N) by a random orthogonal matrix that keeps their mean zero.
 
-    The matrix is uniform: a product of reflections (Stewart 1980) in the space of mean zero.
+    The matrix is uniformly distributed: a product of reflections (Stewart 1980) in the space of
+    deviations with mean zero.
     """
     runs, N = dx.shape[1:]
     # Step 1: y = dx B, B the reflection with B e_1 = (1, ..., 1) / sqrt(N): y_1 is the mean.
@@ -328,8 +336,10 @@ def _flow(
 ) -> tuple[Array, Array, Innovation]:
     """Return A (n, n, M) and b (n, M) of the flow dx = (A x + b) dt, and the innovation at its start.
 
-    Ding & Coates 2012, eqs. 9 and 10, of deviations from the prior's mean m: ``y = z - h(m + shift) +
-    H shift``, ``A = -P H' (t H P H' + R)^-1 H / 2``, ``b = (I + 2 t A) (I + t A) P H' R^-1 y``.
+    The states x are deviations from the mean m of the prior N(m, P). The measurement is linearized at
+    m + shift, with ``y = z - h(m + shift) + H shift``. At the pseudo-time t, ``time``, of 0 to 1,
+    ``A = -P H' (t H P H' + R)^-1 H / 2`` and ``b = (I + 2 t A) (I + t A) P H' R^-1 y`` (Ding & Coates
+    2012, eqs. 9, 10).
     """
     # Linearize at the shifted mean.
     at = prior.mean + shift
@@ -353,7 +363,7 @@ def _flow(
 
 
 def _step_lengths(steps: int) -> list[float]:
-    """Divide pseudo-time into steps, whose lengths sum to one."""
+    """Return the lengths of the steps in pseudo-time, which grow by a factor and sum to one."""
     lengths = [_GROWTH**i for i in range(steps)]
     whole = 0.0
     for length in lengths:

@@ -150,7 +150,7 @@ class External(Filter[ProgramState]):
                 _files_below(file)
             except OSError as error:
                 raise InvalidKeyError(f"{file}: {error.strerror}", "files", i) from None
-        # What was read makes the numbers: the program may be built anew before it runs.
+        # The numbers depend on the files as they were read: they may change before the program runs.
         object.__setattr__(self, "_content", self.digests())
 
     def digests(self) -> tuple[tuple[str, str], ...]:
@@ -176,9 +176,9 @@ class External(Filter[ProgramState]):
         return dict(self.__dict__["_content"])
 
     def few_digits(self, model: Model, prior: Distribution, z: Array, k: int) -> str:
-        """Describe answers to z (n_z, T, M) from step k on if they have few digits.
+        """Run the program on z (n_z, T, M) from step k on; describe its answers if they have few digits.
 
-        An empty text stands for answers with all digits, and for a program that fails.
+        The text is empty if they have all digits, or if the program fails.
         """
         try:
             state = self.init(model, prior, Generator(SFC64(1)))
@@ -208,12 +208,12 @@ class External(Filter[ProgramState]):
     def step(
         self, model: Model, state: ProgramState, z: Array, k: int, rng: Generator
     ) -> ProgramState:
-        """Send the measurements of one step."""
+        """Send the measurements of one step to the programs, and read their estimates."""
         after: ProgramState = self.all_steps(model, state, z[:, None], k).state(0)
         return after
 
     def all_steps(self, model: Model, state: ProgramState, z: Array, k: int) -> Steps:
-        """Send the measurements of all steps, run after run."""
+        """Send the measurements z (n_z, T, M) of all steps, run after run, and read the estimates."""
         assert state.line is not None
         lines = list(_step_lines(model, state.line, z, k))
         mean, cov = self._answers(state, lines)
@@ -224,11 +224,14 @@ class External(Filter[ProgramState]):
         return Steps(estimate=Gaussian(mean, cov), diagnostics={}, state=state_after)
 
     def estimate(self, state: ProgramState) -> Gaussian:
-        """Give the programs' last answers."""
+        """Return the programs' last answers."""
         return Gaussian(state.mean, state.cov)
 
     def _answers(self, state: ProgramState, lines: Sequence[_Line]) -> tuple[Array, Array]:
-        """Collect the estimates of all runs after each line: mean (n, T, M), covariance (n, n, T, M)."""
+        """Send the lines to the programs; return all means (n, T, M) and covariances (n, n, T, M).
+
+        ``state`` is that before the lines. A covariance is NaN if a program answers only means.
+        """
         runs = len(lines[0].of_runs)
         n = len(state.mean)
         pool = _pool(self, state.hello)
@@ -349,7 +352,10 @@ def _fields(values: Array) -> str:
 
 
 def _read_numbers(answers: Sequence[str], n: int) -> Array:
-    """Read the numbers of the answers (T, n) or (T, n + n^2); raises ProgramError at a wrong answer."""
+    """Return the numbers of the answers: (T, n) of means, or (T, n + n^2) with covariances.
+
+    Raises ProgramError for a wrong answer.
+    """
     size = len(answers[0].split())
     for i, answer in enumerate(answers):
         fields = answer.split()
@@ -369,13 +375,13 @@ def _read_numbers(answers: Sequence[str], n: int) -> Array:
 def _check_symmetric(P: Array) -> None:
     """Raise ProgramError unless covariances (T, n, n) are symmetric, up to rounding.
 
-    A NaN or an infinity has its like across the diagonal.
+    The mirror image of a NaN or an infinity must be the same.
     """
     across = P.swapaxes(1, 2)
     with np.errstate(invalid="ignore"):
         sd = np.sqrt(np.abs(np.diagonal(P, axis1=1, axis2=2)))
         limit = _ASYMMETRY * sd[:, :, None] * sd[:, None]
-        # Without finite variances a difference counts relative to the two numbers.
+        # If a variance is not finite, the limit is relative to the two numbers that are compared.
         of_two = _ASYMMETRY * np.maximum(np.abs(P), np.abs(across))
         limit = np.where(np.isfinite(limit), limit, of_two)
         differs = np.abs(P - across) > limit
@@ -391,16 +397,16 @@ def _check_symmetric(P: Array) -> None:
 
 
 def few_digits(numbers: Array) -> str:
-    """Describe numbers that are all printed with few digits; an empty text if they are not.
+    """Describe how few digits or decimals numbers have; an empty text if they have many.
 
-    A number of 17 digits is a short one by chance with a probability below 1e-5.
+    A number of 17 digits appears to have few by chance with a probability below 1e-5.
     """
     x = numbers[np.isfinite(numbers) & (numbers != 0.0)]
     if len(x) < _LEAST_NUMBERS:
         return ""
     exponent = np.floor(np.log10(np.abs(x)))
     for digits in range(1, _MOST_DIGITS + 1):
-        # 123456.0 of 6 digits: the number without its decimal point and its power of ten.
+        # A number with so many digits is whole after its decimal point is moved behind the last one.
         whole = x / 10.0 ** (exponent - digits + 1)
         if (np.abs(whole - np.rint(whole)) < _NEARLY_WHOLE).all():
             return f"at most {counted(digits, 'digit')}"
@@ -417,9 +423,9 @@ PRINT_ALL_DIGITS = "print 17 digits, as by `%.17g`, or in C++ `std::cout.precisi
 
 
 def _check_repeated(again: Array, state: ProgramState, run: int) -> None:
-    """Raise ProgramError unless a run that began again has the estimate of before.
+    """Raise ProgramError unless a run that was begun anew has the estimate that is in the state.
 
-    ``again`` are the numbers (n,) or (n + n^2,) of its answer to the state's line.
+    ``again`` are the numbers (n,) or (n + n^2,) of the repeated answer to the state's line.
     """
     n = len(state.mean)
     mean = again[:n]
@@ -432,7 +438,7 @@ def _check_repeated(again: Array, state: ProgramState, run: int) -> None:
 
 
 def _stamps(tracker: External) -> list[tuple[int, ...]]:
-    """Note times and sizes of the files of a program, to notice a change while it runs."""
+    """Return inodes, sizes and times of the files of a program, which show a change while it runs."""
     paths = [Path(shutil.which(word) or word) for word in tracker.command]
     paths += [Path(word.partition("=")[2]) for word in tracker.command if "=" in word]
     for file in tracker.files:
@@ -461,9 +467,10 @@ class _Copy:
     def exchange(
         self, before: _Line | None, lines: Sequence[_Line], run: int
     ) -> tuple[list[str], list[str]]:
-        """Send a run's lines, which follow the line ``before``, and return the answers.
+        """Send a run's lines, which follow the line ``before``, to the program; return the answers.
 
-        The answers to earlier lines of the run, if it began again, come second.
+        If the program was last sent another line, the run is begun anew: all its earlier lines are sent
+        first. The second result are the answers to these.
         """
         earlier: list[str] = []
         if before is not None and self.last_sent != (before, run):
@@ -488,9 +495,10 @@ class _Pool:
         self.stamps = _stamps(tracker)
 
     def program_of_run(self, run: int, before: _Line | None) -> _Copy:
-        """Choose the program that goes on with a run: one that is there, or begins the run again.
+        """Return the program that goes on with a run, whose last line so far is ``before``.
 
-        ``before`` is the last line of the run so far.
+        It is the program that was sent that line last. If there is none, another program begins the run
+        anew. Short runs share one program, as beginning them anew is fast.
         """
         # All programs of this process may have been ended meanwhile.
         self._copies = {i: copy for i, copy in self._copies.items() if copy.program.is_running}
@@ -523,7 +531,10 @@ _pools: OrderedDict[tuple[int, External, str], _Pool] = OrderedDict()
 
 
 def _pool(tracker: External, hello: str) -> _Pool:
-    """Look up the programs of a filter in this thread; end those that were used longest ago."""
+    """Return the programs of a filter in this thread, which stay ready for its next block.
+
+    The programs of the filter that was used longest ago are ended if there are too many.
+    """
     key = (threading.get_ident(), tracker, hello)
     if key in _pools and _pools[key].stamps != _stamps(tracker):
         _pools.pop(key).end()  # the program may have been built again

@@ -98,7 +98,7 @@ def gate_limits(gate: float, n_z: int) -> Array:
 
 
 def idle_gate_keys(gate: float | None, scenario: Scene) -> dict[str, str]:
-    """Report ``gate_by`` as idle without a gate, and with one sensor."""
+    """Return the reason, by key, why ``gate_by`` has no effect: no gate, or only one sensor."""
     if gate is None:
         return {"gate_by": "without `gate`"}
     if len(sensor_rows(scenario.model.sensor)) > 1:
@@ -107,7 +107,7 @@ def idle_gate_keys(gate: float | None, scenario: Scene) -> dict[str, str]:
 
 
 def gate_cautions(gate: float | None, scope: GateScope, scenario: Scene) -> list[str]:
-    """Note that one gate judges the measurements of several sensors at a step together."""
+    """Return a note if one gate judges the measurements of several sensors at a step together."""
     if gate is None or scope == "sensor" or not _measure_together(scenario):
         return []
     what = "one gate judges all sensors of a step, so that a bad one costs the others"
@@ -115,7 +115,7 @@ def gate_cautions(gate: float | None, scope: GateScope, scenario: Scene) -> list
 
 
 def _measure_together(scenario: Scene) -> bool:
-    """Test whether two of the scenario's sensors measure at one step, by their periods."""
+    """Test whether the periods of the scenario's sensors let two of them measure at one step."""
     sensor = scenario.model.sensor
     while isinstance(sensor, ScaledNoise):
         sensor = sensor.sensor

@@ -116,7 +116,7 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
         return Gaussian(prior.mean, prior.cov)
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Tracked:
-        """Start without an innovation."""
+        """Return the state before the first measurement, which has no innovation."""
         unknown = np.full(prior.mean.shape[1], np.nan)
         return Tracked(posterior=self.initialize(model, prior), nis=unknown)
 
@@ -140,7 +140,10 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
     # Steps of the algorithm.
 
     def prepared(self, state: Gaussian) -> Gaussian:
-        """Return the posterior as the prediction needs it: N(m, a^2 P), with its factor if needed."""
+        """Return the posterior as the prediction needs it: N(m, a^2 P) with the fading factor a.
+
+        With `form: square-root` it has the factor of its covariance.
+        """
         if self.form == "square-root":
             return from_root(state.mean, self.fading * root_of(state))
         if self.fading == 1.0:
@@ -173,7 +176,7 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
     def predict_and_update(
         self, model: Model, state: Gaussian, z: Array, k: int
     ) -> tuple[Gaussian, Innovation, Array | None]:
-        """Call `update`, with the key ``robust`` again for each new weights of the sensors.
+        """Call `update`; with the key ``robust`` again for each new set of weights of the sensors.
 
         Parameters are those of `update`.
 
@@ -216,12 +219,15 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
     def refused_components(
         self, sensor: Sensor, z: Array, innovation: Innovation, nis: Array
     ) -> Mask:
-        """Return the components of z (n_z, M) beyond their gates, by an innovation and its NIS (M,)."""
+        """Return the components of z (n_z, M) that gates refuse, by an innovation and its NIS (M,)."""
         assert self.gate is not None
         return refused_components(self.gate, self.gate_by, sensor, z, innovation, nis)
 
     def count_refused(self, sensor: Sensor, refused: Mask) -> Array:
-        """Count the measurements (M,) with a refused component (n_z, M), as `gate_by` takes them."""
+        """Count the measurements (M,) with a refused component (n_z, M).
+
+        As `gate_by` says, a measurement is that of all sensors at a step, or that of each sensor.
+        """
         return count_refused(self.gate_by, sensor, refused)
 
     # Smoothing.
@@ -267,7 +273,7 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
     # Likelihood and diagnostics.
 
     def log_ratio(self, innovation: Innovation, nis: Array) -> Array:
-        """Evaluate the log-density (M,) of an innovation, less that of N(0, S): 0 unless robust."""
+        """Return the log-density (M,) of an innovation minus that of N(0, S); 0 unless robust."""
         if self.robust is None:
             return np.zeros(nis.shape)
         return self.robust.log_ratio(nis, (~np.isnan(innovation.nu)).sum(axis=0))
@@ -307,7 +313,7 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
     def gate_and_weight_diagnostics(
         self, nis: Array, gated: Array | None, weight: Array | None
     ) -> dict[str, Array]:
-        """Name refused measurements and mean weights (M,), if the filter has a gate or weights.
+        """Return refused measurements and mean weights (M,), if the filter has a gate or weights.
 
         ``gated`` and ``weight`` are None before the first measurement. No measurement is refused then,
         and the weight is NaN, as ``nis`` (M,) is.
@@ -350,7 +356,8 @@ def _redundant_component(scenario: Scene) -> str | None:
     R = sensor.measurement(x, int(scenario.steps[-1])).cov
     if R.ndim > 2:
         return None
-    # A combination d has neither state nor noise: d' [H R] = 0, whatever the units of the columns.
+    # A component is redundant if a combination d of components has neither state nor noise:
+    # d' [H R] = 0. Rows and columns are scaled, so that units do not matter.
     B = np.hstack([H, R])
     for axis in (1, 0):
         largest = np.abs(B).max(axis=axis, keepdims=True)
@@ -442,7 +449,7 @@ def extended_prediction(
 def extended_transition(
     model: Model, state: Gaussian, k: int, assumed: AssumedNoise, order: int = 1
 ) -> Transition:
-    """Make the `extended_prediction` of x_k, with its covariance with x_{k-1}, ``P F'``."""
+    """Return the `extended_prediction` of x_k together with cov(x_{k-1}, x_k), which is ``P F'``."""
     F = jacobian_at(cast(DifferentiableMotion, model.motion), state, k)
     cross = linalg.matmul(state.cov, linalg.transpose(F))
     predicted = extended_prediction(model, state, k, assumed, order)

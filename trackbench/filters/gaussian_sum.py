@@ -74,7 +74,10 @@ class GaussianSum(Filter[Mixture]):
 
     @property
     def _width(self) -> float:
-        """Standard deviation of a component and distance to the next, in those of the split."""
+        """Standard deviation of a component, and its distance to the next one.
+
+        The unit is the standard deviation of the prior that is split.
+        """
         return 2.0 * self.span / (self.split - 1)
 
     @property
@@ -151,9 +154,11 @@ def _split_azimuths(
     second_nodes: Array,
     width: float,
 ) -> Gaussian:
-    """Shift both azimuths by C pairs of nodes, and difference them with the components' deviation.
+    """Return C components, each the two-point difference of both scans with shifted azimuths.
 
-    Nodes (C,) and the deviation ``width`` are in standard deviations of the azimuth.
+    The nodes (C,) are the shifts of the first and second azimuth, and ``width`` is the standard
+    deviation of the azimuths within a component. Their unit is the standard deviation of a measured
+    azimuth.
     """
     s = sensor.sigma_azimuth
     shape = (prior.first.shape[1], len(first_nodes))
@@ -170,9 +175,10 @@ def _split_azimuths(
 def _split_positions(
     prior: Distribution, first_nodes: Array, second_nodes: Array, width: float
 ) -> Gaussian:
-    """Split the prior along the first two columns of its factor, positions first: C components.
+    """Return C components that split the prior along the first two columns of its factor.
 
-    Nodes (C,) are factors on the columns, and ``width`` is the factor on the components' deviation.
+    The factor L of the covariance has the positions first. The nodes (C,) are factors on its columns in
+    the components' means, and ``width`` is the factor on these columns in their covariance.
     """
     n = len(prior.mean)
     # Factor the covariance with both positions first: P = L L'.
@@ -189,13 +195,16 @@ def _split_positions(
 
 
 def _shifted(scan: Array, azimuth: Array) -> Array:
-    """Add each of C angles to the azimuth of the scan (2, M): (2, M C)."""
+    """Return the scan (2, M) with each of C angles added to its azimuth, as one array (2, M C)."""
     r, a = scan
     return np.stack([np.repeat(r, len(azimuth)), (a[:, None] + azimuth).ravel()])
 
 
 def _prune(mean: Array, w: Array, number: int) -> Array:
-    """Set weights (M, C) to zero but for the heaviest components of either sign of the cross speed."""
+    """Return the weights (M, C), but zero for all except the heaviest of either cross speed's sign.
+
+    ``number`` components of each sign stay. ``mean`` (n, M, C) are the means of the components.
+    """
     px, vx, py, vy = mean[:4]
     out = np.zeros_like(w)
     # The sign of px vy - py vx is that of the cross speed.
@@ -209,7 +218,7 @@ def _prune(mean: Array, w: Array, number: int) -> Array:
 
 
 def _compact(mixture: Mixture) -> Mixture:
-    """Keep the components with a weight, heaviest first, with normalized weights."""
+    """Return the mixture without components of weight zero, heaviest first, with normalized weights."""
     # The run with the most weighted components sets their number.
     number = max(1, int((mixture.w > 0.0).sum(axis=-1).max()))
     index: Index = np.argsort(-mixture.w, axis=-1, kind="stable")[:, :number]
@@ -222,7 +231,10 @@ def _compact(mixture: Mixture) -> Mixture:
 
 
 def _merge(mixture: Mixture, within: float) -> Mixture:
-    """Replace the heaviest component and its near neighbors by one with their moments."""
+    """Replace the heaviest component and its near neighbors by one component with their moments.
+
+    Neighbors have a squared Mahalanobis distance below ``within`` to the heaviest component.
+    """
     # Step 1: find the heaviest component and its neighbors by Mahalanobis distance.
     top = mixture.w.argmax(axis=-1)[:, None]
     center = np.take_along_axis(mixture.mean, top[None], axis=-1)

@@ -135,7 +135,7 @@ class Grid(Filter[Resolved]):
             mean = prior.mean[0]
             reach = _PRIOR_REACH * np.sqrt(prior.cov[0, 0])
             spans = [(mean - reach, mean + reach)]
-        # Cut each span into as many parts as the motion needs.
+        # Cut each interval into as many panels as the motion needs.
         shares = np.linspace(0.0, 1.0, _number_of_parts(model.motion) + 1)
         intervals = []
         for low, high in spans:
@@ -188,7 +188,10 @@ class Grid(Filter[Resolved]):
         raise WrongReturnError("step", f"{what}; raise `nodes`{way_on}, or narrow the start")
 
     def _has_dense_nodes(self, model: Model, old: quadrature.Posterior, k: int) -> bool:
-        """Test whether the transitions from neighboring nodes overlap."""
+        """Test whether the transitions from neighboring nodes overlap.
+
+        The distance of their means must not exceed the standard deviation of the process noise.
+        """
         for panel in old:
             transition = model.motion.transition(panel.x[None], k)
             gaps = np.abs(np.diff(transition.mean[0], axis=0))
@@ -209,7 +212,8 @@ class Grid(Filter[Resolved]):
             intervals = _likely_intervals(sensor, z, self.deviations, k, support)
         number_of_stretches = len(intervals)
         intervals = _support_if_missing(z, intervals, support, _number_of_parts(motion))
-        # Many stretches, as of an angle that may have turned several times, are narrow: share the nodes.
+        # Many intervals are narrow, for example those of an angle that may have turned several times:
+        # they share the nodes of a few.
         if number_of_stretches > _FEW_STRETCHES:
             n = max(_FEW_STRETCHES * n // number_of_stretches, _LEAST_NODES)
 
@@ -241,7 +245,7 @@ class Grid(Filter[Resolved]):
         return quadrature.moments(state.posterior)
 
     def posterior(self, state: Resolved) -> Posterior:
-        """Return the density itself; its nodes where an angle's panels overlap on one turn."""
+        """Return the density itself, or its nodes as particles if panels of an angle overlap."""
         if not quadrature.overlap(state.posterior):
             return LinePosterior(state.posterior)
         x, w = quadrature.nodes_of(state.posterior)
@@ -256,7 +260,10 @@ class Grid(Filter[Resolved]):
 
 
 def _on_one_turn(posterior: quadrature.Posterior, angles: tuple[int, ...]) -> quadrature.Posterior:
-    """Shift the panels of an angle by whole turns to near its mean direction; of others keep them."""
+    """Shift the panels of a posterior of an angle by whole turns to near its mean direction.
+
+    ``angles`` is empty if the state is no angle: then the posterior is returned as it is.
+    """
     if not angles:
         return posterior
     nodes, weights = quadrature.nodes_of(posterior)
@@ -281,7 +288,11 @@ def _node_counts(nodes: int) -> tuple[int, int]:
 
 
 def _largest_difference(both: Resolved) -> float:
-    """Compare means and variances with the check: the largest difference over all runs."""
+    """Return the largest difference of a run's mean or variance from those of the check.
+
+    Differences of means are relative to the standard deviation, those of variances to the variance. The
+    result is infinite if one of both is NaN in a run.
+    """
     moments = quadrature.moments(both.posterior)
     check = quadrature.moments(both.check)
     variance = moments.cov[0, 0]
@@ -309,12 +320,12 @@ def _support_if_missing(
     support: quadrature.Interval,
     number_of_parts: int,
 ) -> list[quadrature.Interval]:
-    """Divide the support into parts where z (1, M) is missing; elsewhere keep the intervals."""
+    """Return the intervals, but in the runs in which z (1, M) is missing the support in equal parts."""
     missing = np.isnan(z).any(axis=0)
     if not missing.any():
         return intervals
     low, high = support
-    # With a measurement further intervals are empty.
+    # In runs with a measurement the intervals beyond those of the measurement are empty.
     empty = [(low, low)] * (number_of_parts - len(intervals))
     with_measurement = [*intervals, *empty]
     shares = [min(i / number_of_parts, 1.0) for i in range(len(with_measurement) + 1)]
@@ -326,9 +337,10 @@ def _support_if_missing(
 
 
 def _number_of_parts(motion: SampledMotion) -> int:
-    """Return into how many panels a wide interval is cut.
+    """Return the number of panels into which a wide interval is cut.
 
-    Beyond an edge of the noise its density is continued and grows, the more the wider a panel is.
+    Noise with an edge needs several: beyond its edge the density is continued by its formula and grows,
+    the more the wider a panel is.
     """
     return _WIDE_PARTS if isinstance(motion, BoundedMotion) else 1
 
@@ -336,7 +348,10 @@ def _number_of_parts(motion: SampledMotion) -> int:
 def _support(
     motion: SampledMotion, old: quadrature.Posterior, k: int, deviations: float | None
 ) -> quadrature.Interval:
-    """Find the interval (M,), (M,) that the prediction from a posterior reaches."""
+    """Return the interval of x_k, low (M,) and high (M,), that the prediction from a posterior reaches.
+
+    ``deviations`` leaves out states of the posterior that are farther from its mean; None for none.
+    """
     low, high = quadrature.hull(old)
     if deviations is not None:
         # Leave out states in the posterior's far tails.
@@ -347,7 +362,7 @@ def _support(
         high = np.minimum(high, mean + span)
     if isinstance(motion, BoundedMotion):
         return motion.support(low, high, k)
-    # Where the motion takes states from end to end, with the gap between neighbors as a margin.
+    # Move states of the whole interval; the largest gap between moved neighbors is added as a margin.
     states = low + (high - low) * np.linspace(0.0, 1.0, _SEARCHED)[:, None]
     moved = motion.transition(states.T[None], k)
     mean = moved.mean[0].T
@@ -359,10 +374,10 @@ def _support(
 def _likely_intervals(
     sensor: Sensor, z: Array, deviations: float, k: int, support: quadrature.Interval
 ) -> list[quadrature.Interval]:
-    """Find intervals of the support with all states within so many deviations of z (n_z, M).
+    """Return intervals of the support that contain all states within ``deviations`` of z (n_z, M).
 
-    Between two neighbors of the searched states a likely one may lie unseen only where the distance
-    from z has a local minimum there; these are included.
+    The log-likelihood is computed at equally spaced states. A likely state between two of them can be
+    missed only at a local maximum of the likelihood, and all local maxima are included.
     """
     # Step 1: log-likelihood at states from end to end, relative to its largest value there.
     low, high = support
@@ -374,19 +389,19 @@ def _likely_intervals(
     wide = likely.copy()
     wide[1:] |= likely[:-1]
     wide[:-1] |= likely[1:]
-    # Step 3: the stretches of each run, the last of them up to the end of all.
+    # Step 3: the stretches of consecutive likely states of each run. The last allowed one takes in all
+    # further stretches.
     edges = np.diff(np.pad(wide, [(1, 1), (0, 0)]).astype(int), axis=0)
     intervals = []
     number = np.cumsum(edges[:-1] > 0, axis=0)  # of the stretch that a state is in or after
     for i in range(1, min(int(number.max()), _MOST_INTERVALS) + 1):
-        # The last allowed interval takes in all further stretches.
         is_stretch = number == i if i < _MOST_INTERVALS else number >= i
         intervals.append(_first_and_last(states, wide & is_stretch))
     return intervals
 
 
 def _first_and_last(states: Array, inside: Mask) -> quadrature.Interval:
-    """Find the first and last state (M,) of a stretch; an empty interval where it is empty.
+    """Return the first and the last state (M,) of a stretch; an interval of width zero if it is empty.
 
     ``inside`` (S, M) marks those of the S searched states that are in the stretch.
     """

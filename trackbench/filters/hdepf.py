@@ -79,14 +79,14 @@ class HybridReading(Reading):
 
 
 class Greedy:
-    """Selection of strictly better trials: ``>=`` would walk where all fitness has underflowed."""
+    """Selection of strictly better trials: ``>=`` would accept all trials where fitness underflows."""
 
     def accept(self, gain: Array, rng: Streams) -> Mask:
         """Accept where the gain is positive."""
         return np.asarray(gain > 0.0)
 
     def cool(self) -> "Greedy":
-        """Keep this rule, which has no temperature."""
+        """Return this rule as it is, since it has no temperature."""
         return self
 
 
@@ -112,8 +112,8 @@ Selection: TypeAlias = Greedy | Metropolis
 class Evolved(NamedTuple):
     """Result of the evolution.
 
-    A trial that equals its parent does not count: crossover took nothing from the mutant, or
-    clipping took it back. Of a scalar state 1 - CR of the trials are such.
+    A trial that equals its parent does not count in the acceptance. Crossover took nothing from its
+    mutant, as for a share 1 - CR of the trials of a scalar state, or clipping took it back.
     """
 
     x: Array

@@ -83,7 +83,7 @@ class ModelBank(NamedTuple):
 
 
 class _Filtered(NamedTuple):
-    """Results of one step of every model's filter."""
+    """Results of one step of the filter of every model."""
 
     states: tuple[Gaussian, ...]
     innovations: tuple[Innovation, ...]
@@ -227,7 +227,10 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         )
 
     def all_steps(self, model: Model, state: ModelBank, z: Array, k: int) -> Steps | None:
-        """Filter all measurements of constant linear models of one state in one call."""
+        """Filter all measurements z (n_z, T, M) in one call; None unless the models allow it.
+
+        They must be linear and constant with the same components, and filtered by a plain EKF.
+        """
         if type(self) is not IMM or self.filter != _EKF or type(self.filter) is not EKF:
             return None
         models = self.models(model)
@@ -247,8 +250,9 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
     def _mix(
         self, models: list[Model], states: Sequence[Gaussian], mixing: Array
     ) -> list[Gaussian]:
-        """Mix the states of the models by weights (r, r, M): at [i, j] of model i for model j.
+        """Return the mixed state that each model's filter starts from.
 
+        ``mixing`` (r, r, M) has at [i, j] the weight mu_i|j of the state of model i for model j:
         ``m_0j = sum_i mu_i|j m_i``, ``P_0j = sum_i mu_i|j (P_i + (m_i - m_0j)(m_i - m_0j)')``.
         """
         names = [model.motion.components for model in models]
@@ -259,7 +263,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
             for i, other_state in enumerate(states):
                 common = common_components(names[i], names[j])
                 filled.append(pad(other_state, own_state, common, self.mixing == "unbiased"))
-            # Means of an angle are first brought near each other.
+            # Means of an angle are first shifted by whole turns to near each other.
             angles = angle_rows(models[j].motion)
             moments = combine(filled, mixing[:, j], self._without_spread(names, j), angles)
             mixed.append(self.filter.prepared(moments))
@@ -289,7 +293,11 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         z: Array,
         k: int,
     ) -> _Gated:
-        """Filter again without what every model's gate refuses; without any measurement predict only."""
+        """Filter again without the components of z that the gates of all models refuse.
+
+        ``mixed`` are the states before the step, and ``likelihoods`` those of the first pass with all
+        components. Runs without a remaining component are only predicted.
+        """
         # Step 1: the components that the gates of all models refuse, by the first pass.
         refused_by_model = [
             self.filter.refused_components(models[j].sensor, z, innovation, likelihoods.nis[j])
@@ -320,9 +328,10 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
     def _weigh(
         self, predicted_weights: Array, likelihoods: _Likelihoods, z: Array
     ) -> tuple[Array, Array]:
-        """Return the weights (r, M), and the mean NIS (M,) by the predicted weights.
+        """Return the models' weights (r, M) after the measurements z (n_z, M), and the mean NIS (M,).
 
-        A run without a measurement keeps the predicted weights, and its NIS is NaN.
+        The mean is by the predicted weights. A run without a measurement keeps the predicted weights,
+        and its NIS is NaN.
         """
         nis = likelihoods.nis
         # A robust law of the innovation in place of N(0, S) changes its likelihood by this ratio.
@@ -395,9 +404,10 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
     def _cross_transition(
         self, model: Model, state: Gaussian, next_model: Model, next_state: Gaussian, k: int
     ) -> Transition:
-        """Predict a model's state to step k by the next model, with the covariance of both.
+        """Predict the state of one model to step k by the motion of another one, ``next_model``.
 
-        ``next_state`` has the moments of the components that only the next model has.
+        Return the prediction and its covariance with the state. ``next_state`` is the other model's
+        state, which has the moments of the components that only this model has.
         """
         names = model.motion.components
         next_names = next_model.motion.components
@@ -413,7 +423,10 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         return replace(transition, cross=linalg.matmul(Transition(y, cross).gain, transition.cross))
 
     def _without_spread(self, names: list[tuple[str, ...]], j: int) -> list[list[int]]:
-        """List the components of model j that each state lacks, if they enter without spread."""
+        """List, for the state of each model, the components of model j that it lacks.
+
+        They enter the mixing without spread. The list is empty unless `mixing` is zero-mean.
+        """
         if self.mixing != "zero-mean":
             return []
         missing = []
@@ -442,9 +455,10 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
 
 
 def _constant_matrices(models: list[Model]) -> list[LinearModel] | None:
-    """Return the matrices of models without angles whose states have the same components.
+    """Return the matrices F, Q, H, R of each model, for `interact`.
 
-    None if a model is not linear and constant, or the state or the measurement has another form.
+    None unless all models are linear and constant, and their states have the same components and no
+    angles.
     """
     matrices = []
     components = models[0].motion.components
@@ -461,11 +475,18 @@ def _constant_matrices(models: list[Model]) -> list[LinearModel] | None:
 def _steps_of(
     interacting: Interacting, first: ModelBank, z: Array, keeps_predictions: bool
 ) -> Steps:
-    """Return the steps of interacting models from the state ``first`` with z (n_z, T, M)."""
+    """Return the results of `interact` as `Steps`.
+
+    The steps begin after the state ``first`` and use z (n_z, T, M). ``keeps_predictions`` stores the
+    predictions in the states.
+    """
     runs = z.shape[2]
 
     def state_of(after: Any, at: Any) -> ModelBank:
-        """Return the state after the steps of an index: ``after`` takes it after the first state."""
+        """Return the state after the steps of index ``at``; ``after`` is the index one step later.
+
+        Arrays of states have one entry more than those of measurements, that of the first state.
+        """
         innovations = []
         for innovation in interacting.innovations:
             predicted = innovation.predicted
@@ -522,7 +543,7 @@ def _steps_of(
 
 
 def _at_steps(state: Gaussian, steps: Any) -> Gaussian:
-    """Select steps of a Gaussian (n, T, M)."""
+    """Return the steps of this index of a Gaussian with means (n, T, M)."""
     return Gaussian(state.mean[:, steps], state.cov[:, :, steps])
 
 
@@ -533,6 +554,6 @@ def _likelihoods(innovations: tuple[Innovation, ...]) -> _Likelihoods:
 
 
 def _with_model(scenario: Scene, model: Model) -> Scene:
-    """Replace the model of a scenario, for the hooks of the models' filter."""
+    """Return the facts of a scenario with another model, for the checks of the models' filter."""
     facts = {name: getattr(scenario, name) for name in ("steps", "times", "prior_type", "turns")}
     return cast(Scene, SimpleNamespace(model=model, **facts))

@@ -103,7 +103,7 @@ class InputEstimation(Filter[Corrected]):
         age = k - inputs.onset(slot, k)
         alarm = (zeta[slot, runs] > self.eta) & (age >= self.detector.min_window(T))
         alarm &= k >= self.detector.start
-        # Step 4: x + M u, P + M L M' in the alarmed runs; the other runs' slots may hold no information.
+        # Step 4: x + M u, P + M L M' in the runs with an alarm. Other runs may have no estimated input.
         if alarm.any():
             corrected = inputs.select(slot, runs).correct(posterior)
             posterior = where_runs(alarm, corrected, posterior)

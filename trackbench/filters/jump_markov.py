@@ -81,9 +81,9 @@ class JumpMarkov(Filter[State]):
         return super().idle_keys(scenario) | OWN_MOTION
 
     def models(self, model: Model) -> list[Model]:
-        """Return a model per motion, with the axes and the sampling time of ``model``, the assumed one.
+        """Return a model for each motion, with the axes, the steps and the sensor of ``model``.
 
-        A component that is an angle of one of the motions, or of the assumed one, is one in all.
+        A component that is an angle in one of the motions, or in that of ``model``, is an angle in all.
         """
         sampled = [sample_alike(motion, model.motion) for motion in self.motions]
         angles = angle_names(model.motion).union(*map(angle_names, sampled))
@@ -96,7 +96,7 @@ class JumpMarkov(Filter[State]):
 
 
 def _with_angles(motion: Motion, names: tuple[str, ...]) -> Motion:
-    """Give the motion these angles, unless it names its own or can have none."""
+    """Return the motion with these components as angles, unless it names angles or can have none."""
     return motion.with_angles(names, 1) if isinstance(motion, AngledMotion) else motion
 
 
@@ -182,7 +182,7 @@ class MultipleModelPF(JumpMarkov[PFState], ParticleFilter):
 
 
 def _extra_names(models: list[Model]) -> list[str]:
-    """Return the components that only some motions have, each once."""
+    """Return the components beyond the shared positions and velocities, each once."""
     names: list[str] = []
     for model in models:
         n = len(shared_components(model.motion))
@@ -191,7 +191,10 @@ def _extra_names(models: list[Model]) -> list[str]:
 
 
 def _extra_deviations(models: list[Model]) -> Array:
-    """Return the initial deviations (e, r) of the extra components; NaN if a motion lacks one."""
+    """Return the initial standard deviations (e, r) of the e extra components in each of r motions.
+
+    NaN if a motion lacks the component.
+    """
     names = _extra_names(models)
     deviations = np.full((len(names), len(models)), np.nan)
     for j, model in enumerate(models):
@@ -203,7 +206,10 @@ def _extra_deviations(models: list[Model]) -> Array:
 
 
 def _draw_extra(extra: Array, mode: Index, rng: Streams) -> Array:
-    """Draw the extra components (e, M, N) of each particle's motion; zero if it lacks one."""
+    """Draw the extra components (e, M, N) of particles with motions ``mode`` (M, N).
+
+    ``extra`` (e, r) are their standard deviations. A component that the motion lacks is zero.
+    """
     return np.nan_to_num(extra)[:, mode] * rng.standard_normal((len(extra), *mode.shape))
 
 
@@ -239,7 +245,10 @@ def _propagate(models: list[Model], x: Array, mode: Index, k: int, rng: Streams)
 
 
 def _spreads(models: list[Model], x: Array, mode: Index, w: Array) -> list[Spread]:
-    """Return share of the weight and covariance of the particles of each motion."""
+    """Return, for each motion, the share of the weight and the covariance of its particles.
+
+    ``x`` are the particles, ``mode`` (M, N) are their motions and ``w`` (M, N) their weights.
+    """
     spreads = []
     for j, rows in enumerate(_rows_of_motions(models)):
         # Weights of the particles of motion j, normalized unless all are zero.

@@ -80,13 +80,13 @@ class ProposalFilter(Filter[PFState]):
     @property
     @abstractmethod
     def _weight_reading(self) -> tuple[WeightReading, TransitionReading]:
-        """Arithmetic of the likelihood, and the noise that the transition density is of."""
+        """Arithmetic of the likelihood, and interpretation of the transition density."""
 
     @abstractmethod
     def _draw_proposals(
         self, model: Model, state: PFState, z: Array, k: int, rng: Generator
     ) -> Proposals:
-        """Draw one candidate per particle."""
+        """Draw one new state for each particle, and return the draws with their density."""
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> PFState:
         """Draw N particles from the prior."""
@@ -138,16 +138,21 @@ class ProposalFilter(Filter[PFState]):
     def _log_target(
         self, model: Model, origin: Array, z: Array, k: int
     ) -> Callable[[Array], Array]:
-        """Join log p(z_k | x) + log p(x | origin) to a function of x: a particle's posterior."""
+        """Return the function ``log p(z_k | x) + log p(x | origin)`` of particles x (n, M, N).
+
+        It is the log-density of each particle's posterior, up to a constant. ``origin`` (n, M, N) are
+        the particles at step k - 1.
+        """
         arithmetic, transition = self._weight_reading
         prior = model.motion.transition(origin, k)
 
         def log_target(x: Array) -> Array:
-            # log p(z_k | x), in the arithmetic that the reading names
+            # log p(z_k | x), in the arithmetic of the key `weights`
             likelihood = read_likelihood(log_likelihood(model.sensor, z, x, k), arithmetic)
             if transition == "model":
                 return likelihood + prior.log_prob(x)
-            # Like the demo, without a cut at zero: v^2 exp(-2 v) grows without bound for v < 0.
+            # The increment v has the density of the noise. As in the public demo it is not cut at v = 0:
+            # v^2 exp(-2 v) grows without bound for v < 0.
             noise = cast(GammaMotion, model.motion).noise
             v = x[0] - origin[0]
             return likelihood + (noise.shape - 1.0) * log(np.abs(v)) - noise.rate * v
@@ -204,7 +209,10 @@ class KalmanProposalFilter(ProposalFilter):
         return Proposals(x=q.sample(rng), q=q, kalman=kalman)
 
     def _density(self, model: Model, kalman: Gaussian, origin: Array, k: int) -> Density:
-        """Return the proposal: the Kalman posterior, or its mixture with the transition from origin."""
+        """Return the density of the draws: the Kalman posteriors, or their mixture with the transition.
+
+        The transition is that from the particles ``origin`` of step k - 1.
+        """
         if self.defensive == 0.0:
             return kalman
         return DefensiveMixture(kalman, model.motion.transition(origin, k), self.defensive)

@@ -45,7 +45,10 @@ class KF(GaussianFilter):
         return kalman.update(predicted, nu, H, measurement.cov)
 
     def all_steps(self, model: Model, state: Tracked, z: Array, k: int) -> Steps | None:
-        """Filter all measurements of a constant linear model in one call."""
+        """Filter all measurements z (n_z, T, M) in one call; None unless this is a plain KF.
+
+        The motion and the sensor must also be constant, and the model small.
+        """
         if type(self) is not KF or self != KF(smooth=self.smooth):
             return None
         return constant_steps(model, state, z)

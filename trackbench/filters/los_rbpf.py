@@ -55,7 +55,7 @@ class CrossSpeedModes(NamedTuple):
 
     @staticmethod
     def of_each(x: Array, values: Array) -> Array:
-        """Return for each particle (M, N) the value (2, M) of its mode."""
+        """Return the value of each particle's mode (M, N), from the values (2, M) of both modes."""
         return np.where(x[1] > 0.0, values[0][:, None], values[1][:, None])
 
     def kernels(self, x: Array) -> list[Mode]:
@@ -69,7 +69,10 @@ class CrossSpeedModes(NamedTuple):
 
 
 def split_by_cross_speed_sign(frame: Particles) -> CrossSpeedModes | None:
-    """Split weighted particles into modes; None if all have one sign."""
+    """Split particles by the sign of their cross speed; None if each run has particles of one sign.
+
+    The particles are in the line-of-sight frame of `_to_frame`.
+    """
     up = frame.x[1] > 0.0
     if (up == up[:, :1]).all():
         return None
@@ -146,8 +149,9 @@ class LineOfSight(ParticleFilter):
         c, s = cos_sin(d)
         x = _to_cartesian(*cos_sin(a2), r1 * s / T, r, (r2 - r1 * c) / T)
         # P of (r, r'): both ranges have the sensor's variance R; the acceleration adds q T / 3 to r'.
-        walked = prior.q * T / 3.0
-        P = np.array([[variance, variance / T], [variance / T, 2.0 * variance / (T * T) + walked]])
+        of_acceleration = prior.q * T / 3.0
+        rate_variance = 2.0 * variance / (T * T) + of_acceleration
+        P = np.array([[variance, variance / T], [variance / T, rate_variance]])
         P = np.repeat(P[..., None], len(r1), axis=-1)
         cloud = Particles(x, particles.normalize(log_w).w)
         state = PFState.first(cloud, log_w)
@@ -196,14 +200,17 @@ class LineOfSight(ParticleFilter):
         return self._resample_degenerate(new, k, rng, self._size(new.age))
 
     def _resample_degenerate(self, state: PFState, k: int, rng: Generator, size: int) -> PFState:
-        """Resample and regularize the runs whose effective sample size is below the threshold."""
+        """Resample and regularize the runs whose effective sample size is below the threshold.
+
+        ``size`` is the number of particles from now on. If it changes, all runs are resampled.
+        """
         x, w = state.weighted
         degenerate = ~(particles.effective_sample_size(w) >= self.ess_threshold * size)
         if size != w.shape[1]:
             degenerate[:] = True
         if not degenerate.any():
             return state
-        # In line-of-sight coordinates about the azimuth of the first particle.
+        # Resample in line-of-sight coordinates about the azimuth of each run's first particle.
         old = x[:, degenerate]
         azimuth = arctan2(old[2, :, 0], old[0, :, 0])
         frame = Particles(_to_frame(azimuth, old), w[degenerate])
@@ -230,7 +237,10 @@ class LineOfSight(ParticleFilter):
     def _resample_with_mode_floor(
         self, frame: Particles, modes: CrossSpeedModes | None, rng: Streams, size: int
     ) -> tuple[Particles, Array | float]:
-        """Resample with a light mode's share raised; the log-weights take the factor back."""
+        """Resample ``size`` particles so that a light mode has more than its share of them.
+
+        Return the particles and their log-weights, which make up for the larger share.
+        """
         if modes is None or (modes.gain == 1.0).all():
             resampled = self._resample(frame, rng, size)
             return resampled, 0.0
@@ -241,9 +251,9 @@ class LineOfSight(ParticleFilter):
 
 
 def _propagate(motion: Linear, state: PFState, rng: Generator) -> tuple[Array, Array]:
-    """Move the particles (px, vx, py, vy) one step on, and the covariance of (r, r').
+    """Predict the particles (px, vx, py, vy) and the covariance P of (r, r') by one step.
 
-    Noise across the line of sight is drawn; noise along it goes to the covariance.
+    The noise across the line of sight of a particle is drawn. The noise along it is added to P.
     """
     x = state.particles.x
     P = state.P
@@ -273,7 +283,11 @@ def _propagate(motion: Linear, state: PFState, rng: Generator) -> tuple[Array, A
 
 
 def _apply_gain(x: Array, K: Array, relative_innovation: Array) -> Array:
-    """Correct each particle along its line of sight, in place: ``nu u = (nu / r) p``, nu / r (M, N)."""
+    """Correct the particles x (4, M, N) in place along their lines of sight, and return them.
+
+    ``relative_innovation`` (M, N) is nu / r, so that the innovation along the line of sight u is
+    ``nu u = (nu / r) p``. K (2, M) is the gain of range and range rate.
+    """
     for axis in (0, 2):
         # v += K2 nu u, then p += K1 nu u
         u = relative_innovation * x[axis]
@@ -284,7 +298,11 @@ def _apply_gain(x: Array, K: Array, relative_innovation: Array) -> Array:
 
 
 def _kalman_gain(P: Array, variance: float, missing: Mask) -> tuple[Array, Array, Array]:
-    """Return gain (2, M), innovation variance (M,), posterior covariance (2, 2, M) of a range."""
+    """Return the gain (2, M) of a measured range, its innovation variance (M,) and the posterior P.
+
+    P (2, 2, M) is that of range and range rate, ``variance`` that of the measurement. Runs whose
+    measurement is ``missing`` (M,) have the gain zero.
+    """
     note("covariances", P, components=2)
     # S = P11 + R,  K = P h / S,  P' = P - K S K'
     S = P[0, 0] + variance
@@ -293,10 +311,11 @@ def _kalman_gain(P: Array, variance: float, missing: Mask) -> tuple[Array, Array
 
 
 def _add_range_covariance(moments: Gaussian, P: Array) -> Gaussian:
-    """Add the covariance P along the mean line of sight to the moments of the particles.
+    """Add the covariance P (2, 2, M) of range and range rate to the moments of the particles.
 
-    The particles' own lines of sight differ, which turns P. This changes the covariance by less than
-    sigma_range^2 / r^2 of the particles' covariance across.
+    P is added along one line of sight for all particles, that of their mean. Each particle's own line
+    of sight would change the covariance by less than sigma_range^2 / r^2 of the particles' covariance
+    across the line of sight.
     """
     u = moments.mean[0::2] / np.sqrt(total(np.square(moments.mean[0::2]), axis=0))
     cov = moments.cov.copy()
@@ -310,8 +329,8 @@ def _add_range_covariance(moments: Gaussian, P: Array) -> Gaussian:
 def _to_frame(azimuth: Array, x: Array) -> Array:
     """Transform states (px, vx, py, vy) to (2 tan(d / 2), v_c, r, r'), d the angle from an azimuth.
 
-    2 tan(d / 2) equals the angle to third order, has no cut within the particles, and goes back
-    without a cosine.
+    2 tan(d / 2) is nearly the angle d, with an error of third order. It does not jump within the
+    particles, and the transform back needs no cosine.
     """
     px, vx, py, vy = x
     r, across, along = along_line_of_sight(azimuth, px, py)

@@ -97,7 +97,10 @@ class MPF(ParticleFilter):
         )
 
     def _jitter(self, x: Array, cov: Array, rng: Generator) -> Array:
-        """Regularize resampled particles x (4, M, N) by the covariance (4, 4, M) before resampling."""
+        """Jitter the resampled particles x (4, M, N), as the key `regularize` says.
+
+        ``cov`` (4, 4, M) is the covariance of the particles before resampling.
+        """
         if self.regularize == "none":
             return x
         if self.regularize == "position":
@@ -107,7 +110,7 @@ class MPF(ParticleFilter):
 
 
 def _propagate(motion: Linear, state: PFState, rng: Generator) -> tuple[Array, Array]:
-    """Move the particles (px, E vx, py, E vy) one step on, and their velocity variance C'."""
+    """Predict the particles (px, E vx, py, E vy) by one step; return also the velocity variance C'."""
     x = state.particles.x
     C = state.P
     assert C is not None
@@ -127,7 +130,7 @@ def _propagate(motion: Linear, state: PFState, rng: Generator) -> tuple[Array, A
 
 
 def _add_velocity_variance(moments: Gaussian, C: Array) -> Gaussian:
-    """Add C of each velocity to the covariance of the particles."""
+    """Add the variance C, which every velocity has in all particles, to the particles' covariance."""
     cov = moments.cov.copy()
     cov[1, 1] += C
     cov[3, 3] += C

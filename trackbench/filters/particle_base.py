@@ -166,7 +166,8 @@ class ParticleFilter(WeightedParticlesFilter):
             Factors of the likelihood of the measurement.
         """
         log_w = self._log_likelihood(model, z, x, k)
-        is_equal = isinstance(state.log_w, float) and state.log_w == 0.0  # as resampling leaves it
+        # Resampling leaves the log-weights 0.0, which stands for equal weights.
+        is_equal = isinstance(state.log_w, float) and state.log_w == 0.0
         if not is_equal:
             log_w = log_w + state.log_w
         w, collapsed, mass = particles.normalize(log_w)
@@ -177,7 +178,7 @@ class ParticleFilter(WeightedParticlesFilter):
         return read_likelihood(log_likelihood(model.sensor, z, x, k), self.weights)
 
     def _resample(self, cloud: Particles, rng: Streams, size: int) -> Particles:
-        """Copy each particle as often as the scheme draws it: ``size`` equally weighted ones."""
+        """Resample the particles by the key `resampling`: ``size`` copies with equal weights."""
         index = ancestors(cloud.w, rng, self.resampling, size)
         return Particles(select(cloud.x, index), particles.equal_weights(*index.shape))
 

@@ -96,8 +96,13 @@ class PF(SimulatingSmoother):
     def _move(
         self, model: Model, families: Particles, z: Array, k: int, rng: Generator
     ) -> Particles:
-        """Move children (n, M, N) from their parents, of (children, parents) (2 n, M, N)."""
-        # The transition from the parents is both proposal and prior: only likelihoods remain.
+        """Move resampled particles by Metropolis-Hastings steps, with draws from the transition.
+
+        ``families`` (2 n, M, N) has the particles, and below them their parents of step k - 1, from
+        which the transition starts.
+        """
+        # The transition from the parents is both proposal and prior, so that they cancel, and only the
+        # likelihoods are compared.
         children, parents = np.split(families.x, 2)
         transition = model.motion.transition(parents, k)
 

@@ -185,9 +185,10 @@ class Program:
             self._process.wait(max(0.0, seconds))
 
     def kill(self) -> None:
-        """Kill the program with all that it started."""
+        """Kill the program with all that it started, and keep the last lines that it wrote on stderr."""
         _running.discard(self)
         _ended_s.append(self.cpu_s)
+        # The guard is the shell that would kill the program's process group if this process ended.
         self._guard.kill()
         self._guard.communicate()
         with suppress(OSError):

@@ -156,11 +156,16 @@ class _LargestShare:
         self._step = 0
 
     def add(self, information: Array, k: int) -> None:
-        """Add the information (n, n, N) of N paths at step k."""
-        for row in linalg.diagonal(information):
-            whole = float(total(row))
-            if whole > 0.0:
-                share = float(total(np.partition(row, -_FEW)[-_FEW:])) / whole
+        """Compare the largest share of step k with the largest one so far, and keep the larger.
+
+        The share is that of the `_FEW` paths with the most information about a component of the state,
+        of the information (n, n, N) of all N paths.
+        """
+        for of_component in linalg.diagonal(information):
+            of_all_paths = float(total(of_component))
+            if of_all_paths > 0.0:
+                of_few_paths = float(total(np.partition(of_component, -_FEW)[-_FEW:]))
+                share = of_few_paths / of_all_paths
                 if share > self._share:
                     self._share = share
                     self._step = k

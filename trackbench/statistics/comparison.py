@@ -52,7 +52,10 @@ class Sample:
 
     @classmethod
     def of(cls, values: Array, statistic: str, steps: Array | None = None) -> "Sample":
-        """Return the sample of values (M,); of one recording with what each step (T,) adds to it."""
+        """Return the sample of values per run (M,).
+
+        ``steps`` (T,) is given for the only run of a recording: what each step contributes to its value.
+        """
         if steps is None:
             return cls(values, statistic)
         return cls(values, statistic, OfSteps.of(float(values[0]), steps))
@@ -78,11 +81,11 @@ class Comparison(NamedTuple):
     difference: RunEstimate
     """a - b, with its influences"""
     z: float
-    """of no difference; NaN without an error"""
+    """of the hypothesis of no difference; NaN without a standard error"""
     p: float = np.nan
-    """two-sided, by Holm over the family; NaN where nothing decides"""
+    """two-sided p-value, by Holm over the family; NaN if there are too few runs, or no standard error"""
     tests: int = 1
-    """of the family"""
+    """number of tests of the family"""
 
     @property
     def sign(self) -> int:
@@ -91,12 +94,12 @@ class Comparison(NamedTuple):
 
     @property
     def is_tested(self) -> bool:
-        """True if there are runs enough, and an error, to decide."""
+        """True if the test has enough runs and a standard error."""
         return not np.isnan(self.p)
 
     @property
     def is_equal(self) -> bool:
-        """True if both have the same value in every common run."""
+        """True if a and b have the same value in every common run."""
         of_runs = self.difference.influences
         return self.difference.value == 0.0 and of_runs is not None and not of_runs.any()
 
@@ -114,12 +117,12 @@ class Comparison(NamedTuple):
     def interval_contradicts(self) -> bool:
         """True if the pair's own 95 % interval shows a difference that is not significant.
 
-        The interval is of this pair alone, and the mark is of the whole family at `rules.LEVEL`.
+        The interval is of this pair alone. Significance is that of the whole family at `rules.LEVEL`.
         """
         return self.sign == 0 and abs(self.z) > deviations(0.95)
 
     def word(self, more_is_better: bool = False) -> str:
-        """Return the word on a."""
+        """Return the word for a as compared with b: equal, untested, alike, better or worse."""
         if self.is_equal:
             return rules.EQUAL
         if not self.is_tested:
@@ -150,10 +153,11 @@ class Family(dict[tuple[str, str], Comparison]):
 
 @np.errstate(all="ignore")
 def compare(a: Sample, b: Sample) -> Comparison | None:
-    """Return the comparison of two filters alone; None if they have no run in common."""
+    """Compare two filters, not as one of a family of tests; None if they have no run in common."""
     # Step 1: a recording is compared step by step.
     if a.steps is not None and b.steps is not None:
         of_steps = a.steps.minus(b.steps)
+        # Series that are equal but for rounding have no difference.
         if not np.nan_to_num(without_rounding(a.steps.series, b.steps.series)).any():
             of_steps = OfSteps.of(0.0, np.zeros(len(a.steps.series)))
         return Comparison(a.steps, b.steps, of_steps, of_steps.z())
@@ -171,9 +175,9 @@ def compare(a: Sample, b: Sample) -> Comparison | None:
 
 @np.errstate(all="ignore")
 def compare_estimates(a: RunEstimate, b: RunEstimate, other: float = 0.0) -> Comparison:
-    """Return the comparison of two numbers, paired if both have influences of the same runs.
+    """Compare two numbers, paired by runs if both have influences of the same runs.
 
-    ``other`` is the standard error of their difference that the runs do not show.
+    ``other`` is an additional standard error of their difference, independent of the runs.
     """
     difference = linear_combination(a.value - b.value, a, b, 1.0, -1.0)
     return Comparison(a, b, difference, difference.z(0.0, other))
@@ -181,7 +185,7 @@ def compare_estimates(a: RunEstimate, b: RunEstimate, other: float = 0.0) -> Com
 
 @np.errstate(all="ignore")
 def compare_independent(a: RunEstimate, b: RunEstimate) -> Comparison:
-    """Return the comparison of numbers of other runs: by Student's t, of shares by both limits."""
+    """Compare two numbers from different runs by Student's t; shares by the binomial limits of both."""
     runs = min(a.runs, b.runs)
     stderr = float(np.hypot(a.stderr, b.stderr))
     difference = RunEstimate(a.value - b.value, stderr, None, runs)
@@ -192,7 +196,10 @@ def compare_independent(a: RunEstimate, b: RunEstimate) -> Comparison:
 
 
 def as_family(comparisons: Mapping[Key, Comparison], tests: int = 0) -> dict[Key, Comparison]:
-    """Return comparisons with p-values by Holm over all of them, or over so many ``tests``."""
+    """Return the comparisons with p-values by Holm as one family.
+
+    ``tests`` is the number of tests of the family; 0 for those of the comparisons that can be tested.
+    """
     zs = []
     for comparison in comparisons.values():
         zs.append(comparison.z if rules.is_tested(comparison.difference) else np.nan)
@@ -205,11 +212,11 @@ def as_family(comparisons: Mapping[Key, Comparison], tests: int = 0) -> dict[Key
 
 
 def compare_all(samples: Mapping[str, Sample]) -> Family:
-    """Return the comparison of every two filters, as one family of tests."""
-    together = _compare_side_by_side(samples)
+    """Compare every two filters, given by label, as one family of tests."""
+    compared_in_arrays = _compare_side_by_side(samples)
     comparisons = {}
     for a, b in combinations(samples, 2):
-        comparison = together.get((a, b))
+        comparison = compared_in_arrays.get((a, b))
         if comparison is None:
             comparison = compare(samples[a], samples[b])
         if comparison is not None:
@@ -223,11 +230,12 @@ _NUMBERS_AT_ONCE = 1_000_000
 
 @np.errstate(all="ignore")
 def _compare_side_by_side(samples: Mapping[str, Sample]) -> dict[tuple[str, str], Comparison]:
-    """Return `compare` of the pairs that arrays of all pairs can have, which are the same bits.
+    """Compare many pairs of filters in one computation on arrays, with the bits of `compare`.
 
-    These are pairs of filters that lost no run, of a mean, rms or median, whose difference has an error.
+    Only pairs of filters that lost no run are compared, by a mean, rms or median, and only if their
+    difference has a standard error. All other pairs are left out.
     """
-    whole = [
+    complete = [
         label
         for label, sample in samples.items()
         if sample.steps is None
@@ -235,44 +243,53 @@ def _compare_side_by_side(samples: Mapping[str, Sample]) -> dict[tuple[str, str]
         and len(sample.values) > 1
         and np.isfinite(sample.values).all()
     ]
-    alike = {(samples[label].statistic, len(samples[label].values)) for label in whole}
-    if len(whole) < 2 or len(alike) != 1:
+    # Only samples of one statistic and one number of runs fit into one array.
+    statistics_and_runs = {
+        (samples[label].statistic, len(samples[label].values)) for label in complete
+    }
+    if len(complete) < 2 or len(statistics_and_runs) != 1:
         return {}
-    (statistic, runs), *_ = alike
-    pairs = [*combinations(range(len(whole)), 2)]
-    values = np.array([samples[label].values for label in whole])
+    (statistic, runs), *_ = statistics_and_runs
+    pairs = [*combinations(range(len(complete)), 2)]
+    values = np.array([samples[label].values for label in complete])
     if statistic != "mean":
-        overall = [samples[label].overall for label in whole]
+        overall = [samples[label].overall for label in complete]
         numbers = np.array([estimate.value for estimate in overall])
         influences = np.array([estimate.influences for estimate in overall])
     compared = {}
     at_once = max(1, _NUMBERS_AT_ONCE // runs)
     for start in range(0, len(pairs), at_once):
-        piece = pairs[start : start + at_once]
-        first = [i for i, _ in piece]
-        second = [j for _, j in piece]
-        # Step 1: the differences (P,) with the runs' influences on them (P, M).
-        of_runs = without_rounding(values[first], values[second])
+        pairs_of_piece = pairs[start : start + at_once]
+        first = [i for i, _ in pairs_of_piece]
+        second = [j for _, j in pairs_of_piece]
+        # Step 1: the P differences of the statistic (P,), and the runs' influences on them (P, M).
+        difference_of_runs = without_rounding(values[first], values[second])
         if statistic == "mean":
-            number = total(of_runs) / runs
-            of_runs = of_runs - number[:, None]
-            centered = of_runs
-            is_known = np.full(len(piece), True)
+            difference_of_pair = total(difference_of_runs) / runs
+            influences_of_pair = difference_of_runs - difference_of_pair[:, None]
+            centered = influences_of_pair
+            is_compared = np.full(len(pairs_of_piece), True)
         else:
-            # What is rounding in the second is no difference, and `compare` counts it so.
-            is_known = ~((of_runs == 0.0) & (values[first] != values[second])).any(axis=1)
-            number = numbers[first] - numbers[second]
-            of_runs = influences[first] - influences[second]
-            centered = of_runs - (total(of_runs) / runs)[:, None]
+            # `compare` removes differences that are only rounding; it compares such pairs itself.
+            is_rounding = (difference_of_runs == 0.0) & (values[first] != values[second])
+            is_compared = ~is_rounding.any(axis=1)
+            difference_of_pair = numbers[first] - numbers[second]
+            influences_of_pair = influences[first] - influences[second]
+            centered = influences_of_pair - (total(influences_of_pair) / runs)[:, None]
         deviation = np.sqrt(total(np.square(centered)) / (runs - 1))
         stderr = deviation / np.sqrt(runs)
-        # Step 2: their tests.
-        z = studentized_rows(number, of_runs)
-        is_known &= ~np.isnan(z)
-        for p in np.flatnonzero(is_known).tolist():
-            a = whole[first[p]]
-            b = whole[second[p]]
-            difference = RunEstimate(float(number[p]), stderr[p], of_runs[p], runs)
+        # Step 2: test the hypothesis that each difference is zero.
+        z = studentized_rows(difference_of_pair, influences_of_pair)
+        is_compared &= ~np.isnan(z)
+        for p in np.flatnonzero(is_compared).tolist():
+            a = complete[first[p]]
+            b = complete[second[p]]
+            difference = RunEstimate(
+                value=float(difference_of_pair[p]),
+                stderr=stderr[p],
+                influences=influences_of_pair[p],
+                runs=runs,
+            )
             compared[a, b] = Comparison(
                 samples[a].overall, samples[b].overall, difference, float(z[p])
             )
@@ -284,10 +301,10 @@ def _difference_of(a: Sample, b: Sample) -> RunEstimate:
     differences = without_rounding(a.values, b.values)
     if a.statistic == "mean":
         return RunEstimate(*mean(differences), influence("mean", differences), len(differences))
-    # What is rounding in b is no difference.
-    rounded = (differences == 0.0) & (a.values != b.values)
-    if rounded.any():
-        b = replace(b, values=np.where(rounded, a.values, b.values))
+    # Runs in which b differs from a only by rounding get the value of a.
+    is_rounding = (differences == 0.0) & (a.values != b.values)
+    if is_rounding.any():
+        b = replace(b, values=np.where(is_rounding, a.values, b.values))
     assert a.overall.influences is not None
     assert b.overall.influences is not None
     influences = a.overall.influences - b.overall.influences

@@ -21,32 +21,41 @@ _FEWEST_RUNS = 6
 
 @np.errstate(all="ignore")
 def efficiency(floor: Array, distance: Array) -> RunEstimate:
-    """Return ``F / sqrt(F^2 + D^2)`` of the exact mean's RMSE and the distance to it in each run (M,).
+    """Return the efficiency ``F / sqrt(F^2 + D^2)`` of a filter, with its standard error.
 
-    F and D are root mean squares over the runs. The ratio of squares leaves each run out in turn, the
-    root is by the delta method.
+    F is the root mean square over the runs of ``floor`` (M,), the RMSE of the exact posterior mean in
+    each run. D is that of ``distance`` (M,), the RMS difference of the filter from the exact mean. The
+    influences on F^2 / (F^2 + D^2) are by the jackknife, and the root is by the delta method.
     """
     return _root_share(np.square(floor), np.square(floor) + np.square(distance))
 
 
 @np.errstate(all="ignore")
 def plain_efficiency(floor: Array, error: Array) -> RunEstimate:
-    """Return ``F / E``, the RMSE of the exact mean over the filter's (M,), uncontrolled."""
+    """Return ``F / E`` without the control variate: the RMSE of the exact mean over the filter's RMSE.
+
+    ``floor`` and ``error`` are the RMSEs of the exact mean and of the filter in each run (M,).
+    """
     return _root_share(np.square(floor), np.square(error))
 
 
 def cross_share(floor: Array, error: Array, distance: Array) -> RunEstimate:
-    """Return the cross term over the mean square error: zero but for noise if the reference is exact."""
+    """Return the cross term over the mean square error, which is zero on average for an exact mean.
+
+    ``floor`` is the RMSE of the exact mean, ``error`` the filter's RMSE, and ``distance`` the RMS
+    difference of both, each per run (M,).
+    """
     # E^2 = F^2 + D^2 + cross term
     squares = np.square(error)
     return _over_runs(*_share(squares - np.square(floor) - np.square(distance), squares))
 
 
 def runs_saved(plain: RunEstimate, controlled: RunEstimate) -> RunEstimate:
-    """Return how many times as many runs the plain ratio needs for the same standard error.
+    """Return how many times as many runs ``plain`` needs for the standard error of ``controlled``.
 
-    Missing for fewer than six runs: a ratio of variances of M normal values is Fisher's F of M - 1 and
-    M - 1 degrees of freedom, which has a standard error only if M - 1 is more than four.
+    Both estimate one efficiency, without and with the control variate. The result is NaN for fewer than
+    six runs: a ratio of variances of M normal values is Fisher's F of M - 1 and M - 1 degrees of
+    freedom, which has a standard error only if M - 1 is more than four.
     """
     if plain.influences is None or controlled.influences is None or plain.runs < _FEWEST_RUNS:
         return RunEstimate(np.nan, np.nan, None, plain.runs)

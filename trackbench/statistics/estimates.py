@@ -47,7 +47,7 @@ def collapsed_runs(anees: Array) -> int:
 def collapsed_in_words(anees: Array) -> str:
     """Return ``collapsed in 3 of 40 runs`` from each run's ANEES or ANIS (M,).
 
-    Empty if no run collapsed, or if there is one run only, whose number says as much.
+    Empty if no run collapsed, or if there is only one run, whose ANEES itself shows the collapse.
     """
     runs = anees[~np.isnan(anees)]
     collapsed = collapsed_runs(runs)
@@ -77,7 +77,7 @@ class RunEstimate(NamedTuple):
         return Estimate(self.value, self.stderr)
 
     def scaled(self, value: float, factor: float = 1.0, divisor: float = 1.0) -> "RunEstimate":
-        """Return an estimate of another value that changes by a multiple of this one's changes."""
+        """Return an estimate of ``value`` with the influences of this one times ``factor / divisor``."""
         influences = None
         if self.influences is not None:
             influences = self.influences * factor / divisor
@@ -86,12 +86,12 @@ class RunEstimate(NamedTuple):
 
     @property
     def splits(self) -> bool:
-        """True if batches of runs have numbers of their own."""
+        """True if the number can be computed without a batch of runs, from its influences."""
         return self.influences is not None
 
     @property
     def is_exact(self) -> bool:
-        """True if its test needs no margin for runs that were not drawn."""
+        """True if the test of the number is exact, so that `rules.decided` needs fewer deviations."""
         return False
 
     @property
@@ -108,7 +108,7 @@ class RunEstimate(NamedTuple):
 
     @property
     def sides(self) -> Sides | None:
-        """Limits of both numbers of a difference that is tested by them."""
+        """Limits of both numbers of a difference in ``pair``; None for any other number."""
         if self.pair is None:
             return None
         a, b, factor = self.pair
@@ -123,21 +123,25 @@ class RunEstimate(NamedTuple):
             correlation=correlation(a.influences, influences_of_b),
         )
 
-    def parts(self, number: int) -> "list[RunEstimate]":
-        """Return the number without each of so many batches of consecutive runs in turn.
+    def parts(self, batches: int) -> "list[RunEstimate]":
+        """Return estimates that leave out one batch of consecutive runs each.
 
-        To first order in the influences; exact for means and shares. Empty if it has none.
+        ``batches`` is the number of batches into which the runs are split. The estimates are of first
+        order in the influences, which is exact for means and shares. The list is empty without
+        influences.
         """
-        if self.influences is None or number < 2:
+        if self.influences is None or batches < 2:
             return []
         M = len(self.influences)
-        batch = np.arange(M) * number // M
-        return [self._over(batch != i) for i in range(number)]
+        batch_of_run = np.arange(M) * batches // M
+        return [self._over(batch_of_run != i) for i in range(batches)]
 
     def stressed(self) -> "list[RunEstimate]":
-        """Return the number without its farthest run, and with three more twice as far off.
+        """Return the number under two changes of the runs, to see if its verdict depends on few of them.
 
-        An event that none of M runs had may have a probability of 3 / M. A share's test counts that.
+        The first is without the run of largest influence, the second with three more runs of twice this
+        influence: an event that none of M runs had may have a probability of 3 / M. The list is empty
+        for shares, whose test counts such events, without influences and for fewer than three runs.
         """
         tested: RunEstimate = self
         if self.pair is not None:
@@ -147,12 +151,12 @@ class RunEstimate(NamedTuple):
         x = self.influences[~np.isnan(self.influences)]
         if len(x) < 3:
             return []
-        far = int(np.argmax(np.abs(x)))
-        more = np.append(x, np.full(3, 2.0 * x[far]))
-        return [self._made_by(np.delete(x, far)), self._made_by(more)]
+        farthest = int(np.argmax(np.abs(x)))
+        with_three_more = np.append(x, np.full(3, 2.0 * x[farthest]))
+        return [self._made_by(np.delete(x, farthest)), self._made_by(with_three_more)]
 
     def _over(self, rows: Mask) -> "RunEstimate":
-        """Return the number of some of the runs."""
+        """Return the estimate from some of the runs, given by the mask ``rows`` (M,)."""
         assert self.influences is not None
         term = self._made_by(self.influences[rows])
         if self.pair is None:
@@ -162,14 +166,17 @@ class RunEstimate(NamedTuple):
 
     @ignore_float_errors
     def _made_by(self, influences: Array) -> "RunEstimate":
-        """Return the number of runs with these influences on this one."""
+        """Return the estimate from other runs, given by their influences on this number."""
         x = influences[~np.isnan(influences)]
         shift, stderr = mean(x)
         shifted = self._replace(value=self.value + shift, stderr=stderr, runs=len(x), pair=None)
         return shifted._replace(influences=influences - shift)
 
     def z(self, target: float = 0.0, other: float = 0.0) -> float:
-        """Return z of the hypothesis that the number is the target with standard error ``other``."""
+        """Return z of the hypothesis that the number is equal to the target.
+
+        ``other`` is the standard error of the target itself, independent of the runs.
+        """
         with np.errstate(all="ignore"):
             if self.influences is None:
                 return z_score(Estimate(self.value - target, np.hypot(self.stderr, other)))
@@ -179,7 +186,10 @@ class RunEstimate(NamedTuple):
             return studentized(self.value - target, self.influences, other)
 
     def interval(self, level: float = 0.95, other: float = 0.0) -> tuple[float, float]:
-        """Return the confidence interval: all targets that `z` accepts; NaN without an error."""
+        """Return the confidence interval: all targets that `z` accepts; NaN without a standard error.
+
+        ``other`` is the standard error of these targets, independent of the runs.
+        """
         with np.errstate(all="ignore"):
             if self.influences is None:
                 width = quantile(level, np.inf) * float(np.hypot(self.stderr, other))
@@ -212,7 +222,7 @@ class Share(RunEstimate):
         return inference.share_z(self.events, self.runs, target)
 
     def interval(self, level: float = 0.95, other: float = 0.0) -> tuple[float, float]:
-        """Return the interval of Clopper and Pearson; normal beside another error."""
+        """Return the interval of Clopper and Pearson; a normal one if the target has an error."""
         if other > 0.0 or not self.runs:
             return super().interval(level, other)
         return inference.share_interval(self.events, self.runs, level)
@@ -225,7 +235,7 @@ class OfSteps(RunEstimate):
 
     @classmethod
     def of(cls, value: float, steps: Array) -> "OfSteps":
-        """Return a number from what each step adds to it; NaN steps have no value."""
+        """Return the number ``value`` from what each step (T,) contributes to it; NaN where none."""
         return cls(value, series_mean(steps).stderr, steps - value, 1)
 
     @property
@@ -235,7 +245,7 @@ class OfSteps(RunEstimate):
         return self.influences + self.value
 
     def minus(self, other: "OfSteps", factor: float = 1.0) -> "OfSteps":
-        """Return the difference, step by step."""
+        """Return the difference ``self - factor other``, step by step."""
         assert self.influences is not None
         assert other.influences is not None
         value = self.value - factor * other.value
@@ -249,7 +259,7 @@ class OfSteps(RunEstimate):
         return series_mean(self.influences).why
 
     def over(self, value: float, divisor: float) -> "OfSteps":
-        """Return an estimate of another value that changes by this one's changes over a number."""
+        """Return an estimate of ``value`` with the influences of this one divided by ``divisor``."""
         assert self.influences is not None
         return OfSteps.of(value, self.influences / divisor + value)
 
@@ -258,12 +268,12 @@ class OfSteps(RunEstimate):
         """True: there is no other seed."""
         return True
 
-    def parts(self, number: int) -> list[RunEstimate]:
-        """Return no parts: batches are of runs."""
+    def parts(self, batches: int) -> list[RunEstimate]:
+        """Return no estimates: a single recording has no batches of runs to leave out."""
         return []
 
     def stressed(self) -> list[RunEstimate]:
-        """Return nothing: no other run could be drawn."""
+        """Return no estimates: a recording has no other runs that could be drawn."""
         return []
 
     def z(self, target: float = 0.0, other: float = 0.0) -> float:
@@ -283,7 +293,7 @@ MISSING = RunEstimate(np.nan, np.nan, None, 0)
 
 @ignore_float_errors
 def quotient(a: RunEstimate, b: RunEstimate) -> RunEstimate:
-    """Return ``a / b``, paired where it can be; else by the delta method."""
+    """Return ``a / b``, by common runs or steps if both have influences; else by the delta method."""
     ratio = float(np.divide(a.value, b.value))
     if isinstance(a, OfSteps) and isinstance(b, OfSteps):
         return a.minus(b, ratio).over(ratio, b.value)
@@ -309,11 +319,11 @@ _RATIO_ROUNDING = 1e-6
 def ratio_interval(a: RunEstimate, b: RunEstimate, level: float = 0.95) -> tuple[float, float]:
     """Return the confidence interval of ``a / b`` of two numbers that cannot be negative.
 
-    It has every ratio r for which the test of ``a - r b = 0`` does not reject (Fieller 1954, J. R.
-    Statist. Soc. B 16, 175). So it excludes 1 exactly if the difference of a and b is significant at
-    that level. Its upper end is infinite if b may be zero; NaN without an error. Of one recording it is
-    that of the logarithm of the ratio, since the few independent pieces of a recording do not show that
-    a mean of positive numbers is positive.
+    The interval contains every ratio r for which the test of ``a - r b = 0`` does not reject (Fieller
+    1954, J. R. Statist. Soc. B 16, 175). It excludes 1 exactly if the difference of a and b is
+    significant at that level. Its upper end is infinite if b may be zero. Both ends are NaN without a
+    standard error. The interval of one recording is computed for the logarithm of the ratio, since the
+    few independent pieces of a recording do not show that a mean of positive numbers is positive.
 
     Parameters
     ----------
@@ -361,7 +371,11 @@ def _less_multiple(a: RunEstimate, b: RunEstimate, r: float) -> RunEstimate:
 def _limit_of_ratio(
     excludes: Callable[[float], bool], ratio: float, step: float, farthest: float
 ) -> float:
-    """Return where a test begins to exclude ratios on one side; the farthest one if it does nowhere."""
+    """Return the ratio at which a test begins to exclude ratios on one side of ``ratio``.
+
+    The sign of the first ``step`` is that of the side. The result is ``farthest`` if the test excludes
+    no ratio up to that one.
+    """
     # Step 1: double the step until the test excludes.
     inside = ratio
     outside = ratio + step
@@ -385,7 +399,7 @@ def _limit_of_ratio(
 
 @ignore_float_errors
 def gain(ratio: RunEstimate) -> RunEstimate:
-    """Return the percent by which the ratio is below one."""
+    """Return by how many percent the ratio is below one."""
     return ratio.scaled(100.0 * (1.0 - ratio.value), factor=-100.0)
 
 
@@ -393,7 +407,10 @@ def gain(ratio: RunEstimate) -> RunEstimate:
 def linear_combination(
     value: float, a: RunEstimate, b: RunEstimate, factor_a: float, factor_b: float
 ) -> RunEstimate:
-    """Return the estimate of ``factor_a a + factor_b b``, paired by runs; ``value`` is its value."""
+    """Return the estimate of ``factor_a a + factor_b b``, paired by runs if both have influences.
+
+    ``value`` is the value of this combination, which the caller has computed.
+    """
     influences = _combined_influences(a, b, factor_a, factor_b)
     if influences is not None:
         known = influences[~np.isnan(influences)]
@@ -405,22 +422,29 @@ def linear_combination(
 def _combined_influences(
     a: RunEstimate, b: RunEstimate, factor_a: float, factor_b: float
 ) -> Array | None:
-    """Return the influences on ``factor_a a + factor_b b``; None if a side has none and is inexact."""
-    x = a.influences
-    y = b.influences
-    if x is None and y is not None and a.stderr == 0.0:
-        return factor_b * y
-    if y is None and x is not None and b.stderr == 0.0:
-        return factor_a * x
-    if x is None or y is None or len(x) != len(y):
+    """Return the influences on ``factor_a a + factor_b b``; None if they are unknown.
+
+    They are unknown if a number with a standard error has no influences, or if a and b have influences
+    of different numbers of runs.
+    """
+    of_a = a.influences
+    of_b = b.influences
+    if of_a is None and of_b is not None and a.stderr == 0.0:
+        return factor_b * of_b
+    if of_b is None and of_a is not None and b.stderr == 0.0:
+        return factor_a * of_a
+    if of_a is None or of_b is None or len(of_a) != len(of_b):
         return None
-    return factor_a * x + factor_b * y
+    return factor_a * of_a + factor_b * of_b
 
 
 def as_difference_of_variances(
     term: RunEstimate, a: RunEstimate, b: RunEstimate, factor: float
 ) -> RunEstimate:
-    """Return the difference ``a - factor b`` of variances, tested by the limits of both."""
+    """Return ``term``, the difference ``a - factor b`` of variances, such that both limits test it.
+
+    Without influences of all three ``term`` is returned as it is.
+    """
     if term.influences is None or a.influences is None or b.influences is None:
         return term
     return term._replace(pair=(a, b, factor))
@@ -429,8 +453,11 @@ def as_difference_of_variances(
 def as_difference_of_proportions(
     term: RunEstimate, a: Share, b: Share, factor: float
 ) -> RunEstimate:
-    """Return the difference ``a - factor b`` of shares of the same runs, tested by both limits."""
+    """Return ``term``, the difference ``a - factor b`` of shares of the same runs, with both limits.
+
+    A standard error of zero, as of two shares 0 or 1, is replaced by that of the interval.
+    """
     if a.influences is None or b.influences is None:
         return term
-    apart = term._replace(pair=(a, b, factor))
-    return apart._replace(stderr=term.stderr or stderr_of(*apart.interval()))
+    with_pair = term._replace(pair=(a, b, factor))
+    return with_pair._replace(stderr=term.stderr or stderr_of(*with_pair.interval()))

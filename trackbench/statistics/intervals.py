@@ -70,14 +70,17 @@ class Sides(NamedTuple):
 
 
 def of_variances(first: Array, second: Array) -> Sides | None:
-    """Return limits from runs' influences (M,), NaN for missing; None without a standard error."""
+    """Return the limits of the difference of two variances; None if a standard error is zero.
+
+    ``first`` and ``second`` are the influences (M,) of the runs on both variances, NaN for lost runs.
+    """
     if not all((np.nan_to_num(x) != 0.0).any() for x in (first, second, first - second)):
         return None
     return Sides(spread(first), spread(second), correlation(first, second))
 
 
 def correlation(a: Array, b: Array) -> float:
-    """Return the correlation of two numbers from their influences (M,); zero without spread."""
+    """Return the correlation of two numbers from their influences (M,); zero if one of them is exact."""
     common = ~np.isnan(a - b)
     a = a[common]
     b = b[common]
@@ -90,7 +93,12 @@ def correlation(a: Array, b: Array) -> float:
 
 @np.errstate(all="ignore")
 def studentized_difference(value: float, sides: Sides, other: float = 0.0) -> float:
-    """Return z of the hypothesis of no difference: the deviations at which a limit is zero."""
+    """Return z of the hypothesis of no difference: the deviations at which a limit is zero.
+
+    ``value`` is the difference and ``sides`` has its limits. ``other`` is the standard error of what
+    the difference is compared with, which is normal and independent of the runs.
+    """
+    # No search is needed for no difference, and none is possible for an infinite one.
     if value == 0.0 or not abs(value) < inf:
         return value
     distance = abs(value)
@@ -117,7 +125,10 @@ def studentized_difference(value: float, sides: Sides, other: float = 0.0) -> fl
 def interval_of_difference(
     value: float, sides: Sides, level: float = 0.95, other: float = 0.0
 ) -> tuple[float, float]:
-    """Return the confidence interval: all differences that `studentized_difference` accepts."""
+    """Return the confidence interval: all differences that `studentized_difference` accepts.
+
+    ``value`` is the measured difference. ``other`` is the standard error of what it is compared with.
+    """
     z = deviations(level)
     return value - sides.below(z, other), value + sides.above(z, other)
 
@@ -144,12 +155,15 @@ class Events(NamedTuple):
 
 
 def share_interval(events: int, runs: int, level: float = 0.95) -> tuple[float, float]:
-    """Return the confidence interval (Clopper and Pearson 1934, Biometrika 26, 404)."""
+    """Return the interval of a share of runs (Clopper and Pearson 1934, Biometrika 26, 404)."""
     return _limits(events, runs, 0.5 * (1.0 - level))
 
 
 def _limits(events: int, runs: int, tail: float) -> tuple[float, float]:
-    """Return the probabilities at which the tails of so many events have this probability."""
+    """Return the least and largest probability of an event that ``events`` of ``runs`` do not exclude.
+
+    ``tail`` is the probability of at least, or at most, so many events at these two limits.
+    """
     from scipy.special import betaincinv
 
     # P(X >= events) = tail at the low end, P(X <= events) = tail at the high end
@@ -163,7 +177,7 @@ def _limits(events: int, runs: int, tail: float) -> tuple[float, float]:
 
 
 def share_stderr(events: int, runs: int) -> float:
-    """Return the standard error with which a normal interval is as wide as `share_interval`."""
+    """Return the standard error of which a normal 95 % interval is as wide as `share_interval`."""
     return stderr_of(*share_interval(events, runs))
 
 
@@ -175,10 +189,11 @@ def stderr_of(low: float, high: float) -> float:
 
 
 def share_z(events: int, runs: int, probability: float) -> float:
-    """Return the normal deviate of the exact tail of so many events; zero without evidence.
+    """Return z of the hypothesis that an event has this probability, from its exact tail probability.
 
-    It is beyond the normal quantile of a level where `share_interval` excludes the probability. It is
-    infinite for an impossible outcome: an event in all runs is refuted by one without it.
+    z exceeds the normal quantile of a level exactly if the `share_interval` of that level excludes the
+    probability. It is infinite for an impossible outcome: one run without the event refutes the
+    probability 1. It is zero if the tail has a probability of more than a half.
     """
     from scipy.special import bdtr, bdtrc, ndtri
 
@@ -193,7 +208,10 @@ def share_z(events: int, runs: int, probability: float) -> float:
 
 
 def sign_test(a: Array | Mask, b: Array | Mask) -> float:
-    """Return the normal deviate of a more often larger than b in the same runs (M,); 0 if never."""
+    """Return z of the hypothesis that a and b are equally often the larger one of a run (M,).
+
+    Positive if a is more often larger; 0 if a and b are equal in all runs.
+    """
     larger = int(np.sum(a > b))
     smaller = int(np.sum(a < b))
     if larger + smaller == 0:
@@ -219,10 +237,11 @@ class Spread(NamedTuple):
 
 @np.errstate(all="ignore")
 def studentized(value: float, influences: Array, other: float = 0.0) -> float:
-    """Return z of the hypothesis that the number is zero, corrected for skewness.
+    """Return z of the hypothesis that the number ``value`` is zero, corrected for skewness.
 
-    ``other`` is an independent normal standard error that the hypothesis has itself. NaN without an
-    error: for fewer than two runs, and for 0 / 0.
+    ``influences`` (M,) are those of the runs on the number. ``other`` is the standard error of what the
+    number is compared with, which is normal and independent of the runs. z is NaN for fewer than two
+    runs, and for a number 0 whose standard error is 0.
     """
     error = spread(influences, other)
     T = float(np.divide(value, error.stderr))
@@ -233,13 +252,15 @@ def studentized(value: float, influences: Array, other: float = 0.0) -> float:
 
 @np.errstate(all="ignore")
 def studentized_rows(values: Array, influences: Array) -> Array:
-    """Return `studentized` of several numbers (n,) from influences (n, M), none missing; the same bits.
+    """Return `studentized` of several numbers ``values`` (n,), with the same bits.
 
-    NaN also where the influences are all zero or not finite, which `studentized` may decide.
+    ``influences`` (n, M) are those of the runs on each number, without NaN. z is also NaN if a number's
+    influences are all zero or not finite; `studentized` may return a z for such a number.
     """
     M = influences.shape[1]
     # Step 1: as `spread`, the standard error, Hall's a and the degrees of freedom.
     stderr = np.sqrt(total(np.square(influences)) / (M * (M - 1.0)))
+    # The square and root of `spread` without another error; they round, so that the bits need them.
     whole = np.sqrt(stderr * stderr)
     unit = influences / (stderr * np.sqrt(M - 1.0))[:, None]
     squares = np.square(unit)
@@ -273,7 +294,10 @@ def two_sided(z: float) -> float:
 
 
 def holm(p: Array, tests: int = 0) -> Array:
-    """Return p-values (n,) adjusted for n, or for more ``tests`` (Holm 1979); NaN is no test."""
+    """Return p-values (n,) adjusted for a family of tests (Holm 1979); a NaN is no test and stays NaN.
+
+    ``tests`` is the size of a family that has more tests than these.
+    """
     adjusted = np.full(len(p), np.nan)
     # The smallest p counts n times, the next n - 1 times, ...; none is less than the one before.
     order = np.argsort(p)[: int((~np.isnan(p)).sum())]
@@ -298,16 +322,21 @@ def deviations(level: float) -> float:
 def interval_of(
     value: float, influences: Array, level: float = 0.95, other: float = 0.0
 ) -> tuple[float, float]:
-    """Return the confidence interval: all values that `studentized` accepts."""
+    """Return the confidence interval of the number ``value``: all targets that `studentized` accepts.
+
+    ``other`` is the standard error of these targets, independent of the runs.
+    """
     error = spread(influences, other)
     z = deviations(level)
     return value - error.below(z), value + error.above(z)
 
 
 def anees_band(n_x: int, runs: float, level: float = 0.95) -> tuple[float, float]:
-    """Return the 95 % band of a consistent filter's ANEES: ``chi2(n_x M) / (n_x M)``, mean 1.
+    """Return the band that contains a consistent filter's ANEES with the probability ``level``.
 
-    Bar-Shalom, Li and Kirubarajan 2001, section 5.4; valid at one step, where runs are independent.
+    The ANEES has the law ``chi2(n_x M) / (n_x M)`` with the mean 1, for n_x components and M runs
+    (Bar-Shalom, Li and Kirubarajan 2001, section 5.4). It is valid at one step, where runs are
+    independent.
     """
     from scipy.special import gammaincinv
 
@@ -344,7 +373,7 @@ class AcceptedNis:
         return min(means), max(means)
 
     def band(self, components: float, level: float = 0.95) -> tuple[float, float]:
-        """Return the band of a mean over so many components, as `anees_band` without a gate."""
+        """Return the band of the mean NIS per component over so many components, as `anees_band`."""
         lows = []
         highs = []
         for n in self._numbers:
@@ -360,14 +389,14 @@ class AcceptedNis:
 
     @property
     def _numbers(self) -> set[int]:
-        """Numbers of components that one gate may judge: of the smallest to all sensors."""
+        """Numbers of components that one gate may judge at a step: each sensor's, and those of all."""
         if self.each:
             return set(self.sizes)
         return {*self.sizes, sum(self.sizes)}
 
     @property
     def _may_be_whole(self) -> bool:
-        """True if the mean may be 1, of sensors with a gate each that measure together."""
+        """True if the mean may be up to 1: several sensors with a gate each may measure together."""
         return self.each and len(self.sizes) > 1
 
     def _moments(self, n: int) -> tuple[float, float]:
@@ -382,9 +411,10 @@ class AcceptedNis:
 
 @np.errstate(all="ignore")
 def normal_of_t(t: float, freedom: float) -> float:
-    """Return the normal z with Student's tail probability (Wallace 1959, Ann. Math. Stat. 30, 1124).
+    """Return the normal z with the tail probability of Student's t (Wallace 1959, Ann. Math. Stat. 30).
 
-    Right to 1 % of z from four degrees of freedom on; and unlike distribution functions never infinite.
+    It is accurate to 1 % of z from four degrees of freedom on. Unlike z from distribution functions it
+    stays finite for large t.
     """
     if not freedom < np.inf or not abs(t) < np.inf:
         return t
@@ -411,7 +441,11 @@ def t_of_normal(z: float, freedom: float) -> float:
 
 
 def spread(influences: Array, other: float = 0.0) -> Spread:
-    """Return the spread of the influences' mean; an added normal part dilutes skewness and kurtosis."""
+    """Return standard error, skewness and degrees of freedom of the mean of the influences (M,).
+
+    The variance of ``other``, a normal and independent standard error, is added. It reduces the
+    skewness and raises the degrees of freedom. All three are NaN for fewer than two runs.
+    """
     x = influences[~np.isnan(influences)]
     M = len(x)
     if M < 2:
@@ -437,8 +471,9 @@ def spread(influences: Array, other: float = 0.0) -> Spread:
 def has_heavy_tail(influences: Array) -> bool:
     """Test whether a few runs decide a number: the 95 % limit of the tail's index is below 2.
 
-    Then the runs' influences (M,) have no variance, and the number's interval may miss what rarer ones
-    would add. Of Pareto's law 2 k times the index over its estimate is chi-square of 2 k degrees.
+    Then the runs' influences (M,) have no variance, and the number's interval may miss what rarer runs
+    would contribute. For Pareto's law with the true index alpha and the estimated index a,
+    ``2 k alpha / a`` is chi-square of 2 k degrees of freedom.
     """
     from scipy.special import gammaincinv
 
@@ -447,10 +482,11 @@ def has_heavy_tail(influences: Array) -> bool:
 
 
 def tail_index(influences: Array) -> tuple[float, int]:
-    """Return the index of the tail of runs' influences (M,), below which their moments exist, and k.
+    """Return the tail index of the runs' influences (M,), and the number k of influences it is from.
 
-    By the k = sqrt(M) / 2 largest of them (Hill 1975, Ann. Statist. 3, 1163). Infinite, and k = 0, for
-    fewer than a hundred runs, which show no tail.
+    Moments of a lower order than the index exist. The index is estimated from the k = sqrt(M) / 2
+    largest influences (Hill 1975, Ann. Statist. 3, 1163). It is infinite with k = 0 for fewer than
+    about a hundred runs, which show no tail.
     """
     x = np.sort(np.abs(influences[~np.isnan(influences)]))[::-1]
     k = round(sqrt(len(x)) / 2.0)
@@ -460,7 +496,7 @@ def tail_index(influences: Array) -> tuple[float, int]:
 
 
 def _inverse(y: float, a: float) -> float:
-    """Return the T of which Hall's g is y: ``(1 + a T / 3)^3 = 1 + a (y - a / 6)``."""
+    """Return the T for which Hall's g(T) is y: ``(1 + a T / 3)^3 = 1 + a (y - a / 6)``."""
     if abs(a) < 1e-6:
         return y
     # T = 3 / a ((1 + a (y - a / 6))^(1/3) - 1)

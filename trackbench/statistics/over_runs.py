@@ -15,7 +15,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.sums import total
 from trackbench.statistics.intervals import interval_of
 
-# A collapsed cloud has an infinite NEES: its mean says so, its standard error is NaN.
+# Collapsed particles have an infinite NEES: its mean is infinite, and its standard error is NaN.
 _quietly = np.errstate(all="ignore")
 # Two ways of computing one filter differ by this share at most; a z-score of that means nothing.
 _ROUNDING = 1e-11
@@ -47,7 +47,8 @@ def variance(x: Array) -> Estimate:
     M = len(x)
     if M < 2:
         return Estimate(np.nan, np.nan)
-    s2 = total(np.square(x - _mean(x))) / (M - 1)  # of numpy: its square overflows to infinity
+    # The square is numpy's, which overflows to infinity without an error.
+    s2 = total(np.square(x - _mean(x))) / (M - 1)
     stderr = np.nan
     if M > 3:
         stderr = mean(influence("variance", x)).stderr
@@ -74,14 +75,14 @@ def median(x: Array) -> Estimate:
     # Quantiles at 1/2 -+ 1.96 / (2 sqrt(M)) are 2 * 1.96 standard errors apart.
     share = 0.5 * deviations / np.sqrt(M)
     quantiles = np.quantile(x, [0.5 - share, 0.5, 0.5 + share])
-    # Between two infinities lies infinity.
+    # numpy interpolates between two infinities to NaN; the quantile there is infinite.
     low, middle, high = np.where(np.isnan(quantiles), x.max(), quantiles).tolist()
     return Estimate(middle, (high - low) / (2.0 * deviations))
 
 
 @_quietly
 def deviation(x: Array) -> Estimate:
-    """Return the standard deviation (divisor M) of a step's errors over runs; of one run none."""
+    """Return the standard deviation (divisor M) of a step's errors over runs; NaN for fewer than two."""
     if len(x) < 2:
         return Estimate(np.nan, np.nan)
     stderr = mean(influence("std", x)).stderr
@@ -103,14 +104,14 @@ def _influence_on_deviation(x: Array) -> Array:
 
 
 def _influence_on_variance(x: Array) -> Array:
-    """Return jackknife values: the variance without each run."""
+    """Return the jackknife's influences, from the variances without each run."""
     M = len(x)
     squares = np.square(x - _mean(x))
     return (squares - _mean(squares)) * (M / max(M - 2.0, 1.0))
 
 
 def _influence_on_median(x: Array) -> Array:
-    """Return the sign of each deviation over twice the density, by the standard error."""
+    """Return ``sign(x - median) / (2 f)``, with the density f at the median from the standard error."""
     value, stderr = median(x)
     return np.sign(x - value) * stderr * np.sqrt(len(x))
 
@@ -167,8 +168,8 @@ def rooted(estimates: Estimates) -> Estimates:
 def influence(name: str, x: Array) -> Array:
     """Return each run's influence on a statistic: centered values (M,) whose mean has its error.
 
-    So the standard error of any smooth combination of statistics on common runs is that of the mean of
-    the same combination of influences (the infinitesimal jackknife).
+    The standard error of a smooth combination of statistics on common runs is that of the mean of the
+    same combination of influences (the infinitesimal jackknife).
     """
     if name not in OVER_RUNS:
         raise ValueError(f"no influence of {name!r}")
@@ -177,28 +178,28 @@ def influence(name: str, x: Array) -> Array:
 
 @_quietly
 def influence_of_ratio(a: float, b: float, influences_a: Array, influences_b: Array) -> Array:
-    """Return each run's influence on ``a / b`` from the influences (M,) on both, NaN if missing.
+    """Return each run's influence on ``a / b`` from its influences (M,) on a and b, NaN for lost runs.
 
-    With each run left out of both in turn, not by the delta method: a run that moves ``b`` a lot does
-    not move the ratio in proportion.
+    Each run is left out of a and b in turn (jackknife). The delta method would be wrong for a run that
+    changes b so much that the ratio does not change in proportion.
     """
     others = max(int((~np.isnan(influences_a + influences_b)).sum()) - 1, 1)
-    ratio = float(np.divide(a, b))  # of floats: Python's own refuses a zero
+    ratio = float(np.divide(a, b))  # numpy's division: Python's raises an error for b = 0
     # Without run m, a is a - influences_a[m] / (M - 1), and b likewise.
     ratio_without = (a - influences_a / others) / (b - influences_b / others)
     return _left_out(ratio, ratio_without)
 
 
 def _left_out(value: float, without: Array) -> Array:
-    """Return centered influences from a number and its values without each run (jackknife)."""
+    """Return centered influences (M,) from a number and its values ``without`` each run (jackknife)."""
     known = ~np.isnan(without)
     # (M - 1) (value - value without run m)
-    moved = (int(known.sum()) - 1.0) * (value - without)
-    return np.asarray(moved - _mean(moved[known]))
+    influences = (int(known.sum()) - 1.0) * (value - without)
+    return np.asarray(influences - _mean(influences[known]))
 
 
 def without_rounding(a: Array, b: Array) -> Array:
-    """Return ``a - b`` over common runs; what is rounding in a and b is no difference."""
+    """Return ``a - b`` over common runs; differences within the rounding of b become zero."""
     return np.where(np.abs(a - b) <= _ROUNDING * np.abs(b), 0.0, a - b)
 
 
@@ -209,7 +210,7 @@ def paired_difference(a: Array, b: Array) -> Estimate:
 
 @_quietly
 def z_score(estimate: Estimate) -> float:
-    """Return the value over standard error; NaN where both are zero (filters that never differ)."""
+    """Return the value over its standard error; NaN if both are zero, as for equal filters."""
     return float(np.divide(estimate.value, estimate.stderr))
 
 
@@ -217,8 +218,9 @@ def z_score(estimate: Estimate) -> float:
 def interval(name: str, x: Array, level: float = 0.95) -> tuple[float, float]:
     """Return the confidence interval of a statistic from the runs' influences (`intervals`).
 
-    Medians: the exact rank interval, which needs no random numbers, so that equal data give equal
-    bytes, and covers at least ``level`` whatever the distribution; a bootstrap only comes near it.
+    A median has the exact rank interval, which covers at least ``level`` for any distribution. A
+    bootstrap only comes near that level. It also needs random numbers, and equal data would not give
+    equal bytes.
     """
     if len(x) < 2:
         return np.nan, np.nan

@@ -81,29 +81,32 @@ CLAIM_WORDS = ("holds", "fails", UNDECIDED)
 
 
 class Verdict(NamedTuple):
-    """The word, z over all runs, z without each batch of runs in turn."""
+    """A verdict on a number or claim, with the z that it is from."""
 
     word: str
+    """a key of `MEANINGS`"""
     z: float
+    """over all runs"""
     parts: tuple[float, ...] = ()
+    """z without each batch of runs in turn"""
     fragile: bool = False
-    """whether another seed, a run that was drawn or three that were not could well turn the word"""
+    """whether another seed, one run less or three more runs could well change the word"""
     needed: float = DECIDED
     """standard errors of all runs that decide; NaN of a bias, which is compared with a margin"""
 
     @property
     def is_short(self) -> bool:
-        """True if all runs together show too little."""
+        """True if z over all runs is below what a decision needs."""
         return abs(self.z) < self.needed
 
     @property
     def has_sign(self) -> bool:
-        """True if a difference as large as measured means anything."""
+        """True if z is large enough that the size of the measured difference means anything."""
         return abs(self.z) >= NO_SIGN
 
     @property
     def weak_part(self) -> float | None:
-        """Least z without a batch of runs, if it does not show the difference."""
+        """Least z without a batch of runs, if it is too small or has the other sign; None otherwise."""
         least = min(self.parts, key=abs, default=self.z)
         if abs(least) < SURE or least * self.z < 0.0:
             return least
@@ -111,7 +114,10 @@ class Verdict(NamedTuple):
 
 
 def adjusted(zs: Sequence[float], tests: int = 0) -> Array:
-    """Return two-sided p-values (n,) by Holm of a family of n, or of more ``tests``; NaN is no test."""
+    """Return two-sided p-values (n,) by Holm from the z of a family; a NaN is no test and stays NaN.
+
+    ``tests`` is the size of a family that has more tests than these.
+    """
     from scipy.special import ndtr
 
     p = 2.0 * ndtr(-np.abs(np.array(zs, dtype=float)))
@@ -119,7 +125,7 @@ def adjusted(zs: Sequence[float], tests: int = 0) -> Array:
 
 
 def signs(zs: Sequence[float]) -> list[int]:
-    """Return the signs of significant differences of a family, 0 of any other, by Holm at `LEVEL`."""
+    """Return the sign of each significant difference of a family by Holm at `LEVEL`, else 0."""
     signs_of_family = []
     for z, p in zip(zs, adjusted(zs), strict=True):
         signs_of_family.append(int(copysign(1.0, z)) if p < LEVEL else 0)
@@ -127,10 +133,11 @@ def signs(zs: Sequence[float]) -> list[int]:
 
 
 def beyond(zs: Sequence[float], sigmas: float) -> tuple[Array, list[int]]:
-    """Return p-values (n,) of "larger" by Holm, and the signs of what lies beyond the normal tail.
+    """Return one-sided p-values (n,) by Holm that numbers are larger, and the signs of significant ones.
 
-    For a gate, whose user gives the limit. The probability that any of the numbers without a difference
-    is called larger is about the tail or less, for any dependence of the numbers (docs/statistics.md).
+    ``sigmas`` is the limit of `trackbench gate`. A number is larger or smaller if its p-value is at most
+    the normal tail beyond this limit. This tail is about the probability that any of the numbers
+    without a difference is called larger, for any dependence of the numbers (docs/statistics.md).
     """
     from scipy.special import ndtr
 
@@ -143,7 +150,7 @@ def beyond(zs: Sequence[float], sigmas: float) -> tuple[Array, list[int]]:
 
 
 def is_tested(difference: RunEstimate) -> bool:
-    """Test whether a difference of filters has runs enough, or is of a recording's steps."""
+    """Test whether a difference of filters has enough runs for a test, or is of a recording's steps."""
     return isinstance(difference, OfSteps) or difference.runs >= FEWEST_RUNS
 
 
@@ -153,9 +160,10 @@ def is_significant(z: float) -> bool:
 
 
 def loses_more(a: Array, b: Array, filters: int) -> bool:
-    """Test whether one of so many filters loses more of the same runs, by codes (M,).
+    """Test whether the first filter loses significantly more of the same runs than the second.
 
-    A sign test of the runs that only one of the two loses, with Bonferroni's correction for all pairs.
+    ``a`` and ``b`` (M,) are codes of both filters, above zero where a run is lost. It is a sign test of
+    the runs that only one of the two loses, with Bonferroni's correction for all pairs of ``filters``.
     """
     pairs = 0.5 * filters * (filters - 1)
     z = sign_test(a > 0, b > 0)
@@ -163,7 +171,7 @@ def loses_more(a: Array, b: Array, filters: int) -> bool:
 
 
 def is_no_chance(number: Estimate, runs: int) -> bool:
-    """Test whether a number that should be zero is not: by Student's t, for few runs have errors."""
+    """Test whether a number that should be zero is not, by Student's t of so many runs."""
     return abs(normal_of_t(z_score(number), max(runs - 1.0, 1.0))) > NOT_CHANCE
 
 
@@ -192,24 +200,26 @@ def share_that_matters(share: float | str | None) -> float:
 
 
 def deviations_needed(tests: int) -> float:
-    """Return the z from which the first of so many filters' differences is significant."""
+    """Return the z from which the largest one of so many differences is significant."""
     return deviations(1.0 - LEVEL / tests)  # Holm's first step is Bonferroni's
 
 
 def runs_that_decide(runs: int, z: float, needed: float) -> float:
-    """Return the runs at which a difference as large as measured has the z that is needed."""
+    """Return the number of runs at which a difference with this z of ``runs`` has the z ``needed``."""
     # To first order z grows with the root of the runs.
-    wanted = runs * (needed / z) ** 2
+    runs_needed = runs * (needed / z) ** 2
+    # The runs did not decide; rounding may not say that fewer would. One run is that of a recording.
     if runs > 1:
-        return max(wanted, runs + 1.0)
-    return wanted
+        return max(runs_needed, runs + 1.0)
+    return runs_needed
 
 
 def decided(z: float, parts: Sequence[float] = (), exact: bool = False) -> int:
-    """Return the sign of a significant difference, 0 of any other: the one rule for all of them.
+    """Return the sign of a difference if it is significant, else 0.
 
-    All runs show it beyond `DECIDED` standard errors, and ``parts``, the runs without any one batch,
-    beyond `SURE`. An ``exact`` test is shown by all runs beyond `SURE`; no part may contradict it.
+    ``z`` is that of all runs and must exceed `DECIDED`. ``parts`` are the z without each batch of runs,
+    which must all exceed `SURE`. The z of an ``exact`` test must exceed only `SURE`, and no part may
+    contradict it beyond `SURE`.
     """
     sign = int(copysign(1.0, z))
     if exact:
@@ -259,7 +269,10 @@ def number_verdict(
     whole: RunEstimate,
     parts: Sequence[RunEstimate],
 ) -> Verdict:
-    """Return the verdict on a published number from all runs and from the parts of them."""
+    """Return the verdict on a published number.
+
+    ``whole`` is the measured number of all runs, ``parts`` are those without each batch of runs.
+    """
     if isinstance(number.value, str):
         judge = _judge_bias
         needed = nan
@@ -273,7 +286,7 @@ def number_verdict(
         word_of_part, z_of_part = judge(number, part, SURE)
         words_of_parts.append(word_of_part)
         zs_of_parts.append(z_of_part)
-    # Fragile: what other runs could well have measured changes the word.
+    # The verdict is fragile if numbers that other runs could well have measured change its word.
     words_of_others = {judge(number, other, DECIDED)[0] for other in _other_measurements(whole)}
     turns = not words_of_others <= {word_of_all}
     # Batches that do not show the word, or contradict it, make it inconclusive.
@@ -292,12 +305,12 @@ def number_verdict(
 
 
 def _other_measurements(whole: RunEstimate) -> Iterator[RunEstimate]:
-    """Generate what other runs could well have measured."""
+    """Generate numbers that other runs could have measured: few runs changed, or another seed."""
     yield from whole.stressed()
-    room = ANOTHER_SEED * whole.stderr
-    if isfinite(room):
-        yield whole._replace(value=whole.value - room)
-        yield whole._replace(value=whole.value + room)
+    change = ANOTHER_SEED * whole.stderr
+    if isfinite(change):
+        yield whole._replace(value=whole.value - change)
+        yield whole._replace(value=whole.value + change)
 
 
 def claim_verdict(
@@ -307,16 +320,17 @@ def claim_verdict(
     equal: bool = False,
     exact: bool = False,
 ) -> Verdict:
-    """Return the verdict on a claim from the z in its favor: of all runs, of the parts, under stress.
+    """Return the verdict on a claim from the z in its favor.
 
-    An ``equal`` that holds, and all that an ``exact`` test says, is shown by all runs beyond `SURE`; the
-    parts may not contradict it.
+    ``z`` is that of all runs. ``parts`` are those without each batch of runs, ``stressed`` those with
+    few runs changed (`RunEstimate.stressed`). An ``equal`` claim is one of an equality. If it holds, and
+    for an ``exact`` test, z of all runs must exceed only `SURE`, and the parts may not contradict it.
     """
 
     def is_shown_beyond_sure(z: float) -> bool:
         return exact or (equal and z > 0.0)
 
-    # What another seed, or runs under stress, could well have shown.
+    # Compare the sign with those that another seed, or few runs changed, could well have shown.
     sign_of_all = decided(z, (), is_shown_beyond_sure(z))
     turns = False
     for other in (z - ANOTHER_SEED, z + ANOTHER_SEED, *stressed):
@@ -334,10 +348,11 @@ def claim_verdict(
 
 
 def weakest(zs: Sequence[float], steps: int = 1) -> float:
-    """Return the least z of comparisons that must all hold, NaN before any.
+    """Return the least z of comparisons that must all hold; NaN if one of them is NaN.
 
-    That all hold needs no correction for their number, since each has to be shown (an intersection-union
-    test; Berger 1982, Technometrics 24, 295). One of many steps that fails does: Bonferroni's.
+    ``steps`` is the number of steps that are compared. A claim that holds at all steps needs no
+    correction for their number, since each has to be shown (an intersection-union test; Berger 1982,
+    Technometrics 24, 295). A claim that fails at one of many steps needs Bonferroni's correction.
     """
     from scipy.special import log_ndtr, ndtri_exp
 
@@ -349,7 +364,11 @@ def weakest(zs: Sequence[float], steps: int = 1) -> float:
 
 
 def combine_batches(word: str, parts: Sequence[str]) -> str:
-    """Return the word of all runs, unless a part of them does not show it or contradicts it."""
+    """Return the word of all runs, or inconclusive if the batches do not confirm it.
+
+    ``parts`` are the words without each batch. All of them must be "differs" or "biased" for such a
+    word. For any other word none may be its opposite.
+    """
     if word in _OPPOSITE.values():
         is_shown = all(part == word for part in parts)
     else:
@@ -361,15 +380,15 @@ _OPPOSITE = {"agrees": "differs", "compatible": "differs", "unbiased": "biased"}
 
 
 def _judge_difference(number: Printed, measured: RunEstimate, least: float) -> tuple[str, float]:
-    """Compare a number with the printed one; return the word and z.
+    """Compare a measured number with the printed one; return the word and z.
 
-    The error of the printed number is the paper's own where it prints a spread. ``least`` is the z from
-    which the numbers differ.
+    ``least`` is the z from which the numbers differ.
     """
     value = measured.value
     printed = number.value
+    # If most runs are lost, the few others do not represent the filter.
     if measured.lost > measured.runs > 0:
-        return "differs", inf  # what survives says nothing of the filter
+        return "differs", inf
     if not isfinite(value):
         if measured.lost:
             return "differs", inf
@@ -379,22 +398,21 @@ def _judge_difference(number: Printed, measured: RunEstimate, least: float) -> t
     nearest = _nearest(number, value)
     z = measured.z(nearest, stderr_of_paper)
     if value == nearest and not isnan(measured.stderr):
-        z = 0.0  # it rounds to the printed number
+        z = 0.0  # the value rounds to the printed number
     # Agreement: no difference, and an interval within 10 % or within the printed digits.
     if abs(z) <= SURE:
-        reach = max(abs(end - printed) for end in measured.interval(other=stderr_of_paper))
-        room = max(NEAR * abs(printed), _rounding(number))
-        if reach <= room:
+        farthest_end = max(abs(end - printed) for end in measured.interval(other=stderr_of_paper))
+        if farthest_end <= max(NEAR * abs(printed), _rounding(number)):
             return "agrees", z
         return "compatible", z
-    # Otherwise z decides whether it differs. It may be too small, or unknown without an error.
+    # Otherwise z decides whether the numbers differ. z may be too small, or NaN without an error.
     if abs(z) >= least:
         return "differs", z
     return UNDECIDED, z
 
 
 def difference(number: Printed, value: float) -> float:
-    """Return the difference of a value to the nearest number that rounds to the printed one.
+    """Return the difference of a value from the nearest number that rounds to the printed one.
 
     A printed 0.12 stands for 0.115 to 0.125, within which the difference is zero.
     """
@@ -402,7 +420,7 @@ def difference(number: Printed, value: float) -> float:
 
 
 def _nearest(number: Printed, value: float) -> float:
-    """Return the number nearest to a value that rounds to the printed one."""
+    """Return the number that is nearest to ``value`` among those that round to the printed one."""
     assert not isinstance(number.value, str)
     half = _rounding(number)
     return min(max(value, number.value - half), number.value + half)
@@ -414,7 +432,10 @@ def _rounding(number: Printed) -> float:
 
 
 def _stderr_of_paper(number: Printed, measured: RunEstimate) -> float:
-    """Return the standard error of the printed number: from its own spread, else from ours."""
+    """Return the standard error of the printed number, from the paper's variance or else from ours.
+
+    It is 0 if the number of runs of the paper is unknown.
+    """
     if not number.runs:
         return 0.0
     if number.variance is not None:
@@ -424,9 +445,10 @@ def _stderr_of_paper(number: Printed, measured: RunEstimate) -> float:
 
 
 def _judge_bias(number: Printed, measured: RunEstimate, least: float) -> tuple[str, float]:
-    """Compare a bias with its margin; return the word and z.
+    """Compare a measured bias with its margin; return the word and z.
 
-    It is biased if beyond the margin by ``least`` standard errors, unbiased if within it for certain.
+    The word is "biased" if the value is beyond the margin by ``least`` standard errors. It is "unbiased"
+    if the value plus `SURE` standard errors is within the margin.
     """
     value, stderr = measured.estimate
     if not isfinite(value):

@@ -50,11 +50,11 @@ class SeriesMean(NamedTuple):
     z: float
     distribution: "ErrorDistribution | None" = None
     why: str = ""
-    """it has no standard error"""
+    """reason why the mean has no standard error; empty if it has one"""
 
     @property
     def stderr(self) -> float:
-        """Half the width of the interval with the probability of one standard deviation."""
+        """Half the width of the interval with the probability of a normal one of one standard error."""
         if self.why:
             return np.nan
         if self.distribution is None:
@@ -80,7 +80,7 @@ class ErrorDistribution(NamedTuple):
     freedom: int
 
     def z(self, error: float) -> float:
-        """Return the normal deviate with the tail probability of an error of the mean."""
+        """Return the normal deviate with the tail probability that this ``error`` of the mean has."""
         from scipy.special import log_ndtr, ndtri_exp
 
         # P(error) = sum of the weights times the tail probability of t by each model
@@ -95,7 +95,7 @@ class ErrorDistribution(NamedTuple):
         return float(copysign(ndtri_exp(min(tail, log(0.5))), error))
 
     def half_width(self, z: float) -> float:
-        """Return the error that has this normal deviate, by bisection."""
+        """Return the error of the mean whose normal deviate is ``z``, by bisection."""
         low = 0.0
         high = float(self.scales.max())
         while self.z(high) < z:
@@ -111,9 +111,10 @@ class ErrorDistribution(NamedTuple):
 
 
 def series_mean(series: Array) -> SeriesMean:
-    """Return the mean of a series (T,), without its NaN.
+    """Return the mean of a series (T,) of correlated steps, without its NaN, and its standard error.
 
-    It has no error for less than `LEAST_STEPS`, nor if its autocorrelation may be `MOST_CORRELATED`.
+    The mean has no standard error for fewer steps than `LEAST_STEPS`, nor if the autocorrelation of
+    neighbors may be as large as `MOST_CORRELATED`.
     """
     x = series[~np.isnan(series)]
     T = len(x)
@@ -145,7 +146,7 @@ def series_mean(series: Array) -> SeriesMean:
 
 
 def _mean_without_spread(mean: float) -> SeriesMean:
-    """Return the mean of steps that do not differ, of which anything but zero is certain."""
+    """Return the mean of steps that are all equal: any value but zero differs from zero for certain."""
     if mean == 0.0:
         return SeriesMean(mean, z=0.0)
     return SeriesMean(mean, z=copysign(inf, mean))
@@ -181,8 +182,13 @@ class _Models(NamedTuple):
 
 @lru_cache(maxsize=4)
 def _models(q: int, T: int) -> _Models:
-    """Return the models of series of T steps: white noise, and mixtures with autoregressions."""
+    """Return the models of series of T steps with q cosine weights.
+
+    The first model is white noise. Each other one is a mixture of white noise and an autoregression.
+    """
+    # The correlation time of an autoregression with the coefficient r is 1 / (1 - r) steps.
     coefficients = [r for r in _COEFFICIENTS if 1.0 / (1.0 - r) <= _LONGEST_TIME * T + 0.5]
+    # Long series have slower ones, each with twice the correlation time of the one before.
     while 2.0 / (1.0 - coefficients[-1]) <= _LONG_TIME * T:
         coefficients.append(1.0 - 0.5 * (1.0 - coefficients[-1]))
     variances = [np.ones(q + 1)]
@@ -204,9 +210,10 @@ def _models(q: int, T: int) -> _Models:
 def _variances(r: float, T: int) -> Array:
     """Return the variances (T,) of the T cosine weights of an autoregression of unit variance.
 
-    The inverse of its covariance over 1 - r^2 is tridiagonal. The cosines diagonalize it but for the two
-    corners, l_j = 1 + r^2 - 2 r cos(pi j / T), and the corners add r (1 - r) each: a change of rank
-    two, one for the even and one for the odd cosines, whose inverse is Sherman and Morrison's.
+    ``r`` is its coefficient. The inverse of its covariance, times 1 - r^2, is tridiagonal. The cosines
+    diagonalize this matrix except for its two corners. The eigenvalues are
+    ``l_j = 1 + r^2 - 2 r cos(pi j / T)``, and each corner adds r (1 - r). The corners change the even
+    and the odd cosines by a matrix of rank one each, which Sherman and Morrison's formula inverts.
     """
     j = np.arange(T)
     cosine = cos_sin(pi * j / T)[0]

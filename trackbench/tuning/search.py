@@ -72,7 +72,11 @@ class Search:
         return min(self.ranks, key=lambda values: self.ranks[values])
 
     def run(self) -> Requests:
-        """Try choices at the start's numbers, numbers at the best choice, neighbors, choices."""
+        """Run the search: yield the values to try next, and receive their ranks.
+
+        The choices are tried with the numbers of the start, then numbers with the best choices. The
+        neighbors of the best trial follow, and last the choices again, with the best numbers.
+        """
         yield from self._request([self._start, *self._with_each_choice(self._start)])
         if self._numeric_axes:
             yield from self._request(self._spread_places(self._places[self.best]))
@@ -81,7 +85,7 @@ class Search:
             yield from self._request(self._with_each_choice(self._places[self.best]))
 
     def _request(self, places: Iterable[Shares]) -> Requests:
-        """Yield the unknown values at these places within the budget, and store their ranks."""
+        """Yield the values at these places without a rank, within the budget; store their ranks."""
         new_places: dict[Values, Shares] = {}
         for place in places:
             values = self._values_at(place)
@@ -97,7 +101,10 @@ class Search:
         return tuple(axis.at(share) for axis, share in zip(self._axes, place, strict=True))
 
     def _with_each_choice(self, place: Shares) -> list[Shares]:
-        """Try every combination of choices at the place; of many, each changed alone."""
+        """Return the place with every combination of choices.
+
+        If these are more than half of the budget, only one choice at a time is changed.
+        """
         # Step 1: the shares of each axis of choices, at the middle of each choice.
         choice_axes = [i for i, axis in enumerate(self._axes) if axis.choices]
         choice_shares = []
@@ -115,7 +122,10 @@ class Search:
         return [_with_shares(place, change) for change in changes]
 
     def _spread_places(self, place: Shares) -> list[Shares]:
-        """Spread points: multiples of powers of the generalized golden ratio, modulo one."""
+        """Return the place with spread shares of the numeric axes.
+
+        They are multiples of powers of the generalized golden ratio, modulo one.
+        """
         d = len(self._numeric_axes)
         steps = np.cumprod(np.full(d, 1.0 / _GOLDEN_RATIOS[d - 1]))
         places = []
@@ -124,7 +134,10 @@ class Search:
         return places
 
     def _run_simplex(self, place: Shares) -> Requests:
-        """Run the simplex, replayed from its first corner after each answer."""
+        """Run Nelder and Mead's simplex over the numeric axes, beginning at ``place``.
+
+        After each new rank the simplex is repeated from its first corner with the known ranks.
+        """
         # Step 1: the corners of the first simplex: the place, and one along each axis.
         first_corner = np.array([place[i] for i in self._numeric_axes])
         corners = [first_corner]
@@ -145,9 +158,9 @@ class Search:
             yield from self._request([next_place])
 
     def _next_simplex_place(self, place: Shares, corners: Array) -> Shares | None:
-        """Find the next unknown point of the simplex; None if it has converged.
+        """Find the first point of the simplex whose rank is unknown; None if the simplex has converged.
 
-        ``place`` has the shares of the choices, ``corners`` those of the numbers.
+        ``place`` has the shares of the choices, ``corners`` those of the numbers at the first corners.
         """
         from scipy.optimize import minimize
 
@@ -172,7 +185,7 @@ class Search:
         return _with_shares(place, dict(zip(self._numeric_axes, numbers.tolist(), strict=True)))
 
     def _vary_best(self) -> Requests:
-        """Vary each key alone around the best to find its good range."""
+        """Try the neighbors of the best trial in each key alone, which show the key's good range."""
         for steps in _NEIGHBOR_STEPS:
             place = self._places[self.best]
             neighbors = []
@@ -244,18 +257,18 @@ class Record:
 
     @property
     def best(self) -> Trial:
-        """Trial of the smallest rank; among equal ones the adopted trial, or the first.
+        """Trial of the smallest rank; among equal ones the one that the config took, or the first.
 
-        Objectives that differed before rounding may be equal after reading them from the file.
+        Objectives that differ may be equal after they were rounded in the file.
         """
         return min(self.trials, key=lambda trial: (trial.rank, trial.values != self.taken))
 
     def within(self, axis: Axis) -> list[Any]:
-        """Find the range of a key, or the choices, at most one standard error worse.
+        """Find the choices, or the ends of the range, of a key that are at most a standard error worse.
 
-        The rule of one standard error (Breiman et al. 1984, section 3.4.3). With the other keys at
-        their best, the objective is interpolated linearly between trials; any other trial as good
-        widens the range. Values outside the trials are left out.
+        This is the rule of one standard error (Breiman et al. 1984, section 3.4.3). Between trials that
+        have the best values of the other keys, the objective is interpolated linearly. Any other trial
+        that is good enough widens the range. The range does not go beyond the trials.
         """
         # Step 1: the trials that are good enough.
         best = self.best
@@ -271,7 +284,7 @@ class Record:
             return axis.share(trial.values[axis.key]) or 0.0
 
         # Step 2: follow the axis from the best to both sides, as far as the objective stays good.
-        # Below the best, shares have a minus, so that both lines rise.
+        # Shares below the best have a minus sign, so that they increase away from the best, too.
         best_share = share_of(best)
         below = []
         above = []
@@ -348,7 +361,8 @@ def read_tuning(
 ) -> dict[str, Record]:
     """Read the records of the filters that a config tunes, by label.
 
-    ``taken`` are the values of these keys that the config's tuned filters have.
+    ``tune`` has the keys to tune by label, as the config writes them. ``taken`` are the values of these
+    keys that the tuned filters of the config have.
     """
     # Step 1: the rows of each trial, one for each key.
     rows_by_trial: dict[tuple[str, str], list[dict[str, str]]] = {}
@@ -372,9 +386,10 @@ def read_tuning(
 
 
 def _follow_while_good(line: list[tuple[float, float]], limit: float) -> float:
-    """Follow a line (share, objective) from its first point as far as it stays below the limit.
+    """Return the share at which a line of points (share, objective) first reaches the limit.
 
-    Returns the share at which the line, interpolated linearly, reaches the limit.
+    The line is interpolated linearly between its points. If it stays below the limit, the last share is
+    returned.
     """
     share, objective = line[0]
     for next_share, next_objective in line[1:]:

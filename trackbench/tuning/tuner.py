@@ -64,12 +64,12 @@ def tune(
                 block = stored_block(store, task)
                 for tuner in tuners:
                     tuner.receive(task, block)
-        next(finished, None)  # no block is left: the workers may end
+        next(finished, None)  # no block is left: this closes the engine
     return {tuner.label: tuner.record for tuner in tuners}
 
 
 class _SessionBlocks:
-    """View of the store, or only of the blocks of this session."""
+    """Blocks of the store; if ``fresh``, only those that this session has computed."""
 
     def __init__(self, store: BlockStore, fresh: bool) -> None:
         self._store = store
@@ -103,7 +103,7 @@ class _Tuner:
         self._request(next(self._search_requests))
 
     def advance(self) -> int:
-        """Continue as far as finished blocks allow; return the number of scored trials."""
+        """Continue the search as far as finished blocks allow; return the number of new trials."""
         trials_before = len(self.record.trials)
         keys = [axis.key for axis in self.record.axes]
         while self._requested and not self.missing:
@@ -124,13 +124,13 @@ class _Tuner:
         return len(self.record.trials) - trials_before
 
     def receive(self, task: BlockTask, result: BlockResult | None) -> None:
-        """Record the results of a block, or that its filter failed."""
+        """Record the results of a block, None if its filter failed; ignore blocks of other filters."""
         if task in self.missing:
             self.missing.remove(task)
             self._results[task] = result
 
     def _request(self, trial_values: list[Values]) -> None:
-        """Take the blocks of these trials from the store; those that it lacks are missing."""
+        """Request trials with these values: look up their blocks, and note those that are missing."""
         self._requested = {values: self.training.tasks(values) for values in trial_values}
         for tasks in self._requested.values():
             for task in tasks:
@@ -141,7 +141,7 @@ class _Tuner:
                     self._results[task] = result
 
     def _score(self, tasks: list[BlockTask]) -> RunEstimate | None:
-        """Score a trial's blocks; None for an invalid or failed filter."""
+        """Return the score of a trial from its blocks; None for an invalid or failed filter."""
         blocks = []
         for task in tasks:
             block = self._results.get(task)
@@ -180,7 +180,10 @@ class Training:
         return tuple(shares)
 
     def tasks(self, values: Values) -> list[BlockTask]:
-        """Make the blocks of a trial, as few as its particles allow; none of an invalid filter."""
+        """Return the tasks of a trial with these values, as few as its particles allow.
+
+        There are none if the filter would be invalid with these values.
+        """
         keys = [axis.key for axis in self.axes]
         chosen = dict(zip(keys, values, strict=True))
         trial = tuned_entries.make_trial(self._experiment.source, self._point, self._label, chosen)
@@ -207,7 +210,10 @@ class Training:
         return ceil(self._experiment.settings.tuning.runs / widest)
 
     def _block_task(self, trial: tuned_entries.Trial, number: int) -> BlockTask:
-        """Make a block: all but the last are full, and none is wider than necessary."""
+        """Return the task of the trial's block of this number, counted from 0.
+
+        The blocks are equally wide, and no wider than necessary. Only the last one may have fewer runs.
+        """
         settings = self._experiment.settings
         width = ceil(settings.tuning.runs / self._number_of_blocks(trial))
         reference = None
@@ -231,7 +237,10 @@ class Training:
 
 
 def given_values(experiment: Experiment, label: str) -> dict[str, Any]:
-    """List the values of a filter's own keys by path, with presets and defaults."""
+    """Return the values of the keys of a filter, and of its filter model, by path.
+
+    Presets and defaults are included.
+    """
     point = experiment.points[0]
     filters = point.filters | experiment.left_out
     config = as_config(filters[label])

@@ -36,8 +36,9 @@ from trackbench.verify.tuning import compare_tuning
 
 
 def verify(folder: Path, runs: int, allow_plugins: bool = False) -> list[str]:
-    """Recompute so many runs and return what differs, a line each; nothing if all bytes are the same.
+    """Recompute the first runs of a results folder and return a line on each difference.
 
+    The list is empty if all bytes are the same.
     Raises UserError if the folder has no results, or its config is invalid.
     """
     try:
@@ -94,10 +95,12 @@ def _compare(results: Results, experiment: Experiment, runs: int) -> Iterator[st
 
 
 def recompute(experiment: Experiment, folder: Path, runs: int, tracks: bool) -> Results:
-    """Write the results of the first runs to a folder and return them.
+    """Compute the first ``runs`` runs, write their results to a folder and return them.
 
-    Blocks are as wide as for all runs: `block: fit` depends on their number.
+    ``tracks`` stores all tracks. Blocks are as wide as for all runs, since `block: fit` depends on the
+    number of runs.
     """
+    # Figures may show more runs than are computed; then there are none.
     if min(experiment.shown_runs, experiment.settings.runs) > runs:
         experiment = replace(experiment, figures={})
     plan = make_plan(experiment, tracks).first(runs)

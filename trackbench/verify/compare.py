@@ -64,7 +64,7 @@ def compare_first_runs(stored: Results, computed: Results) -> Iterator[str]:
 
 
 def _without_unused(frame: "pd.DataFrame") -> "pd.DataFrame":
-    """Select the rows that need no other runs: components left out of a NEES depend on all of them."""
+    """Return the rows without those of components that a NEES lacks, which exist only in some runs."""
     return frame[~frame["metric"].str.startswith("unused_")]
 
 
@@ -96,11 +96,11 @@ def _rows_of_runs(path: Path, runs: int) -> list[list[str]]:
 
 
 def _values_of_runs(results: Results, runs: int) -> "pd.DataFrame":
-    """Select the first runs' values without contributions to an average: they depend on all runs."""
+    """Return the values of the first runs, without shares of a time mean, which depend on all runs."""
     frame = results.per_run
     metrics = frame["metric"].unique()
-    whole = [metric for metric in metrics if measured(metric).statistic == TIME_MEAN]
-    frame = frame[(frame["run"] < runs) & ~frame["metric"].isin(whole)]
+    shares = [metric for metric in metrics if measured(metric).statistic == TIME_MEAN]
+    frame = frame[(frame["run"] < runs) & ~frame["metric"].isin(shares)]
     if results.per_run_file == PER_RUN_FILE:
         # Arrays have all digits; a file of fewer runs has those of per_run.csv.
         rounded = shortened(frame["value"].tolist(), DIGITS["per_run.csv"])
@@ -122,7 +122,10 @@ def compare_all_runs(stored: Results, computed: Results) -> Iterator[str]:
 
 
 def _explain(name: str, stored: Results, computed: Results) -> Iterator[str]:
-    """Yield the differences of two files with other bytes; the same arrays may be packed otherwise."""
+    """Yield the differences of two files of this name whose bytes differ.
+
+    Files of tracks may have equal arrays that are packed in another way: then there is no difference.
+    """
     if name in _TRACKS:
         yield from compare_arrays(name, stored, computed)
         return
@@ -135,7 +138,10 @@ def _explain(name: str, stored: Results, computed: Results) -> Iterator[str]:
 
 
 def compare_frames(name: str, stored: "pd.DataFrame", computed: "pd.DataFrame") -> Iterator[str]:
-    """Yield a line for each filter with other numbers, or one if the rows are of other things."""
+    """Yield a line for each filter whose numbers differ, or one line if the frames have other rows.
+
+    ``name`` is that of the file in the lines.
+    """
     keys = [column for column in computed if column not in _NUMBERS]
     a = stored.reset_index(drop=True)
     b = computed.reset_index(drop=True)
@@ -153,7 +159,7 @@ def compare_frames(name: str, stored: "pd.DataFrame", computed: "pd.DataFrame") 
 
 
 def _first_other_keys(stored: "pd.DataFrame", computed: "pd.DataFrame") -> tuple[str, str]:
-    """Write the first rows that differ, with ``nothing`` for a row that a frame lacks."""
+    """Return the first rows that differ as texts, ``nothing`` for a row that one of the frames lacks."""
     rows = stored.itertuples(index=False, name=None)
     rows_again = computed.itertuples(index=False, name=None)
     for row, again in zip_longest(rows, rows_again):
@@ -165,7 +171,7 @@ def _first_other_keys(stored: "pd.DataFrame", computed: "pd.DataFrame") -> tuple
 
 
 def compare_arrays(name: str, stored: Results, computed: Results) -> Iterator[str]:
-    """Yield differences in a file of tracks, of the runs that are computed."""
+    """Yield differences in a file of tracks, in the first runs, which are recomputed."""
     arrays = stored.arrays(name)
     arrays_again = computed.arrays(name)
     if arrays.keys() != arrays_again.keys():
@@ -199,9 +205,9 @@ def largest_share(a: Array, b: Array) -> float:
 
 
 def compare_derived(results: Results, folder: Path) -> Iterator[str]:
-    """Yield differences of a folder's tables and verdicts from those that follow from the results.
+    """Yield differences of the tables and verdicts in a folder from those that follow from ``results``.
 
-    These are written to the target of the results.
+    The latter are written to the target folder of the results, and compared byte for byte.
     """
     write_tables(results, tex=True)
     for output, line in zip(results.unmade, results.unmade_lines, strict=True):
@@ -227,7 +233,7 @@ def compare_derived(results: Results, folder: Path) -> Iterator[str]:
 
 
 def _first_other_row(name: Path, stored: Path, computed: Path) -> str:
-    """Explain the difference of two text files with other bytes by their first line that differs."""
+    """Return a line on two text files whose bytes differ, with their first line that differs."""
     lines = stored.read_text(encoding="utf-8", errors="replace").splitlines()
     lines_again = computed.read_text(encoding="utf-8", errors="replace").splitlines()
     if len(lines) != len(lines_again):

@@ -23,7 +23,10 @@ _FILE = "tuning.csv"
 
 
 def compare_tuning(results: Results, experiment: Experiment, runs: int) -> Iterator[str]:
-    """Yield differences in tuning.csv, and in the values that the config took from it."""
+    """Yield differences in tuning.csv, and in the values that the config took from it.
+
+    The first and the best trial are recomputed, or all trials if ``runs`` are all runs.
+    """
     is_whole = runs >= experiment.settings.runs
     repeated: dict[str, Record] = {}
     if is_whole and results.tuning:
@@ -53,7 +56,7 @@ def compare_tuning(results: Results, experiment: Experiment, runs: int) -> Itera
 
 
 def _run_trials(record: Record, training: Training, trials: list[Trial]) -> list[Trial]:
-    """Compute trials again."""
+    """Compute the blocks of these trials again and return the trials with their scores."""
     computed = []
     for trial in trials:
         tasks = training.tasks(_trial_values(record, trial))
@@ -72,7 +75,10 @@ def _trial_values(record: Record, trial: Trial) -> Values:
 def _compare_search(
     experiment: Experiment, label: str, record: Record, training: Training
 ) -> Iterator[str]:
-    """Yield the first trial that the search does not try after the stored ranks before it."""
+    """Yield a line on the first stored trial that the search would not have tried.
+
+    The search is repeated with the stored ranks. ``record`` has the stored trials.
+    """
     ranks: dict[Values, Rank] = {_trial_values(record, t): t.rank for t in record.trials}
     tried: list[Values] = []
     search = Search(record.axes, training.start, experiment.settings.tuning.evaluations).run()
@@ -82,7 +88,7 @@ def _compare_search(
             tried += wanted
             wanted = search.send({values: ranks[values] for values in wanted})
         tried += wanted
-    # The stored digits of two equal objectives do not order them, nor then the search.
+    # Objectives may be equal in their stored digits. Their order is then unknown, and so is the search.
     finite = [rank for rank in ranks.values() if isfinite(rank[1])]
     is_ordered = len(set(finite)) == len(finite)
     if is_ordered and tried != list(ranks):
@@ -96,7 +102,7 @@ def _compare_search(
 
 
 def _compare_trials(label: str, stored: list[Trial], computed: list[Trial]) -> Iterator[str]:
-    """Yield the first trial that differs, in the stored digits: the next ones depend on it."""
+    """Yield a line on the first trial that differs in the stored digits; later ones depend on it."""
     if len(stored) != len(computed):
         yield f"{_FILE}: {label}: has {len(stored)} trials, computed again {len(computed)}"
     for trial, again in zip(stored, map(Trial.rounded, computed), strict=False):

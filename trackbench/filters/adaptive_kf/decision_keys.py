@@ -58,7 +58,11 @@ class Detector:
 
     @property
     def threshold(self) -> float:
-        """Eta, or that of alpha: exact tail of rho, chi-square of two degrees for one zeta."""
+        """Threshold of the statistic: the key eta, or the one that is exceeded with probability alpha.
+
+        With alpha it is computed from the exact tail of rho, or from that of chi-square with two degrees
+        of freedom for one zeta.
+        """
         if self.eta is not None:
             return self.eta
         assert self.alpha is not None
@@ -83,7 +87,7 @@ class Detector:
         return round(self.min_window_s / T)
 
     def conflicts(self, T: float, duration: float) -> dict[str, str]:
-        """Return reasons, by key, why durations do not fit into a scenario of so many seconds."""
+        """Return reasons, by key, why the windows do not fit into a run of ``duration`` seconds."""
         window = self.window(T) * T
         conflicts = {}
         if window > duration:
@@ -120,10 +124,12 @@ class SecondDecision:
 def exit_cautions(
     leave: Exit, mf: ConstantAcceleration, T: float, R: Array, smallest: float | None
 ) -> list[str]:
-    """Note the effect of the exit test when the acceleration's variance P_a is in its steady state.
+    """Return a note if the exit test fires during a turn, or cannot fire after a long one.
 
-    ``smallest`` is the least acceleration of a turn, m/s^2. With q = 0 there is no steady state:
-    P_a and the gain go to zero, and the estimated acceleration stays significant after the turn.
+    ``leave`` are the keys of the test, ``mf`` is the motion of the maneuvering filter, and ``smallest``
+    the least acceleration of a turn, m/s^2. The variance P_a of the estimated acceleration is that of
+    the steady state. With q = 0 there is none: P_a and the gain go to zero, and the estimated
+    acceleration stays significant after the turn.
     """
     if mf.q == 0.0:
         return [
@@ -143,7 +149,10 @@ def exit_cautions(
 
 
 def steady_acceleration_variance(mf: ConstantAcceleration, T: float, R: Array) -> float:
-    """Solve for P_a of the maneuvering filter after many steps, (m/s^2)^2; q must be positive."""
+    """Return the variance of the maneuvering filter's acceleration after many steps, (m/s^2)^2.
+
+    It is the solution of a Riccati equation. q must be positive.
+    """
     from scipy.linalg import solve_discrete_are
 
     F, Q = mf.axis(T)
@@ -160,10 +169,10 @@ CONFIRM_EVERY_ALARM = SecondDecision()
 
 @lru_cache(maxsize=256)
 def tail(eta: float, gamma: float) -> float:
-    """Sum P(rho > eta) in the long run, ``sum_j A_j exp(-eta / (2 gamma^j))``, 0 < gamma < 1.
+    """Return P(rho > eta) in the long run: ``sum_j A_j exp(-eta / (2 gamma^j))``, 0 < gamma < 1.
 
-    ``A_j = prod_{i != j} 1 / (1 - gamma^(i - j))`` alternate in sign and are as large as
-    ``exp(2 / (1 - gamma))``, so the sum uses enough decimal digits for an exact cancellation.
+    The factors ``A_j = prod_{i != j} 1 / (1 - gamma^(i - j))`` alternate in sign and are as large as
+    ``exp(2 / (1 - gamma))``. So the sum is computed with enough decimal digits that they cancel.
     """
     if eta <= 0.0:
         return 1.0

@@ -75,7 +75,7 @@ class Mode(NamedTuple):
     """log-likelihood of the MF over that of the NMF, summed while both are on"""
 
     def switch(self, on: Index, k: int) -> "Mode":
-        """Switch other filters on from step k."""
+        """Return the mode with the filters ``on`` (M,) switched on; runs that change do so at step k."""
         return self._replace(on=on, since=np.where(on != self.on, k, self.since))
 
 
@@ -249,7 +249,7 @@ def _run_filters(
 ) -> tuple[AdaptiveState, Array]:
     """Predict and update both filters (section 3.2), and compare them while both are on.
 
-    Returns also the NIS (M,) of the NMF, zero without a measurement.
+    Return the new state, and the NIS (M,) of the NMF, which is zero without a measurement.
     """
     T, R = sampling
     on = state.mode.on
@@ -302,7 +302,11 @@ def _update_statistics(
 def _first_decision(
     p: Parameters, state: AdaptiveState, k: int, sampling: Sampling
 ) -> tuple[AdaptiveState, Mask, Index]:
-    """Raise the alarms (eqs. 5, 6) and find the slot of each run's onset (eq. 7)."""
+    """Raise the alarms (eqs. 5, 6) and find the onset of each run's maneuver (eq. 7).
+
+    Return the state with the record of the alarms, the runs (M,) with an alarm, and the slots (M,) of
+    the onsets in the window.
+    """
     detector = p.detector
     rho, inputs, past, _ = state.detector
     runs = np.arange(len(rho))
@@ -333,7 +337,10 @@ def _first_decision(
 def _start_mf(
     p: Parameters, state: AdaptiveState, alarm: Mask, slot: Index, k: int, sampling: Sampling
 ) -> AdaptiveState:
-    """Start the MF of the alarmed runs at their onsets t*."""
+    """Start the MF in the runs with an ``alarm`` (M,), at their onsets t*.
+
+    ``slot`` (M,) is the place of each onset in the window.
+    """
     runs = np.flatnonzero(alarm)
     inputs = state.detector.inputs
     past = state.detector.history
@@ -357,7 +364,10 @@ def _start_mf(
 
 
 def _second_decision(p: Parameters, mode: Mode, alarm: Mask, k: int) -> tuple[Mask, Mask]:
-    """Select the runs whose maneuver is confirmed, and those in which both filters end."""
+    """Return the runs (M,) whose maneuver is confirmed, and those in which the comparison has ended.
+
+    ``alarm`` (M,) marks the runs with an alarm at this step.
+    """
     n = p.dlw.n
     # Decide n samples after the alarm; the MF wins with positive evidence (n = 0: at once).
     decided = (mode.on == BOTH) & (k - mode.since >= n)
@@ -366,7 +376,7 @@ def _second_decision(p: Parameters, mode: Mode, alarm: Mask, k: int) -> tuple[Ma
 
 
 def _exit_test(p: Parameters, state: AdaptiveState, k: int, sampling: Sampling) -> Mask:
-    """Select the runs (M,) whose acceleration was not significant over the last p samples."""
+    """Return the runs (M,) in which the MF ends: its acceleration is not significant any more."""
     # The MF has been on alone for at least `hold_s`.
     long_enough = (k - state.mode.since) * sampling.T >= p.exit.hold_s
     # The sum of the significances of the last p samples is below Ta.
@@ -375,7 +385,10 @@ def _exit_test(p: Parameters, state: AdaptiveState, k: int, sampling: Sampling) 
 
 
 def _return_to_nmf(state: AdaptiveState, over: Mask, k: int) -> AdaptiveState:
-    """Start the NMF again from the MF's position and velocity, with empty statistics."""
+    """Start the NMF again in the runs in which the MF is ``over`` (M,), with empty statistics.
+
+    It starts from the MF's position and velocity.
+    """
     if not over.any():
         return state
     # Clear rho and the onset hypotheses of these runs.
@@ -389,7 +402,7 @@ def _return_to_nmf(state: AdaptiveState, over: Mask, k: int) -> AdaptiveState:
 
 
 def _advance_windows(state: AdaptiveState, k: int) -> AdaptiveState:
-    """Replace the oldest onset of the windows by the one after step k."""
+    """Replace the oldest possible onset in the window by the one after step k."""
     detector = state.detector._replace(inputs=state.detector.inputs.add_onset(k))
     if detector.history is not None:
         detector = detector._replace(history=detector.history.add_posterior(state.nmf, k))

@@ -35,7 +35,7 @@ def sampling_of(model: Model) -> Sampling:
 def per_axis(prior: Distribution) -> Gaussian:
     """Split a prior of (px, vx, py, vy, ...) into axes: mean (2, 2, M) and cov (2, 2, A, M).
 
-    Raises ValueError if it correlates the axes.
+    A is 1 if both axes have one covariance, else 2. Raises ValueError if the prior correlates the axes.
     """
     runs = prior.mean.shape[1]
     if prior.cov[:2, 2:4].any():
@@ -145,7 +145,11 @@ def history(prior: Gaussian, window: int) -> History:
 def refilter(
     past: History, onset: Index, runs: Index, k: int, motion: Axis, sampling: Sampling
 ) -> Gaussian:
-    """Filter the runs in ``runs`` (m,) by the MF from their onsets (m,) to step k."""
+    """Filter the measurements since the onset again by the MF, up to step k.
+
+    ``past`` has the window's measurements, ``runs`` (m,) are the runs that are filtered, ``onset`` (m,)
+    is the step of each one's onset, and ``motion`` is the MF's.
+    """
     T, R = sampling
     W = len(past.z)
     # The NMF's posterior at the onset. Fancy indices move in front: (m, 2, 2) and (m, 2, 2, A).
@@ -163,8 +167,9 @@ def refilter(
 def augmented_start(state: Gaussian, z: Array, T: float, R: float) -> Gaussian:
     """Estimate position, velocity, acceleration by the first measurement z (2, m) of a maneuver.
 
-    The acceleration takes the last posterior (x, v, P) of the NMF to z (Bar-Shalom & Birmiwal 1982, eqs.
-    21-29): ``a = 2 (z - x - T v) / T^2``, position z, velocity v + T a.
+    The acceleration a is the one that moves the last posterior (x, v, P) of the NMF to z within T:
+    ``a = 2 (z - x - T v) / T^2``. The position is z, the velocity ``v + T a`` (Bar-Shalom & Birmiwal
+    1982, eqs. 21-29). R is the variance of z.
     """
     x, v = state.mean
     # With e = z - x - T v and var(z) = R, the covariances of z, v + T a and a follow.

@@ -60,7 +60,11 @@ class SideBySide(VariableDimension):
 
 
 class _PerRun:
-    """Attributes and methods of several objects of a class: each result once if equal, else per run."""
+    """Stand-in for several objects of a class, each for ``width`` runs.
+
+    Its attributes, and the results of its methods, are those of the objects if these are equal, else
+    arrays with a value per run.
+    """
 
     def __init__(self, parts: Sequence[Any], width: int) -> None:
         self._parts = parts
@@ -77,7 +81,10 @@ class _PerRun:
 
 
 def _per_run(values: Sequence[Any], width: int) -> Any:
-    """Return the value that all are equal to, else numbers (M,) or matrices (n, n, 1, M)."""
+    """Return the value of several filters if it is equal for all, else an array over their runs.
+
+    Each filter has ``width`` of the M runs. Numbers become (M,), matrices (n, n, 1, M).
+    """
     first = values[0]
     if isinstance(first, tuple):  # F and Q of a motion
         columns = (_per_run(column, width) for column in zip(*values, strict=True))

@@ -90,14 +90,17 @@ def may_split(name: str, cells: Sequence[str]) -> bool:
 
 
 def split_by(codes: Index, time: Array, values: Array) -> Split:
-    """Compare the parts of the rows (R,) of one run, with values (n, R), by their codes (R,)."""
-    whole = np.flatnonzero(np.isfinite(values).all(axis=0))[:_MOST_ROWS]
-    order = whole[np.argsort(time[whole], kind="stable")]
+    """Compare the parts into which codes (R,) split the rows of one run, as `Split` names the results.
+
+    ``time`` (R,) and ``values`` (n, R) are those of the rows, which need not be sorted by time.
+    """
+    complete_rows = np.flatnonzero(np.isfinite(values).all(axis=0))[:_MOST_ROWS]
+    order = complete_rows[np.argsort(time[complete_rows], kind="stable")]
     time = time[order]
     values = values[:, order]
     codes = codes[order]
-    found, counts = np.unique(codes, return_counts=True)
-    largest = found[np.argsort(-counts, kind="stable")][:_MOST_PARTS]
+    all_codes, counts = np.unique(codes, return_counts=True)
+    largest = all_codes[np.argsort(-counts, kind="stable")][:_MOST_PARTS]
     parts = [np.flatnonzero(codes == code) for code in largest.tolist()]
     parts = [part for part in parts if len(part) >= 3]
     if len(parts) < 2:
@@ -169,40 +172,50 @@ def _own_errors(time: Array, values: Array) -> Array:
 def _distances_from_line(time: Array, values: Array, first: Index, other: Index) -> Array:
     """Compute distances (n, B) of another part's rows from the line between neighboring rows of a part.
 
-    Only rows count that lie within a few usual intervals of both, so that the path hardly bends.
-    ``first`` and ``other`` are the rows of both parts.
+    ``first`` and ``other`` are the indices of both parts' rows. Only neighbors count that are at most
+    `_LONGEST_GAP` usual intervals apart, so that the path hardly bends between them. The usual interval
+    is the larger one of both parts' medians.
     """
     first_times = time[first]
     after = np.searchsorted(first_times, time[other], side="left")
-    inside = (after > 0) & (after < len(first_times))
-    rows = other[inside]
-    after = after[inside]
+    has_both_neighbors = (after > 0) & (after < len(first_times))
+    rows = other[has_both_neighbors]
+    after = after[has_both_neighbors]
     before = after - 1
-    usual = max(float(np.median(np.diff(first_times))), float(np.median(np.diff(time[other]))))
+    first_interval = float(np.median(np.diff(first_times)))
+    usual_interval = max(first_interval, float(np.median(np.diff(time[other]))))
     share, interval = _shares(time[rows], first_times[before], first_times[after])
     line = (1.0 - share) * values[:, first[before]] + share * values[:, first[after]]
-    near = interval <= _LONGEST_GAP * usual
-    return np.asarray(np.abs(values[:, rows] - line)[:, near])
+    is_short = interval <= _LONGEST_GAP * usual_interval
+    return np.asarray(np.abs(values[:, rows] - line)[:, is_short])
 
 
 def _shares(time: Array, before: Array, after: Array) -> tuple[Array, Array]:
-    """Compute the shares of intervals that have passed at times, a half if empty, and the intervals."""
-    wide = after - before
-    share = (time - before) / np.where(wide > 0.0, wide, 1.0)
-    return np.where(wide > 0.0, share, 0.5), wide
+    """Return the share of each interval that has passed at a time, and the length of each interval.
+
+    The intervals last from ``before`` to ``after``. The share of an interval of length zero is a half.
+    """
+    length = after - before
+    share = (time - before) / np.where(length > 0.0, length, 1.0)
+    return np.where(length > 0.0, share, 0.5), length
 
 
 def _jumps(time: Array, values: Array, codes: Index) -> bool:
-    """Test whether the values jump at most changes of the part, within a few usual intervals."""
+    """Test whether the values (n, R) jump at more than half of the changes from one part to another.
+
+    ``codes`` (R,) number each row's part. A jump exceeds `_JUMP` usual steps within a part, and its
+    rows are at most five usual intervals apart, as a long gap explains a large step.
+    """
     steps = np.abs(np.diff(values, axis=1))
     intervals = np.diff(time)
-    changes: Mask = np.diff(codes) != 0
-    usual = np.zeros(len(values))
-    if (~changes).any():
-        usual = np.median(steps[:, ~changes], axis=1)
-    short = intervals <= 5.0 * np.median(intervals)
-    jumped = (steps > _JUMP * np.maximum(usual, 1e-9)[:, None]).any(axis=0) & changes & short
-    return bool(jumped.sum() > 0.5 * changes.sum())
+    is_change: Mask = np.diff(codes) != 0
+    usual_step = np.zeros(len(values))
+    if (~is_change).any():
+        usual_step = np.median(steps[:, ~is_change], axis=1)
+    is_short = intervals <= 5.0 * np.median(intervals)
+    is_large = (steps > _JUMP * np.maximum(usual_step, 1e-9)[:, None]).any(axis=0)
+    is_jump = is_large & is_change & is_short
+    return bool(is_jump.sum() > 0.5 * is_change.sum())
 
 
 def as_positions(values: Mapping[str, Array]) -> Array:
