@@ -189,7 +189,7 @@ def test_jitter_moves_copies_alone_by_a_kernel_of_the_posterior() -> None:
     w = np.where(np.arange(N) < N // 2, 2.0, 1e-9)
     tracker: Any = make_filter("jitter-pf", N=N, ess_threshold=0.9, bandwidth_scale=0.7)
     cloud = Particles(x, (w / w.sum())[None])
-    moved = tracker._resample_if_needed(cloud, np.random.default_rng(1), N)[0].x[:, 0]
+    moved = tracker._resample_if_needed(cloud, np.random.default_rng(1), N).x[:, 0]
     # Each of the first half has two copies or, where the rounded sum of weights decides, one or three.
     parents = np.repeat(x[:, 0, : N // 2], 2, axis=1)
     step = moved - parents
@@ -199,7 +199,7 @@ def test_jitter_moves_copies_alone_by_a_kernel_of_the_posterior() -> None:
     np.testing.assert_allclose(np.cov(step[:, close]), h**2 * A @ A.T, rtol=0.1, atol=1e-4)
     even = Particles(x, np.full((1, N), 1.0 / N))
     np.testing.assert_array_equal(
-        tracker._resample_if_needed(even, np.random.default_rng(1), N)[0].x, x
+        tracker._resample_if_needed(even, np.random.default_rng(1), N).x, x
     )
 
 
@@ -215,7 +215,7 @@ def test_variance_of_the_jitter_of_few_particles(
 
     def resampled(seed: int, scale: float) -> Any:
         tracker: Any = make_filter("jitter-pf", N=6, ess_threshold=0.5, bandwidth_scale=scale)
-        return tracker._resample_if_needed(Particles(x, w), np.random.default_rng(seed), 6)[0].x
+        return tracker._resample_if_needed(Particles(x, w), np.random.default_rng(seed), 6).x
 
     steps = [resampled(seed, 1.0) - resampled(seed, 0.0) for seed in range(1000)]
     expected = variance * (4 / 3 / 6) ** 0.4

@@ -46,7 +46,6 @@ figures:
 ELSEWHERE = {  # what needs another experiment or command: the test that draws it
     "accuracy-vs-cost": "report/test_cost.py",
     "mean-and-std": "report/test_maneuver_report.py",
-    "particles": "report/test_particles_figure.py",
     "sweep": "test_sweep.py",
     "tuning": "tuning/test_tune.py",
 }
