@@ -265,9 +265,9 @@ def _summary_rows(
         numbers[label, name] = RunEstimate(
             value=row["value"], stderr=row["stderr"], influences=None, runs=row["runs"]
         )
-        every = row["runs"] + row["lost"]
+        all_runs = row["runs"] + row["lost"]
         numbers[label, "lost"] = RunEstimate(
-            value=row["lost"] / every, stderr=nan, influences=None, runs=every
+            value=row["lost"] / all_runs, stderr=nan, influences=None, runs=all_runs
         )
     return numbers
 
@@ -379,7 +379,7 @@ def _compare_distances(
 
 
 def table_of(title: str, rows: Sequence[Row], names: tuple[str, str]) -> TextTable:
-    """Tabulate the numbers that are not equal; a note names the filters whose numbers all are.
+    """Tabulate the numbers that differ; a note names the filters of which no number differs.
 
     ``names`` are those of the two folders, as column headings.
     """
