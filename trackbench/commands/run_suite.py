@@ -184,9 +184,9 @@ def run_suite(
     with closing(reports):
         for problem, report in zip(suite.problems, reports, strict=False):
             failed += _failures(suite, problem.name, report)
-            cells, of_runs = score_problem(problem, report.results)
-            scores[problem.group] += cells
-            runs[problem.group][problem.name] = of_runs
+            problem_scores, problem_runs = score_problem(problem, report.results)
+            scores[problem.group] += problem_scores
+            runs[problem.group][problem.name] = problem_runs
     if options.shard:
         return None
     groups = [

@@ -198,15 +198,15 @@ def _add_declared(source: Source, values: dict[str, object]) -> None:
     """Add the files and variables that the config declares for all programs to a program's values."""
     for key in ("files", "environment"):
         declared = source.data.get(key)
-        own = values.get(key, [])
-        if not isinstance(declared, list) or not isinstance(own, list):
+        own_words = values.get(key, [])
+        if not isinstance(declared, list) or not isinstance(own_words, list):
             continue  # the validation of the whole reports it
         words = [word for word in declared if isinstance(word, str)]
         if key == "files":
             folder = _folder_of(source.mark((key,)))
             words = [str((folder / word).absolute()) for word in words]
         if words:
-            values[key] = own + [word for word in words if word not in own]
+            values[key] = own_words + [word for word in words if word not in own_words]
 
 
 def _folder_of(mark: Mark) -> Path:

@@ -142,7 +142,7 @@ def _components_with_varied_defaults(experiment: Experiment) -> set[Keys]:
     for label, keys in settings.tune.items():
         for filter_label in (label, tuned_label(label)):
             paths += [f"filters.{filter_label}.{key}" for key in keys]
-    # Step 2: the components of those that end in a kind or preset.
+    # Step 2: the components of the paths that end in a kind or preset.
     components = set()
     for path in paths:
         path_keys = split_path(experiment.source, path)
@@ -154,7 +154,7 @@ def _components_with_varied_defaults(experiment: Experiment) -> set[Keys]:
 
 
 def _keep_set_keys(full: object, config: object) -> object:
-    """Reduce ``full`` to the keys that the config sets."""
+    """Return the part of ``full``, a component with all defaults, whose keys the ``config`` sets."""
     if isinstance(full, dict) and isinstance(config, dict):
         return {key: _keep_set_keys(full.get(key, value), value) for key, value in config.items()}
     if isinstance(full, list) and isinstance(config, list):

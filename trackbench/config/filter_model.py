@@ -64,7 +64,7 @@ def check_late(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenari
 
 
 def check_idle_late(source: Source, points: list[Point]) -> None:
-    """Reject delays and treatments of late measurements that filters assume where all arrive on time."""
+    """Reject the keys `delay` and `late` of filter models if all measurements arrive on time."""
     if not points or any(point.scenario.longest_delay for point in points):
         return
     # Step 1: the places of these keys, in each filter's entry and in each filter model.
@@ -73,7 +73,7 @@ def check_idle_late(source: Source, points: list[Point]) -> None:
     for owner in [("scenario",), *entries]:
         places.append((*owner, "assume", "delay"))
         places.append((*owner, "assume", "late"))
-    # Step 2: those that are set.
+    # Step 2: keys that are set there.
     for keys in places:
         if source.has(keys) and source.at(keys) is not None:
             what = "has no effect: all measurements arrive on time; add a `delay` to a sensor"

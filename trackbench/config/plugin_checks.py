@@ -91,7 +91,10 @@ def _add_filter(source: Source, label: str, entry: dict[str, object], mark: Mark
 
 
 def show_filters(source: Source, labels: Mapping[str, Mark]) -> None:
-    """Add the labels to every list of filters: those to run, in tables and in figures."""
+    """Add the labels to the lists of filters in `only`, in tables and in figures.
+
+    ``labels`` are those of added filters, with their positions.
+    """
     label_lists = [source.data.get("only")]
     for group in ("tables", "figures"):
         entries = source.data.get(group)
@@ -118,7 +121,8 @@ def load_plugins(
 ) -> tuple[Plugin, ...]:
     """Load the config's ``plugins``, paths counted from ``folder``; raises UserError.
 
-    A config that names plugins is refused unless their code may be run, or the user chose the file.
+    A plugin is a mistake unless the code of all plugins is ``allowed`` to run, or its file is among
+    those that the user has ``chosen``.
     """
     chosen_paths = {file.resolve() for file in chosen}
     names = source.data.get("plugins") or []
@@ -128,7 +132,7 @@ def load_plugins(
     may_run = allowed or bool(chosen)
     files, problems = _digest_declared_files(source, folder, may_run)
     environment = _words_of_list(source, "environment")
-    # Step 2: read all plugins, since they may share modules.
+    # Step 2: read all plugins before any is run, since they may share modules.
     read: dict[int, Plugin] = {}
     for i, name in enumerate(names):
         try:
@@ -278,7 +282,7 @@ def _default_value(field: "Field[object]") -> object:
 
 
 def _is_plain_data(value: object) -> bool:
-    """Test whether a YAML can hold a value: scalars, lists, mappings and components."""
+    """Test whether a YAML file can have a value: it is made of scalars, lists, mappings, components."""
     if isinstance(value, list | tuple):
         return all(_is_plain_data(item) for item in value)
     if isinstance(value, dict):

@@ -60,7 +60,10 @@ def put_tables(source: Source, tables: Mapping[str, object]) -> None:
 def _table_components(
     source: Source, key: str, target: Mapping[str, Any], number_of_tables: int
 ) -> list[Sequence[str]]:
-    """List the components of each table in order; empty if a sensor cannot be built."""
+    """List the components that are the columns of each table for the key `truth` or `measurements`.
+
+    ``target`` is the mapping of the config's target. The list is empty if a sensor cannot be built.
+    """
     if key == "truth":
         if target.get("state"):
             return [target["state"]]
@@ -81,7 +84,10 @@ def _table_components(
 
 
 def _build_frame(value: object, components: Sequence[str], mark: Mark) -> "pd.DataFrame":
-    """Build the table with a column for each component; raises UserError."""
+    """Return a table from Python as a data frame; raises UserError for another type or shape.
+
+    The columns of an array are the ``components``, after the numbers of run and step.
+    """
     import pandas as pd
 
     if isinstance(value, pd.DataFrame):
@@ -152,7 +158,7 @@ def path_from(path: str, folder: Path) -> str:
 
 
 def without_folders(text: str) -> str:
-    """Strip folders from a message: files of tables from Python have their names alone."""
+    """Return a message in which files of tables from Python have no folder."""
     if not _has_tables():
         return text
     return re.sub(re.escape(str(_temporary_folder())) + "/[0-9a-f]+/", "", text)

@@ -65,7 +65,10 @@ def names() -> list[str]:
 
 
 def listed() -> list[Shipped]:
-    """List every shipped experiment, sorted by name. YAML is not imported to look at three lines."""
+    """List every shipped experiment, sorted by name.
+
+    The few keys are found by a pattern, as the import of YAML takes longer.
+    """
     with (folder() / _TIMES).open(encoding="utf-8", newline="") as file:
         times = {row["experiment"]: float(row["cpu_s"]) for row in csv.DictReader(file)}
     shipped = []
@@ -130,10 +133,10 @@ def _count_published_numbers(experiment: Path, published: str) -> int:
 
 
 def located(config: Path, note: Callable[[str], None]) -> Path:
-    """Find the file of a config: of that path, or else the shipped experiment of that name.
+    """Return the path of a config file, or the file of the shipped experiment of this name.
 
-    Raises UserError for a word that is neither, and for a path that is missing and ends in a shipped
-    experiment's name. ``note`` gets a line to print if it is both.
+    Raises UserError for a word that is neither, and for a missing file with the name of a shipped
+    experiment. ``note`` is called with a line to print if the word is both.
     """
     word = str(config)
     if config.is_file() or not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", word):
@@ -176,10 +179,10 @@ class Copied(NamedTuple):
 def copy_experiment(name: str, target: Path) -> Copied:
     """Copy a shipped experiment and its parts into a folder.
 
-    The copies lie to each other as the files do. The experiment's file lies in ``target`` itself unless
-    it has parts outside of its own folder, as those with recorded data have: then it lies one folder
-    deeper. An existing file with the same content is left alone. Raises UserError, before anything is
-    written, for every existing file with another content.
+    The copies keep their relative paths. The experiment's file is written to ``target`` itself, or one
+    folder deeper if it has parts outside of its own folder, such as recorded data. An existing file with
+    the same content is left alone. Raises UserError, before anything is written, for every existing file
+    with another content.
     """
     experiment_file = find_shipped(name)
     parts = sorted(part for part in with_parts(experiment_file) if part.is_file())
@@ -239,9 +242,10 @@ def suite_times(name: str) -> dict[str, SuiteTime]:
 
 
 def with_parts(file: Path, files: frozenset[Path] = frozenset()) -> frozenset[Path]:
-    """Collect a YAML file and every file that it names, directly or through another; some may not exist.
+    """Return a YAML file, every file that it names directly or through another, and ``files``.
 
-    ``files`` are collected already. Raises UserError if one of them is no YAML.
+    Files that are already in ``files`` are not read. A named file may be missing. Raises UserError if a
+    YAML file cannot be read.
     """
     from trackbench.yaml_source import read
 

@@ -127,6 +127,7 @@ def compare_folders(a: Results, b: Results) -> tuple[list[Row], str]:
         rounded_labels = {label for label in exact if a.digits_of(label) != b.digits_of(label)}
     rows: list[Row] = []
     for point in points:
+        # Paired runs are those that both folders have: the first ``runs`` of each.
         runs = None
         if not why_unpaired:
             columns = [*a.runs(point).values(), *b.runs(point).values()]
@@ -150,16 +151,16 @@ def judge_rows(rows: Sequence[Row]) -> list[Row]:
     """Judge the rows by the rule for filters; the rows of a metric are a family of tests."""
     row_by_index = dict(enumerate(rows))
     for metric in dict.fromkeys(row.metric for row in rows):
-        of_metric = {i: row for i, row in row_by_index.items() if row.metric == metric}
-        changes = as_family({i: row.change for i, row in of_metric.items()})
-        worse = as_family({i: row.worse for i, row in of_metric.items()})
-        for i, row in of_metric.items():
+        metric_rows = {i: row for i, row in row_by_index.items() if row.metric == metric}
+        changes = as_family({i: row.change for i, row in metric_rows.items()})
+        worse = as_family({i: row.worse for i, row in metric_rows.items()})
+        for i, row in metric_rows.items():
             row_by_index[i] = row._replace(change=changes[i], worse=worse[i])
     return [row._replace(verdict=_verdict(row)) for row in row_by_index.values()]
 
 
 def _verdict(row: Row) -> str:
-    """Return the word on a row whose comparisons belong to a family."""
+    """Return the word on a row whose comparisons are corrected for their number."""
     if row.how == EQUAL:
         return EQUAL
     if not row.change.sign:
@@ -264,9 +265,9 @@ def _summary_rows(
         numbers[label, name] = RunEstimate(
             value=row["value"], stderr=row["stderr"], influences=None, runs=row["runs"]
         )
-        every = row["runs"] + row["lost"]
+        all_runs = row["runs"] + row["lost"]
         numbers[label, "lost"] = RunEstimate(
-            value=row["lost"] / every, stderr=nan, influences=None, runs=every
+            value=row["lost"] / all_runs, stderr=nan, influences=None, runs=all_runs
         )
     return numbers
 
@@ -378,7 +379,7 @@ def _compare_distances(
 
 
 def table_of(title: str, rows: Sequence[Row], names: tuple[str, str]) -> TextTable:
-    """Tabulate the numbers that are not equal; a note names the filters whose numbers all are.
+    """Tabulate the numbers that differ; a note names the filters of which no number differs.
 
     ``names`` are those of the two folders, as column headings.
     """

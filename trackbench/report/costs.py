@@ -231,11 +231,11 @@ def curves(
     for form in forms.values():
         in_order = [form.spots[size] for size in sorted(form.spots)]
         finite = [spot for spot in in_order if 0.0 < spot.cost.value < np.inf]
-        good = [spot for spot in finite if 0.0 < spot.error.value < np.inf]
-        if good:
+        usable = [spot for spot in finite if 0.0 < spot.error.value < np.inf]
+        if usable:
             variants = [other.other_keys for other in forms.values() if other.label == form.label]
             name = named_form(form.label, form.other_keys, variants)
-            drawn.append(Curve(label=form.label, spots=tuple(good), name=name))
+            drawn.append(Curve(label=form.label, spots=tuple(usable), name=name))
     return drawn
 
 

@@ -39,10 +39,10 @@ class IncompleteResultsError(UserError):
 
 @contextmanager
 def explain_content_errors(folder: Path | str) -> Iterator[None]:
-    """Turn any error over a folder's content into one line: anybody may have written the content.
+    """Raise any error within the block as one line, as anybody may have written the folder's content.
 
-    The line names the place in this program, which may be wrong after all. Errors of plugins and
-    errors with a line of their own pass.
+    The line names the place in this program, which may itself have the error. Errors of plugins, and
+    errors that are one line already, are not changed.
     """
     try:
         yield
@@ -127,7 +127,10 @@ def open_with_notes(folder: Path, allow_plugins: bool = False) -> Results:
 
 
 def changed_files(results: Results) -> list[str]:
-    """Return lines on changed files beside those of the run: tables, figures, the config."""
+    """Return lines on missing and changed files that are computed from the run's data.
+
+    These are tables, figures and the config.
+    """
     recorded_digests = results.manifest["files"]
     other_digests = {}
     for name, digest in recorded_digests.items():

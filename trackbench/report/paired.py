@@ -66,9 +66,9 @@ def named_errors_first(config: Mapping[str, Any], errors: Sequence[str]) -> list
 
 
 def compared_statistics(config: Mapping[str, Any]) -> dict[str, str]:
-    """Return the statistic by which filters are compared, by metric: that of its first column.
+    """Return the statistic, mean or rms, by which filters are compared, by metric.
 
-    The columns are those of all tables of kind `metrics` of the experiment's ``config``.
+    It is that of the first column with the metric in the tables of kind `metrics` of the ``config``.
     """
     statistics: dict[str, str] = {}
     for table in (config.get("tables") or {}).values():

@@ -517,7 +517,7 @@ def points_of(results: Results, scene: GridPoint) -> list[GridPoint]:
 
 
 def own_values(results: Results, point: GridPoint, label: str) -> GridPoint:
-    """Select the values that a point gives a filter, by single path."""
+    """Return the values that a point of the grid gives the filter ``label``, by single path."""
     # Linked paths have a list of values, which is a text in a point that is read from a file.
     place = results.index_of(point)
     values = point if place is None else results.grid_points[place]
@@ -525,11 +525,11 @@ def own_values(results: Results, point: GridPoint, label: str) -> GridPoint:
     for path, value in values.items():
         value_by_path |= zip(single_paths(path), values_of(path, value), strict=True)
     labels = results.config["filters"]
-    own = {}
+    filter_values = {}
     for path, value in value_by_path.items():
         if label in filters_of(path, labels):
-            own[path] = value
-    return own
+            filter_values[path] = value
+    return filter_values
 
 
 def named_form(label: str, keys: GridPoint, variants: Sequence[GridPoint]) -> str:

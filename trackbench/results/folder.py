@@ -190,9 +190,9 @@ class ResultsFolder:
         return self.manifest.get("deterministic", [])
 
     def digits_of(self, label: str) -> int:
-        """Return the significant digits that per_run.csv has of a filter's values.
+        """Return the number of significant digits of a filter's values in per_run.csv.
 
-        An older version stored fewer: then no value has more digits than usual.
+        More digits than usual were stored if any value has more. Older versions never stored more.
         """
         usual = DIGITS["per_run.csv"]
         for runs in self._runs.values():
@@ -407,15 +407,15 @@ class ResultsFolder:
             return {}
         with self.reading("tuning.csv") as path, path.open(encoding="utf-8", newline="") as file:
             tune = self.config.get("tune", {})
-            # Values of the tuned keys that the config takes.
-            taken = {}
+            # The values of the tuned keys with which the tuned filters were run.
+            config_values = {}
             for label, keys in tune.items():
                 prefix = f"filters.{tuned_label(label)}"
-                taken[label] = {key: self._config_value(f"{prefix}.{key}") for key in keys}
-            return read_tuning(file, tune, taken)
+                config_values[label] = {key: self._config_value(f"{prefix}.{key}") for key in keys}
+            return read_tuning(file, tune, config_values)
 
     def _config_value(self, path: str) -> Any:
-        """Look up a value of the config; nothing if it is not there."""
+        """Return the value at a dotted path of the config; None if the config lacks it."""
         value: Any = self.config
         for key in split_path(self.source, path):
             children = value if isinstance(value, dict) else dict(enumerate(value or ()))

@@ -131,10 +131,11 @@ def is_in_git(name: str) -> bool:
 
 
 def remove_outputs(folder: Path, keep: Collection[str]) -> None:
-    """Remove what earlier runs wrote, the manifest last, and no file of the user.
+    """Remove the files that earlier runs wrote, the manifest last; files of the user stay.
 
-    The manifest names these files. The config names those of an interrupted run, whose manifest lists
-    only the data or is missing. ``keep`` are names of files that the next run reads.
+    The manifest names the files of a complete run. The config names tables and figures of an interrupted
+    run, whose manifest has only the data or is missing. ``keep`` are names of files that the next run
+    reads.
     """
     names = {*RUN_FILES, *DERIVED_FILES, *_OLD_FILES, MACHINE}
     names.update(_named_by_manifests(folder))
@@ -160,7 +161,10 @@ def _is_output(path: PurePosixPath) -> bool:
 
 
 def _named_by_manifests(folder: Path) -> Iterator[str]:
-    """Yield names in the manifests that a run can have written: a manifest may be edited or forged."""
+    """Yield the names in the manifests that a run can have written.
+
+    Other names are left out, as anybody may have edited a manifest.
+    """
     for manifest in (MANIFEST, MACHINE):
         with suppress(OSError, ValueError, LookupError, TypeError, RecursionError):
             for name in json.loads(require_regular_file(folder / manifest).read_bytes())["files"]:
@@ -205,23 +209,26 @@ def write_manifest(folder: Path, facts: Mapping[str, Any], written: Iterable[Pat
         if path.is_file() and name not in (MACHINE, MANIFEST):
             digests[name] = _digest(path)
     # Each fact and each file stands in one of both manifests.
-    of_run: dict[str, Any] = {}
-    of_results: dict[str, Any] = {}
+    run_manifest: dict[str, Any] = {}
+    results_manifest: dict[str, Any] = {}
     for key, value in {**facts, "format": FORMAT}.items():
-        manifest = of_results if key in _FACTS_OF_RESULTS else of_run
+        manifest = results_manifest if key in _FACTS_OF_RESULTS else run_manifest
         manifest[key] = value
-    of_run["files"] = {}
-    of_results["files"] = {}
+    run_manifest["files"] = {}
+    results_manifest["files"] = {}
     for name, digest in sorted(digests.items()):
-        manifest = of_run if is_of_one_run(name) else of_results
+        manifest = run_manifest if is_of_one_run(name) else results_manifest
         manifest["files"][name] = digest
     ensure_folder(within(folder, "run"))
-    write_text(folder / MACHINE, json.dumps(of_run, indent=2) + "\n")
-    write_text(folder / MANIFEST, json.dumps(of_results, indent=2) + "\n")
+    write_text(folder / MACHINE, json.dumps(run_manifest, indent=2) + "\n")
+    write_text(folder / MANIFEST, json.dumps(results_manifest, indent=2) + "\n")
 
 
 def check_digests(folder: Path, recorded: Mapping[str, str]) -> Damage:
-    """Find which of the recorded files are missing or changed."""
+    """Find which of the files with ``recorded`` digests are missing or changed.
+
+    A missing file counts only if git keeps it.
+    """
     missing = []
     changed = []
     for name, digest in recorded.items():
@@ -267,7 +274,10 @@ _DIGITS = 20  # more than a process id has
 
 
 def _acquire(path: Path, say: Callable[[str], None]) -> int:
-    """Open and lock a file; return its descriptor. While another process has it, wait."""
+    """Open and lock the file ``path``; return its descriptor.
+
+    If another process has locked it, call ``say`` with a line and wait.
+    """
     waiting = False
     while True:
         descriptor = os.open(path, _FLAGS, 0o644)

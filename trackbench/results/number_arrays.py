@@ -95,18 +95,19 @@ class StepArrays:
         self._arrays[f"{prefix}step"] = scenario.steps
         self._arrays[f"{prefix}time"] = scenario.times
         number = len(scenario.steps)
-        for of_series in columns:
+        for series_columns in columns:
+            positions = series_columns.positions
             runs = np.full(number, _NO_ROW, dtype=np.int32)
-            runs[of_series.positions] = of_series.runs
-            for metric, estimates in of_series.metrics.items():
+            runs[positions] = series_columns.runs
+            for metric, estimates in series_columns.metrics.items():
                 if not is_stored(self._stored, measured(metric).base):
                     continue
                 name = f"{label}/{metric}"
-                value = _at_positions(estimates.value, of_series.positions, number)
+                value = _at_positions(estimates.value, positions, number)
                 self._arrays[f"{prefix}value/{name}"] = value
                 self._arrays[f"{prefix}runs/{name}"] = runs
                 if not np.isnan(estimates.stderr).all():
-                    stderr = _at_positions(estimates.stderr, of_series.positions, number)
+                    stderr = _at_positions(estimates.stderr, positions, number)
                     self._arrays[f"{prefix}stderr/{name}"] = stderr
 
     def write(self, path: Path) -> None:

@@ -211,15 +211,16 @@ def _arrival_rows(experiment: Experiment, outcome: Outcome) -> Iterator[Row]:
     delayed = [i for i, point in enumerate(experiment.points) if point.scenario.longest_delay]
     for i in delayed:
         point = experiment.points[i]
-        good = [key for key in outcome.plan.tasks if key[0] == i and key not in outcome.failures]
-        if not good:
+        # Filters of this point that did not fail.
+        keys = [key for key in outcome.plan.tasks if key[0] == i and key not in outcome.failures]
+        if not keys:
             continue
         steps = point.scenario.steps[1:].tolist()
         sensors = rows_of(cast(Sensors, point.scenario.true_sensor))
         rows_of_a_run_at_all_points = len(steps) * len(sensors) * len(delayed)
         runs = min(max(_ARRIVAL_ROWS // rows_of_a_run_at_all_points, 1), _ARRIVAL_RUNS)
         # All filters of a point get the same data: those of the first one's blocks.
-        for task in outcome.plan.tasks[good[0]]:
+        for task in outcome.plan.tasks[keys[0]]:
             if task.first_run >= runs or task.data.arrival is None:
                 break
             for m in range(min(task.runs_used, runs - task.first_run)):
@@ -307,7 +308,10 @@ class CsvFiles:
                 self._add_steps(i, label, map(_without_runs, steps))
 
     def _add_runs(self, point: int, label: str, per_run: dict[str, Array], digits: int) -> None:
-        """Add rows of per_run.csv, a metric at a time: for their number `csv` is too slow."""
+        """Add rows of per_run.csv, a metric at a time.
+
+        The rows are so many that they are written as text, which is faster than `csv`.
+        """
         head = self._head_text(point, label)
         stored = stored_metrics(self._experiment.settings, "per_run.csv")
         for metric, values in per_run.items():
@@ -336,12 +340,12 @@ class CsvFiles:
         times = _texts(scenario.times, digits)
         steps_and_times = zip(scenario.steps.tolist(), times, strict=True)
         heads = np.array([f"{head},{step},{time}" for step, time in steps_and_times], dtype=object)
-        for of_series in columns:
-            step_heads = heads[of_series.positions].tolist()
-            runs = _texts(of_series.runs, digits)
+        for series_columns in columns:
+            step_heads = heads[series_columns.positions].tolist()
+            runs = _texts(series_columns.runs, digits)
             # Lines of each metric, a line per step.
             lines_by_metric: list[list[str]] = []
-            for metric, estimates in of_series.metrics.items():
+            for metric, estimates in series_columns.metrics.items():
                 if not is_stored(stored, measured(metric).base):
                     continue
                 name = cells([metric])
@@ -378,9 +382,10 @@ class CsvFiles:
 
 
 def _digits_per_run(experiment: Experiment, key: Key) -> int:
-    """Return the significant digits of a filter's values per run.
+    """Return the number of significant digits of a filter's values in per_run.csv.
 
-    Printed numbers of as many digits are compared digit by digit if nothing is random.
+    It is larger than usual if nothing is random and a paper prints so many digits, which are then
+    compared one by one.
     """
     i, label = key
     point = experiment.points[i]
@@ -410,7 +415,7 @@ def _texts(values: Array | Index, digits: int) -> list[str]:
 
 
 def _without_runs(columns: StepColumns) -> StepColumns:
-    """Return exact numbers, which no runs and so no standard errors belong to."""
+    """Return the columns of exact numbers, with NaN for standard errors and 0 for runs."""
     metrics = {}
     for name, estimates in columns.metrics.items():
         unknown = np.full_like(estimates.stderr, np.nan)
@@ -419,7 +424,10 @@ def _without_runs(columns: StepColumns) -> StepColumns:
 
 
 def _timing_cells(result: FilterResult) -> Row:
-    """Return the CPU time of all blocks, and of a run: the median of its measured times, if any."""
+    """Return the cells of a row of timing.csv: runs, CPU times, repeats and numbers of operations.
+
+    The CPU time of a run is the median of the measured times, or without any that of the blocks.
+    """
     runs = sum(timing.runs for timing in result.timing)
     cpu_s = sum(timing.cpu_s for timing in result.timing)
     times = result.measured or Measured(seconds=[], likelihoods=None, covariances=None)

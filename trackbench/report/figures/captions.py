@@ -22,7 +22,7 @@ def filters(labels: Sequence[str]) -> str:
 
 
 def measured_labels(results: Results, labels: Sequence[str], metric: Measure) -> list[str]:
-    """Return the labels without the bound if it has no such number: only some are of a bound."""
+    """Return the labels, without the bound's if the bound has no number of this metric."""
     bound = results.config.get("bound")
     has_bound = len(results.columns("summary").where(filter=bound, metric=str(metric))) > 0
     return [label for label in labels if has_bound or label != bound]
@@ -48,7 +48,7 @@ def heading(results: Results, point: GridPoint) -> str:
 
 
 def panels(results: Results) -> str:
-    """Return which panels there are for points of the grid, as the end of a sentence; or nothing."""
+    """Return the end of a sentence on the panels of grid points; empty if there is one point."""
     if len(results.points()) < 2:
         return ""
     paths = [in_unit(*phrases.quantity(path)) for path in results.grid]

@@ -77,14 +77,14 @@ class RmsePerRun(Curves):
 
     def _all_values(self, results: Results) -> list[Array]:
         """Return the metric of every shown filter at every shown grid point, in each run (M,)."""
-        every: list[Array] = []
+        values: list[Array] = []
         for point in results.points()[: style.MOST_PANELS]:
             runs = results.runs(point)
             for label, _ in self.labels_and_looks(results):
                 key = (label, str(self.metric))
                 if key in runs:
-                    every.append(runs[key])
-        return every
+                    values.append(runs[key])
+        return values
 
 
 def _sort_over_shares(values: Array) -> tuple[Array, Array]:

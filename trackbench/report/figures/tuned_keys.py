@@ -73,7 +73,7 @@ def _draw_panel(ax: Axes, record: Record, axis: Axis) -> None:
     best = record.best
     trials = [trial for trial in record.trials if isfinite(trial.objective)]
     top = _limit_of_axis([trial.objective for trial in trials], best.stderr)
-    # Step 1: what is within a standard error of the best: objectives, and values of the key.
+    # Step 1: shade the objectives within a standard error of the best, and the key's values there.
     color = style.COLORS[4]
     ax.axhspan(best.objective, best.objective + best.stderr, color=color, alpha=0.35, linewidth=0)
     near_values = record.within(axis)

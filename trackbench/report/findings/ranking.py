@@ -62,12 +62,14 @@ class Candidate:
         return self.sample.overall.estimate
 
     def has_error(self, untested: bool) -> bool:
-        """Return whether the runs are enough for a standard error of its number.
+        """Return whether the filter has enough runs for a standard error of its number.
 
-        Unless ``untested``, they must be enough to test a difference.
+        Two are enough if ``untested``. Otherwise there must be enough to test a difference. The one run
+        of a recording is enough, as it is compared step by step.
         """
-        enough = 2 if untested else rules.FEWEST_RUNS
-        return self.sample.steps is not None or np.isfinite(self.sample.values).sum() >= enough
+        needed_runs = 2 if untested else rules.FEWEST_RUNS
+        runs = np.isfinite(self.sample.values).sum()
+        return self.sample.steps is not None or runs >= needed_runs
 
     @cached_property
     def losses(self) -> int:

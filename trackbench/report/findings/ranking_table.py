@@ -147,8 +147,8 @@ def _runs_ranked(ranking: Ranking) -> str:
         M = len(values)
         is_ranked[:M] |= np.isfinite(values) | (candidate.lost[:M] > 0)
     number = int(is_ranked.sum())
-    every = counted(ranking.runs, "run")
-    return every if number in (0, ranking.runs) else f"{number} of {every}"
+    all_runs = counted(ranking.runs, "run")
+    return all_runs if number in (0, ranking.runs) else f"{number} of {all_runs}"
 
 
 def _insert_row(rows: list[list[Text]], row: list[Text], is_score: bool) -> None:

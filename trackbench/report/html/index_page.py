@@ -57,11 +57,12 @@ _IMAGE_ATTRIBUTES = ("href", "transform", "width", "height", "x", "y", "preserve
 
 
 def _drawn(root: ET.Element) -> Iterator[ET.Element]:
-    """Yield paths and images in the data area of axes, without grid lines."""
+    """Yield the paths and small images that are drawn within axes; ticks and grid lines are left out."""
     for element in root:
         is_tick = re.search(r"[xy]tick_\d+$", element.get("id", ""))
         if is_tick or element.tag == f"{_SVG}defs":
             continue
+        # matplotlib clips what is drawn within axes, and nothing else.
         is_shape = element.tag == f"{_SVG}path" and "clip-path" in element.attrib
         is_image = element.tag == f"{_SVG}image"
         if is_shape or (is_image and len("".join(element.attrib.values())) < _MOST_IMAGE_BYTES):
@@ -71,7 +72,7 @@ def _drawn(root: ET.Element) -> Iterator[ET.Element]:
 
 
 def _coarse(path: str) -> str:
-    """Round a path of straight lines to whole points, without those that are hardly apart."""
+    """Return a path of straight lines, rounded to whole points, without corners that are very near."""
     parts = []
     for points, closed in outline(path):
         corners = [points[0]]
@@ -214,13 +215,13 @@ def short_answer(scene_rankings: Sequence[Ranking]) -> str:
         return f"{label} best at {most} of {len(scene_rankings)}"
     ranking = scene_rankings[0]
     filters = len(ranking.order) + len(ranking.losing)
-    others = len(times_best) - 1
+    ties = len(times_best) - 1
     if filters == 1:
         return ""
-    if others + 1 == filters:
+    if ties + 1 == filters:
         return f"no significant difference between {filters}"
     best = ranking.among_the_best[0].label
-    rest = f"and {others} others best" if others else f"best of {filters} filters"
+    rest = f"and {ties} others best" if ties else f"best of {filters} filters"
     return f"{best} {rest}"
 
 
@@ -236,7 +237,10 @@ def _join_verdicts(comparisons: list[Verdicts]) -> Verdicts:
 
 
 def _open_experiments(folder: Path) -> tuple[Overview, int]:
-    """Open the experiments; count those that are left out because their runs are missing."""
+    """Open the experiments of a folder with their verdicts.
+
+    Return also how many are left out because their runs are missing.
+    """
     if not os.path.isdir(folder):
         raise UserError(f"{folder}: there is no such folder")
     candidates = sorted(path.parent for path in folder.glob("*/config.yaml"))

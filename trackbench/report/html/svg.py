@@ -35,7 +35,9 @@ _NUMBER = re.compile(r"-?(?:\d+\.?\d*|\.\d+)(?:e-?\d+)?")
 
 
 def outline(path: str) -> Iterator[tuple[list[tuple[float, float]], bool]]:
-    """Yield the points of each stroke of a path, and whether it is closed; none of curves.
+    """Yield the points of each stroke of a path, and whether the stroke is closed.
+
+    A path with curves has no strokes.
 
     ``path`` is the attribute ``d`` of an SVG's path, with points that are absolute or relative.
     """
@@ -149,11 +151,11 @@ def _is_harmless(value: str) -> bool:
 def _style(text: str) -> str:
     """Return the text of a style without the properties that have no part in drawing."""
     properties = [part.partition(":") for part in text.split(";") if part.strip()]
-    good = []
+    allowed = []
     for name, colon, value in properties:
         if _LOOKS.fullmatch(name.strip()) and _is_harmless(value):
-            good.append((name, colon, value))
-    return text if good == properties else ";".join(map("".join, good))
+            allowed.append((name, colon, value))
+    return text if allowed == properties else ";".join(map("".join, allowed))
 
 
 def _renamed(key: str, value: str, name: str) -> str:

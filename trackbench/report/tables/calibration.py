@@ -42,12 +42,15 @@ def missing_steps(key: str, measures: Iterable[Measure], points: Sequence[Point]
 
 
 def pits(results: Results, point: GridPoint, label: str, m: Measure) -> Array:
-    """Return the values (M,) of a PIT at a step; none if the filter has none."""
+    """Return the values (M,) of a PIT at a step in each run; empty if the filter does not have it."""
     return results.runs(point).get((label, str(m)), np.empty(0))
 
 
 def shares_of_runs(results: Results, point: GridPoint, label: str, m: Measure) -> Array:
-    """Share of each run's steps in each tenth (TENTHS, M) of a PIT; no runs if the filter has none."""
+    """Return the share of each run's steps in each tenth of a PIT (TENTHS, M).
+
+    It is (TENTHS, 0) if the filter does not have the PIT.
+    """
     runs = results.runs(point)
     names = [m._replace(metric=bar).name for bar in bars(m.family[1])]
     return np.stack([runs.get((label, name), np.empty(0)) for name in names])

@@ -110,12 +110,12 @@ def _all_bars(comparison: Verdicts) -> list[Bar]:
             numbers.append(row)
     claims = comparison.claims
     margin = " on a bias, by a margin chosen here"
-    every = [
+    all_bars = [
         Bar(counted(len(numbers), "published number"), tallies(numbers)),
         Bar(counted(len(words), "published word") + margin, tallies(words)),
         Bar(counted(len(claims), "claim"), tallies(claims)),
     ]
-    return [bar for bar in every if bar.parts]
+    return [bar for bar in all_bars if bar.parts]
 
 
 NUMBER_HEADER = [

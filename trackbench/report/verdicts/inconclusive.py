@@ -12,7 +12,10 @@ _MOST_REASONS = 5
 
 
 def reasons(comparison: Verdicts, runs: int) -> list[str]:
-    """Explain why numbers and claims are inconclusive, a line each; ``runs`` of each filter."""
+    """Explain why numbers and claims are inconclusive, a line each.
+
+    ``runs`` is the number of runs of each filter.
+    """
     lines = []
     for number in comparison.numbers:
         row = number.best
@@ -31,7 +34,7 @@ def reasons(comparison: Verdicts, runs: int) -> list[str]:
 
 
 def _reason(row: Compared | ClaimVerdict, runs: int) -> str:
-    """Explain why a number or a claim is inconclusive; ``runs`` of each filter."""
+    """Explain why a number or a claim is inconclusive; ``runs`` is the number of runs of each filter."""
     verdict = row.verdict
     z = abs(verdict.z)
     is_chosen = isinstance(row, Compared) and bool(row.published.chosen)

@@ -55,8 +55,8 @@ def _fitted_setting(number: PublishedNumber, chosen: dict[str, str]) -> str:
 
     ``chosen`` is that key of the table: settings by ``filter: metric`` or by the metric alone.
     """
-    of_filter = chosen.get(f"{number.filter}: {number.metric}", "")
-    return of_filter or chosen.get(number.metric, "")
+    setting_of_filter = chosen.get(f"{number.filter}: {number.metric}", "")
+    return setting_of_filter or chosen.get(number.metric, "")
 
 
 def _readings(
