@@ -88,9 +88,9 @@ def bound_along_path(course: Course, path: Array) -> Bound:
 
 
 def position_sigma(sensor: Sensors, state: Array, k: int) -> float | None:
-    """Bound the standard deviation, m, of the position by one scan of a state (n_x,).
+    """Return a bound on the standard deviation, m, of a position that is estimated from one scan.
 
-    None if a scan does not tell the position.
+    ``state`` (n_x,) is the true state at step k. None if one scan does not determine the position.
     """
     # Covariance of the position: inverse of its block of H' R^-1 H.
     information = sensor.information(state, k, certain=True)
@@ -103,11 +103,11 @@ def position_sigma(sensor: Sensors, state: Array, k: int) -> float | None:
 def bound_over_paths(
     course: Course, draw_first_states: Callable[[int, Streams], Array]
 ) -> Bound | None:
-    """Bound errors with ``E[H' R^-1 H]`` over the paths that the motion draws.
+    """Bound errors with the mean information ``E[H' R^-1 H]`` over paths that the motion draws.
 
-    ``draw_first_states`` draws so many first states (n, N). The result is None if all paths are one, or
-    have one information since the sensor is linear. Each of the bounds without a batch of paths has the
-    expectation over the others; they give its standard error.
+    ``draw_first_states`` draws a given number N of first states (n, N). The result is None if all paths
+    are equal, or if the sensor is linear, so that the information is equal along all paths. The bounds
+    without each batch of paths give the standard error of the bound.
     """
     if hasattr(course.sensor, "H") or hasattr(course.sensor, "linear"):
         return None
@@ -123,7 +123,10 @@ def bound_over_paths(
     largest = _LargestShare()
 
     def mean_information() -> Iterator[Array]:
-        """Yield the mean information (n, n, 1 + BATCHES) of each step: of all batches, without each."""
+        """Yield the mean information (n, n, 1 + BATCHES) of each step.
+
+        The first is that of all batches of paths, the others are those without one batch each.
+        """
         x = append_noise(start, extra_std(motion), rng)
         for k in course.steps[1:]:
             x = motion.transition(x, k).sample(rng)
@@ -183,7 +186,7 @@ class _LargestShare:
 
 
 def _mean_squares(squares: Squares, P: Array, paths: Array) -> dict[str, Array]:
-    """Average the squared errors of covariances P (n, n, K) over paths (n, K, N)."""
+    """Return the mean squared errors of covariances P (n, n, K), averaged over paths (n, K, N)."""
     by_path = [squares(P, np.ascontiguousarray(path)) for path in np.moveaxis(paths, -1, 0)]
     averages = {}
     for name in by_path[0]:
@@ -196,10 +199,10 @@ def _roots(squares: dict[str, Array]) -> dict[str, Array]:
 
 
 def why_no_bound_of(sensor: Sensors, start: Start, n_x: int) -> str | None:
-    """Explain why sensors or start have no bound; None if they have one.
+    """Explain why there is no bound for these sensors and this start; None if there is one.
 
-    ``n_x`` is the number of components of the state. The bound for measurements on time also bounds
-    filters whose measurements are late.
+    ``n_x`` is the number of components of the state. Delays of sensors are no reason: a bound for
+    measurements on time is also valid for late ones.
     """
     sensors = sensors_of(sensor)
     if any(each.outliers is not None or each.bias for each in sensors):

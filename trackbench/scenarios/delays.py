@@ -13,10 +13,11 @@ from trackbench.models.sensors.base import Assume, Sensors, sensors_of
 
 
 def arrivals(sensor: Sensors, recorded: Array | None, z: Array, rng: Streams) -> Index | None:
-    """Draw or read the step (S, T, M), from 0, at which each measurement arrives; None without delays.
+    """Return the step (S, T, M), from 0, at which the measurement of each of S sensors arrives.
 
-    The measurements z are (n_z, T, M). T stands for an arrival after the end. Arrivals that are
-    ``recorded`` (S, T, M) take the place of draws; NaN is an arrival on time.
+    None without delays. T stands for an arrival after the end. The steps are drawn, or taken from
+    ``recorded`` arrivals (S, T, M), in which NaN is an arrival on time. Of the measurements z
+    (n_z, T, M) only the shape is used.
     """
     T, runs = z.shape[1:]
     due = np.arange(T)[:, None]
@@ -36,14 +37,14 @@ def arrivals(sensor: Sensors, recorded: Array | None, z: Array, rng: Streams) ->
 
 def stream_number(sensor: int) -> int:
     """Return the number of the random streams of a sensor's delays; sensors are counted from 0."""
-    # No fault has a name with a line break.
+    # Faults have streams by the CRC-32 of their names, and no name of a fault has a line break.
     return zlib.crc32(f"\ndelay of sensor {sensor + 1}".encode())
 
 
 def treatment(assume: Assume) -> Late | None:
     """Return a filter's treatment of late measurements; None if it gets them on time.
 
-    Raises InvalidKeyError if the config chooses neither.
+    Raises InvalidKeyError if the filter model says neither.
     """
     if assume.delay == "none":
         return None
@@ -56,5 +57,5 @@ def treatment(assume: Assume) -> Late | None:
 
 
 def longest_delay_of(sensor: Sensors) -> int:
-    """Bound all sensors' delays: steps that at most one measurement in a thousand exceeds."""
+    """Return the delay, in steps, that at most one in a thousand measurements of any sensor exceeds."""
     return max(longest_delay(each.delay) for each in sensors_of(sensor))

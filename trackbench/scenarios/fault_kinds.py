@@ -72,11 +72,11 @@ class Fault:
 
     @abstractmethod
     def faulty(self, stretch: Stretch) -> Array:
-        """Return the measurements (n_z, S, M) with the fault."""
+        """Return the measurements (n_z, S, M) of a stretch with the fault."""
 
     @property
     def uses_noise(self) -> bool:
-        """True if the truth must be known."""
+        """True if the fault changes the errors of measurements, so that the truth must be known."""
         return False
 
     @property
@@ -126,7 +126,7 @@ class LargerNoise(Fault):
 
     @property
     def known_factor(self) -> float:
-        """Factor on all errors; NaN if it is drawn."""
+        """Factor on the errors of all measurements; NaN if it is random."""
         if self.share == 1.0:
             return self.factor
         return np.nan
@@ -137,7 +137,7 @@ class LargerNoise(Fault):
         return 1.0 + self.share * (self.changed_variance - 1.0)
 
     def faulty(self, stretch: Stretch) -> Array:
-        """Change the share of the measurements; one whose truth is unknown stays."""
+        """Return the measurements, of which the share is changed; one without a known truth stays."""
         needed = stretch.noise if self.uses_noise else stretch.z
         changed = ~np.isnan(needed)
         if self.share < 1.0:
@@ -146,7 +146,7 @@ class LargerNoise(Fault):
         return np.where(changed, self.drawn(stretch), stretch.z)
 
     def drawn(self, stretch: Stretch) -> Array:
-        """Return ``h(x) + factor e``."""
+        """Return all measurements of the stretch as the fault changes them: ``h(x) + factor e``."""
         return np.asarray(stretch.z + (self.factor - 1.0) * stretch.noise)
 
 
@@ -226,7 +226,7 @@ class Outliers(LargerNoise):
                 raise InvalidKeyError("ends before it begins", "density", "region", name)
 
     def drawn(self, stretch: Stretch) -> Array:
-        """Draw measurements with the density's errors, or the density's measurements."""
+        """Return all measurements of the stretch as outliers, drawn from the density if there is one."""
         if self.density is None:
             return super().drawn(stretch)
         z = stretch.z

@@ -66,7 +66,8 @@ class FaultContext(NamedTuple):
     def check(self, faults: Sequence[Fault], taken: Mapping[str, object], has_truth: bool) -> None:
         """Raise InvalidKeyError for a fault outside the run, of no sensor, or whose name is taken.
 
-        ``taken`` has the names of other windows.
+        ``taken`` has the names of other windows. ``has_truth`` if the truth is known, without which
+        errors cannot be changed.
         """
         names = [*taken]
         for i, fault in enumerate(faults):
@@ -129,7 +130,7 @@ class FaultContext(NamedTuple):
         return int(np.argmax(self.measured(fault)))
 
     def windows(self, faults: Sequence[Fault], scored: Mask) -> dict[str, Mask]:
-        """Select the steps (K,) of each fault, and those after it up to the next one."""
+        """Return the scored steps (K,) of each fault, and those after it up to the next one, by name."""
         step_indices = np.arange(len(self.steps))
         # The first step has no measurement, and no fault.
         inside = {fault: np.insert(self.measured(fault), 0, False) for fault in faults}
@@ -150,9 +151,9 @@ class FaultContext(NamedTuple):
     def with_faults(
         self, faults: Sequence[Fault], truth: Array, z: Array, scans: Array, rng: Streams
     ) -> Array:
-        """Add the faults to measurements (n_z, T, M) in order of time.
+        """Return measurements z (n_z, T, M) with the faults, which are added in order of time.
 
-        The ``truth`` is (n_x, T + 1, M); ``scans`` (n_z, S, M) precede the measurements.
+        The ``truth`` is (n_x, T + 1, M). ``scans`` (n_z, S, M) are those of the start, before z.
         """
         z = z.copy()
         numbers = self._stream_numbers(faults)
@@ -167,15 +168,16 @@ class FaultContext(NamedTuple):
             open_streams = partial(cast(RunStreams, rng).beside, numbers[fault.name])
             stretch = stretch._replace(streams=cache(open_streams))
             if fault.uses_noise:
-                # The errors as earlier faults have made them, those of a bias or a frozen value too.
+                # These are the present errors, which earlier faults may have changed already.
                 stretch = stretch._replace(noise=self._noise(truth, z, inside)[rows])
             z[rows, inside] = fault.faulty(stretch)
         return z
 
     def _stream_numbers(self, faults: Sequence[Fault]) -> dict[str, int]:
-        """Return the number of each fault's random streams: the CRC-32 of its name, if it is free.
+        """Return the number of each fault's random streams, which is the CRC-32 of its name.
 
-        Few names have one CRC-32. The fault that is listed first keeps it; another has the next number.
+        If two names have the same CRC-32, the fault that is listed first gets it, and the other one the
+        next free number.
         """
         numbers: dict[str, int] = {}
         taken = {stream_number(n) for n in range(len(sensors_of(self.sensor)))}
@@ -188,7 +190,7 @@ class FaultContext(NamedTuple):
         return numbers
 
     def _in_order(self, faults: Sequence[Fault]) -> list[Fault]:
-        """Sort the faults by their first steps, those of one step as they are listed."""
+        """Return the faults sorted by their first steps; those that begin at one step stay in order."""
         return sorted(faults, key=self._first_measured)
 
     def _check_frozen(self, fault: Fault, stretch: Stretch) -> None:
@@ -202,7 +204,7 @@ class FaultContext(NamedTuple):
             raise ValueError(f"{what}; begin later, or take blackout")
 
     def corrected(self, faults: Sequence[Fault], z: Array) -> Array:
-        """Correct measurements (n_z, T, M) for a filter that knows of the faults."""
+        """Return measurements z (n_z, T, M) as a filter that knows of the faults corrects them."""
         z = z.copy()
         ordered = self._in_order(faults)
         for i, fault in enumerate(ordered):
@@ -224,7 +226,10 @@ class FaultContext(NamedTuple):
         return factor
 
     def known_sensor(self, faults: Sequence[Fault], assumed: Sensors) -> Sensor:
-        """Give the assumed sensor the noise of the faults; raises InvalidKeyError."""
+        """Return the sensor that a filter assumes if it knows of the faults and their noise.
+
+        ``assumed`` is the sensor without faults. Raises InvalidKeyError if no sensor has such noise.
+        """
         if not faults:
             raise InvalidKeyError("has no effect: the scenario has no `faults`", "assume", "faults")
         ordered = self._in_order(faults)
@@ -251,7 +256,7 @@ class FaultContext(NamedTuple):
         return ScaledNoise(assumed, int(self.steps[1]), fixed(scales))
 
     def _stretch(self, fault: Fault, z: Array) -> Stretch:
-        """Cut out the measurements of a fault's sensor in its steps."""
+        """Return the measurements of a fault's sensor in the steps of the fault."""
         inside = self.measured(fault)
         times = self.times[1:][inside]
         begin = times[0] if fault.from_ is None else fault.from_
@@ -262,7 +267,10 @@ class FaultContext(NamedTuple):
         )
 
     def _noise(self, truth: Array, z: Array, inside: Mask) -> Array:
-        """Return errors (n_z, S, M) of the measurements without the sensors' biases."""
+        """Return the errors (n_z, S, M) of measurements without the sensors' biases.
+
+        ``inside`` (T,) marks the S steps of the measurements z (n_z, T, M).
+        """
         bias = np.zeros(len(z))
         for sensor, rows in zip(sensors_of(self.sensor), rows_of(self.sensor), strict=True):
             bias[rows] = sensor.bias or 0.0
@@ -315,7 +323,7 @@ def recovery(
 
 
 def _latest(z: Array) -> Array:
-    """Take each run's last value that exists (n_z, M); NaN without any."""
+    """Return the last existing value of each component and run (n_z, M) of z (n_z, S, M), or NaN."""
     latest = np.full((len(z), z.shape[-1]), np.nan)
     for at_step in np.moveaxis(z, 1, 0):
         latest = np.where(np.isnan(at_step), latest, at_step)

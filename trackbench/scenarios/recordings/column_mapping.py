@@ -60,9 +60,10 @@ class Impossible(NamedTuple):
 
 
 def blank_codes(quantity: str, values: Array, of_ais: bool, scale: float) -> Counter[str]:
-    """Replace "not available" codes by NaN in place, and count the cells of each code.
+    """Replace "not available" codes of AIS by NaN in place; return the number of cells by code.
 
-    Raw fields of AIS, in tenths or 1/600000 deg, have the codes in these units, ``scale`` in SI.
+    ``of_ais`` if the table has columns of AIS, which has further codes. ``scale`` is the unit of the
+    values in SI: raw fields, in tenths of a degree or knot or 1/600000 deg, have codes in these units.
     """
     counts: Counter[str] = Counter()
     raw_unit = ""
@@ -83,7 +84,7 @@ def blank_codes(quantity: str, values: Array, of_ais: bool, scale: float) -> Cou
         is_code = values == code
         half_turn = 180.0 * UNITS["deg"] / UNITS[raw_unit or "deg"]
         if quantity == "longitude" and (values[~is_code] > half_turn).any():
-            continue  # longitudes from 0 to 360 have a 181 of their own
+            continue  # of longitudes from 0 to 360 deg 181 is a value
         if is_code.any():
             counts[f"{quantity} {code:.9g}"] = int(is_code.sum())
             values[is_code] = np.nan
@@ -91,10 +92,10 @@ def blank_codes(quantity: str, values: Array, of_ais: bool, scale: float) -> Cou
 
 
 def outlying(values: Array) -> dict[float, int]:
-    """Find numbers far outside all others, as -9999 for a missing cell, and count how often each stands.
+    """Return numbers far outside all others, such as -9999 for a missing cell, with their frequency.
 
-    A number is far if its distance to the next is ten times the span of the others; a row of nines, and
-    the end of a whole number's range, at a tenth of the span already.
+    A number is far if its distance to the nearest other is more than ten times the span of the others.
+    For a number of nines alone, or the end of an integer type's range, a tenth of the span is enough.
     """
     rest = values[np.isfinite(values)]
     outliers = {}
@@ -117,7 +118,10 @@ def outlying(values: Array) -> dict[float, int]:
 
 
 def no_fix(latitude: Array, longitude: Array, scale: float) -> Mask:
-    """Find rows (R,) at latitude = longitude = 0 if all other positions are far from there."""
+    """Return which rows (R,) are at latitude = longitude = 0, if all others are far from there.
+
+    ``scale`` is the unit of both in radians.
+    """
     is_zero = (latitude == 0.0) & (longitude == 0.0)
     away = np.maximum(np.abs(latitude), np.abs(longitude))[~is_zero] * scale
     nearest = float(np.nanmin(away, initial=inf))
@@ -125,7 +129,10 @@ def no_fix(latitude: Array, longitude: Array, scale: float) -> Mask:
 
 
 def impossible(quantity: str, values: Array, scale: float) -> Impossible | None:
-    """Find values, which are ``scale`` times as large in SI, that the quantity cannot have."""
+    """Return the first value that the quantity cannot have, with a message; None if there is none.
+
+    ``scale`` is the unit of the values in SI.
+    """
     if quantity not in _LIMITS:
         return None
     least, largest, per_si, unit = _LIMITS[quantity]
@@ -143,7 +150,10 @@ def impossible(quantity: str, values: Array, scale: float) -> Impossible | None:
 
 
 def _way_out(quantity: str, values: Array, wrong: Index) -> str:
-    """Name a unit in which all values are possible, or a code for missing cells that loses no others."""
+    """Return advice on impossible values: a unit in which all are possible, or a code for missing cells.
+
+    ``wrong`` are the indices of the impossible values.
+    """
     finite = values[np.isfinite(values)]
     most_are_wrong = 2 * len(wrong) > len(finite)
     if _LIMITS[quantity][3] == "deg" and most_are_wrong:
@@ -314,7 +324,10 @@ class Naming:
                 raise InvalidKeyError(what, "origin", GEODETIC.index(name))
 
     def check_names(self, components: Sequence[str], *within: str) -> None:
-        """Raise InvalidKeyError for an unknown name, and for a unit of another dimension."""
+        """Raise InvalidKeyError for an unknown name, and for a unit of another dimension.
+
+        ``components`` are the quantities that are read, ``within`` is the path of these keys.
+        """
         known = [*KEYS, *GEODETIC, *COURSE, *components]
         for part, entries in (("columns", self.columns), ("units", self.units)):
             for key in entries:
@@ -334,10 +347,13 @@ class Naming:
                 raise InvalidKeyError(mistake, *within, "units", key)
 
     def called(self, name: str, names: Sequence[str]) -> str | None:
-        """Find the column of a quantity among ``names``; the second sensor's 2.x falls back to x."""
+        """Return the column of a quantity among the columns ``names``; None without one.
+
+        The quantity of a second sensor, such as 2.x, may have the column of x.
+        """
         for key in dict.fromkeys((name, name.rpartition(".")[2], plain_name(name))):
             column = self.columns.get(key, key)
-            # A column x that `columns` calls a longitude is no x.
+            # If `columns` says that the column x is a longitude, it is not that of the quantity x.
             is_other = key not in self.columns and any(
                 self.columns.get(geodetic) == column for geodetic in GEODETIC if geodetic != key
             )
@@ -350,7 +366,7 @@ class Naming:
         return name in self.clockwise or plain_name(name) in self.clockwise
 
     def scale(self, name: str) -> float:
-        """Look up the factor from a quantity's unit to SI."""
+        """Return the factor from a quantity's unit to SI."""
         plain = plain_name(name)
         unit = self.units.get(name) or self.units.get(plain) or _DEFAULT_UNITS.get(plain)
         if unit is None:
@@ -364,7 +380,10 @@ def is_unit_of(quantity: str, unit: str) -> bool:
 
 
 def _mistaken_unit(key: str, unit: str, is_scalar: bool) -> str | None:
-    """Explain why a quantity cannot have this unit. A scalar's x and z may have any."""
+    """Explain why a quantity cannot have this unit; None if it can.
+
+    A scalar state (``is_scalar``) may have any unit for x and z.
+    """
     if key in KEYS and key not in _DIMENSION_OF:
         return f"a {key} has no unit: leave it out"
     if is_scalar and key in ("x", "z"):
@@ -413,9 +432,10 @@ class Columns:
         least: int = 1,
         in_space: bool = False,
     ) -> None:
-        """Find a file's columns for these quantities; raises DataError if fewer than ``least`` exist.
+        """Find a file's columns for the ``wanted`` quantities.
 
-        Heights count only for a target ``in_space``: x and y in the plane do not depend on them.
+        Raises DataError if fewer than ``least`` of them exist. Heights are used only for a target
+        ``in_space``, since x and y in the plane do not depend on them.
         """
         self.path = path
         self.naming = naming
@@ -449,9 +469,9 @@ class Columns:
         return self.naming.called(name, self.names)
 
     def take(self, name: str, content: Content) -> str | None:
-        """Note the column of a quantity or of a key such as ``run``, which then is read.
+        """Select the column of a quantity, or of a key such as ``run``, to be read; return its name.
 
-        Raises DataError if it is the column of another quantity, too.
+        None if there is no such column. Raises DataError if another quantity has the same column.
         """
         column = self.column(name)
         if column is not None:
@@ -464,7 +484,7 @@ class Columns:
         return column
 
     def take_stamp_parts(self) -> list[str]:
-        """Note the columns that the config names as further parts of the time."""
+        """Select the columns that the config names as further parts of the time; return their keys."""
         taken = []
         for name in STAMP_PARTS:
             if name in self.naming.columns and self.take(name, "number") is not None:
@@ -472,7 +492,10 @@ class Columns:
         return taken
 
     def stamp_parts(self, table: Table, parts: Sequence[str]) -> Array | float:
-        """Compute the seconds (R,) that further columns add to the time; raises DataError."""
+        """Return the seconds (R,) that the columns ``parts`` add to the time.
+
+        Raises DataError for a missing value, and for a part of a second that is none.
+        """
         added: Array | float = 0.0
         for name in parts:
             column = self.column(name)
@@ -496,7 +519,7 @@ class Columns:
         return added
 
     def take_unnamed_runs(self) -> str | None:
-        """Find a column that names objects, such as MMSI, unless the config says what runs are."""
+        """Select a column that names objects, such as MMSI, unless the config names the runs' column."""
         if "run" in self.naming.columns:
             return None
         for name in self.names:
@@ -508,7 +531,7 @@ class Columns:
         return None
 
     def mistake(self, message: str) -> DataError:
-        """Report a mistake of the table as a whole."""
+        """Return the error for a mistake of the table as a whole."""
         return DataError(Place(self.path, 1, 1, message))
 
     def read(self) -> Table:
@@ -543,9 +566,9 @@ class Columns:
         return table.at(np.flatnonzero(has_fix))
 
     def _rows_with_fix(self, table: Table) -> Mask:
-        """Find the rows (R,) that are not at 0 N 0 E, which receivers without a fix write.
+        """Return which rows (R,) are not at 0 N 0 E, which receivers without a fix write.
 
-        A path that leads there is no such row.
+        If other positions are near 0 N 0 E, all rows have a fix.
         """
         if not self.is_geodetic:
             return np.ones(len(table.lines), dtype=np.bool_)
@@ -580,7 +603,7 @@ class Columns:
                 self.far.append(f"{self.path}: {column}: {what}{way}")
 
     def _columns_with(self, table: Table, value: float, column: str) -> str:
-        """Name another column of numbers in which a value is not far from the others."""
+        """Return another column in which ``value`` is a usual number; empty if there is none."""
         for other, quantity in self._used.items():
             if other == column or self.contents[other] != "number" or quantity in STAMP_PARTS:
                 continue
@@ -607,7 +630,7 @@ class Columns:
         return bool(available & {"vx", "vy"}) and not has_own_place
 
     def first_with_column(self, names: Collection[str]) -> str:
-        """Find the first of these quantities that has a column of its own; empty without one."""
+        """Return the first of these quantities that has a column of its own; empty without one."""
         for name, sources in self._sources_of.items():
             if name in names and sources == (name,):
                 return name
@@ -646,9 +669,10 @@ class Columns:
     def quantities(
         self, table: Table, places: Geodetic | None, frames: Sequence[Frame], runs: Index
     ) -> dict[str, Array]:
-        """Compute the quantities (R,) by name, in SI; NaN where they are missing, or all of them are.
+        """Return the quantities (R,) by name, in SI; NaN in rows, or for quantities, without a value.
 
-        ``frames`` cover all rows with a place, and ``runs`` (R,) are numbers of the rows' runs.
+        ``places`` are those of the rows. ``frames`` cover all rows with a place, and ``runs`` (R,) are
+        the numbers of the rows' runs.
         """
         plane: Mapping[str, Array] = {}
         if places is not None and frames:
@@ -679,7 +703,10 @@ class Columns:
     def _rotated_velocities(
         self, table: Table, places: Geodetic, frames: Sequence[Frame], runs: Index
     ) -> dict[str, Array]:
-        """Rotate velocities from east, north and up of each row's place to those of its origin."""
+        """Return velocities by name along east, north and up of the origin.
+
+        In the table they are along east, north and up of each row's own place.
+        """
         # A row without a place has that of the nearest row of its run.
         filled_places = _nearest_places(places, runs)
         rotated_velocities: dict[str, Array] = {}
@@ -711,7 +738,10 @@ class Columns:
         return rotated_velocities
 
     def _find_sources(self, name: str) -> tuple[str, ...]:
-        """Find the source of a quantity: a column, geodetic coordinates, speed and course, or none."""
+        """Return the columns' keys that determine a quantity; empty if the table lacks them.
+
+        These are its own column, geodetic coordinates, or speed and course.
+        """
         plain = plain_name(name)
         if self.column(name) is not None:
             if self._rotates and plain in _VELOCITY:
@@ -719,7 +749,8 @@ class Columns:
             return (name,)
         needed = GEODETIC if plain == "z" else GEODETIC[:2]
         if plain in _PLANE and all(map(self.column, needed)):
-            # In space heights count wherever there are any: a plane touches the ground at one only.
+            # In space x and y depend on the height, too, as the tangent plane touches the ground at one
+            # point only.
             if self.in_space and self.column("altitude"):
                 return GEODETIC
             return GEODETIC[:2]
@@ -758,7 +789,7 @@ class Columns:
         return np.where(np.isnan(course), np.nan, velocity)
 
     def _take_hemispheres(self) -> None:
-        """Note the columns of hemispheres, named by the config or evident from their first words."""
+        """Select the columns of hemispheres, named by the config or recognized by their first words."""
         for quantity, (key, *_) in HEMISPHERES.items():
             column = self.take(key, "word")
             if column is not None:
@@ -786,14 +817,17 @@ class Columns:
         return dict(zip(self.names, columns, strict=False))
 
     def take_words(self, column: str) -> bool:
-        """Note a column of words that is read beside the quantities, unless it is one of theirs."""
+        """Select a further column to be read as words; return False if it is read already."""
         if column in self.contents or self.names.count(column) > 1:
             return False
         self.contents[column] = "word"
         return True
 
     def _apply_hemisphere(self, table: Table, quantity: str) -> None:
-        """Give a coordinate the sign of its hemisphere. Raises DataError for contradictions."""
+        """Give a coordinate in the table, in place, the sign of its hemisphere.
+
+        Raises DataError if the sign and the hemisphere of a row contradict each other.
+        """
         key, positive, negative = HEMISPHERES[quantity]
         column, is_named = self._hemispheres[quantity]
         coordinate = self.column(quantity)
@@ -834,7 +868,7 @@ class Columns:
 
 
 def _is_across_a_cut(values: Array, scale: float) -> Mask:
-    """Find longitudes that are a whole turn from the others: 0.1 deg beside 359.9 deg."""
+    """Return which longitudes are a whole turn from the others, such as 0.1 deg beside 359.9 deg."""
     turn = 2.0 * pi / scale
     finite = values[np.isfinite(values)]
     if not len(finite):
@@ -856,7 +890,10 @@ def _known_places(places: Geodetic, rows: Index) -> tuple[Geodetic, Mask]:
 
 
 def _nearest_places(places: Geodetic, runs: Index) -> Geodetic:
-    """Give rows without a place that of the row of their run before them, or else of the next."""
+    """Return the places, in which rows without one get that of the row of their run before them.
+
+    If no row before has a place, they get that of the next row with one.
+    """
     known = np.isfinite(places.latitude)
     if known.all():
         return places

@@ -87,9 +87,12 @@ class NamedColumn(NamedTuple):
 
 
 def columns_of(names: Iterable[str]) -> dict[str, NamedColumn]:
-    """Find each quantity's column: the surest name, and of equally sure ones the first."""
+    """Return the column of each quantity that a table's columns ``names`` seem to have.
+
+    If several columns may be one quantity, it is the one with the surest name, and otherwise the first.
+    """
     words_by_name = {name: words_of(name) for name in names}
-    # A name that is the quantity's own word comes before one with a unit, or with further words.
+    # Each name is tried in three spellings: as it is, without units, and without words that say nothing.
     fillers = _FILLERS.split()
     spellings = {}
     for name, words in words_by_name.items():
@@ -103,14 +106,15 @@ def columns_of(names: Iterable[str]) -> dict[str, NamedColumn]:
         for place, (name, words) in enumerate(words_by_name.items()):
             known = [spelling for spelling in spellings[name] if spelling in rank_of_word]
             if known:
-                # A message's stamp is nearer to the measurement than the time it was logged.
+                # The stamp of a message is the time of its measurement; others may be times of logging.
                 is_late = quantity == "time" and words[-1] != "stamp"
                 has_fillers = known[0] not in spellings[name][:2]
                 ranks.append((is_late, has_fillers, rank_of_word[known[0]], place, name))
         if ranks:
             *_, name = min(ranks)
             words = words_by_name[name]
-            is_whole = len(words) > 1 and spellings[name][0] in rank_of_word  # a D of ToD is no day
+            # If all words together are the quantity's name, none is a unit: the D of ToD is no day.
+            is_whole = len(words) > 1 and spellings[name][0] in rank_of_word
             unit = None if is_whole else unit_in(words, quantity)
             columns[quantity] = NamedColumn(column=name, unit=unit)
     return columns
@@ -119,9 +123,10 @@ def columns_of(names: Iterable[str]) -> dict[str, NamedColumn]:
 def rest_of_stamp(
     names: Iterable[str], clock: str, known: Collection[str] = ()
 ) -> dict[str, NamedColumn]:
-    """Find columns that look like further parts of a time: its GPS week, and its nanoseconds.
+    """Return columns that look like further parts of the time in the column ``clock``, by key.
 
-    Only the numbers show whether they are.
+    The keys are ``week``, the GPS week, and ``subsecond``, such as nanoseconds; those in ``known`` are
+    left out. Only the numbers in the columns can show whether they are such parts.
     """
     before = _words_before_unit(clock)
     rest: dict[str, NamedColumn] = {}
@@ -132,7 +137,8 @@ def rest_of_stamp(
         if "week" not in known and "".join(_without_fillers(words)) in _WEEKS:
             rest.setdefault("week", NamedColumn(column=name, unit=None))
         unit = _SUBSECONDS.get(words[-1])
-        # Of header.stamp.nanosec the rest of the name is that of header.stamp.sec.
+        # The name must be that of the clock but for the last word, as header.stamp.nanosec is beside
+        # header.stamp.sec.
         if unit and "subsecond" not in known and words[:-1] in ([], before, words_of(clock)):
             rest.setdefault("subsecond", NamedColumn(column=name, unit=unit))
     return rest
@@ -146,13 +152,16 @@ def _words_before_unit(name: str) -> list[str]:
 
 
 def _without_fillers(words: list[str]) -> list[str]:
-    """Leave out words that may stand beside a quantity, but not the first word."""
+    """Return the words without those that may stand beside a quantity; the first word stays."""
     fillers = _FILLERS.split()
     return [word for word in words if word not in fillers or word == words[0]]
 
 
 def ranges_of(names: Iterable[str]) -> dict[str, NamedColumn]:
-    """Find columns of ranges to numbered places (d1, range_A2 [m]), by the place."""
+    """Return the columns of ranges to numbered places, such as d1 and range_A2 [m], by the place.
+
+    There are none if only one column looks like that.
+    """
     ranges = {}
     for name in names:
         words = words_of(name)
@@ -187,7 +196,7 @@ def odometry_of(names: Iterable[str]) -> dict[str, NamedColumn]:
 
 
 def unit_in(words: Collection[str], quantity: str) -> str | None:
-    """Find the last word that is a unit of the quantity."""
+    """Return the unit that the last possible word names for the quantity; None without one."""
     last = None
     for word in words:
         if word in _UNITS and is_unit_of(quantity, _UNITS[word]):
@@ -204,5 +213,5 @@ def words_of(name: str) -> list[str]:
 
 
 def _without_units(words: list[str]) -> list[str]:
-    """Leave out words that are units, but not the first word."""
+    """Return the words without units; the first word stays."""
     return [word for i, word in enumerate(words) if i == 0 or word not in _UNITS]

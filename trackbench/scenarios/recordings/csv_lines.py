@@ -35,7 +35,7 @@ _ALIKE = 0.9  # of the lines have as many cells
 
 
 def _windows(error: UnicodeError) -> tuple[str, int]:
-    """Read bytes that are not UTF-8 as Windows-1252, or as Latin-1."""
+    """Decode bytes that are not UTF-8 as Windows-1252, or as Latin-1, after a decoding error."""
     if not isinstance(error, UnicodeDecodeError):
         raise error
     wrong = error.object[error.start : error.end]
@@ -218,7 +218,10 @@ def _layout(path: str, text: TextIO, form: TextFormat) -> Layout:
 
 
 def _names_beside_week(comments: Mapping[int, str], rows: Sequence[list[str]]) -> list[str]:
-    """Read RTKLIB's comment of names, whose first one stands for a GPS week and its seconds."""
+    """Return the names of columns from a comment as RTKLIB writes it; empty if there is none.
+
+    Its first name, such as GPST, stands for two columns: the GPS week and the seconds in it.
+    """
     if not comments:
         return []
     names = comments[max(comments)].split()
@@ -233,7 +236,10 @@ def _names_beside_week(comments: Mapping[int, str], rows: Sequence[list[str]]) -
 
 
 def _check_kinds(path: str, cells: Mapping[int, list[str]], separator: str) -> None:
-    """Raise DataError for rows of several kinds, which begin with a word for each width."""
+    """Raise DataError for rows of several kinds.
+
+    Each row then begins with a word, and all rows with one word have the same number of cells.
+    """
     # Widths of the rows by their first word.
     kinds: dict[str, set[int]] = {}
     for row in cells.values():
@@ -255,7 +261,11 @@ def _check_kinds(path: str, cells: Mapping[int, list[str]], separator: str) -> N
 def _find_header(
     cells: dict[int, list[str]], comments: dict[int, str], separator: str, widths: Sequence[int]
 ) -> int:
-    """Find the line of the names; add the cells of a comment that has them to ``cells``."""
+    """Return the number of the line with the columns' names.
+
+    ``cells`` and ``comments`` are the first lines by number, and ``widths`` are the usual numbers of
+    cells. If a comment has the names, its cells are added to ``cells``.
+    """
     first, *below = cells
     start = next(number for number, row in cells.items() if len(row) == widths[0])
     above = max((number for number in comments if number < first), default=0)
@@ -274,7 +284,11 @@ def _find_header(
 
 
 def _split_names(line: str, ways: Sequence[str], widths: Sequence[int]) -> list[str]:
-    """Split a line by the first of the ways, a separator and patterns, that gives a usual width."""
+    """Split a line of names into a usual number of cells, one of ``widths``.
+
+    ``ways`` are a separator and then patterns, which are tried in order. If none fits, the separator
+    is used.
+    """
     separator, *patterns = ways
     by_separator = _split_cells(line, separator)
     if len(by_separator) in widths:
@@ -287,7 +301,10 @@ def _split_names(line: str, ways: Sequence[str], widths: Sequence[int]) -> list[
 
 
 def _fullest_line(cells: Mapping[int, list[str]], start: int) -> int:
-    """Find the line with most different words, among those above the first values and as wide."""
+    """Return the number of the line above the first values that has most different words.
+
+    Only lines with as many cells as line ``start`` count.
+    """
     words = {}
     for number, row in cells.items():
         if len(row) == len(cells[start]):
@@ -300,24 +317,27 @@ def _fullest_line(cells: Mapping[int, list[str]], start: int) -> int:
 
 
 def is_value(cell: str) -> bool:
-    """Recognize a cell with a number or a date, in place of a name."""
+    """Test whether a cell is a number or a date, and no name."""
     return _VALUE.fullmatch(cell.strip()) is not None
 
 
 def _is_date_and_time(cell: str, after: str) -> bool:
-    """Recognize a date and a time of day in two cells."""
+    """Test whether two neighboring cells are a date and a time of day."""
     return _DATE.fullmatch(cell) is not None and re.match(r"\d{1,2}:\d\d", after) is not None
 
 
 def _usual_width(rows: Iterable[list[str]]) -> tuple[int, int]:
-    """Count cells: their most frequent number in a row, and how many rows have it."""
+    """Return the most frequent number of cells in a row, and how many rows have it."""
     return Counter(map(len, rows)).most_common(1)[0]
 
 
 def _guess_separator(lines: Sequence[str]) -> str:
-    """Find the separator that gives all lines as many cells, at best the first line, too."""
+    """Return the separator by which nearly all lines have the same number of cells.
+
+    One by which the first line has this number, too, is preferred.
+    """
     without_first = ""
-    below = lines[len(lines) // 2 :]  # where no title stands
+    below = lines[len(lines) // 2 :]  # the first lines may be titles
     for separator in _SEPARATORS:
         width, number = _usual_width(_split_cells(line, separator) for line in below)
         if width > 1 and number >= _ALIKE * len(below):
@@ -364,7 +384,7 @@ def _numbered_rows(path: str, text: TextIO, layout: Layout) -> Iterator[tuple[in
                 what = f"a quote that opens in this line closes in line {end}, after further rows"
                 raise DataError(Place(path, line + 1, 1, f"{what}: close it, or leave it out"))
             line = end
-            # A separator at the end of every row opens no column.
+            # A separator at the end of a row gives an empty cell too many.
             if len(row) == width + 1 and not row[-1].strip():
                 row.pop()
             if row:
@@ -375,7 +395,10 @@ def _numbered_rows(path: str, text: TextIO, layout: Layout) -> Iterator[tuple[in
 
 
 def _with_tabs(line: str, joined: int | None) -> str:
-    """Replace white space by tabs; a date and its time of day stay one cell."""
+    """Return a line with tabs in place of white space; a date and its time of day become one cell.
+
+    ``joined`` is the index of the date, None without one.
+    """
     cells = line.split()
     if joined is not None:
         cells[joined : joined + 2] = [" ".join(cells[joined : joined + 2])]
@@ -383,6 +406,9 @@ def _with_tabs(line: str, joined: int | None) -> str:
 
 
 def _holds_rows(cells: list[str], separator: str, width: int) -> bool:
-    """Recognize an unclosed quote: a line inside its cell has as many cells as a row."""
+    """Test whether a cell with line breaks has whole rows in it, as an unclosed quote causes.
+
+    ``width`` is the number of cells of a row.
+    """
     inner = separator.join(cells).splitlines()[1:]
     return any(line.count(separator) >= width - 1 for line in inner)

@@ -32,7 +32,7 @@ Parse = Callable[[str], float]
 
 
 def without_thousands(cell: str, mark: str) -> str:
-    """Join the groups of three digits of a number that have this mark between them."""
+    """Return a number's text without the mark between its groups of three digits."""
     groups = rf"([-+]?\d{{1,3}})((?:{re.escape(mark)}\d{{3}})+)(?!\d)(.*)"
     match = re.fullmatch(groups, cell.strip())
     if match is None:
@@ -77,10 +77,10 @@ def whole(cell: str) -> float:
 
 
 def parse_cells(parse: Parse, cells: Sequence[str]) -> tuple[Array, list[tuple[int, str]]]:
-    """Parse a column's cells to values (R,), and list which are none and why."""
+    """Parse a column's cells; return values (R,), and the index and reason of each mistake."""
     keys = parse.keywords if isinstance(parse, partial) else {}
     values = None
-    # Mostly all cells are plain numbers, or dates of one form: one pass.
+    # Usually all cells are plain numbers, or dates of one form, which are parsed in one pass.
     if keys.get("form"):
         values = dates_quickly(cells, keys["form"])
     elif keys.get("comma") and not any("." in cell for cell in cells):
@@ -101,7 +101,7 @@ def parse_cells(parse: Parse, cells: Sequence[str]) -> tuple[Array, list[tuple[i
 
 
 def _plain_numbers(cells: Sequence[str]) -> Array | None:
-    """Convert all cells at once, if every cell is a plain finite number."""
+    """Return all cells as numbers if every cell is a plain finite number; None otherwise."""
     text = "".join(cells)
     if not text.isascii() or "_" in text:
         return None
@@ -137,7 +137,7 @@ class Table(NamedTuple):
     """"date" or "date with a zone" if times are dates, in microseconds since 1970; else empty"""
 
     def at(self, rows: Index) -> "Table":
-        """Select some of the rows."""
+        """Return the table with the rows of these indices."""
         columns = {name: column[rows] for name, column in self.columns.items()}
         return self._replace(columns=columns, lines=self.lines[rows])
 
@@ -234,7 +234,11 @@ class _Reading:
     def rows_of_full_width(
         self, rows: Sequence[tuple[int, list[str]]], layout: Layout
     ) -> Sequence[tuple[int, list[str]]]:
-        """Select the rows with a cell for each column; the others are mistakes."""
+        """Return the rows with a cell for each column; add a mistake for each other row.
+
+        ``rows`` have their line and cells. If many rows have the same wrong number of cells, one
+        mistake stands for all of them.
+        """
         width = len(layout.names)
         wrong = [(line, len(cells)) for line, cells in rows if len(cells) != width]
         if not wrong:
@@ -243,7 +247,7 @@ class _Reading:
         numbers = {number for _, number in wrong}
         is_decimal_comma = layout.separator == "," and numbers == {2 * width}
         if len(numbers) == 1 and len(wrong) > _MOST_MISTAKES // 2 and not is_decimal_comma:
-            # One line says it for all rows that are alike.
+            # One mistake stands for all rows with this number of cells.
             line, number = wrong[0]
             alike = f" ({len(wrong) - 1} more rows are alike)"
             first_words = {cells[0] for _, cells in rows if cells and not is_value(cells[0])}
@@ -258,14 +262,14 @@ class _Reading:
         return [row for row in rows if len(row[1]) == width]
 
     def _add_mistakes(self, wrong: Sequence[tuple[int, str]], rows: int) -> None:
-        """Append mistakes by line; the first stands for all if most rows have one."""
+        """Append mistakes, each a line and a text; only the first if most of so many rows have one."""
         if len(wrong) > max(_MOST_MISTAKES // 2, rows // 2):
             (line, what), *more = wrong
             wrong = [(line, f"{what} ({len(more)} more rows are alike)")]
         self.mistakes += [Place(self.path, line, 1, what) for line, what in wrong]
 
     def add(self, lines: Index, cells: Mapping[str, Sequence[str]]) -> None:
-        """Append rows by column."""
+        """Append rows with these lines in the file, whose cells are given by column."""
         if self.may_have_commas and not self.comma:
             numbers = (
                 cells[name] for name, content in self.contents.items() if content == "number"
@@ -302,7 +306,7 @@ class _Reading:
         if self.mistakes:
             places = sorted(self.mistakes, key=lambda place: place.line)
             raise DataError(*places[:_MOST_MISTAKES])
-        # Pieces go as their column comes, so that no more than one is held twice.
+        # The pieces of a column are dropped as it is joined, so that only one column is in memory twice.
         columns = {name: np.concatenate(self._pieces.pop(name)) for name in self.contents}
         words = {name: list(codes) for name, codes in self._codes.items()}
         return Table(
@@ -327,7 +331,11 @@ class _Reading:
         return partial(instant, zoned=self.dated != "date", form=self.form)
 
     def _clock_type(self, cell: str, plain: Parse, first: Place) -> str:
-        """Name the clock: "date", perhaps "with a zone", empty for numbers. Else raises DataError."""
+        """Return the type of the clock: "date", "date with a zone", or empty for numbers.
+
+        ``cell`` is the first time, ``plain`` parses numbers, and ``first`` is the place of the cell.
+        Raises DataError if the cell is no time.
+        """
         if self.form or is_instant(cell):
             with suppress(ValueError):
                 return "date with a zone" if moment(cell, self.form).tzinfo else "date"
@@ -346,7 +354,7 @@ class _Reading:
     def _encode_words(
         self, name: str, cells: Sequence[str]
     ) -> tuple[Column, list[tuple[int, str]]]:
-        """Replace the words of a column by numbers; list the rows of a label that is missing."""
+        """Return the words of a column as numbers, and the rows of missing labels with a reason."""
         codes = self._codes[name]
         values = np.array(
             [codes.setdefault(cell.strip(), len(codes)) for cell in cells], dtype=np.int32
@@ -363,7 +371,7 @@ def is_parquet(path: str) -> bool:
 
 
 def _parquet(path: str, columns: list[str] | None) -> Any:
-    """Read a data frame of these columns; without, the names of all there are."""
+    """Return a data frame of these columns; if ``columns`` is None, the names of all columns."""
     try:
         from pyarrow import parquet  # type: ignore[import-not-found,unused-ignore]
     except ImportError:
@@ -380,6 +388,6 @@ def _parquet(path: str, columns: list[str] | None) -> Any:
 
 
 def _shown(value: object) -> str:
-    """Write a cell of a data frame as a CSV has it."""
+    """Return a cell of a data frame as the text that a CSV would have."""
     is_missing = value is None or value != value or str(value) == "NaT"
     return "" if is_missing else str(value)

@@ -44,10 +44,10 @@ def moment(cell: str, form: str = "") -> datetime:
 
 
 def instant(cell: str, zoned: bool | None = None, form: str = "") -> float:
-    """Convert a date to microseconds since 1970, exactly; without a zone it is UTC.
+    """Return a date as microseconds since 1970, exactly; a date without a zone is in UTC.
 
-    With ``zoned`` true or false it must have a zone, or must have none; None allows both. The text of
-    the ValueError is what the cell should be.
+    ``zoned`` says whether the date must have a zone or must have none; None allows both. ``form`` is
+    that of strptime, empty for ISO 8601. Raises ValueError with a text that says what is expected.
     """
     date = moment(cell, form)
     if zoned is not None and zoned != (date.tzinfo is not None):
@@ -68,7 +68,10 @@ def is_instant(cell: str) -> bool:
 
 
 def dates_quickly(cells: Sequence[str], form: str) -> Array | None:
-    """Convert to microseconds since 1970, if every cell is a date of this form and without a zone."""
+    """Return many dates as microseconds since 1970 by pandas, which is faster than cell by cell.
+
+    None for few cells, for a form with a zone, and if a cell is no date of this form.
+    """
     if len(cells) < _MANY or "%z" in form or form.startswith("%M"):
         return None
     import pandas as pd

@@ -19,7 +19,7 @@ _NO_WORDS = ("null", "true", "false")
 
 
 def config_parts(guess: Guess) -> dict[str, str]:
-    """Write the parts of a config that are guessed, as lines of YAML."""
+    """Return the parts of a config that are guessed, as lines of YAML by their place in the template."""
     kinds = {sensor.kind for sensor in guess.sensors}
     speed = guess.speed
     filter_kinds = ["kf"] if kinds == {"position"} else ["ekf", "ukf"]
@@ -66,7 +66,11 @@ def config_parts(guess: Guess) -> dict[str, str]:
 
 
 def _robot_assumption(sigmas: Mapping[str, float], late: str) -> str:
-    """Write the motion of a robot by its odometry, with standard deviations of v and w."""
+    """Return the YAML of a robot's motion by its odometry.
+
+    ``sigmas`` are the standard deviations of v and w. ``late`` is the key of late measurements, or
+    empty.
+    """
     deviations = ", ".join(f"s{name}: {sigma:g}" for name, sigma in sigmas.items())
     late_line = f"\n    {late.removeprefix(', ')}" if late else ""
     return (
@@ -98,13 +102,16 @@ def _particle_filter_lines(guess: Guess) -> list[str]:
 
 
 def leaves_out_particles(guess: Guess) -> bool:
-    """Test whether a recording is so long that the config leaves the particle filter to the user."""
+    """Test whether a recording is so long that the particle filter is only a comment in the config.
+
+    A recording that is longer than a scenario may be is cut, and keeps its particle filter.
+    """
     runs_to_its_end = guess.steps <= MOST_STEPS
     return runs_to_its_end and guess.steps > _MOST_PARTICLE_STEPS
 
 
 def left_out_filters(guess: Guess) -> list[str]:
-    """Say which filters the config has as comments only, and why."""
+    """Return a line on each filter that is only a comment in the config, with the reason."""
     if not leaves_out_particles(guess):
         return []
     name = "PF" if guess.inputs else "RPF"
@@ -112,7 +119,7 @@ def left_out_filters(guess: Guess) -> list[str]:
 
 
 def _last_line(guess: Guess) -> str:
-    """Write a last step for a recording that is longer than a scenario may be."""
+    """Return the key `last` for a recording with more steps than a scenario may have; else empty."""
     if guess.steps <= MOST_STEPS:
         return ""
     many = f"of {guess.steps} steps, of which {MOST_STEPS} are possible; or say `resample`"
@@ -147,7 +154,7 @@ def unknown_places(guess: Guess) -> list[str]:
 
 
 def _lacks_place(guess: Guess, sensor: SensorGuess) -> bool:
-    """Test whether a sensor's place must be written: one radar alone is the origin."""
+    """Test whether the user must write a sensor's place; a radar alone is at the origin."""
     if sensor.kind in ("range", "bearing") or sensor.kind.startswith("landmark"):
         return True
     radars = [other for other in guess.sensors if other.kind == "range-azimuth"]
@@ -155,7 +162,10 @@ def _lacks_place(guess: Guess, sensor: SensorGuess) -> bool:
 
 
 def _lacks_origin(guess: Guess) -> bool:
-    """Test whether a sensor counts from a point that latitudes and longitudes do not give."""
+    """Test whether the user must write the origin, from which sensors besides the positions count.
+
+    Latitudes and longitudes do not show where other sensors have x = y = 0.
+    """
     columns = guess.naming.columns
     kinds = {sensor.kind for sensor in guess.sensors}
     is_geodetic = "latitude" in columns and not {"x", "y"} <= columns.keys()
@@ -163,7 +173,7 @@ def _lacks_origin(guess: Guess) -> bool:
 
 
 def _used_columns(guess: Guess) -> dict[str, str]:
-    """Select the columns that the config reads, by their quantities."""
+    """Return the columns that the config reads, by their quantities."""
     naming = guess.naming
     # Only what the sensors below measure: a file of several sensors has further columns.
     read = {"time", "date", "step", "received", "run", "sensor", "latitude", "longitude"}
@@ -275,7 +285,7 @@ def _comment(why: dict[str, str], key: str) -> str:
 
 
 def _format_in_braces(form: TextFormat) -> str:
-    """Write the keys of a format that are set, in braces."""
+    """Return the keys of a format that are set as YAML in braces."""
     keys = []
     for field in fields(form):
         value = getattr(form, field.name)
@@ -293,10 +303,10 @@ def _value_in_braces(value: object) -> str:
 
 
 def quoted(word: str) -> str:
-    """Write a word of YAML; in quotes if it is more than letters, digits and lines.
+    """Return a word as YAML, in quotes if it has more than letters, digits and underscores.
 
-    Characters that are no print, such as line breaks of Unicode, are escaped: a table of a stranger
-    cannot begin a line of the config.
+    Characters that cannot be printed, such as line breaks of Unicode, are escaped, so that words of an
+    unknown table cannot begin a new line of the config.
     """
     if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*|[1-9][0-9]*", word) and word.lower() not in _NO_WORDS:
         return word

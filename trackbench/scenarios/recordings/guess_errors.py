@@ -28,8 +28,12 @@ _ONE_SIGMA = 0.683  # of a normal law's values are within its standard deviation
 
 
 def levels_of(rows: Rows, kind: str, in_degrees: bool) -> tuple[tuple[float, ...], float]:
-    """Estimate deviations of the quantities and the usual speed, of whole rows in order."""
-    # Measured velocities stand below the quantities of the sensor.
+    """Estimate the errors of a sensor's quantities and the usual speed, from complete rows in order.
+
+    Return the standard deviations and the speed, m/s, which is 0 for a sensor that shows none. ``kind``
+    is a key of `SENSORS`. ``in_degrees`` if angles are in degrees.
+    """
+    # Rows of the values below those of the sensor's quantities are measured velocities.
     time = rows.time
     values = [*rows.values[: len(SENSORS[kind])]]
     if SENSORS[kind][-1] in ANGLES:
@@ -52,9 +56,12 @@ def not_finer(
     naming: Naming,
     cells: Callable[[str], list[str]],
 ) -> tuple[float, ...]:
-    """Raise deviations of errors to the step of the last digit in the ``cells`` of a column."""
+    """Return the standard deviations ``sigmas``, raised to at least the last digit of the numbers.
+
+    ``cells`` returns the cells of a column, which show the digits.
+    """
     raised = []
-    for name, sigma in zip(quantities, sigmas, strict=False):  # those of velocities come after
+    for name, sigma in zip(quantities, sigmas, strict=False):  # sigmas of velocities come last
         source = name
         meters_per_unit = 1.0
         if name not in naming.columns:
@@ -70,16 +77,19 @@ def not_finer(
 
 
 def scatter(time: Array, value: Array) -> float:
-    """Estimate the errors' deviation to one digit; 1 if no row shows an error."""
+    """Estimate the standard deviation of a value's errors, to one digit; 1 if no row shows an error."""
     sigma = error_of_line(time, value)
-    # A straight line leaves rounding errors alone.
+    # Values on a straight line have only rounding errors.
     if sigma > 1e-12 * np.nanmax(np.abs(value), initial=0.0):
         return float(f"{sigma:.1g}")
     return 1.0
 
 
 def error_of_line(time: Array, value: Array) -> float:
-    """Estimate the errors' deviation, from distances to the line between neighbors; 0 without any."""
+    """Estimate the standard deviation of errors from distances to the line between neighbors.
+
+    0 for fewer than three rows, or without intervals.
+    """
     wide = time[2:] - time[:-2]
     if len(value) < 3 or not (wide > 0.0).any():
         return 0.0
@@ -94,10 +104,13 @@ def error_of_line(time: Array, value: Array) -> float:
 
 
 def _speed(time: Array, *place: Array) -> float:
-    """Estimate the usual speed, m/s, over a tenth of the recording, where errors matter less."""
+    """Estimate the usual speed, m/s, over ways that take a tenth of the recording.
+
+    Errors of the positions, given axis by axis, matter less over such ways.
+    """
     lag = max(1, len(time) // 10)
     if len(time) <= lag:
         return 1.0
-    gone = np.sqrt(np.sum([np.square(axis[lag:] - axis[:-lag]) for axis in place], axis=0))
-    passed = time[lag:] - time[:-lag]
-    return float(np.median(gone[passed > 0] / passed[passed > 0]))
+    distance = np.sqrt(np.sum([np.square(axis[lag:] - axis[:-lag]) for axis in place], axis=0))
+    duration = time[lag:] - time[:-lag]
+    return float(np.median(distance[duration > 0] / duration[duration > 0]))

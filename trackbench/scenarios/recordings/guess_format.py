@@ -100,9 +100,12 @@ class Guess:
 
     naming: Naming
     why: dict[str, str]
+    """reason for each guessed key or unit"""
     runs: list[tuple[str, int]]
+    """name and number of rows of each run, the longest first"""
     sensors: list[SensorGuess]
     speed: float
+    """usual speed, m/s"""
     names: list[str] = field(default_factory=list)
     """all columns of the table"""
     steps: int = 0
@@ -118,10 +121,14 @@ class Guess:
 
 
 def recognized(path: str, given: Naming | None = None) -> Guess:
-    """Guess how a table is written, but for ``given`` keys. Raises DataError without time or place."""
+    """Guess how a table is written; ``given`` keys are not guessed.
+
+    Raises DataError if no column is a time, or none is measured.
+    """
     given = given or Naming()
     found: dict[str, str] = {}
-    # A column whose words split the rows names runs or sensors; there may be one of each.
+    # A column whose words split the rows names runs or sensors. There may be one of each, so that the
+    # guess is repeated with each such column.
     while True:
         try:
             guess = _recognized_columns(path, replace(given, columns=given.columns | found))
@@ -138,7 +145,10 @@ def recognized(path: str, given: Naming | None = None) -> Guess:
 
 
 def _key_of_labels(error: MixedRowsError) -> str:
-    """Choose whether a column names runs or sensors. Raises DataError if neither is evident."""
+    """Return whether a column that splits the rows names runs or sensors, as a key of `columns`.
+
+    Raises DataError if neither is evident.
+    """
     if error.role == "place":
         return "sensor"
     if error.split == "errors" or (error.role == "sensor" and error.split == "unknown"):
@@ -213,9 +223,9 @@ def _recognized_columns(path: str, given: Naming) -> Guess:
 
 
 def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[SensorGuess]) -> Guess:
-    """Add what all rows show to the guess: runs, errors, speed, and further units."""
-    # Errors and speeds are those of the mirror image, too, whatever the unit of angles.
-    # A row far from the others in any of the runs is reported when its run is read.
+    """Read all rows and return the guess with what they show: runs, errors, speed, further units."""
+    # Angles are read as if they were not clockwise: errors and speeds of the mirror image are the same.
+    # Rows far from the origin are accepted here, and reported when their run is read.
     is_robot = "bearing" in naming.columns
     gathered = Gathered(replace(naming, clockwise=()), refuses_far_rows=False, has_inputs=is_robot)
     units = naming.units
@@ -286,7 +296,10 @@ def _input_sigmas(path: str, naming: Naming) -> dict[str, float]:
 
 
 def _azimuths_of(wanted: list[tuple[str, ...]], every: list[Rows]) -> list[Array]:
-    """Return the azimuths of each sensor that measures one; they are its last quantity."""
+    """Return the angles of each sensor that measures one, which is its last quantity.
+
+    ``wanted`` are the quantities and ``every`` the rows of each sensor.
+    """
     azimuths = []
     for names, rows in zip(wanted, every, strict=True):
         if names[-1] in ANGLES:
@@ -297,7 +310,11 @@ def _azimuths_of(wanted: list[tuple[str, ...]], every: list[Rows]) -> list[Array
 def _with_clockwise(
     naming: Naming, wanted: list[tuple[str, ...]], every: list[Rows], why: dict[str, str]
 ) -> Naming:
-    """Guess whether azimuths count clockwise from north: those of radars and compasses, 0 to 360 deg."""
+    """Return the naming with azimuths clockwise from north if they seem to be so.
+
+    They are if the column's name says north, or if the angles are from 0 to 360 deg, as those of radars
+    and compasses. ``wanted`` are the quantities and ``every`` the rows of each sensor.
+    """
     angles = _azimuths_of(wanted, every)
     column = naming.columns.get("azimuth")
     if not angles or column is None or naming.clockwise:
@@ -332,7 +349,7 @@ def _text_format(path: str, given: TextFormat, why: dict[str, str]) -> TextForma
         keys["encoding"] = layout.encoding
     if layout.header > 1 and not layout.is_comment:
         keys["header"] = layout.header
-    # Beside commas only quotes can hold decimal commas, and three digits may be thousands.
+    # If commas separate cells, a comma in a quoted cell is a decimal sign unless three digits follow.
     cells = [cell.strip() for cell in chain.from_iterable(rows)]
     digits = r"[-+]?\d+,\d+"
     if layout.separator == ",":
@@ -375,7 +392,10 @@ def _may_be_degrees(rows: list[list[str]]) -> bool:
 
 
 def _thousands(cells: list[str]) -> str:
-    """Find the mark between groups of three digits: twice in a number, or before its decimals."""
+    """Return the mark between groups of three digits; empty without one.
+
+    A cell shows it if the mark is twice in a number, or once and before a decimal sign.
+    """
     for mark, decimal in ((".", ","), (",", "."), ("'", ".")):
         twice = rf"[-+]?\d{{1,3}}({re.escape(mark)}\d{{3}}){{2,}}({re.escape(decimal)}\d*)?"
         once = rf"[-+]?\d{{1,3}}{re.escape(mark)}\d{{3}}{re.escape(decimal)}\d+"
@@ -385,7 +405,10 @@ def _thousands(cells: list[str]) -> str:
 
 
 def _check_thousands(path: str, sample: "_Sample", columns: dict[str, str], mark: str) -> None:
-    """Raise DataError for a column that may have thousands or decimals behind the mark."""
+    """Raise DataError for a column in which the mark may separate thousands or decimals.
+
+    All its cells then have the mark once, before three digits.
+    """
     for name in columns.keys() & {"time", *_MEASURED, "speed", "course", *_VELOCITY}:
         cells = [cell for cell in sample.cells(columns[name]) if cell]
         once = rf"[-+]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}"
@@ -396,7 +419,7 @@ def _check_thousands(path: str, sample: "_Sample", columns: dict[str, str], mark
 
 
 def _lines_of_words(rows: list[list[str]]) -> int:
-    """Count the first of these rows that hold words above values; 0 if there are too many."""
+    """Return the number of rows of words above the first values; 0 if there are too many."""
     for count, row in enumerate(rows[: _MOST_LINES_OF_WORDS + 1]):
         if any(map(is_value, row)):
             return count
@@ -408,7 +431,10 @@ def _lines_of_words(rows: list[list[str]]) -> int:
 def _columns(
     names: list[str], sample: "_Sample", given: Naming, why: dict[str, str]
 ) -> tuple[dict[str, str], dict[str, str]]:
-    """Guess columns and units by quantity, as the names of columns and a row of units show them."""
+    """Return columns and units by quantity, guessed from the names of columns and a line of units.
+
+    Reasons are added to ``why``.
+    """
     recognized_columns = columns_of(names)
     columns = {name: named.column for name, named in recognized_columns.items()}
     columns = {n: c for n, c in columns.items() if c not in given.columns.values()} | given.columns
@@ -458,7 +484,10 @@ def _hemispheres(names: list[str], sample: "_Sample", columns: dict[str, str]) -
 
 
 def _settle_twice_named(columns: dict[str, str], given: Naming) -> None:
-    """Decide in place what a column is that two quantities claim: a track, and a sensor's id."""
+    """Decide, in place, which quantity a column is that may be two.
+
+    A track may be a course or a run, and an id may name runs or sensors.
+    """
     run = columns.get("run")
     if run is None or "run" in given.columns:
         return
@@ -470,9 +499,10 @@ def _settle_twice_named(columns: dict[str, str], given: Naming) -> None:
 
 
 def _settle_landmarks(sample: "_Sample", columns: dict[str, str], given: Naming) -> bool:
-    """Decide in place what the bearings of landmarks are; return whether they count from a heading.
+    """Return whether the table is the log of a robot, whose bearings count from its heading.
 
-    Raises DataError with the answers that are possible: a table does not show where bearings begin.
+    The columns of such a log are changed in place. Raises DataError with the possible answers if the
+    user must say so, as a table does not show from where bearings count.
     """
     place = next((name for name in sample.names if role_of(name) == "place"), None)
     is_split = place is not None and given.columns.get("sensor", place) == place
@@ -512,7 +542,7 @@ def _settle_landmarks(sample: "_Sample", columns: dict[str, str], given: Naming)
 
 
 def _no_time(names: list[str]) -> str:
-    """Explain what to write where no column looks like a time."""
+    """Return the message and the advice for a table in which no column looks like a time."""
     what = f"no column looks like a time or a step; there are {', '.join(names)[:200]}"
     if {"year", "month", "day"} <= {name.lower() for name in names}:
         return f"{what}: join the parts of dates into one column, 2025-04-03 10:00:00"
@@ -527,7 +557,11 @@ def _no_time(names: list[str]) -> str:
 def _sensors(
     path: str, sample: "_Sample", columns: dict[str, str], names: list[str], units: dict[str, str]
 ) -> list[SensorGuess]:
-    """Guess the sensors; columns of several ranges are added. Raises DataError if there is none."""
+    """Return the guessed sensors of a table.
+
+    Columns of ranges to several places are added to ``columns``, and their units to ``units``. Raises
+    DataError if a sensor measures nothing that is known.
+    """
     # Quantities by row: a position is x and y, or latitude and longitude.
     numbers = {n: np.isfinite(sample.numbers(c)) for n, c in columns.items() if n in _MEASURED}
     for part, other in (("x", "latitude"), ("y", "longitude")):
@@ -559,7 +593,7 @@ def _sensors(
 
 
 def _no_position(columns: dict[str, str], sample: "_Sample", names: list[str]) -> str:
-    """Explain what to write where a table, or one of its sensors, has nothing that is measured."""
+    """Return the message and the advice for a table, or a sensor of it, without measured quantities."""
     pairs = "x and y, latitude and longitude, range and azimuth, or range"
     known = ", ".join(names)[:200]
     for name in filter(columns.get, _MEASURED):
@@ -614,7 +648,7 @@ class _Sample:
         return values
 
     def unit(self, column: str, quantity: str) -> str | None:
-        """Find the unit of a quantity's column in the lines of units."""
+        """Return the unit of a quantity's column from the lines of units; None without one."""
         if column not in self.names:
             return None
         place = self.names.index(column)
@@ -647,10 +681,11 @@ class _Reading:
         self._missing = missing
 
     def choose_units(self, sensor: SensorGuess, names: list[str], has_velocity: bool) -> DateForm:
-        """Add the likeliest units to those that are known; return the form of dates.
+        """Add the likeliest units to the known ones; return the form of dates.
 
-        Raises DataError with a line for each candidate if several are as likely. A velocity that
-        disagrees with the positions loses its columns.
+        ``sensor`` is the first sensor, ``names`` are all columns. The columns of a velocity that
+        disagrees with the positions are removed. Raises DataError with a line for each candidate if
+        several are equally likely.
         """
         numbers = self._numbers(sensor, names)
         clocks: dict[str, tuple[float, float]] = {}
@@ -672,7 +707,7 @@ class _Reading:
         return self._clock
 
     def _numbers(self, sensor: SensorGuess, names: list[str]) -> Numbers:
-        """Collect what the rows of one target and sensor show."""
+        """Return the numbers of the rows of one target and sensor, as `likely_units` compares them."""
         # Step 1: choose the rows of the sensor, and those of the longest run.
         sample = self._sample
         columns = self._columns
@@ -703,7 +738,7 @@ class _Reading:
             place = np.stack([self._values(name) for name in named])
             if is_angle:
                 place[:, no_fix(place[1], place[0], UNITS["deg"])] = np.nan
-        # Step 3: read the speeds, and forget the rows of others.
+        # Step 3: read the speeds, and take only the chosen rows.
         speed = self._values("speed") if "speed" in columns else None
         course = self._values("course") if "course" in columns else None
         velocity = None
@@ -746,7 +781,11 @@ class _Reading:
         return azimuth * UNITS[unit]
 
     def _times(self) -> tuple[Array, bool]:
-        """Read the times of the sample, in seconds if they are dates; add further parts of a stamp."""
+        """Return the times of the sample, and whether they need no unit.
+
+        Dates are in seconds, and further parts of a time are added. Numbers of steps need no unit,
+        either.
+        """
         columns = self._columns
         sample = self._sample
         if "time" not in columns:
@@ -764,7 +803,10 @@ class _Reading:
         return self._with_stamp_parts(seconds), self._clock.is_date
 
     def _with_stamp_parts(self, time: Array) -> Array:
-        """Add the week or the part of a second that a further column has, and name the column."""
+        """Return the times with the week or the part of a second that a further column has.
+
+        The column is added to the guessed ones.
+        """
         columns = self._columns
         units = self._units
         clock = columns["time"]
@@ -802,7 +844,10 @@ class _Reading:
         return time
 
     def _clocks(self) -> dict[str, tuple[float, float]]:
-        """Weigh hours and minutes against minutes and seconds."""
+        """Return both possible forms of times, each with its factor and the points against it.
+
+        Times such as 10:30 are hours and minutes (the empty key), or minutes and seconds.
+        """
         cells = self._sample.cells(self._columns["time"])
         is_elapsed = not _ELAPSED.isdisjoint(words_of(self._columns["time"]))
         from_zero = cells[0].lstrip("0").startswith(":") if cells else False
@@ -901,7 +946,7 @@ class _Reading:
 
 
 def _missing(sample: _Sample, columns: dict[str, str], measured: set[str]) -> tuple[float, ...]:
-    """Find whole numbers far outside the others, which mark missing cells of all columns."""
+    """Return whole numbers far outside the others, which stand for missing cells in all columns."""
     names = sorted((measured | {*GEODETIC[:2], "speed", *_VELOCITY}) & columns.keys())
     values = {name: sample.numbers(columns[name]) for name in names}
     if "latitude" in values and "longitude" in values:
@@ -923,7 +968,10 @@ def _missing(sample: _Sample, columns: dict[str, str], measured: set[str]) -> tu
 
 
 def _same_time(gathered: Gathered, rows: Rows) -> Literal["spread"] | None:
-    """Choose what becomes of several rows of a whole second, which differ."""
+    """Return "spread" for the key `same_time` if rows of one second differ and times are whole seconds.
+
+    None otherwise.
+    """
     seconds = len(np.unique(rows.time))
     if gathered.stepped or (rows.time % 1.0).any() or not 1 < seconds < len(rows.time):
         return None

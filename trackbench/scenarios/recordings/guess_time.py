@@ -60,21 +60,22 @@ _LONG = 50.0  # s: usual interval from which on a smaller unit may be meant
 
 
 class DateForm(NamedTuple):
-    """Form of dates as strptime has it, or nothing for ISO 8601 and numbers.
-
-    ``other`` is a form that fits all cells as well, with times 60 times as short.
-    """
+    """Guessed form of a column of times."""
 
     form: str = ""
+    """form of dates for strptime; empty for ISO 8601 and for numbers"""
     is_date: bool = False
     why: str = ""
+    """comment for the config that explains the form"""
     other: str = ""
+    """another form that fits all cells: minutes and seconds in place of hours and minutes"""
 
 
 def date_form(path: str, times: Sequence[str], dates: Sequence[str], line: int) -> DateForm:
-    """Guess the form of a column of times, and of one of dates beside it.
+    """Guess the form of the cells of a column of times, and of a column of dates if there is one.
 
-    Raises DataError if day and month may stand in either order, with different times.
+    ``path`` and ``line`` are the place of the first cell, for an error. Raises DataError if day and
+    month may be in either order, and the times then differ.
     """
     if not times:
         return DateForm()
@@ -99,7 +100,8 @@ def date_form(path: str, times: Sequence[str], dates: Sequence[str], line: int) 
     if "%H:%M" in found and "%M:%S" in found:
         other = "%M:%S"
         found.pop(other)
-    # Of orders that give the same times the month is first beside a.m. and p.m. only.
+    # The best form comes first: times that never fall, then the most equal intervals. If two orders of
+    # day and month are as good, the month is first only beside a.m. and p.m.
     first, *others = sorted(
         found, key=lambda form: (_unsteady(found[form]), "%p" in form and form[:2] == "%d")
     )
@@ -120,7 +122,7 @@ def _is_number(cell: str) -> bool:
 
 
 def _explain_form(form: str) -> str:
-    """Say how a form is read, for a comment in the config."""
+    """Describe a form for a comment in the config."""
     if "%d" in form:
         return "%d is the day, %m the month"
     if form in _MINUTES:
@@ -129,7 +131,7 @@ def _explain_form(form: str) -> str:
 
 
 def _fitting_forms(cells: Sequence[str]) -> dict[str, Array]:
-    """Find the forms that all cells have, and the times, in microseconds, that they give."""
+    """Return the forms that fit all cells, each with the times, in microseconds, that it gives."""
     found: dict[str, Array] = {}
     for form in _FORMS:
         if form.endswith("%f") and form[:-3] in found:
@@ -150,9 +152,9 @@ def _fitting_forms(cells: Sequence[str]) -> dict[str, Array]:
 
 
 def _has_digits_of(form: str, cell: str) -> bool:
-    """Test whether numbers without marks between their parts have as many digits as the form.
+    """Test whether the parts of a cell that are digits alone have as many digits as the form.
 
-    strptime alone takes 090324 as the 4th of February 903 for "%Y%m%d".
+    Without this test strptime reads 090324 by "%Y%m%d" as the 4th of February 903.
     """
     for form_part, cell_part in zip(form.split(" "), cell.split(" "), strict=False):
         if not _DIGITS_ALONE.fullmatch(form_part) or len(form_part) == 2:
@@ -176,7 +178,7 @@ def _has_digits_of(form: str, cell: str) -> bool:
 
 
 def _unsteady(times: Array) -> tuple[bool, float]:
-    """Test whether times fall, and the largest interval in usual ones."""
+    """Return whether times fall anywhere, and the ratio of their largest to their usual interval."""
     falls = bool((np.diff(times) < 0.0).any())
     intervals = np.diff(np.unique(times))
     if not len(intervals):

@@ -111,7 +111,7 @@ class Numbers:
 
 @dataclass(frozen=True, kw_only=True)
 class Candidate:
-    """Units of one reading of a table, the points against it, and the speed that it gives, m/s."""
+    """One choice of units for a table, the points against it, and the speed that it gives, m/s."""
 
     time: str
     place: str
@@ -134,9 +134,10 @@ class Candidate:
 def likely_units(
     numbers: Numbers, given: Mapping[str, str], clocks: Mapping[str, tuple[float, float]] = {}
 ) -> list[Candidate]:
-    """List the likeliest candidates, the best first; ``given`` are units by quantity that are known.
+    """Return the likeliest choices of units, the best first.
 
-    ``clocks`` are other forms of dates, with their factor on the times and the points against them.
+    ``given`` are the known units by quantity. ``clocks`` are other possible forms of dates, each with
+    its factor on the times and the points against it.
     """
     candidates: list[Candidate] = []
     times = list(_times(numbers, given, clocks))
@@ -211,7 +212,10 @@ def _times(
 
 
 def _whole_seconds_of_days(times: Array) -> bool:
-    """Test whether fractions of days are whole seconds, which seconds with so many digits are not."""
+    """Test whether times as days are whole seconds with fractions of days.
+
+    Times in seconds with so many digits behind the point would not be whole seconds as days.
+    """
     if not len(times) or not (np.abs(times * 1e3 % 1.0 - 0.5) < 0.49).any():
         return False
     seconds = times * 86400.0
@@ -220,7 +224,7 @@ def _whole_seconds_of_days(times: Array) -> bool:
 
 
 def _places(numbers: Numbers, given: Mapping[str, str]) -> Iterator[tuple[str, bool, float]]:
-    """Yield units of the position, whether they are of angles, and points against them."""
+    """Yield possible units of the position, whether each is of angles, and the points against it."""
     if not numbers.is_angle:
         is_ais = bool(numbers.words.intersection(_AIS))
         known = given.get("x", given.get("range"))
@@ -260,7 +264,10 @@ def _places(numbers: Numbers, given: Mapping[str, str]) -> Iterator[tuple[str, b
 
 
 def _lengths(numbers: Numbers, is_ais: bool) -> Iterator[tuple[str, bool, float]]:
-    """Yield units of lengths, that they are of no angles, and points against them."""
+    """Yield units of lengths, as `_places` does: each with False, and the points against it.
+
+    ``is_ais`` if the names of the columns are those of AIS messages.
+    """
     is_alone = numbers.speed is None and numbers.velocity is None
     for unit, unit_points in LENGTH_UNITS.items():
         if unit != "m" and is_alone:
@@ -272,7 +279,7 @@ def _lengths(numbers: Numbers, is_ais: bool) -> Iterator[tuple[str, bool, float]
 
 
 def _largest_sizes(place: Array) -> tuple[float, float]:
-    """Return the largest sizes of both rows of positions (2, R)."""
+    """Return the largest absolute values of longitude and latitude, the rows of ``place`` (2, R)."""
     longitude, latitude = place
     largest_longitude = float(np.nanmax(np.abs(longitude), initial=0.0))
     largest_latitude = float(np.nanmax(np.abs(latitude), initial=0.0))
@@ -290,7 +297,10 @@ def _may_be_degrees(numbers: Numbers) -> bool:
 
 
 def _meters(place: Array, unit: str, as_angle: bool, given: Mapping[str, str]) -> Array:
-    """Compute meters (n, R) from positions in a unit, near the middle latitude."""
+    """Return positions (n, R) in meters.
+
+    Angles are converted near the middle latitude of the positions.
+    """
     if not as_angle:
         return place * UNITS[unit]
     longitude, latitude = place * UNITS[unit]
@@ -319,7 +329,11 @@ class _Moves:
 
     @classmethod
     def of_rows(cls, time: Array, meters: Array) -> "_Moves":
-        """Choose the shortest distance in rows over which errors do not matter."""
+        """Return the ways over the smallest number of rows at which errors of the positions are small.
+
+        ``meters`` (n, R) are the positions. The number of rows is doubled until the median way is many
+        standard deviations of a position, or too few ways are left.
+        """
         rows = np.array([], dtype=np.intp)
         if len(meters):
             rows = np.flatnonzero(np.isfinite(time) & np.isfinite(meters).all(axis=0))
@@ -337,16 +351,19 @@ class _Moves:
             if 2 * lag > max(1, len(rows) // 4) or np.median(sizes) > _MANY * sigma:
                 break
             lag *= 2
-        passed = time[lag:] - time[:-lag]
-        later = passed > 0.0
-        speeds = sizes[later] / passed[later]
+        duration = time[lag:] - time[:-lag]
+        later = duration > 0.0
+        speeds = sizes[later] / duration[later]
         is_sure = later.any() and float(np.quantile(sizes, 0.9)) > 3.0 * sigma
         usual = float(np.median(speeds)) if is_sure else np.nan
-        return cls(rows[:-lag][later], rows[lag:][later], passed[later], ways[:, later], usual)
+        return cls(rows[:-lag][later], rows[lag:][later], duration[later], ways[:, later], usual)
 
 
 def _points_of_speed(speed: float, on_earth: bool) -> float:
-    """Weigh a speed by what moves so fast; cells, robots and pixels may be slow."""
+    """Return the points against a usual speed, m/s, that few things have.
+
+    Slow things that are not ``on_earth``, such as cells, robots and pixels, get few points.
+    """
     if not np.isfinite(speed) or speed == 0.0:
         return 0.0
     points = 4.0
@@ -360,7 +377,10 @@ def _points_of_speed(speed: float, on_earth: bool) -> float:
 
 
 def _points_of_interval(times: Array, is_gps: bool) -> float:
-    """Weigh the usual interval between rows: whole seconds, or so many a second, are usual."""
+    """Return the points against the usual interval of times, s: whole seconds or a whole rate have none.
+
+    A receiver of GPS has fewer rows a second than other sensors (``is_gps``).
+    """
     finite = np.sort(times[np.isfinite(times)])
     apart = np.diff(finite)
     apart = apart[apart > 0.0]
@@ -388,7 +408,11 @@ def _points_of_interval(times: Array, is_gps: bool) -> float:
 def _speeds(
     numbers: Numbers, given: Mapping[str, str], moves: _Moves, as_angle: bool
 ) -> Iterator[tuple[str, float, bool]]:
-    """Yield units of the speed that agree, or one that disagrees, with points against them."""
+    """Yield units of the measured speed, with points against each and whether it agrees.
+
+    The first units are those in which the speed agrees with that of the ``moves``. The last one is the
+    given unit, or none, with points for a disagreement. ``as_angle`` if positions are angles.
+    """
     shown = _shown_speed(numbers)
     if shown is None:
         yield "", 0.0, False
@@ -419,11 +443,11 @@ def _shown_speed(numbers: Numbers) -> Array | None:
 
 
 def _ratio(shown: Array, moves: _Moves) -> float:
-    """Compute the usual ratio of measured speeds, as written, and those of the positions, or NaN."""
+    """Return the median ratio of the written speeds to those of the positions; NaN without any."""
     if not len(moves.first) or not np.isfinite(moves.usual_speed):
         return np.nan
     speed = np.sqrt(np.square(moves.ways).sum(axis=0)) / moves.time
-    # The mean of the speeds at both ends; ways are compared where things move.
+    # A way is compared with the mean of the speeds at both of its ends, where the target moves.
     mean = 0.5 * (shown[moves.first] + shown[moves.last])
     valid = np.isfinite(mean) & (mean > 0.0) & (speed > 0.0)
     if not valid.any():
@@ -435,7 +459,11 @@ def _ratio(shown: Array, moves: _Moves) -> float:
 def _course(
     numbers: Numbers, given: Mapping[str, str], moves: _Moves, agrees: bool
 ) -> tuple[str, bool]:
-    """Find the unit of the course in which it is the direction of the ways, and whether it is."""
+    """Return the unit in which the course is best the direction of the ways, and whether it agrees.
+
+    ``agrees`` is that of the speed. A measured velocity has no unit of a course, but its direction is
+    compared, too.
+    """
     if numbers.velocity is not None:
         # North may stand before east.
         cosine = _cosine(numbers.velocity, moves)
@@ -461,7 +489,7 @@ def _course(
 
 
 def _cosine(velocity: Array, moves: _Moves) -> float:
-    """Compute the usual cosine between a velocity (2, R) and the ways; -1 without any."""
+    """Return the median cosine between velocities (2, R) and the ways; -1 without any."""
     if len(moves.ways) != 2 or not len(moves.first):
         return -1.0
     shown = 0.5 * (velocity[:, moves.first] + velocity[:, moves.last])

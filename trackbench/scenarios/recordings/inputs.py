@@ -17,14 +17,17 @@ _MOST_INTERVALS = 1.5
 
 
 class InputRows(NamedTuple):
-    """Rows with all inputs in order, and the rows without any."""
+    """Rows with all inputs, in order of time, and the rows without any input."""
 
     measured: Rows
     blank: Rows
 
 
 def with_inputs_only(gathered: Gathered, names: Sequence[str], rows: Rows) -> InputRows:
-    """Part rows with all inputs from those with none. Raises DataError for rows with some of them."""
+    """Separate the rows with all inputs from those without any.
+
+    ``names`` are those of the inputs. Raises DataError for rows with only some of them.
+    """
     is_missing = np.isnan(rows.values)
     has_all = ~is_missing.any(axis=0)
     has_none = is_missing.all(axis=0)
@@ -91,7 +94,10 @@ def _inputs_of_run(
     gap: float | None,
     resample: float | None,
 ) -> KnownInputs:
-    """Return the inputs of one run, whose times are shifted to those of the clock."""
+    """Return the inputs of one run; ``shift`` is added to its times, so that they are the clock's.
+
+    The other arguments are those of `inputs_at`.
+    """
     # Step 1: pieces of constant values, each from one edge to the next.
     times = clock.steps.astype(float) if gathered.stepped else clock.times
     row_times = rows.measured.time + shift
@@ -115,7 +121,7 @@ def _inputs_of_run(
     means = _means(edges, pieces, earlier, later)
     is_constant = first_of_step == last_of_step
     means[:, is_constant] = pieces[:, first_of_step[is_constant]]
-    # Step 3: no values outside the rows, and none in a piece that is too long.
+    # Step 3: a step has no inputs outside the rows, nor if a piece within it is longer than the gap.
     is_long = np.diff(edges) > longest + TICK
     is_long[[0, -1]] = False
     longs_before = np.concatenate([[0], np.cumsum(is_long)])
@@ -160,7 +166,11 @@ def _gap_place(
     step: int,
     usual: float,
 ) -> Place:
-    """Describe the first step without inputs: the blank row there, or the row before it."""
+    """Return the place and the description of the first step without inputs.
+
+    The place is the blank row there, or the row before it. ``shift`` is added to the rows' times,
+    ``times`` are those of the steps, and ``usual`` is the usual interval of the rows.
+    """
     unit = " steps" if gathered.stepped else " s"
     inputs = ", ".join(names)
     row_times = rows.measured.time + shift
@@ -196,7 +206,7 @@ def _rounded_up(length: float) -> float:
 
 
 def aligned_with(inputs: KnownInputs, steps: Index) -> KnownInputs:
-    """Return the inputs for a clock with further steps before the first, which need none."""
+    """Return the inputs for the clock's ``steps``, which begin earlier; the steps before have none."""
     added = len(steps) - inputs.values.shape[1]
     shift = int(steps[0]) + added - inputs.first
     values = np.pad(inputs.values, [(0, 0), (added, 0)], constant_values=np.nan)

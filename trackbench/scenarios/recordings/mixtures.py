@@ -57,7 +57,7 @@ _TARGETS = _word_set(
 
 
 def role_of(name: str) -> Literal["quality", "sensor", "place", "target", ""]:
-    """Name the role that the words of a column's name give it."""
+    """Return what the words of a column's name say that it names; empty if they say nothing."""
     words = {word.rstrip("0123456789") for word in words_of(name)} | {*words_of(name)}
     words.add("".join(words_of(name)))
     if words & _QUALITY:
@@ -72,9 +72,10 @@ def role_of(name: str) -> Literal["quality", "sensor", "place", "target", ""]:
 
 
 def may_split(name: str, cells: Sequence[str]) -> bool:
-    """Test whether a column's first cells are words that are repeated, and not measured numbers.
+    """Test whether a column may name the target or sensor of each row, by its name and first cells.
 
-    Rows may be sorted by target, so that the first of them name one alone: the name must say so then.
+    The cells must be words that are repeated, and no measured numbers. Rows may be sorted by target, so
+    that all of these cells are one word: then the name of the column must say that it names targets.
     """
     words = {cell for cell in cells if cell}
     role = role_of(name)
@@ -120,7 +121,8 @@ def split_by(codes: Index, time: Array, values: Array) -> Split:
             middle = np.median(away, axis=1)
             noise = np.maximum(sizes[i], sizes[j])
             apart += bool((middle > _APART * noise).any())
-            # A part that is less accurate than the first one, by its own rows and beside the first's.
+            # The other part is less accurate than the first one: its rows are far from the line of the
+            # first, and from the lines between its own rows.
             larger = (middle > _ERRORS * sizes[i]) & (sizes[j] > _ERRORS * sizes[i])
             unequal += bool(larger.any())
     if compared:
@@ -136,7 +138,10 @@ def split_by(codes: Index, time: Array, values: Array) -> Split:
 
 
 def is_regular(codes: Index, time: Array) -> bool:
-    """Test whether parts alternate, each at equal intervals, as sensors do and quality does not."""
+    """Test whether the parts alternate in time, each at nearly equal intervals.
+
+    Rows of several sensors do so; rows of good and bad quality do not. ``codes`` (R,) number the parts.
+    """
     order = np.argsort(time, kind="stable")
     codes = codes[order]
     time = time[order]
@@ -156,15 +161,16 @@ def is_regular(codes: Index, time: Array) -> bool:
 
 
 def _own_errors(time: Array, values: Array) -> Array:
-    """Compute the median distance (n,) of rows from the line between their neighbors.
+    """Return the size of the errors of each value (n,) of a part's rows.
 
-    It is scaled to the error of one row.
+    It is the median distance of a row from the line between its neighbors, scaled to the standard
+    deviation of one row.
     """
     share, _ = _shares(time[1:-1], time[:-2], time[2:])
     off = values[:, 1:-1] - (1.0 - share) * values[:, :-2] - share * values[:, 2:]
     # e = z_1 - (1 - s) z_0 - s z_2 has the variance sigma^2 (1 + s^2 + (1 - s)^2).
     sizes = np.abs(off) / np.sqrt(1.0 + np.square(share) + np.square(1.0 - share))
-    # Numbers that lie on a line exactly are known to their last digit at best.
+    # Numbers that lie exactly on a line still have rounding errors.
     least = 1e-9 * np.abs(values).max() + 1e-12
     return np.maximum(np.median(sizes, axis=1), least)
 
@@ -219,7 +225,7 @@ def _jumps(time: Array, values: Array, codes: Index) -> bool:
 
 
 def as_positions(values: Mapping[str, Array]) -> Array:
-    """Arrange quantities (R,) by name as rows (n, R) that do not wrap: angles as points of a circle."""
+    """Return quantities (R,) by name as rows (n, R) without jumps: angles as points of a circle."""
     rows = []
     # Angles are points at the measured range, or of the unit circle.
     radius: Array | float = 1.0

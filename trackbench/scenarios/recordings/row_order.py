@@ -16,8 +16,9 @@ Difference = Callable[[Array, Array], Array]
 def in_order(gathered: Gathered, rows: Rows, difference: Difference = np.subtract) -> Rows:
     """Sort the rows by run and time; report unsorted and repeated rows.
 
-    Raises DataError for a clock that falls far, and where two rows of a run and time differ unless
-    ``same_time`` says what becomes of them. ``difference`` subtracts values (n, R), and wraps angles.
+    Raises DataError if the clock falls far. Raises it also if two rows of a run have one time and
+    different values, unless the key ``same_time`` says what becomes of them. ``difference`` subtracts
+    values (n, R), and wraps angles.
     """
     # Step 1: bring the rows of each run together.
     order = np.argsort(rows.run, kind="stable")
@@ -37,7 +38,7 @@ def in_order(gathered: Gathered, rows: Rows, difference: Difference = np.subtrac
 
 
 def _check_falls(gathered: Gathered, rows: Rows) -> None:
-    """Report rows that come after later ones. Raises DataError if the clock falls far."""
+    """Add a note on rows that come after later ones. Raises DataError if the clock falls far."""
     late = 0
     largest = 0.0
     place = 0  # row of the largest fall
@@ -71,15 +72,16 @@ def _check_falls(gathered: Gathered, rows: Rows) -> None:
 def _merge_equal_times(
     gathered: Gathered, rows: Rows, again: Numbers, difference: Difference
 ) -> Rows:
-    """Leave out repetitions among rows of one time, or treat the rows as ``same_time`` says.
+    """Leave out repeated rows, and treat different rows of one time as the key ``same_time`` says.
 
-    ``again`` are the rows whose time is that of the row before; ``difference`` subtracts values (n, R).
+    ``again`` are the indices of the rows whose time is that of the row before. ``difference`` subtracts
+    values (n, R).
     """
     # Step 1: repeated rows agree if every value is equal or missing in both.
     now = rows.values[:, again]
     before = rows.values[:, again - 1]
     differ = ~((now == before) | (np.isnan(now) & np.isnan(before))).all(axis=0)
-    # A target at rest repeats its values: they count where times are spread.
+    # With `same_time: spread` equal rows are those of a target at rest, and none is left out.
     differ |= gathered.naming.same_time == "spread"
     if (~differ).any():
         what = "rows that say again what the one before says were left out"
@@ -126,9 +128,9 @@ def _merge_equal_times(
 
 
 def _way_to_rest_of_time(gathered: Gathered, key: str) -> str:
-    """Say how to read a column with a further part of the time; empty if there is none.
+    """Return the advice to read a column that looks like a further part of the time.
 
-    ``key`` is ``week`` or ``subsecond``.
+    ``key`` is ``week`` or ``subsecond``, the part. The text is empty if there is no such column.
     """
     if key not in gathered.rest:
         return ""
@@ -140,11 +142,11 @@ def _way_to_rest_of_time(gathered: Gathered, key: str) -> str:
 
 
 def _mean_of_groups(values: Array, first: Numbers, group: Numbers, difference: Difference) -> Array:
-    """Average the values (n, R) of each group to (n, G); missing ones are left out.
+    """Return the mean values (n, G) of each group of rows with values (n, R); missing ones are left out.
 
     ``first`` (G,) are the groups' first rows, ``group`` (R,) is the number of each row's group.
     """
-    # z_0 + mean(z - z_0), so that angles are averaged about the first that is there.
+    # z_0 + mean(z - z_0), so that angles are averaged about the first existing value of the group.
     start = np.full((len(values), len(first)), np.nan)
     for row in range(int(np.bincount(group).max())):
         indices = np.minimum(first + row, len(group) - 1)
@@ -161,7 +163,7 @@ def _mean_of_groups(values: Array, first: Numbers, group: Numbers, difference: D
 
 
 def _spread_times(rows: Rows, first: Numbers, last: Numbers, group: Numbers) -> Array:
-    """Spread the times of one group evenly until the next group's of the run.
+    """Return the times of all rows, those of each group spread evenly until the next group of the run.
 
     ``first`` and ``last`` (G,) are the groups' rows, ``group`` (R,) is the number of each row's group.
     """

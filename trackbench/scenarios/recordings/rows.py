@@ -73,7 +73,7 @@ class Rows(NamedTuple):
     """time (R,) at which the row was received, by default its own"""
 
     def at(self, chosen: Numbers) -> "Rows":
-        """Select some of the rows, or put all in another order."""
+        """Return the rows with these indices, in their order."""
         return Rows(
             run=self.run[chosen],
             time=self.time[chosen],
@@ -135,7 +135,10 @@ class Gathered:
     notices: list[str] = field(default_factory=list)
 
     def check_origin(self, origin: tuple[float, ...], *path: str) -> None:
-        """Raise InvalidKeyError for an origin that is needed and not given, or given and not needed."""
+        """Raise InvalidKeyError if an origin is needed and not given, or given and not needed.
+
+        ``path`` is the path of its key in the config.
+        """
         if origin and not self.geodetic:
             what = (
                 "no file has latitude and longitude, which alone count from an origin; leave it out"
@@ -149,11 +152,15 @@ class Gathered:
             raise InvalidKeyError(f"{what} {way}", *path)
 
     def place(self, rows: Rows, i: int, message: str) -> Place:
-        """Report a mistake at row i."""
+        """Return the place of row i in its file, with a message on a mistake there."""
         return Place(self.files[rows.file[i]], int(rows.line[i]), 1, message)
 
     def timed(self, columns: Columns, table: Table, clock: str, parts: Sequence[str] = ()) -> Array:
-        """Read times of a table's rows; all tables have clocks of one kind. ``parts`` are added."""
+        """Return the times (R,) of a table's rows in seconds, or the numbers of their steps.
+
+        ``clock`` is the column of the times; ``parts`` name further parts of a time that are added.
+        Raises DataError if this file has another kind of clock than the first one.
+        """
         stepped = columns.contents[clock] == "step"
         # Dates without a zone are in UTC, and go with those that have one if the column says UTC.
         says_utc = table.dated == "date" and not _UTC.isdisjoint(words_of(clock))
@@ -195,13 +202,13 @@ class Gathered:
         return seconds
 
     def numbers_of(self, names: Sequence[str]) -> Numbers:
-        """Give each run a number."""
+        """Return the number of each run; a name that is new gets the next number."""
         self.runs = list(dict.fromkeys([*self.runs, *names]))
         known = {name: i for i, name in enumerate(self.runs)}
         return np.array([known[name] for name in names], dtype=np.int32)
 
     def numbers_of_known(self, names: Collection[str]) -> Numbers:
-        """Look up the numbers of those of these runs that the files have."""
+        """Return the numbers of the runs with these names; names that no file has are left out."""
         return np.array([i for i, name in enumerate(self.runs) if name in names], dtype=np.int32)
 
     def note_distances(self) -> None:
@@ -214,7 +221,7 @@ class Gathered:
             self.notices.append(f"{what}; x and y of each count from its own first position")
         distance = self.largest_distance
         if distance > FAR:
-            # The plane shortens a way that leads away from the origin by the share 1 - cos(d / R).
+            # The tangent plane shortens a way away from the origin by the share 1 - cos(d / R).
             share = 1.0 - np.cos(distance / SEMI_MAJOR_AXIS)
             what = f"positions lie up to {_kilometers(distance)} from the origin"
             why = f"where the tangent plane shortens distances by {100.0 * share:.2g} %"
@@ -233,7 +240,7 @@ _EPOCHS = {"ms": 1e12, "us": 1e15, "ns": 1e18}
 
 
 def _way_to_read_time(value: float) -> str:
-    """Say how a number that is too large for seconds is read: as a date, or in another unit."""
+    """Return the advice on a number that is too large for seconds: a form of dates, or another unit."""
     digits = f"{value:.0f}"
     for length, form in _STAMPS:
         month = int(digits[4:6] or 0)
@@ -251,7 +258,7 @@ def _way_to_read_time(value: float) -> str:
 
 
 def _clock_type(stepped: bool, dated: str) -> str:
-    """Name what a clock's column holds."""
+    """Return the words for the times of a file: numbers of steps, dates or seconds."""
     if stepped:
         return "numbers of steps"
     return dated.replace("date", "dates") or "seconds"
@@ -266,10 +273,13 @@ def usual_interval(times: Array) -> float:
 
 
 def files_of(pattern: str) -> list[str]:
-    """Find the file, or all that a pattern matches, in order. Raises DataError if it matches none."""
+    """Return the file of this name, or all files that a pattern matches, in order of their names.
+
+    Raises DataError if there is no match.
+    """
     if not any(c in pattern for c in "*?[") or os.path.lexists(pattern):
         return [pattern]
-    # A folder that exists has this very name: what is in brackets there is no pattern.
+    # Brackets in the name of an existing folder are part of the name, and no pattern.
     folder = str(next((parent for parent in Path(pattern).parents if parent.is_dir()), ""))
     paths = sorted(glob(escape(folder) + pattern.removeprefix(folder)))
     if not paths:
@@ -284,11 +294,12 @@ def read_rows(
     least: int | None = None,
     names: Sequence[str] = (),
 ) -> list[Rows]:
-    """Read rows of the quantities that each sensor measures, from one file for all or a file for each.
+    """Read the rows of each sensor from the files of the patterns.
 
-    A pattern may match a file per run. ``least`` quantities must be there, by default all. A column
-    ``sensor`` holds the sensors' ``names``, by default their numbers. Raises DataError with the line of
-    every mistake.
+    ``sensors`` has the quantities that each sensor measures. There is one pattern for all sensors, or
+    one for each. A pattern may match several files, one for each run. A file must have at least
+    ``least`` of the quantities, by default all. A column ``sensor`` has the sensors' ``names``, by
+    default their numbers. Raises DataError with the line of every mistake.
     """
     # Step 1: read one file for all sensors, or the files of each sensor's pattern.
     is_shared = len(patterns) == 1
@@ -335,7 +346,11 @@ def _read_file(
     name: str,
     names: Sequence[str],
 ) -> list[Rows]:
-    """Read the rows by sensor of one file, which is the run of this name if it does not name runs."""
+    """Read the rows of each sensor from one file.
+
+    ``name`` is that of the file's run, if the file does not name runs itself. The other arguments are
+    those of `read_rows`.
+    """
     # Step 1: find the columns of the quantities, of time, run and sensor.
     wanted = list(chain.from_iterable(sensors))
     if least is None:
@@ -448,13 +463,13 @@ class MixedRowsError(DataError):
 
 
 def _possible_labels(columns: Columns, of_time: Collection[str]) -> list[str]:
-    """Note and list the unused columns that may name the target or the sensor of each row.
+    """Return the unused columns that may name the target or the sensor of each row.
 
-    Columns ``of_time`` are parts of a stamp.
+    The words of these columns are read with the table. The columns ``of_time`` are parts of a time.
     """
     named = columns.naming.columns
     if named.get("run") == "" or named.get("sensor") == "":
-        return []  # the config says that they are mixed
+        return []  # the config says that the rows are mixed
     labels = []
     quantities = columns_of(columns.names)
     measured = {c.column for name, c in quantities.items() if name not in ("run", "sensor")}
@@ -474,11 +489,12 @@ def _check_label(
     time: Array,
     of_sensor: Numbers | slice,
 ) -> None:
-    """Raise MixedRowsError if a column's words split the rows of the longest run of a sensor.
+    """Raise MixedRowsError if a column seems to name several targets or sensors of one sensor's rows.
 
-    A column whose name says that it names targets or sensors may do so unless the rows agree as one;
-    any other column must show it. ``label`` is the column; ``quantities``, ``runs`` and ``time`` are
-    those of the sensor's rows, and ``of_sensor`` are these rows of the table.
+    The rows of the longest run are split by the words of the column ``label``. If the column's name
+    says that it names targets or sensors, this is an error unless the parts agree as one. For any other
+    column the parts must clearly differ. ``quantities``, ``runs`` and ``time`` are those of the
+    sensor's rows, and ``of_sensor`` are the indices of these rows in the table.
     """
     codes = table.columns[label][of_sensor]
     words = table.words[label]
@@ -515,10 +531,11 @@ def _check_label(
 def _frames_of_runs(
     gathered: Gathered, columns: Columns, table: Table, runs: Numbers
 ) -> tuple[Geodetic, list[Frame]]:
-    """Compute the places of a table's rows, and choose the origin of each run's rows.
+    """Return the places of a table's rows, and frames: each an origin with the rows that count from it.
 
-    Runs share one origin, given or the first position that is read. Without a given one, a run that
-    begins far from it has its own. Raises an error for rows too far from their origin.
+    Runs share one origin, the given one or the first position that is read. If no origin is given, a
+    run that begins far from the first position has an origin of its own. Raises an error for rows too
+    far from their origin.
     """
     height = 0.0
     if gathered.origin is not None and len(gathered.origin) > 2:
@@ -571,7 +588,7 @@ def _origin_at(places: Geodetic, row: int) -> tuple[float, ...]:
 
 
 def _distances(places: Geodetic, rows: Numbers, origin: tuple[float, ...]) -> Array:
-    """Compute the distances of rows from an origin, m, along the Earth."""
+    """Return the distances of the rows with these indices from an origin, m, along the Earth."""
     on_ground = Geodetic(places.latitude[rows], places.longitude[rows], np.zeros(len(rows)))
     origin_on_ground = Frame((*origin[:2], 0.0), np.asarray(rows, dtype=np.intp)).place
     chord = np.sqrt(np.square(east_north_up(on_ground, origin_on_ground)).sum(axis=0))
@@ -614,7 +631,10 @@ def _check_distances(
 
 
 def _mistaken_origin(origin: tuple[float, ...], places: Geodetic, row: int, distance: float) -> str:
-    """Explain which exchange of an origin's numbers would bring it near a row; empty if none does."""
+    """Explain which exchange or sign of an origin's numbers would bring it near a row; empty if none.
+
+    ``distance``, m, is that of the origin from the place of the row.
+    """
     latitude, longitude = origin[:2]
     changes = {
         "latitude and longitude exchanged": (longitude, latitude),
@@ -643,7 +663,10 @@ def _kilometers(meters: float) -> str:
 def _read_received(
     gathered: Gathered, columns: Columns, table: Table, column: str, time: Array
 ) -> Array:
-    """Read the times at which rows were received. Raises DataError for one before the row's own."""
+    """Return the times (R,) at which rows were received, from a column.
+
+    Raises DataError for rows that were received before their own ``time`` (R,).
+    """
     received = gathered.timed(columns, table, column)
     early = np.flatnonzero(received < time - TICK)[:_MOST_MISTAKES].tolist()
     if early:
@@ -665,9 +688,9 @@ def _find_sensor_rows(
     number: int,
     names: Sequence[str],
 ) -> Mask:
-    """Find the rows (R,) of the m-th of so many sensors.
+    """Return which rows (R,) are those of sensor m, from 0, of ``number`` sensors.
 
-    The ``column`` has the sensors' ``names``, or their numbers from 1 on.
+    The ``column`` has the sensors' ``names``, or their numbers from 1 on if ``names`` is empty.
     """
     words = [word for word in table.words[column] if word]
     known = names or [str(i + 1) for i in range(number)]
@@ -714,9 +737,11 @@ def chosen_runs(
     chosen: Collection[str],
     within: tuple[str, ...] = ("runs",),
 ) -> list[Rows]:
-    """Select the rows of the chosen runs (default: all), which are then numbered in their order.
+    """Return the rows of the chosen runs (default: all), and number the runs anew in their order.
 
-    That is the order they are chosen in, or that of their numbers if all are whole, or that in the file.
+    This is the order in which they are chosen. If none are chosen, it is the order of their names if
+    these are whole numbers, and otherwise the order in the files. ``within`` is the path of the key for
+    an error.
     """
     names = list(chosen) or gathered.runs
     if not chosen and all(name.isascii() and name.isdigit() for name in names):
@@ -742,7 +767,10 @@ def chosen_runs(
 
 
 def check_turns(gathered: Gathered, rows: Rows, angles: Mapping[str, int]) -> None:
-    """Raise DataError for angles, by name and row of the values, that are too large to be in radians."""
+    """Raise DataError for angles that are too large to be in radians.
+
+    ``angles`` has the row of each angle among the values, by its name.
+    """
     for name, i in angles.items():
         limit = 2.0 * np.pi + TICK
         turn = "a whole turn"
@@ -816,7 +844,10 @@ class FromFiles:
         return (type(self), keys, self.__dict__["_content"])
 
     def _named(self, value: Any) -> str:
-        """Write a key's value as a word; a file counts by its content, wherever it lies."""
+        """Return a key's value as a word, by which objects are compared; every file is one word.
+
+        Files are compared by their content, which `_key` adds.
+        """
         if isinstance(value, tuple) and value:
             return ",".join(map(self._named, value))
         if isinstance(value, str) and value in self.patterns:

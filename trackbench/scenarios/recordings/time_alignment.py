@@ -45,7 +45,10 @@ class Opened(NamedTuple):
 
 
 def initial_scans(gathered: Gathered, rows: Rows, scans: int) -> Opened:
-    """Take the first scans of each run that are whole, from rows in order."""
+    """Return the first state of each run from its first ``scans`` complete scans; rows are in order.
+
+    Raises DataError for a run with fewer complete scans.
+    """
     runs = len(gathered.runs)
     # Rows with all components; where each run begins among them, and how many it has.
     whole = np.flatnonzero(np.isfinite(rows.values).all(axis=0))
@@ -68,11 +71,13 @@ def common_clock(
     T: float,
     resample: float | None,
 ) -> Clock:
-    """Choose the steps of all runs, their first states laid over each other where the scans give them.
+    """Choose the steps that all runs share.
 
-    Steps are the file's own, all between the first and the last of them, T s apart; or the times at
-    which any run measured; or, if they are resampled, so many seconds apart. Without scans the first
-    state is one step, or an interval of the usual length, before the first row.
+    If the file numbers its steps, these are all steps from the first to the last, T s apart. If
+    ``resample`` is given, the steps are so many seconds apart. Otherwise there is a step at every time
+    at which any run measured. ``start`` has the first states from scans; the runs are shifted so that
+    these coincide. Without scans (None) the first state is one step, or an interval of the usual
+    length, before the first row.
     """
     # Step 1: time of the first state; scans shift the runs so that their first states coincide.
     if start is None:
@@ -118,7 +123,7 @@ def _checked_number(gathered: Gathered, number: float) -> int:
 def _interval_before_first(
     gathered: Gathered, sensors: Sequence[Rows], resample: float | None
 ) -> float:
-    """Return how long before the first row an initial state without scans lies."""
+    """Return the time, s or steps, from an initial state without scans to the first row."""
     if gathered.stepped:
         return 1.0
     if resample is not None:
@@ -128,7 +133,10 @@ def _interval_before_first(
 
 
 def _union_of_times(sensors: Sequence[Rows], shift: Array, begin: float) -> Array:
-    """Join the times at which any run measured, from the first state's on."""
+    """Return all times at which any run measured, from ``begin``, that of the first state, on.
+
+    ``shift`` (M,) is added to the times of each run.
+    """
     pieces = [np.array([begin])]
     # One time for each tick, first of every sensor and then of all.
     for rows in sensors:
@@ -158,9 +166,10 @@ def _equal_distance(times: Array) -> float | None:
 def measurement_array(
     gathered: Gathered, sensors: Sequence[Rows], clock: Clock, resampled: bool
 ) -> tuple[Array, Array | None]:
-    """Arrange measurements (n_z, K, M) by step and run, of several rows the nearest, and arrivals.
+    """Return measurements (n_z, K, M) by step and run, and the steps of their arrival.
 
-    Those are steps (S, K, M), from 0, at which measurements of S sensors were received, if it is known.
+    If steps are ``resampled``, the row nearest to the step's time counts. The arrivals (S, K, M) are the
+    steps, from 0, at which the measurements of S sensors were received; None if that is unknown.
     """
     steps = len(clock.steps)
     runs = len(gathered.runs)
@@ -207,7 +216,7 @@ def measurement_array(
 
 
 def _received_steps(gathered: Gathered, rows: Rows, clock: Clock) -> Index:
-    """Find the place (R,) among the steps of the first one at which each row has been received."""
+    """Return the index (R,) of the first step at which each row has been received."""
     times = rows.received + clock.shift[rows.run]
     if gathered.stepped:
         return np.rint(times).astype(np.intp) - int(clock.steps[0])
@@ -215,7 +224,10 @@ def _received_steps(gathered: Gathered, rows: Rows, clock: Clock) -> Index:
 
 
 def _nearest_steps(gathered: Gathered, rows: Rows, clock: Clock) -> tuple[Index, Array]:
-    """Find the place (R,) of each row among the steps, and how far from its time it is, s."""
+    """Return the index (R,) of the step nearest to each row, and its distance (R,) in time, s.
+
+    The index is -1 for a row before the first state.
+    """
     times = rows.time + clock.shift[rows.run]
     if gathered.stepped:
         return np.rint(times).astype(np.intp) - int(clock.steps[0]), np.zeros_like(times)
@@ -228,7 +240,10 @@ def _nearest_steps(gathered: Gathered, rows: Rows, clock: Clock) -> tuple[Index,
 
 
 def _nearest_rows(run: Numbers, place: Index, away: Array, rows: Index) -> Index:
-    """Select the row nearest to the step's time, among ``rows`` of a run in the same step."""
+    """Select, of the ``rows`` of a run in one step, the one nearest to the step's time.
+
+    ``run``, ``place`` and ``away`` (R,) are the run, the step and the distance in time of all rows.
+    """
     # Sort by run, step and distance; take the first of each run and step.
     order = rows[np.lexsort((away[rows], place[rows], run[rows]))]
     first = np.ones(len(order), dtype=np.bool_)
@@ -237,7 +252,10 @@ def _nearest_rows(run: Numbers, place: Index, away: Array, rows: Index) -> Index
 
 
 def with_scans(clock: Clock, gathered: Gathered, scans: int, apart: Array) -> Clock:
-    """Put the steps that the scans take before the first state's."""
+    """Return the clock with further steps for the scans that come before the first state's.
+
+    ``scans`` is the number of scans of the start, ``apart`` (M,) the time between the last two, s.
+    """
     used = max(0, scans - 1)
     if not used:
         return clock
@@ -252,9 +270,10 @@ def with_scans(clock: Clock, gathered: Gathered, scans: int, apart: Array) -> Cl
 
 
 def check_runs_of_truth(of_truth: Gathered, rows: Rows, measured: Gathered) -> None:
-    """Raise DataError if runs lack a truth because their names are spelled otherwise there.
+    """Raise DataError if runs lack a truth because the file of the truth spells their names otherwise.
 
-    A truth without names of runs is that of every run, which then have one origin.
+    ``rows`` are those of the truth. A truth without names of runs is that of every run. Then all runs
+    must have one origin.
     """
     path = of_truth.files[0]
     if of_truth.runs == [ONE_RUN]:
@@ -309,10 +328,11 @@ def truth_at(
     gap: float | None,
     angles: Sequence[int] = (),
 ) -> Array:
-    """Interpolate states (n, K + 1, M) at the steps; a truth without runs is that of every run.
+    """Return true states (n, K + 1, M) at the steps, interpolated between the rows.
 
-    Between two rows that are at most ``gap`` apart (s, or steps) a state lies on the straight line, and
-    the rows ``angles`` turn the shorter way; NaN elsewhere. Raises DataError if there is none at all.
+    Only rows that are at most ``gap`` apart (s, or steps) are interpolated; elsewhere the truth is NaN.
+    Components ``angles`` turn the shorter way. A truth without names of runs is that of every run.
+    Raises DataError if there is no truth at any step.
     """
     truth = np.full((len(rows.values), len(clock.steps), len(runs)), np.nan)
     times = clock.steps.astype(float) if gathered.stepped else clock.times

@@ -38,9 +38,10 @@ _ANGLES = {
 def contradictions(
     sensor: Sensors, components: Sequence[str], truth: Array, measurements: Array, steps: Index
 ) -> list[str]:
-    """Describe sensors whose measurements (n_z, K, M) are beyond the truth (n_x, K, M) at these steps.
+    """Describe each sensor whose measurements (n_z, K, M) contradict the truth (n_x, K, M).
 
-    The text names the reflection or quarter turn with which they agree, or another way to count angles.
+    The text names the reflection, turn or other way to count angles with which both would agree, if
+    there is one. ``components`` are those of the truth, ``steps`` the numbers of the K steps.
     """
     axes = _axes_of(components)
     if axes is None:
@@ -94,7 +95,7 @@ def contradictions(
 
 
 def _axes_of(components: Sequence[str]) -> tuple[tuple[int, int], ...] | None:
-    """Find the rows of x and y among a state's components, and those of their velocities."""
+    """Return the rows of x and y, and of their velocities, in a state; None if the state has no x."""
     if not {"px", "x"} & {*components}:
         return None
     axes = []
