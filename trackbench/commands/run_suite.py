@@ -173,6 +173,9 @@ def run_suite(
     begin(options.engine, options.workers, DRAWER)  # while the configs are read
     suite = prepare_suite(Path(file), options, problems)
     folder = suite_folder(suite, options)
+    if suite.too_long:
+        names = ", ".join(suite.too_long)
+        say(f"note: --quick leaves out {names}, which takes long; --problem NAME runs it", options)
     for line in _left_out_notes(_misfits(suite)):
         say(f"note: {line}", options)
     scores: dict[str, list[Score]] = {name: [] for name in suite.settings.groups}

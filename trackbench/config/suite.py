@@ -33,9 +33,7 @@ from trackbench.yaml_source import (
 )
 
 QUICK_RUNS = 4
-"""Runs of each problem with `--quick`, at most."""
-_QUICK_SHARE = 5
-"""Runs of a problem for each of its runs with `--quick`; it keeps two at least."""
+"""Runs of each problem with `--quick`."""
 _QUICK_TUNING = {"evaluations": 6, "runs": 10}
 """Trials and training runs of each filter with `--quick`."""
 _COPIED = ("title", "paper", "seed", "scenario", "hold_out")
@@ -54,6 +52,8 @@ class SuiteProblem:
     """one line for people; default: the title of the experiment"""
     runs: Count | None = None
     """Monte Carlo runs; default: those of the suite"""
+    quick: bool = True
+    """whether `--quick` runs it, too; a problem that takes long may be left out"""
     set: dict[str, object] = field(default_factory=dict)
     """changes of the experiment, by path: {scenario.last: 100}"""
     score: str | None = None
@@ -129,6 +129,8 @@ class Suite:
     """path as the user gave it"""
     is_part: bool = False
     """True if problems are left out by the user"""
+    too_long: tuple[str, ...] = ()
+    """problems that `--quick` leaves out"""
 
 
 def load_suite(
@@ -179,6 +181,7 @@ def load_suite(
     problems: list[Problem | str] = []
     added: dict[str, Mark] = {}
     reasons: dict[str, str] = {}
+    too_long: list[str] = []
     assembler = _Assembler(
         suite=source,
         home=path.parent,
@@ -190,6 +193,9 @@ def load_suite(
     for group_name, group in settings.groups.items():
         for name in group.problems:
             if chosen_problems and name not in chosen_problems:
+                continue
+            if quick and not chosen_problems and not group.problems[name].quick:
+                too_long.append(name)
                 continue
             try:
                 assembled = assembler.assemble(group_name, name)
@@ -217,6 +223,7 @@ def load_suite(
         added=tuple(added),
         file=str(file),
         is_part=bool(chosen_problems),
+        too_long=tuple(too_long),
     )
 
 
@@ -342,9 +349,7 @@ class _Assembler:
         if self.settings.seed is not None:
             put(data, "seed", self.settings.seed, self.suite.mark(("seed",)))
         if self.quick:
-            all_runs = problem.runs or self.settings.runs
-            quick_runs = min(QUICK_RUNS, max(2, all_runs // _QUICK_SHARE))
-            put(data, "runs", self.runs or quick_runs, Mark("--quick"))
+            put(data, "runs", self.runs or QUICK_RUNS, Mark("--quick"))
         elif problem.runs and self.runs is None:
             put(data, "runs", problem.runs, mark)
         else:
