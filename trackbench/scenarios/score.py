@@ -169,7 +169,7 @@ class Score:
         return vectors
 
     def _rows(self, components: tuple[str, ...]) -> dict[str, list[int]]:
-        """Return the rows of the state that make up each error."""
+        """Return the rows of a state of ``components`` that make up each error, by the error's name."""
         n = len(components)
         if _is_moving(components):
             rows = {"position": list(range(0, n, 2)), "velocity": list(range(1, n, 2))}
