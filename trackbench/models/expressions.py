@@ -318,7 +318,7 @@ def _difference(a: Node, b: Node) -> Node:
 
 
 def _product(a: Node, b: Node) -> Node:
-    """Return a node of the value ``a b``, in which a factor of one is left out; ZERO if a factor is zero."""
+    """Return a node of the value ``a b``, without a factor of one; ZERO if a factor is zero."""
     if _is_number(a, 0.0) or _is_number(b, 0.0):
         return ZERO
     if _is_number(a, 1.0):

@@ -305,7 +305,7 @@ class SensorBase(Part):
 
     @staticmethod
     def _outlier_factor(outliers: Outliers, runs: int, rng: Streams) -> Array:
-        """Draw the factor (M,) on each run's errors that makes outliers, or Student's t, of normal ones."""
+        """Draw the factor (M,) on normal errors that makes them outliers, or Student's t."""
         factor = np.ones(runs)
         if outliers.degrees is not None:
             # Student's t is a normal over the root of a mean of d squared normals.
