@@ -35,7 +35,7 @@ class _FromScans(Start):
             raise InvalidKeyError(what, "start")
 
     def located(self, opening: InitialScans, sensor: Sensors, scan: int) -> Gaussian:
-        """Return the position (axes, M) measured by scan ``scan``, counted from 0, and its covariance."""
+        """Return the position (axes, M) measured by scan ``scan``, counted from 0, with covariance."""
         sensor_and_rows = position_part(sensor)
         assert sensor_and_rows is not None
         locating_sensor, rows = sensor_and_rows
