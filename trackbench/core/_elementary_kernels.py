@@ -367,7 +367,7 @@ def pi_bits() -> int:
 
 
 def parts(bits: int, divisor: int, widths: list[int]) -> list[float]:
-    """Split ``bits / divisor`` into floats of so many bits each, and one more for the rest."""
+    """Split ``bits / divisor`` into a float for each of ``widths``, its bits, and one for the rest."""
     rest = bits // divisor
     result = []
     for width in widths:

@@ -26,7 +26,7 @@ def wrap_angle(angle: Array) -> Array:
 
 
 def near(x: Array, other: Array, rows: Sequence[int]) -> Array:
-    """Shift the angles in ``rows`` of states x (n, *batch) by whole turns to near another's."""
+    """Shift the angles in ``rows`` of states x (n, *batch) by whole turns to near those of ``other``."""
     if not rows:
         return x
     out = np.array(np.broadcast_to(x, np.broadcast_shapes(x.shape, other.shape)))
@@ -65,7 +65,7 @@ def bring_together(cloud: Particles, rows: Sequence[int]) -> Particles:
 
 
 def moments_together(estimate: Gaussian, cloud: Particles, together: Particles) -> Gaussian:
-    """Replace the estimate by the moments of shifted particles in the runs where any is shifted."""
+    """Replace the estimate by the moments of ``together`` in runs where it differs from ``cloud``."""
     shifted = (cloud.x != together.x).any(axis=(0, 2))
     if not shifted.any():
         return estimate

@@ -54,7 +54,7 @@ def as_slice(rows: Sequence[int]) -> slice | Sequence[int]:
 
 
 def settled_row(above: Mask) -> Index:
-    """Count the rows of ``above`` (K, M) up to each column's last True (M,): after them none is."""
+    """Return the row (M,) after the last True of each column of ``above`` (K, M), 0 if none is True."""
     rows = np.arange(1, len(above) + 1)[:, None]
     return np.asarray(np.where(above, rows, 0).max(axis=0), dtype=np.intp)
 
@@ -89,7 +89,7 @@ def choose(mask: Mask, a: Array, b: Array) -> Array:
 
 
 def fixed(a: A) -> A:
-    """Move the array to memory that cannot be made writable, for results that are shared.
+    """Return the array in memory that cannot be made writable, for results that are shared.
 
     numpy refuses ``setflags(write=True)`` for an array over `bytes`, for its base and for its views.
     """
@@ -104,7 +104,7 @@ def fixed(a: A) -> A:
 
 
 def _owner(a: Any) -> Any:
-    """Find the object whose memory a view shows."""
+    """Return the object whose memory the array shows: itself, unless it is a view."""
     owner = a
     while isinstance(owner, np.ndarray) and owner.base is not None:
         owner = owner.base
@@ -120,7 +120,7 @@ def freeze(whole: T) -> T:
 
 
 def _freeze(whole: Any, done: dict[int, Any]) -> Any:
-    """Compute ``whole`` with `fixed` arrays; ``done`` maps identities to (original, result)."""
+    """Return ``whole`` with `fixed` arrays; ``done`` maps the id of each object to (object, result)."""
     if id(whole) in done:
         return done[id(whole)][1]
     # Enter the object before its parts, which may refer to it. The reference keeps its identity valid.
@@ -146,7 +146,7 @@ def _freeze(whole: Any, done: dict[int, Any]) -> Any:
 
 
 def _parts_of(whole: Any) -> list[tuple[Any, Any]]:
-    """List the name and value of each item or attribute."""
+    """List the name (or key, or index) and value of each item or attribute of ``whole``."""
     if isinstance(whole, tuple | list):
         return list(enumerate(whole))
     if isinstance(whole, dict):
@@ -183,7 +183,7 @@ class Seal:
                 waiting += [inner for _, inner in _parts_of(part)]
 
     def mend(self) -> bool:
-        """Write back what was changed; return whether anything was."""
+        """Undo all changes of the memory and attributes; return whether there was any."""
         changed = [(memory, copy) for memory, copy in self._memory.values() if memory != copy]
         if changed:
             for cache in _results_by_identity:  # a result may come from the changed memory
@@ -312,6 +312,6 @@ def counting() -> Iterator[Counter[Operation]]:
 
 
 def note(operation: Operation, a: Array, components: int) -> None:
-    """Note one operation per batch element of ``a``, which has so many component axes."""
+    """Note one operation per batch element of ``a``, whose batch axes follow ``components`` axes."""
     for counts in _counts:
         counts[operation] += prod(a.shape[components:])

@@ -153,7 +153,7 @@ def rotate_east_north_up(vectors: Array, places: Geodetic, origin: Geodetic) -> 
 
 
 def _as_arrays(place: Geodetic) -> Geodetic:
-    """Return a place whose three numbers are arrays (1,)."""
+    """Return the place with each of its three numbers as an array (1,)."""
     return Geodetic(
         latitude=np.asarray([place.latitude], dtype=float),
         longitude=np.asarray([place.longitude], dtype=float),

@@ -37,8 +37,9 @@ def posterior_cramer_rao(initial: Array, F: Array, Q: Array, information: Iterab
 
 
 def largest_deviation(cov: Array) -> float:
-    """Bound the standard deviation in any direction of a covariance (n, n); in 2D it is the largest."""
+    """Return a bound of a covariance's (n, n) standard deviation in any direction; exact for n = 2."""
     if len(cov) != 2:
+        # The trace is the sum of the eigenvalues, so at least the largest.
         return float(np.sqrt(np.diagonal(cov).sum()))
     # The larger eigenvalue of [[a, b], [b, d]] is (a + d) / 2 + sqrt((a - d)^2 / 4 + b^2).
     half = 0.5 * (cov[0, 0] - cov[1, 1])

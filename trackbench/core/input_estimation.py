@@ -109,7 +109,7 @@ class Hypotheses(NamedTuple):
         return np.maximum(k - age, self.since)
 
     def slot_of(self, age: int, k: int) -> Index:
-        """Return the slot (M,) of the onset so many steps before k, or at the restart if later."""
+        """Return the slot (M,) of the onset ``age`` steps before k, or of the restart if it is later."""
         return np.maximum(k - np.minimum(age, self.width), self.since) % self.width
 
     def select(self, slot: Index, runs: Index) -> "Input":

@@ -63,7 +63,7 @@ Transition = Callable[[Array], Callable[[Array], Array]]
 
 
 def point_mass(x: Array) -> Posterior:
-    """Put all mass at x (1, M): a panel of one node and no width."""
+    """Return the posterior with all mass at x (1, M): a panel of one node and no width."""
     return (Panel(x[0], x[0], x, np.ones_like(x)),)
 
 
@@ -75,7 +75,7 @@ def moments(posterior: Posterior) -> Gaussian:
 
 
 def nodes_of(posterior: Posterior) -> tuple[Array, Array]:
-    """Return the nodes of all panels, and the probability at each (n, M)."""
+    """Return the nodes (n, M) of all panels together, and the probability at each (n, M)."""
     x = np.concatenate([panel.x for panel in posterior])
     p = np.concatenate([panel.mass for panel in posterior])
     return x, p
@@ -244,7 +244,7 @@ def half_distance_within(posterior: Posterior) -> Array:
 
 
 def _half_distance_in(panel: Panel) -> Array:
-    """Integrate ``F (m - F)`` over a panel of mass m, F the mass below."""
+    """Return the integral of ``F (m - F)`` (M,) over a panel of mass m, F the panel's mass below x."""
     if panel.is_point:
         return np.zeros_like(panel.low)
     n = len(panel.x)
@@ -256,7 +256,7 @@ def _half_distance_in(panel: Panel) -> Array:
 
 
 def _up_to(panel: Panel, x: Array, values: Array) -> Array:
-    """Integrate values (n, M) at a panel's nodes up to x (M,)."""
+    """Return the integral (M,) up to x (M,) of a function with ``values`` (n, M) at a panel's nodes."""
     if panel.is_point:
         return np.where(panel.low < x, values[0], 0.0)
     weights = weights_up_to(_place_in(panel, x), len(panel.x))
@@ -264,13 +264,13 @@ def _up_to(panel: Panel, x: Array, values: Array) -> Array:
 
 
 def _place_in(panel: Panel, x: Array) -> Array:
-    """Place x in a panel, from -1 to 1; its nearer end outside, NaN without width."""
+    """Return where in a panel x is, from -1 to 1: its nearer end if x is outside, NaN without width."""
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.clip((x - 0.5 * (panel.low + panel.high)) / panel.half, -1.0, 1.0)
 
 
 def weights_up_to(t: Array, n: int) -> Array:
-    """Weigh the nodes of the n-point rule (*t.shape, n) for the integral from -1 to t.
+    """Return weights (*t.shape, n) of the n-point rule's nodes for the integral from -1 to t.
 
     The interpolating polynomial has Legendre coefficients ``(2 m + 1) / 2 sum_i w_i P_m(x_i) g_i``
     and ``(2 m + 1) int_-1^t P_m = P_{m+1}(t) - P_{m-1}(t)``; at t = 1 these are Gauss's weights.

@@ -131,7 +131,7 @@ class _Joined:
         return self._join(lambda g, share: g.standard_gamma(shape, share), size)
 
     def _join(self, draw: Draw, size: tuple[int, ...]) -> Array:
-        """Let each generator draw its share of the size."""
+        """Return an array of ``size``, of which each generator draws its own part."""
         raise NotImplementedError
 
 
@@ -162,12 +162,12 @@ def side_by_side(blocks: Sequence[Generator], width: int) -> Generator:
 
 
 def position_of(stream: Generator) -> list[Any]:
-    """Note the place in a block's stream, or in those of several blocks, for `put_back`."""
+    """Return the position in a block's stream, or in those of several blocks, for `put_back`."""
     return [g.bit_generator.state for g in _generators_of(stream)]
 
 
 def put_back(stream: Generator, position: list[Any]) -> None:
-    """Let a stream draw again what it drew after a `position_of`."""
+    """Return a stream to a position noted by `position_of`, from where it draws the same again."""
     for generator, state in zip(_generators_of(stream), position, strict=True):
         generator.bit_generator.state = state
 
@@ -349,7 +349,7 @@ def exponentials() -> Singles:
 
 
 def _table(entries: Array) -> Singles:
-    """Store a table in float32, which takes half the cache of float64."""
+    """Return a table in float32, which takes half the cache of float64."""
     return fixed(entries.astype(np.float32))
 
 

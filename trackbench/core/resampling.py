@@ -148,7 +148,7 @@ SCHEMES: dict[Scheme, Callable[[Array, Streams, int], Index]] = {
 
 
 def _cumulative(w: Array) -> Array:
-    """Accumulate weights; equal steps where a run's weights are not finite."""
+    """Return cumulative weights; those of equal weights in a run whose weights are not finite."""
     cdf = np.cumsum(w, axis=-1)
     diverged = ~np.isfinite(cdf[:, -1])
     if diverged.any():

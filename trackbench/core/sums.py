@@ -61,7 +61,7 @@ class WindowSums:
 
     @property
     def number(self) -> Array:
-        """Number of values of each sum: NaN are none."""
+        """Number of values in each sum, NaN not counted."""
         return self._windows.sum(axis=1)[:, None] - self._gaps
 
 

@@ -91,7 +91,7 @@ class Unscented:
         return ScalarPoints(x, scale, *_weights(self, 3))
 
     def spread(self, n: int) -> float:
-        """Return n + lambda = alpha^2 (n + kappa), the squared distance of the points in sigmas."""
+        """Return n + lambda = alpha^2 (n + kappa): the square of the points' distance in deviations."""
         return self.alpha * self.alpha * (n + self.kappa)
 
 
@@ -312,7 +312,7 @@ def _is_float(a: Array, shape: tuple[int, ...]) -> bool:
 
 
 def _weighted(weights: Array, values: Array) -> Array:
-    """Sum values (m, P, *batch) by their weights (P,)."""
+    """Return the sum (m, *batch) over the P points of values (m, P, *batch) times weights (P,)."""
     if compiled.kernels and _is_float(values, (len(values), len(weights), *values.shape[2:])):
         out = np.empty((len(values), *values.shape[2:]))
         values = np.ascontiguousarray(values)

@@ -69,7 +69,7 @@ class PlaneGrid(Filter[Planes]):
         return {}
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Planes:
-        """Put the prior of each run on nodes, or keep a known state.
+        """Return the prior of each run on nodes, or the state itself if it is known.
 
         Raises WrongReturnError if the prior has no density and is no known state either.
         """
@@ -89,7 +89,7 @@ class PlaneGrid(Filter[Planes]):
 
     @property
     def _node_counts(self) -> tuple[int, int]:
-        """Numbers of nodes along an axis of the posterior and of its check."""
+        """Number of nodes along an axis of the posterior, and number along an axis of its check."""
         return self.nodes, self.nodes // 2
 
     def step(self, model: Model, state: Planes, z: Array, k: int, rng: Generator) -> Planes:
@@ -135,7 +135,7 @@ class PlaneGrid(Filter[Planes]):
         return _moments(state.posteriors)
 
     def posterior(self, state: Planes) -> Posterior | None:
-        """Return the density itself, but for a known state."""
+        """Return the density on the grid; None for a known state, which has none."""
         planes = tuple(plane for plane in state.posteriors if isinstance(plane, Plane))
         if len(planes) < len(state.posteriors):
             return None
@@ -159,7 +159,7 @@ def _most_beyond_half_a_turn(states: Iterable[State], row: int) -> float:
 
 
 def _moments(states: Iterable[State]) -> Gaussian:
-    """Return the means (2, M) and covariances (2, 2, M)."""
+    """Return the means (2, M) and covariances (2, 2, M) of the states of M runs."""
     means = []
     covs = []
     for state in states:
@@ -187,7 +187,7 @@ def _map(motion: SampledMotion, state: Gaussian, k: int) -> Map:
 
 
 def _largest_difference(both: Planes) -> float:
-    """Compare with the check: the largest difference, in standard deviations."""
+    """Return the largest difference of the posterior from its check, in standard deviations."""
     moments = _moments(both.posteriors)
     check = _moments(both.checks)
     sd = np.sqrt(linalg.diagonal(moments.cov))

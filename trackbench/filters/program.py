@@ -155,7 +155,7 @@ class Program:
         return ProgramError(message, answered)
 
     def _clock(self) -> float:
-        """Read the CPU seconds of the program, the last ones if it has ended; 0 outside of Linux."""
+        """Return the CPU seconds of the program, those read last if it has ended; 0 outside of Linux."""
         with suppress(OSError):
             # The kernel's clock of another process: clock_getcpuclockid(3).
             if sys.platform == "linux":
@@ -180,7 +180,7 @@ class Program:
             self._stdin.close()
 
     def wait(self, seconds: float) -> None:
-        """Wait until the program has ended, at most so long."""
+        """Wait until the program has ended, but no longer than ``seconds``."""
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(max(0.0, seconds))
 
@@ -214,7 +214,7 @@ def programs_cpu_s() -> float:
 
 
 def end_programs(programs: Iterable[Program]) -> None:
-    """End programs, and kill those that go on."""
+    """Ask the programs to end, and kill those that still run after a while."""
     programs = [*programs]
     for program in programs:
         program.ask_to_end()
@@ -233,11 +233,11 @@ Finalize(None, end_all, exitpriority=0)  # at the end of this process, a worker'
 
 
 def _shorten(text: str) -> str:
-    """Quote a text of at most 80 characters."""
+    """Return the text cut to 80 characters, in quotes."""
     return repr(_cut(text, 80))
 
 
 def _cut(text: str, most: int) -> str:
-    """Write a text in one line of at most so many characters."""
+    """Return the text in one line, cut to at most ``most`` characters."""
     text = " ".join(text.split())
     return text if len(text) <= most else f"{text[: most - 3]}..."

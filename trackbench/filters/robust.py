@@ -178,7 +178,7 @@ class Huber(RobustUpdate):
     """residual beyond which the cost is linear: norm of a sensor's components, each over its sigma"""
 
     def weight(self, squared: Array, n: Index) -> Array:
-        """Return ``psi(r) / r = min(1, k / r)``."""
+        """Return ``psi(r) / r = min(1, k / r)``, r the root of ``squared``."""
         return self.k / np.maximum(np.sqrt(squared), self.k)
 
     def log_ratio(self, nis: Array, n: Index) -> Array:

@@ -280,7 +280,7 @@ def _measure_points(
 def _measure_new_points(
     model: Model, predicted: Gaussian, z: Array, k: int, assumed: AssumedNoise, rule: PointRule
 ) -> tuple[SigmaPoints, Array, _Measured]:
-    """Measure new points of the prediction: the points, R, and the moments with R added."""
+    """Return the measurements of new points of the prediction: points, R, and moments with R added."""
     points = rule.points(predicted)
     R = assumed.measurement(model, predicted.mean, k).cov
     R = with_trailing(R, predicted.mean.ndim - 1, leading=2)
@@ -337,7 +337,7 @@ def _cov_by_points(
 def _condition_roots(
     points: SigmaPoints, x: Array, predicted: Factored, measured: _Measured, R: Array | None
 ) -> Updated:
-    """Do `_condition` by triangular factors (Arasaratnam & Haykin 2009, appendix)."""
+    """Return what `_condition` does, by triangular factors (Arasaratnam & Haykin 2009, appendix)."""
     nu = measured.nu
     missing = np.zeros(nu.shape, dtype=np.bool_) if measured.missing is None else measured.missing
     added = np.zeros(measured.S.shape[:2]) if R is None else R
@@ -357,7 +357,7 @@ def _condition_roots(
 def _scalar_step(
     model: Model, state: Gaussian, z: Array, k: int, assumed: AssumedNoise, rule: PointRule
 ) -> Updated | None:
-    """Make the step of `augmented_step` by the points of three scalars; None if it must do it."""
+    """Return what `augmented_step` does, by points of three scalars; None where they do not serve."""
     if not isinstance(rule, Unscented) or isinstance(state, Factored):
         return None
     if type(model.sensor).innovation is not SensorBase.innovation:  # such as one of angles
@@ -469,7 +469,7 @@ def predicted_innovation(model: Model, predicted: Gaussian, z: Array, k: int) ->
 
 
 def augmented_size(model: Model) -> int:
-    """Count the components of the augmented state (x, v, n) of `augmented_step`."""
+    """Return the number of components of the augmented state (x, v, n) of `augmented_step`."""
     return 2 * len(model.motion.components) + len(model.sensor.components)
 
 

@@ -43,7 +43,7 @@ _OF_SPREAD = 1e-4  # least step, in standard deviations of the component
 
 
 def position_velocity_names(axes: int) -> tuple[str, ...]:
-    """Return the names of position and velocity along so many axes: px, vx, py, ..."""
+    """Return the names of position and velocity along ``axes`` axes in turn: px, vx, py, ..."""
     return tuple(kind + axis for axis, kind in product(AXES[:axes], "pv"))
 
 
@@ -255,7 +255,7 @@ def angle_rows(motion: SampledMotion) -> tuple[int, ...]:
 
 
 def append_noise(x: Array, std: tuple[float, ...], rng: Streams) -> Array:
-    """Return states (n, *batch) with a further draw from N(0, s^2) for each s of ``std``."""
+    """Return states x (n, *batch) with a row appended for each s of ``std``: a draw from N(0, s^2)."""
     if not std:
         return x
     noise = rng.standard_normal((len(std), *x.shape[1:]))

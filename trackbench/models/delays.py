@@ -27,7 +27,7 @@ class Delay:
     @property
     @abstractmethod
     def longest(self) -> int:
-        """Number of steps that at most one measurement in a thousand exceeds."""
+        """Number of steps that at most one measurement in a thousand is later than."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +96,7 @@ class SharesDelay(Delay):
 
     @property
     def longest(self) -> int:
-        """The last number."""
+        """The largest number of steps that has a share."""
         return len(self.shares) - 1
 
 
@@ -108,7 +108,7 @@ AnyDelay: TypeAlias = (
 
 
 def longest_delay(delay: AnyDelay) -> int:
-    """Bound a delay: number of steps that at most one measurement in a thousand exceeds."""
+    """Return the number of steps that at most one measurement in a thousand is later than."""
     return delay if isinstance(delay, int) else delay.longest
 
 

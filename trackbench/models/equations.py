@@ -212,7 +212,7 @@ class Equations:
     def covariance(
         self, given: Covariance, components: Sequence[str], *path: str | int
     ) -> "ArrayProgram":
-        """Compile a covariance (n, n) of so many components; raises InvalidKeyError."""
+        """Compile a covariance (n, n) of ``components``; raises InvalidKeyError."""
         n = len(components)
         rows = _rows(given, components, *path)
         nodes = []

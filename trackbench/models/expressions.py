@@ -138,7 +138,7 @@ class _Parser:
         return node
 
     def _translate(self, tree: ast.expr) -> Node:
-        """Translate a tree, whose value may be infinite."""
+        """Translate a tree to its node, which may be an infinite number; raises ExpressionError."""
         match tree:
             case ast.Constant(value=bool()):
                 raise _mistake(tree, "a truth value is no number")
@@ -159,7 +159,7 @@ class _Parser:
         raise _mistake(tree, "only numbers, names, + - * / ** ( ) and functions make an expression")
 
     def _name(self, tree: ast.expr, name: str) -> Node:
-        """Look up a name; raises ExpressionError."""
+        """Return the node of a name; raises ExpressionError at ``tree`` if it is unknown."""
         if name in self.names:
             return self.names[name]
         if name in FUNCTIONS:
@@ -172,7 +172,7 @@ class _Parser:
         raise _mistake(tree, what)
 
     def _call(self, tree: ast.expr, name: str, arguments: Sequence[ast.expr]) -> Node:
-        """Translate a function's call; raises ExpressionError."""
+        """Return the node of a call of function ``name``; raises ExpressionError at ``tree``."""
         if name not in FUNCTIONS:
             raise _mistake(tree, f"unknown function {name!r}; known: {', '.join(FUNCTIONS)}")
         nodes = [self.node(argument) for argument in arguments]
@@ -190,12 +190,12 @@ class _Parser:
 
 
 def _mistake(tree: ast.expr, message: str) -> ExpressionError:
-    """Return an error at a tree's column."""
+    """Return an error with this message at the column where the tree begins."""
     return ExpressionError(f"column {tree.col_offset + 1}: {message}")
 
 
 def _as_float(tree: ast.expr, value: float) -> float:
-    """Return a number of the expression as a float; raises ExpressionError."""
+    """Return the value as a float; raises ExpressionError at ``tree`` if it is too large."""
     try:
         return float(value)
     except OverflowError:
@@ -294,12 +294,12 @@ def _turns(node: Node, jumps: list[float], never_negative: list[bool]) -> float:
 
 
 def _is_number(node: Node, value: float) -> bool:
-    """Test whether a node is this number."""
+    """Test whether a node is the number ``value``."""
     return is_constant(node) and node.value == value
 
 
 def _sum(a: Node, b: Node) -> Node:
-    """Make the node of ``a + b``."""
+    """Return a node of the value ``a + b``, in which a zero is left out."""
     if _is_number(a, 0.0):
         return b
     if _is_number(b, 0.0):
@@ -308,7 +308,7 @@ def _sum(a: Node, b: Node) -> Node:
 
 
 def _difference(a: Node, b: Node) -> Node:
-    """Make the node of ``a - b``."""
+    """Return a node of the value ``a - b``, in which a zero is left out."""
     if _is_number(b, 0.0):
         # 0 - 0 is the second zero.
         return b if _is_number(a, 0.0) else a
@@ -318,7 +318,7 @@ def _difference(a: Node, b: Node) -> Node:
 
 
 def _product(a: Node, b: Node) -> Node:
-    """Make the node of ``a b``."""
+    """Return a node of the value ``a b``, without a factor of one; ZERO if a factor is zero."""
     if _is_number(a, 0.0) or _is_number(b, 0.0):
         return ZERO
     if _is_number(a, 1.0):
@@ -329,7 +329,7 @@ def _product(a: Node, b: Node) -> Node:
 
 
 def _quotient(a: Node, b: Node) -> Node:
-    """Make the node of ``a / b``."""
+    """Return a node of the value ``a / b``; ZERO if a is zero."""
     return ZERO if _is_number(a, 0.0) else operate("/", a, b)
 
 

@@ -176,7 +176,7 @@ class TwoPoint(Symmetric):
         )
 
     def _innovation(self, scan: Array, predicted: Array) -> Array:
-        """Subtract predicted measurements (2, M[, N]) from a scan (2, M)."""
+        """Return a scan (2, M) less predicted measurements (2, M[, N]), the azimuth wrapped."""
         return self.sensor.innovation(with_trailing(scan, predicted.ndim - 1), predicted)
 
 

@@ -109,17 +109,17 @@ class Scenario(Scene):
 
     @property
     def longest_delay(self) -> int:
-        """Number of steps that few measurements exceed; 0 if all arrive on time."""
+        """Number of steps that few measurements are later than; 0 if all arrive on time."""
         return 0
 
     @property
     def late(self) -> Late | None:
-        """Treatment of late measurements by filters; None if they get all on time."""
+        """Treatment of late measurements by filters; None if filters get all measurements on time."""
         return None
 
     @property
     def without_scoring(self) -> "Scenario":
-        """Scenario without what only scores estimates; equal ones are filtered once."""
+        """Scenario without what only scores estimates; filters run once for all that are equal then."""
         return self
 
     @property
@@ -154,7 +154,7 @@ class Scenario(Scene):
 
     @property
     def marginals(self) -> Mapping[str, tuple[int, ...]]:
-        """Components by name of a part of the state: its own NEES beside the whole state's."""
+        """Rows of each part of the state, by its name, that has a NEES beside the whole state's."""
         return {}
 
     def observables(self, x: Array) -> dict[str, Array]:

@@ -118,7 +118,10 @@ class Score:
         self.cut_to_training(trained)
 
     def cut_to_training(self, last: int) -> "Score":
-        """Cut the scoring at the training's end; raises InvalidKeyError if it is empty."""
+        """Return the scoring of the steps up to ``last``, the last training step.
+
+        Raises InvalidKeyError if none of these steps is scored.
+        """
         first, end = self.steps
         if first is not None and first > last:
             what = f"training sees steps up to {last}, and none is scored before {first}"
@@ -129,7 +132,7 @@ class Score:
         return replace(self, train=None, steps=(first, end), windows=windows)
 
     def scored_steps(self, steps: Index, trained: int | None = None) -> Mask:
-        """Select the steps (K,) that are scored: none up to the last one of training."""
+        """Return which of ``steps`` (K,) are scored: none up to ``trained``, the last training step."""
         first, last = self.steps
         scored = _between(steps, first, last)
         if trained is not None:
@@ -169,7 +172,7 @@ class Score:
         return vectors
 
     def _rows(self, components: tuple[str, ...]) -> dict[str, list[int]]:
-        """Return the rows of the state that make up each error."""
+        """Return the rows of a state of ``components`` that make up each error, by the error's name."""
         n = len(components)
         if _is_moving(components):
             rows = {"position": list(range(0, n, 2)), "velocity": list(range(1, n, 2))}
@@ -216,7 +219,7 @@ def diverged(values: Mapping[str, Array], settled: bool) -> Array:
 
 
 def _between(steps: Index, first: int | None, last: int | None) -> Mask:
-    """Select the steps (K,) from first to last; None stands for the end of the run."""
+    """Return which of ``steps`` (K,) are from first to last; None stands for an end of the run."""
     inside = np.ones(len(steps), dtype=np.bool_)
     if first is not None:
         inside &= steps >= first

@@ -111,7 +111,7 @@ class Tracking(Scenario):
 
     @property
     def longest_delay(self) -> int:
-        """Number of steps that few measurements exceed; 0 if all arrive on time."""
+        """Number of steps that few measurements are later than; 0 if all arrive on time."""
         return max(self.target.longest_delay, longest_delay_of(self.true_sensor))
 
     @property
@@ -135,7 +135,7 @@ class Tracking(Scenario):
 
     @cached_property
     def _timeline(self) -> Timeline:
-        """Every step, those that a start uses up included."""
+        """All steps and their times, including steps whose scans the start uses up."""
         if self._recorded_timeline is None:
             return self._schedule.regular(self.T)
         return self._schedule.of_recorded(self._recorded_timeline)
@@ -147,7 +147,7 @@ class Tracking(Scenario):
 
     @property
     def _drawn_start(self) -> FixedStart | None:
-        """Start if it draws the first state of the target."""
+        """Start, if it draws the first state of the target; else None."""
         start = self._start
         is_driven = self.target.own_motion is not None
         if is_driven and isinstance(start, FixedStart) and start.draws_truth:
@@ -156,7 +156,7 @@ class Tracking(Scenario):
 
     @cached_property
     def _assumed_start(self) -> FixedStart | None:
-        """Start that filters assume, if it is another; raises InvalidKeyError."""
+        """Start that filters assume by the key ``assume``; None without it; raises InvalidKeyError."""
         start = self.assume.start
         if start is None:
             return None
@@ -183,7 +183,7 @@ class Tracking(Scenario):
 
     @property
     def _skipped(self) -> int:
-        """Steps before that of the first state."""
+        """Number of steps before the step of the first state."""
         return max(0, self._start.scans - 1)
 
     @property
@@ -203,7 +203,7 @@ class Tracking(Scenario):
 
     @cached_property
     def true_sensor(self) -> Sensors:
-        """Sensor, or all of them as one."""
+        """True sensor, or all true sensors joined to one."""
         return stack_for(self.sensor, self.components, "sensor")
 
     @cached_property
@@ -321,7 +321,7 @@ class Tracking(Scenario):
 
     @property
     def marginals(self) -> dict[str, tuple[int, ...]]:
-        """Parts of the state with a consistency measure of their own."""
+        """Rows of each part of the state, by its name, that has a consistency measure of its own."""
         n = len(self.components)
         rows = {"position": tuple(range(0, n, 2)), "velocity": tuple(range(1, n, 2))}
         return {name: rows[name] for name in self.score.marginals}

@@ -89,7 +89,7 @@ class Irregular:
 def motion_with_inputs(
     motion: Motion, sampled: SampledMotion, recorded: KnownInputs | None
 ) -> SampledMotion:
-    """Give a sampled motion the values of its inputs; raises InvalidKeyError if they are unknown."""
+    """Return a sampled motion with the values of its inputs; raises InvalidKeyError for unknown ones."""
     if not motion.input_names:
         return sampled
     if recorded is None:
@@ -102,7 +102,7 @@ def motion_with_inputs(
 
 
 def sample_alike(motion: Motion, other: SampledMotion) -> SampledMotion:
-    """Sample the motion over the intervals, and along the axes, of another; with its inputs."""
+    """Sample ``motion`` over the intervals, along the axes and with the inputs of ``other``."""
     if isinstance(other, Irregular):
         return replace(other, motion=motion, named_angles=())
     # Each axis has two components; further ones come after them.
@@ -117,7 +117,7 @@ def angle_names(motion: SampledMotion) -> set[str]:
 
 
 def with_angle_names(motion: SampledMotion, names: Collection[str]) -> SampledMotion:
-    """Give a motion the angles of these names, beside its own."""
+    """Return the motion with the components of these names marked as angles, beside its own angles."""
     known = angle_names(motion).union(names)
     rows = tuple(i for i, name in enumerate(motion.components) if name in known)
     if rows == angle_rows(motion):

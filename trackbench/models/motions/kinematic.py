@@ -280,12 +280,12 @@ class Singer(PerAxis):
 
 
 def _integrate(p: list[float]) -> list[float]:
-    """Integrate a polynomial from zero, by its coefficients."""
+    """Return the coefficients of a polynomial's integral from zero, given the polynomial's."""
     return [0.0, *(c / (n + 1) for n, c in enumerate(p))]
 
 
 def _multiply(a: list[float], b: list[float]) -> list[float]:
-    """Multiply two polynomials, by their coefficients."""
+    """Return the coefficients of the product of two polynomials, given theirs."""
     product_of_both = [0.0] * (len(a) + len(b) - 1)
     for i, x in enumerate(a):
         for j, y in enumerate(b):

@@ -45,7 +45,7 @@ class AngledMotion(Motion):
         return self.angles
 
     def with_angles(self, angles: tuple[str, ...], axes: int) -> Self:
-        """Give the motion those of the angles that it has; its own key comes first."""
+        """Return the motion with its own key ``angles``, or else those of ``angles`` that it has."""
         names = self.sampled(1.0, axes).components
         known = self.angles or tuple(name for name in angles if name in names)
         return replace(self, angles=known)

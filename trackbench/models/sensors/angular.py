@@ -36,7 +36,7 @@ class Platform:
             raise ValueError("the steps of the waypoints must increase")
 
     def place(self, k: int) -> tuple[float, float]:
-        """Interpolate the position at step k, m, linearly."""
+        """Return the platform's position at step k, m, by linear interpolation."""
         n = bisect_right(self.steps, k)
         if n in (0, len(self.steps)):
             # Before the first or after the last waypoint: at rest.
@@ -81,14 +81,14 @@ class AngularSensor(SensorBase):
         return self.platform is None and not any(self.at)
 
     def relative_position(self, x: Array, k: int) -> list[Array]:
-        """Subtract the sensor's position from states x (n, *batch): (*batch) per axis."""
+        """Return the positions of states x (n, *batch) less the sensor's: (*batch) for each axis."""
         positions = [x[2 * i] for i in range(self.axes)]
         if self.at_origin:
             return positions
         return [p - place for p, place in zip(positions, self.place(k), strict=True)]
 
     def absolute_position(self, position: Array, k: int) -> Array:
-        """Add the sensor's position to relative positions (axes, M)."""
+        """Return positions (axes, M) relative to the sensor plus the sensor's position at step k."""
         if self.at_origin:
             return position
         return position + with_trailing(np.array(self.place(k)), 1)

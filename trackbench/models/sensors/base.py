@@ -305,7 +305,7 @@ class SensorBase(Part):
 
     @staticmethod
     def _outlier_factor(outliers: Outliers, runs: int, rng: Streams) -> Array:
-        """Return the factor (M,) on the errors."""
+        """Draw the factor (M,) on normal errors that makes them outliers, or Student's t."""
         factor = np.ones(runs)
         if outliers.degrees is not None:
             # Student's t is a normal over the root of a mean of d squared normals.
@@ -441,7 +441,7 @@ class StackedSensor:
         return np.add.reduce(np.broadcast_arrays(*alike))
 
     def observables(self, x: Array) -> dict[str, Array]:
-        """Return no observables."""
+        """Return an empty dictionary: joined sensors have no observables."""
         return {}
 
     def measure(self, x: Array, k: int, noise: Array, rng: Streams, certain: bool = False) -> Array:
@@ -500,7 +500,7 @@ Sensors: TypeAlias = SensorBase | StackedSensor
 
 
 def stack(sensors: tuple[SensorBase, ...] | SensorBase) -> Sensors:
-    """Join several sensors to one; one stays as it is."""
+    """Join several sensors to one; a single sensor is returned as it is."""
     if not isinstance(sensors, tuple):
         return sensors
     return sensors[0] if len(sensors) == 1 else StackedSensor(sensors)
@@ -522,12 +522,12 @@ def stack_for(
 
 
 def sensors_of(sensor: Sensors) -> tuple[SensorBase, ...]:
-    """List the single sensors."""
+    """List the sensors that were joined to one, or the single sensor."""
     return sensor.sensors if isinstance(sensor, StackedSensor) else (sensor,)
 
 
 def rows_of(sensor: Sensors) -> list[slice]:
-    """List the rows of each sensor's components in a measurement."""
+    """List the rows of a measurement that each of the joined sensors measures."""
     return sensor.rows if isinstance(sensor, StackedSensor) else [slice(None)]
 
 

@@ -48,7 +48,7 @@ class Noise:
     """ratio of the outliers' standard deviation to that of the others"""
 
     def check_keys(self) -> None:
-        """Raise InvalidKeyError for a key that the kind lacks or has not."""
+        """Raise InvalidKeyError if a key of the noise's kind is missing, or belongs to another kind."""
         values = {"df": self.df, "outliers": self.outliers, "factor": self.factor}
         values["scale"] = None if self.scale == 1.0 else self.scale
         for key, value in values.items():
@@ -69,7 +69,7 @@ class Noise:
 
     @property
     def _mixture(self) -> tuple[float, float]:
-        """Share and factor of the outliers."""
+        """Return the share of outliers and the factor of their standard deviation."""
         assert self.outliers is not None
         assert self.factor is not None
         return self.outliers, self.factor
@@ -94,7 +94,7 @@ class Noise:
         return norm - 0.5 * (df + 1.0) * log(1.0 + np.square(e) / spread)
 
     def draw(self, normal: Array, rng: Streams) -> Array:
-        """Draw variates of components of unit R (n_z, M), of normal ones or of uniforms."""
+        """Draw noise of unit R from standard normal ``normal`` (n_z, M) and from uniforms of ``rng``."""
         if self.df is not None:
             # t = sqrt(v (u^(-2/v) - 1)) cos(2 pi w) of uniform u, w (Bailey 1994, eq. 2)
             u, w = rng.random((2, *normal.shape))
@@ -106,7 +106,7 @@ class Noise:
 
     @property
     def information(self) -> float:
-        """Fisher information of a shift of a component of unit R."""
+        """Fisher information that a component of unit R has of its mean."""
         if self.df is not None:
             return (self.df + 1.0) / (self.df + 3.0) / (self.scale * self.scale)
         share, factor = self._mixture
@@ -138,7 +138,10 @@ def log_poisson(z: Array, rate: Array) -> Array:
 
 
 def draw_poisson(rate: Array, u: Array) -> Array:
-    """Draw counts of a rate (...) by inversion of uniforms (...); ValueError for no rate."""
+    """Draw a Poisson count for each rate (...) by inversion of uniforms u (...).
+
+    Raises ValueError for a rate that is negative, or above ``_MAX_RATE``.
+    """
     is_rate = (rate >= 0.0) & (rate <= _MAX_RATE)
     if not is_rate.all():
         wrong = rate[~is_rate][0]

@@ -77,7 +77,7 @@ class Landmark(SensorBase):
         return fixed(np.diag(np.square(sigmas)))
 
     def _way_to_landmark(self, x: Array) -> tuple[Array, Array]:
-        """Return the landmark's place relative to states x (n, *batch), along each axis (*batch)."""
+        """Return x and y (*batch) from the position of states x (n, *batch) to the landmark."""
         row_x, row_y = map(self.state.index, _POSITION)
         return self.at[0] - x[row_x], self.at[1] - x[row_y]
 

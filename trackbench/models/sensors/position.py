@@ -129,5 +129,5 @@ class ScalarSensor(LinearSensor):
 
 @cache
 def selection_matrix(start: int, stop: int, step: int, n: int) -> Array:
-    """Select some of the components by rows (n_z, n) of a unit matrix."""
+    """Return the rows ``start:stop:step`` (n_z, n) of a unit matrix, which select those components."""
     return fixed(np.ascontiguousarray(np.eye(n)[start:stop:step]))

@@ -61,7 +61,7 @@ class Radar(AngularSensor):
         return H
 
     def _reading(self, z: Array) -> Polar:
-        """Add the variances to the range and azimuth of a measurement z (2, M)."""
+        """Return the range and azimuth of a measurement z (2, M) together with their variances."""
         sigma = np.array([self.sigma_range, self.sigma_azimuth])
         range_variance, azimuth_variance = np.square(sigma).tolist()
         return Polar(z[0], z[1], range_variance, azimuth_variance)
@@ -224,7 +224,7 @@ class RangeAzimuthDoppler(Radar):
         return H
 
     def _closing(self, x: Array, k: int) -> Array:
-        """Compute ``px vx + py vy``."""
+        """Return ``px vx + py vy`` (*batch), the range times the range rate."""
         px, py = self.relative_position(x, k)
         return px * x[1] + py * x[3]
 

@@ -129,5 +129,5 @@ def position_part(sensor: Sensors) -> tuple[LocatingSensor, slice] | None:
 
 
 def repeated(state: Array, runs: int) -> Array:
-    """Return a state (n,) in every run (n, M)."""
+    """Return the state (n,) repeated for every run (n, M)."""
     return np.tile(state[:, None], runs)

@@ -35,7 +35,7 @@ class _FromScans(Start):
             raise InvalidKeyError(what, "start")
 
     def located(self, opening: InitialScans, sensor: Sensors, scan: int) -> Gaussian:
-        """Return the position (axes, M) at one of the scans."""
+        """Return the position (axes, M) measured by scan ``scan``, counted from 0, with covariance."""
         sensor_and_rows = position_part(sensor)
         assert sensor_and_rows is not None
         locating_sensor, rows = sensor_and_rows
@@ -61,7 +61,7 @@ class TwoScan(_FromScans):
     scans: ClassVar[int] = 2
 
     def prior_type(self, sensor: Sensors) -> type[Distribution]:
-        """Return the two scans themselves, of a radar at the origin."""
+        """Return the class of two scans for a radar at the origin, else the class of a Gaussian."""
         return TwoPoint if gives_scans(sensor) else Gaussian
 
     def prior(
@@ -116,7 +116,7 @@ class OneScan(_FromScans):
         return Gaussian(mean, cov)
 
     def bound(self, path: Array, k: int, sensor: Sensors, T: float, diffusion: float) -> Array:
-        """Return the scan's covariance, and the velocity's."""
+        """Return the covariance of the first state: the scan's of the position, and the velocity's."""
         position = _position_by_one_scan(sensor, path[:, 0], k)
         variance = self.sigma_velocity * self.sigma_velocity
         cov = np.diag(np.full(len(path), variance))

@@ -82,7 +82,11 @@ class Onsets:
         return metrics
 
     def _false_alarms(self, is_on: Mask, alarm: Array | None) -> Array:
-        """Count alarms at quiet samples whose predecessor is off, per 1000 such samples."""
+        """Return each run's false alarms (M,) per 1000 quiet samples whose predecessor is off.
+
+        ``is_on`` (K, M) tells when the detector is on; ``alarm`` (K, M) is positive where it raises an
+        alarm, and without it each switching on is one.
+        """
         was_off = np.vstack([np.ones_like(is_on[:1]), ~is_on[:-1]])
         raised = is_on & was_off if alarm is None else alarm > 0.0
         quiet = self.quiet[:, None] & was_off
@@ -90,9 +94,9 @@ class Onsets:
 
 
 def _carry_last(rows: Array) -> Array:
-    """Carry the last value (K, M) on to each row; NaN before the first."""
-    number = np.arange(len(rows))[:, None]
-    latest = np.maximum.accumulate(np.where(np.isnan(rows), 0, number), axis=0)
+    """Return ``rows`` (K, M) with each NaN replaced by the last value above it, if there is one."""
+    row_number = np.arange(len(rows))[:, None]
+    latest = np.maximum.accumulate(np.where(np.isnan(rows), 0, row_number), axis=0)
     return np.asarray(np.take_along_axis(rows, latest, axis=0))
 
 
@@ -305,7 +309,7 @@ _LEGS_KEY = ("target", "legs")
 
 
 def _accelerated(start: Array, legs: list[Leg], times: Array, begun: float) -> Array:
-    """Move from ``start`` (n,) at time ``begun`` on: states (n, K)."""
+    """Return the states (n, K) at ``times`` (K,) of a target in ``start`` (n,) at time ``begun``."""
     t = times - begun
     rows = []
     for axis, (p, v) in enumerate(zip(start[0::2], start[1::2], strict=True)):
@@ -322,7 +326,7 @@ def _accelerated(start: Array, legs: list[Leg], times: Array, begun: float) -> A
 
 
 def _turned(start: Array, leg: Leg, times: Array) -> Array:
-    """Turn from ``start`` (n,) at the leg's start on, at its rate: states (n, K)."""
+    """Return the states (n, K) at ``times`` (K,) of a turn at the leg's rate from ``start`` (n,) on."""
     t = times - leg.start
     turn_rate = np.full_like(t, np.deg2rad(leg.turn_rate_deg_s))
     rows = list(turn_state(start[:4], turn_rate, t))
@@ -449,7 +453,7 @@ def _alternating(first: _Rows, second: _Rows) -> _Rows:
 
 
 def _moved(state: Array, along: Array, across: Array, T: float) -> Array:
-    """Move the state (4, M) by T seconds of along- and cross-track acceleration, m/s^2."""
+    """Return the state (4, M) after T s of acceleration ``along`` and ``across`` the track (M,)."""
     px, vx, py, vy = state
     speed = np.sqrt(vx * vx + vy * vy)
     # a = along (u, w) + across (-w, u), with (u, w) the direction of flight

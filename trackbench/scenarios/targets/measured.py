@@ -74,7 +74,8 @@ class Recording(NamedTuple):
 
 
 def _angles(sensor: SensorBase) -> dict[str, int]:
-    """Return the number of each component whose differences wrap, by its name."""
+    """Return the row of each measured component that is an angle, by its name."""
+    # The innovation of two turns is zero for an angle, which wraps, and 4 pi for other components.
     two_turns = np.full((len(sensor.components), 1), 4.0 * np.pi)
     wraps = sensor.innovation(two_turns, np.zeros_like(two_turns))[:, 0] < 1.0
     return {name: i for i, name in enumerate(sensor.components) if wraps[i]}
@@ -373,8 +374,8 @@ class Measured(FromFiles, Naming, Target):
         return gathered_inputs, with_inputs_only(gathered_inputs, names, rows)
 
     def _position_dependent(self, sensor: Sensors) -> set[str]:
-        """Find the components of the measurement that depend on the position."""
-        # Move a state along its axes of positions, and compare.
+        """Return the names of the measured components that depend on the position."""
+        # Measure a state before and after an arbitrary move of its position, and compare.
         is_position = np.array([name in ("px", "py", "pz") for name in self.components])
         state = 1.0 + np.arange(len(is_position), dtype=float)[:, None]
         moved = state + 7.0 * is_position[:, None]
