@@ -54,6 +54,9 @@ def test_bearings() -> None:
 
 
 def test_multimodal() -> None:
+    for score in scores_of_class("multimodal", "PF 2000"):
+        limit = ratio("two-places", "PF, jitter") + 0.005
+        assert (score.ratio_to_best.value > limit) == (score.problem == "banana")
     gaussian = ("EKF", "IEKF", "IPLF", "UKF", "CKF", "GHKF", "EnKF", "EDH", "GPF")
     pair = ("squared", "two-places")
     assert max(largest(pair, label) for label in gaussian) == ratio("two-places", "GPF")
@@ -89,6 +92,18 @@ def test_unusual_noise() -> None:
         assert ratio("merwe", label) > max(ratio("merwe", "IEKF"), ratio("merwe", "IPLF"))
 
 
+def test_the_regularized_filter_diverges() -> None:
+    for problem in ("random-sine", "two-bearings", "reentry"):
+        assert ratio(problem, "RPF") > 1000.0
+    assert fails(score_of("ungm", "UKF, small alpha"))
+
+
+def test_the_second_order_filter_is_the_ekf_where_the_model_is_linear() -> None:
+    for score in stored_suite()["known"].of_role(FILTER):
+        if score.label == "EKF, order 2" and score.is_left_out:
+            assert "linear" in score.reason
+
+
 def test_slow_parameter() -> None:
     for problem in ("reentry", "falling-body"):
         for label in BOOTSTRAP:
@@ -102,10 +117,6 @@ def test_chaotic() -> None:
     assert len(enkf) == 5
     assert not any(map(fails, enkf))
     assert max(score.ratio_to_best.value for score in enkf) == ratio("lorenz63", "EnKF")
-    for label in stored_suite()["known"].labels(FILTER):
-        if label != "EnKF":
-            others = scores_of_class("chaotic", label)
-            assert max(score.limited_ratio for score in others) > ratio("lorenz63", "EnKF")
     for problem in ("lorenz63", "lorenz63-anderson"):
         assert best_on(problem) == "PF, jitter"
     for label in ("EKF", *BOOTSTRAP):
@@ -124,7 +135,7 @@ def test_angles() -> None:
     for score in stored_suite()["known"].of_role(FILTER):
         is_last = score.problem == "double-pendulum-100" and score.has_error
         if is_last and score.label not in ("RPF", "PF, jitter"):
-            assert score.ratio_to_best.value > 5.0
+            assert score.ratio_to_best.value > 6.0
 
 
 def test_maneuvers() -> None:
