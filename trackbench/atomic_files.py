@@ -21,11 +21,11 @@ _touched: ContextVar[list[Path] | None] = ContextVar("touched", default=None)
 
 
 def free_name(name: str, taken: Iterable[str]) -> str:
-    """Give the name the first number that makes it differ from all that are taken, if one does.
+    """Return the name, or if it is taken the first of name-2, name-3, ... that is free.
 
-    Names that differ in case only are one file on some systems.
+    A long name is shortened before it gets a number. Names that differ in case only are one file on some
+    systems, so they count as equal.
     """
-    # name, name-2, name-3, ...
     folded = {other.casefold() for other in taken}
     numbered = (f"{name[:_LONGEST]}-{n}" for n in count(2))
     return next(free for free in chain([name], numbered) if free.casefold() not in folded)

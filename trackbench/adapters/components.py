@@ -104,8 +104,9 @@ class Order:
     def of(
         cls, model: Model, state: Sequence[str], measured: Sequence[str], std: Mapping[str, float]
     ) -> "Order":
-        """Return the order of a filter's components, which have no `component_mismatch`.
+        """Return the order of a filter's components.
 
+        Before, the filter's `conflicts` has rejected components with a `component_mismatch`.
         ``state`` and ``measured`` name the components of the filter's state and measurement; empty ones
         are those of the scenario. ``std`` has the initial standard deviations of the components that
         only the filter has.

@@ -211,7 +211,11 @@ def load_file(path: Path) -> Plugin:
 def _read_file(
     path: Path, files: tuple[tuple[str, str], ...] = (), environment: Iterable[str] = ()
 ) -> Plugin:
-    """Read a plugin with the declared files and variables; raises PluginError."""
+    """Read a plugin with the declared files and variables; raises PluginError.
+
+    ``files`` are pairs of a file's name and the digest of its content, ``environment`` the names of
+    variables.
+    """
     # The package's own kinds are imported first, so that a plugin can neither take their names nor
     # change their functions.
     import_own(*BLOCK_GROUPS)

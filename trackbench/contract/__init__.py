@@ -276,6 +276,7 @@ def _exemptions(tracker: AnyFilter, scenario: Scenario, why_not_linear: str) -> 
         exempt.setdefault("kalman", "weighs measurements by `robust`")
     if "kalman" in exempt:
         exempt.setdefault("consistency", exempt["kalman"])
+    # This exemption leaves nothing else out: the consistency of a filter of one run is still checked.
     if tracker.loops_over_runs:
         exempt.setdefault("kalman", "a filter of one run is compared by its errors")
     program_runs = tracker.runs_program and runs_on(tracker, scenario)
@@ -289,7 +290,7 @@ def _exemptions(tracker: AnyFilter, scenario: Scenario, why_not_linear: str) -> 
         if not isinstance(scenario, ModelDraws):
             exempt.setdefault("interval", exempt["tracks"])
             exempt.setdefault("angles", exempt["tracks"])
-    elif not takes_model(tracker, scenario is RADAR):
+    elif not takes_model(tracker, of_radar=scenario is RADAR):
         exempt.setdefault("kalman", _OWN_MODEL)
         exempt.setdefault("consistency", _OWN_MODEL)
         # A filter of one run gets dt, so these checks are fair without its model.

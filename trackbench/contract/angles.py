@@ -472,12 +472,13 @@ def _compare(tracker: AnyFilter, problem: ModelDraws, angle: Angle) -> _Comparis
 def _cut_of_fault(compared: _Comparison) -> str:
     """Return the cut at which the largest share of the runs is wrong, if these are too many; else "".
 
-    For a filter that draws they are too many if chance does not explain them, in comparison with the
-    runs elsewhere.
+    A cut is a value at which the angle may jump, such as +-pi or 0. The wrong runs of a filter that
+    draws are too many if chance does not explain them, in comparison with the runs elsewhere.
     """
     beyond = compared.ratio > compared.limit
     shares = {name: float(beyond[compared.of_group(name)].mean()) for name in {*compared.group}}
-    # Compare with the two best groups elsewhere only: a filter may be wrong in half of the plane.
+    # The groups elsewhere are of up to four directions. A filter may be wrong in half of the plane, so
+    # compare with the two best of them only.
     quiet = sorted(compared.elsewhere, key=shares.__getitem__)[:2]
     is_quiet = np.any([compared.of_group(name) for name in quiet], axis=0)
     cuts = [name for name in _RUNS_BY_CUT if name in shares]

@@ -70,12 +70,13 @@ def score(
     """
     n = len(data.truth)
     n_z = len(data.measurements)
+    # Index 0 of the steps is the prior, which is not scored.
     cov = estimates.cov[:, :, 1:]
     reference_cov = reference.cov[:, :, 1:]
 
-    def mean_square(difference: Array, cov: Array, cap: float = _CAP) -> Array:
+    def mean_square(difference: Array, P: Array, cap: float = _CAP) -> Array:
         """Return the mean over the steps of e' P^-1 e / n, each of at most ``cap``."""
-        squared = np.nan_to_num(distance(difference[:, 1:], cov) / n, nan=cap, posinf=cap)
+        squared = np.nan_to_num(distance(difference[:, 1:], P) / n, nan=cap, posinf=cap)
         return np.minimum(squared, cap).mean(axis=0)
 
     # Step 1: errors, and distances from the reference.

@@ -18,6 +18,8 @@ SINGULAR = 1e-14
 """Share of its variance below which a pivot is rounding."""
 _ROUNDING = 2.0**-52  # share of the diagonal below which a rotation changes nothing
 _SWEEPS = 40  # of rotations; convergence is quadratic, after some ten
+_MATRIX = 0  # last argument of the kernel `product`: what A is multiplied by
+_VECTOR = 1
 
 
 def matvec(A: Array, x: Array) -> Array:
@@ -34,12 +36,12 @@ def matvec(A: Array, x: Array) -> Array:
     """
     if compiled.kernels and x.ndim > 1:
         out = np.empty((len(A), *x.shape[1:]))
-        if compiled.kernels.product(A, x, out, 1):
+        if compiled.kernels.product(A, x, out, _VECTOR):
             return out
         # The kernel skips the zeros of a single matrix, and zero times infinity has to stay NaN.
         if _pays_by_runs(A, x) and A.all():
             for m in range(A.shape[2]):
-                compiled.kernels.product(A[:, :, m, 0], x[:, m], out[:, m], 1)
+                compiled.kernels.product(A[:, :, m, 0], x[:, m], out[:, m], _VECTOR)
             return out
     if A.ndim == 2:
         return _constant_product(A, x)
@@ -98,10 +100,12 @@ def matmul(A: Array, B: Array) -> Array:
     if compiled.kernels:
         batch = A.shape[2:] or B.shape[2:]
         out = np.empty((len(A), B.shape[1], *batch))
-        if compiled.kernels.product(A, B, out, 0):
+        if compiled.kernels.product(A, B, out, _MATRIX):
             return out
     if A.ndim == 2 and B.ndim == 2:
-        return np.add.reduce(A[:, :, None] * B, axis=1)  # in order below 8 terms
+        # numpy adds fewer than 8 terms one after the other, as the kernel does, which leaves sums of
+        # more terms to numpy.
+        return np.add.reduce(A[:, :, None] * B, axis=1)
     if A.ndim == 2:
         return _constant_product(A, B)
     # A B = (B' A')'

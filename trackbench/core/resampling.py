@@ -53,8 +53,10 @@ def ancestors(
         )
         return index
     if scheme == "systematic":
+        # An edge is the number of offspring up to and with a particle, counted on from run to run.
         edges = _systematic_edges(w, rng, size).ravel()
-        # The ancestor of offspring i is the number of edges up to i, which is faster than `repeat`.
+        # The ancestor of offspring i is the number of edges up to i, which is faster than `repeat`. No
+        # offspring comes after the last edge, or after others that are as large, so these are left out.
         steps = np.bincount(edges[:-1], minlength=runs * size)[: runs * size]
         return np.cumsum(steps, out=steps).reshape(runs, size)
     counts = SCHEMES[scheme](w, rng, size)

@@ -281,7 +281,7 @@ class PredictionScorer:
     def _errors(self, head: str, nu: Array) -> dict[str, Array]:
         """Return the squared and signed innovations nu (n_z, T, M) of each component by series.
 
-        ``head`` is the word in their names: predicted or held.
+        ``head`` is the word in their names: ``predicted``, or ``held`` for held-out measurements.
         """
         components = self._model.sensor.components
         series: dict[str, Array] = {}

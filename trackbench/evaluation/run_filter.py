@@ -262,7 +262,7 @@ class _Recorder:
         scenario = task.scenario
         self._task = task
         self._data = data
-        self._covariances = covariances
+        self._runs_with_covariance = covariances
         # Components of the truth, and of the motion that the filter assumes.
         self._sizes = (len(data.truth), len(model.motion.components))
         self._mean = np.empty(data.truth.shape)
@@ -318,8 +318,10 @@ class _Recorder:
             self._calibration.add(posterior, estimate, truth)
             rows = observable_errors(self._task.scenario, self._task.filter, state, truth)
             self._observables = self._filled(self._observables, k, rows)
-        if self._covariances:
-            self._covs.append(per_run_moments(estimate).cov[..., : self._covariances].copy())
+        if self._runs_with_covariance:
+            self._covs.append(
+                per_run_moments(estimate).cov[..., : self._runs_with_covariance].copy()
+            )
         self._next_step += 1
 
     def add_steps(self, steps: Steps) -> None:
@@ -335,9 +337,9 @@ class _Recorder:
         self._diagnostics = self._filled(self._diagnostics, piece, steps.diagnostics)
         self._mean[:, piece] = mean
         self._consistency.add_steps(cov)
-        if self._covariances:
+        if self._runs_with_covariance:
             per_run = np.broadcast_to(cov, (n, n, count, runs))
-            self._covs += [*np.moveaxis(per_run[..., : self._covariances], 2, 0).copy()]
+            self._covs += [*np.moveaxis(per_run[..., : self._runs_with_covariance], 2, 0).copy()]
         self._next_step = piece.stop
         self._next_diagnostics = piece.stop
 

@@ -220,8 +220,8 @@ class NextBatch(NamedTuple):
 def next_batch(experiment: Experiment, most: int, outcome: Outcome) -> NextBatch | None:
     """Return the experiment with the runs of the next checkpoint.
 
-    Returns None after two good checkpoints in a row, or after the last. ``most`` is the largest number
-    of runs.
+    Returns None after two good checkpoints in a row, or after the last. ``experiment`` has the runs made
+    so far, which are at least those of the first checkpoint. ``most`` is the largest number of runs.
     """
     settings = experiment.settings
     if not settings.until:

@@ -238,8 +238,10 @@ class IPLF(NonlinearFilter):
             residual = model.sensor.innovation(z, line.mean)
             nu = residual - linalg.matvec(line.slope, predicted.mean - linearized_at.mean)
             posterior, innovation = kalman.update(predicted, nu, line.slope, line.cov)
+            # A posterior without spread has no regression.
             linearized_at = _widen_exact_posterior(posterior, predicted)
             innovations.append(innovation)
+        # The first regression is over the prediction: its innovation is that of the prediction.
         return posterior, innovations[0]
 
 

@@ -124,14 +124,17 @@ class Grid(Filter[Resolved]):
         return {}
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Resolved:
-        """Put all mass on a known first state, or nodes over a Gaussian prior."""
+        """Put all mass on a known first state, or place nodes over the prior.
+
+        They are placed over the intervals that a bounded prior has, or over a few standard deviations on
+        both sides of the mean.
+        """
         if not np.any(prior.cov):
             point = quadrature.point_mass(prior.mean)
             return Resolved(point, point)
         if isinstance(prior, BoundedPrior):
             spans = prior.intervals(_PRIOR_REACH)
         else:
-            # Else place nodes over a few standard deviations on both sides of the mean.
             mean = prior.mean[0]
             reach = _PRIOR_REACH * np.sqrt(prior.cov[0, 0])
             spans = [(mean - reach, mean + reach)]

@@ -223,7 +223,10 @@ TWO = number(2.0)
 
 
 def operate(operation: str, *arguments: Node) -> Node:
-    """Make the node of an operation; of numbers alone, that of its value."""
+    """Make the node of an operation.
+
+    If all arguments are numbers, the operation is computed, and the result is the node of its value.
+    """
     if operation in ("sin", "cos"):
         # Both come from one evaluation.
         pair = operate("cos and sin", *arguments)

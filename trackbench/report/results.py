@@ -138,6 +138,7 @@ class Results(ResultsFolder):
             raise UserError(Problem(Mark("figure"), name, unknown(name, [*figures])))
         spec = figures[name or self.key_figure]
         with style.rc_context():
+            # A figure that compares some of the filters shows the best ones, too.
             return style.lay_out(spec.with_best(self).draw(self))
 
     @property

@@ -26,7 +26,7 @@ BATCHES = 10
 """Number of independent batches of paths."""
 _PATHS = 1000
 """Number of paths of each batch."""
-_SCORED = 100
+_PATHS_WITH_ERRORS = 100
 """Number of paths along which a covariance is turned into errors."""
 _FEW = 10
 """Number of paths that may not carry too much of the mean information."""
@@ -118,8 +118,9 @@ def bound_over_paths(
     n = len(start)
     if not Q.any() and (start == start[:, :1]).all():
         return None
-    # States of the first paths, step by step.
-    scored = [start[:, :_SCORED]]
+    # States of the first paths, step by step: the errors are computed along these.
+    states = [start[:, :_PATHS_WITH_ERRORS]]
+    # Caution against a mean of which a few paths carry a large share.
     largest = _LargestShare()
 
     def mean_information() -> Iterator[Array]:
@@ -130,7 +131,7 @@ def bound_over_paths(
         x = append_noise(start, extra_std(motion), rng)
         for k in course.steps[1:]:
             x = motion.transition(x, k).sample(rng)
-            scored.append(x[:n, :_SCORED])
+            states.append(x[:n, :_PATHS_WITH_ERRORS])
             information = with_trailing(course.sensor.information(x[:n], k), 1, leading=2)
             of_path = np.broadcast_to(information, (n, n, BATCHES * _PATHS))
             largest.add(of_path, k)
@@ -140,7 +141,7 @@ def bound_over_paths(
 
     initial = np.repeat(course.initial[..., None], 1 + BATCHES, axis=-1)
     P = posterior_cramer_rao(initial, F[:n, :n], Q[:n, :n], mean_information())
-    paths = np.stack(scored, axis=1)
+    paths = np.stack(states, axis=1)
     bounds = []
     for i in range(1 + BATCHES):
         bounds.append(_roots(_mean_squares(course.squares, P[:, :, i], paths)))

@@ -441,9 +441,10 @@ def _combined_influences(
 def as_difference_of_variances(
     term: RunEstimate, a: RunEstimate, b: RunEstimate, factor: float
 ) -> RunEstimate:
-    """Return ``term``, the difference ``a - factor b`` of variances, such that both limits test it.
+    """Return ``term``, the difference ``a - factor b`` of variances, with its `pair` set.
 
-    Without influences of all three ``term`` is returned as it is.
+    The confidence limits of both variances, a's and b's, then test the difference. Without influences of
+    all three, ``term`` is returned as it is.
     """
     if term.influences is None or a.influences is None or b.influences is None:
         return term

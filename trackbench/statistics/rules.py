@@ -205,10 +205,14 @@ def deviations_needed(tests: int) -> float:
 
 
 def runs_that_decide(runs: int, z: float, needed: float) -> float:
-    """Return the number of runs at which a difference with this z of ``runs`` has the z ``needed``."""
+    """Extrapolate how many runs raise the z of a difference to ``needed``.
+
+    ``z`` was measured with ``runs`` runs. If that is 1, the run is a recording, and the result is a
+    multiple of its length.
+    """
     # To first order z grows with the root of the runs.
     runs_needed = runs * (needed / z) ** 2
-    # The runs did not decide; rounding may not say that fewer would. One run is that of a recording.
+    # The runs did not decide; rounding may not say that fewer would.
     if runs > 1:
         return max(runs_needed, runs + 1.0)
     return runs_needed

@@ -438,6 +438,7 @@ class MeanAndStd(FigureKind):
 
     def default_caption(self, results: Results) -> str:
         """Return filters and number of runs."""
+        # If the figure names no filters, it also has the exact errors of the config's key `exact`.
         labels = results.chosen(self.filters, exact=True)
         words = f"of {captions.filters(labels)} over time, {captions.runs(results)}"
         caption = f"Mean error and standard deviation in x and y {words}."

@@ -108,8 +108,10 @@ def best_labels(evaluator: Evaluator, labels: Sequence[str], m: Measure) -> list
     If each run has a value, they are the filters that the ranking marks. All filters of the experiment
     count in the correction for the number of tests. A CPU time or the number of a step has no value per
     run: the least number is marked. No label is returned for a measure of which neither the least nor
-    the highest is best, for numbers that are zero in every run, and for a step in fewer than five runs.
+    the highest is best, for numbers that are zero in every run unless they are shares of runs, and for a
+    step in fewer than five runs.
     """
+    # `m.family[0]` is the metric's declaration, which says whether less or more is better.
     lower_is_better = m.is_cpu_time or m.family[0].better == "lower"
     if not (lower_is_better or m.family[0].is_score) or m.relation in ("gain", "win_rate"):
         return []
@@ -117,6 +119,7 @@ def best_labels(evaluator: Evaluator, labels: Sequence[str], m: Measure) -> list
     candidates: dict[str, Candidate] = {}
     others = [label for label in evaluator.results.filters if label not in labels]
     for label in (*labels, *others):
+        # `m.plain` is the measure without the filter that the column compares with.
         candidate = _candidate(evaluator, m.plain.of(label))
         if candidate is not None:
             candidates[label] = candidate
@@ -127,10 +130,11 @@ def best_labels(evaluator: Evaluator, labels: Sequence[str], m: Measure) -> list
             return []
         unranked = [candidates[label] for label in candidates if label not in labels]
         ranking = ranking_of(rivals, m.metric, unranked=unranked)
+        # A share of runs that is zero is an answer; other numbers are zero by construction.
         if ranking.best is not None and not m.is_share and _is_zero_in_every_run(ranking.best):
             return []
         return [candidate.label for candidate in ranking.marked]
-    # Case 2: runs have no values; the least number is the best.
+    # Case 2: fewer than two filters have values of their runs; the least number is the best.
     runs = max(map(len, evaluator.runs.values()), default=0)
     if runs < rules.FEWEST_RUNS and not m.is_cpu_time:
         return []

@@ -135,16 +135,17 @@ def _cells(record: Record, tuned: RunEstimate | None, untuned: RunEstimate | Non
 
 
 def _notes_on_results(gain: Comparison) -> Iterator[str]:
-    """Yield what tuning lost on the runs of the results, or that it gained nothing.
+    """Yield notes on the runs of the results: tuned, the filter loses more of them or is no better.
 
-    ``gain`` compares the untuned filter with the tuned one.
+    ``gain`` compares the untuned filter, a, with the tuned one, b.
     """
     untuned = gain.a
     tuned = gain.b
     if tuned.lost > untuned.lost:
         lost = counted(tuned.lost, "run")
         yield f"tuned, it loses {lost} of the results, and {untuned.lost} as it was"
-    # An insignificant gain is none, unless fewer runs are lost.
+    # The objective is minimized: a positive sign says that the untuned filter's is larger, which is a
+    # gain. An insignificant gain is none, unless fewer runs are lost.
     if untuned.lost <= tuned.lost and gain.sign <= 0:
         worse = "worse" if gain.sign else "not significantly better"
         yield f"tuned, it is {worse} on the runs of the results than as it was"

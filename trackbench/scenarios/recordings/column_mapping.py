@@ -351,13 +351,14 @@ class Naming:
 
         The quantity of a second sensor, such as 2.x, may have the column of x.
         """
+        # Of 2.px: 2.px itself, px without the number of the sensor, and the quantity x.
         for key in dict.fromkeys((name, name.rpartition(".")[2], plain_name(name))):
             column = self.columns.get(key, key)
             # If `columns` says that the column x is a longitude, it is not that of the quantity x.
-            is_other = key not in self.columns and any(
+            is_geodetic = key not in self.columns and any(
                 self.columns.get(geodetic) == column for geodetic in GEODETIC if geodetic != key
             )
-            if column in names and not is_other:
+            if column in names and not is_geodetic:
                 return column
         return None
 

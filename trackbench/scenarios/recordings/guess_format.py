@@ -79,6 +79,7 @@ _TIME_OF_WEEK = {"tow", "itow", "gms", "sow", "gpst", "secondsofweek"}
 _ELAPSED = {"elapsed", "duration", "split", "lap", "laptime", "elapsedtime"}
 _NORTH = frozenset(("north", "true", "compass", "magnetic", "mag", "clockwise", "cw"))
 _TUM = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
+"""Columns of the TUM format of trajectories."""
 
 
 class SensorGuess(NamedTuple):
@@ -362,6 +363,7 @@ def _text_format(path: str, given: TextFormat, why: dict[str, str]) -> TextForma
         keys["decimal"] = ","
     if keys:
         why["format"] = "guess: as its first lines are"
+    # A first line of values is no heading.
     if layout.header and not given.header and all(map(is_value, layout.names)):
         width = len(layout.names)
         names: tuple[str, ...] = ()
@@ -381,8 +383,8 @@ def _text_format(path: str, given: TextFormat, why: dict[str, str]) -> TextForma
             what = "is a line of units" if skip == 1 else f"are {skip} lines of words"
             keys["skip"] = skip
             why["format"] = f"guess: below the names {what}"
-    chosen = {field.name for field in fields(given) if getattr(given, field.name)}
-    return replace(given, **{key: value for key, value in keys.items() if key not in chosen})
+    given_keys = {field.name for field in fields(given) if getattr(given, field.name)}
+    return replace(given, **{key: value for key, value in keys.items() if key not in given_keys})
 
 
 def _may_be_degrees(rows: list[list[str]]) -> bool:

@@ -147,6 +147,7 @@ def is_regular(codes: Index, time: Array) -> bool:
     time = time[order]
     counts = np.unique(codes, return_counts=True)[1]
     changes = int((np.diff(codes) != 0).sum())
+    # Two parts that alternate row by row change twice per row of the rarer one; 1.2 times is enough.
     fewest_changes = 1.2 * (len(codes) - counts.max())
     if changes < fewest_changes:
         return False
