@@ -7,49 +7,37 @@ A quoted number is named by words with semicolons between them, as a row of
 - ``ratio; PROBLEM; FILTER; OTHER``: its error over that of another filter, smoother or reference
 - ``excess; PROBLEM; FILTER``: the percent by which its error is above that of the problem's best filter
 - ``typical; GROUP; FILTER``: its typical ratio over a group's problems
-- ``cost; GROUP; FILTER``: the median of its CPU time over that of the fastest filter
-- ``cost; PROBLEM; FILTER; OTHER``: its CPU time over that of another filter
 - ``near; GROUP; FILTER``: the problems on which it is within 10 % of the best
 - ``twice; GROUP; FILTER``: the problems on which it is within a factor of two
-- ``fails; GROUP; FILTER``, ``best; GROUP; FILTER``: the problems on which it fails, or is the best
-- ``lost; PROBLEM; FILTER``: the runs that it loses
-- ``problems; GROUP``, ``filters; GROUP``: their number
+- ``fails; GROUP; FILTER``: the problems on which it fails
+- ``problems; GROUP``: their number
 """
 
 import csv
-from dataclasses import replace
+from collections.abc import Callable
 from functools import cache
 from math import nan
 from pathlib import Path
-from typing import Any
 
 from trackbench.report.suite.scores import (
     FILTER,
     Ratio,
     Score,
     SuiteScores,
-    relative_costs,
     typical_ratios,
 )
-from trackbench.report.suite.tables import NEAR, fails, is_best
+from trackbench.report.suite.tables import NEAR, fails
 
 ROOT = Path(__file__).resolve().parent.parent
 
 
 @cache
 def stored_suite(name: str = "standard") -> dict[str, SuiteScores]:
-    """Return the stored scores of a suite by group, with the recorded CPU times."""
-    times = {}
-    costs = ROOT / "results" / "times" / name / "costs.csv"
-    if costs.is_file():  # not of another seed
-        for row in csv.DictReader(costs.read_text(encoding="utf-8").splitlines()):
-            times[row["problem"], row["filter"]] = float(row["cpu_s_per_run"])
+    """Return the stored scores of a suite by group."""
     groups: dict[str, list[Score]] = {}
     with (ROOT / "results" / name / "scores.csv").open(encoding="utf-8") as file:
         for row in csv.DictReader(file):
-            score = _score(row)
-            seconds = times.get((score.problem, score.label), nan)
-            groups.setdefault(score.group, []).append(replace(score, cpu_s=seconds))
+            groups.setdefault(row["group"], []).append(_score(row))
     return {
         group: SuiteScores(group=group, title=group, scores=scores, runs={})
         for group, scores in groups.items()
@@ -109,35 +97,29 @@ def scores_of_class(problem_class: str, label: str, name: str = "standard") -> l
 
 def suite_number(source: str, name: str = "standard") -> float:
     """Return a number of a stored suite; see the module's list."""
-    what, *words = source.split("; ")
-    if what in ("ratio", "cost") and len(words) == 3:
-        score = score_of(words[0], words[1], name)
-        other = score_of(words[0], words[2], name)
-        return score.error / other.error if what == "ratio" else score.cpu_s / other.cpu_s
-    if what == "ratio":
-        return score_of(words[0], words[1], name).ratio_to_best.value
-    if what == "excess":
-        return 100.0 * (score_of(words[0], words[1], name).ratio_to_best.value - 1.0)
-    if what == "lost":
-        return score_of(words[0], words[1], name).lost
+    kind, *words = source.split("; ")
+    if kind == "ratio" and len(words) == 3:
+        problem, label, other = words
+        return score_of(problem, label, name).error / score_of(problem, other, name).error
+    if kind == "ratio":
+        problem, label = words
+        return score_of(problem, label, name).ratio_to_best.value
+    if kind == "excess":
+        problem, label = words
+        return 100.0 * (score_of(problem, label, name).ratio_to_best.value - 1.0)
     group = stored_suite(name)[words[0]]
-    if what == "problems":
+    if kind == "problems":
         return len(group.problems)
-    if what == "filters":
-        return len(group.labels(FILTER))
     label = words[1]
-    if what == "typical":
+    if kind == "typical":
         return typical_ratios(group)[label]
-    if what == "cost":
-        return relative_costs(group)[label]
-    counted: dict[str, Any] = {
+    counted: dict[str, Callable[[Score], bool]] = {
         "near": lambda score: score.has_error and score.limited_ratio <= NEAR,
         "twice": lambda score: score.has_error and score.limited_ratio <= 2.0,
         "fails": fails,
-        "best": is_best,
     }
     mine = [score for score in group.of_role(FILTER) if score.label == label]
-    return sum(counted[what](score) for score in mine)
+    return sum(counted[kind](score) for score in mine)
 
 
 def is_suite(name: str) -> bool:

@@ -20,7 +20,6 @@ HERE = Path(__file__).resolve().parent.parent
 RESULTS, RECORD = HERE / "results", HERE / "results" / "times"
 SECONDS = HERE / "experiments" / "times.csv"
 SUITE_SECONDS = HERE / "experiments" / "suites" / "times.csv"
-COSTS = "costs.csv"
 HEADER = ["experiment", "cpu_s"]
 
 
@@ -38,12 +37,10 @@ def record() -> None:
         raise SystemExit(f"no times of {', '.join(missing)}: run `make reproduce` first")
     suites = shipped_experiments.suite_names()
     for name in suites:
-        if not (RESULTS / name / COSTS).is_file():
+        if not (RESULTS / name / "costs.csv").is_file():
             raise SystemExit(f"no times of the suite {name}: run `make suite` first")
     results = [Results(RESULTS / name) for name in names]
     shutil.rmtree(RECORD, ignore_errors=True)
-    for name in suites:
-        record_suite(name)
     record_suite_times(suites)
     for one in filter(_has_measured, results):
         _copy(one.folder / "run", RECORD / one.folder.name)
@@ -52,18 +49,6 @@ def record() -> None:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(HEADER)
         writer.writerows((one.folder.name, f"{one.manifest['cpu_s']:.2g}") for one in results)
-
-
-def record_suite(name: str) -> None:
-    """Copy the CPU times of a suite's filters, with four digits."""
-    with (RESULTS / name / COSTS).open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
-    (RECORD / name).mkdir(parents=True, exist_ok=True)
-    with (RECORD / name / COSTS).open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, [*rows[0]], lineterminator="\n")
-        writer.writeheader()
-        for row in rows:
-            writer.writerow({**row, "cpu_s_per_run": f"{float(row['cpu_s_per_run']):.4g}"})
 
 
 def record_suite_times(suites: list[str]) -> None:

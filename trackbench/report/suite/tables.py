@@ -27,8 +27,8 @@ from trackbench.statistics.estimates import COLLAPSED_NOTE
 
 NEAR = 1.1
 """Factor within which a filter is near the best."""
-_SHARE_OF_MANY = 0.5
-"""Share of a group's problems up to which a filter runs on few."""
+_FEW_PROBLEMS = 0.5
+"""Share of a group's problems up to which a filter is said to run on few."""
 _FEW_RUNS = 20
 """Runs below which a sentence is called preliminary."""
 
@@ -183,7 +183,7 @@ def filter_sentences(group: SuiteScores, label: str) -> list[str]:
     scores = [score for score in group.of_role(FILTER) if score.label == label]
     run = [score for score in scores if not score.is_left_out]
     lines = [f"{group.title}: {label} ran on {len(run)} of {len(scores)} problems."]
-    if len(run) <= _SHARE_OF_MANY * len(scores):
+    if len(run) <= _FEW_PROBLEMS * len(scores):
         lines.append(
             "The others measure something else, or have another state. A filter that takes its model "
             "as functions runs on nearly all: `trackbench new filter NAME --per-run --nonlinear` writes "
