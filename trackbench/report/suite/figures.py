@@ -147,8 +147,8 @@ def draw_matrix(group: SuiteScores) -> Figure:
         for column, label in enumerate(labels):
             score = cells.get((label, problem))
             if score is not None and not score.is_left_out:
-                is_undecided = score.word == ALIKE and score.limited_ratio > _SHOWS_EQUAL
-                _write_cell(ax, row, column, cell_text(score), logs[row, column], is_undecided)
+                slant = "italic" if _is_undecided(score) else "normal"
+                _write_cell(ax, row, column, cell_text(score), logs[row, column], slant)
     for column, label in enumerate(labels):
         _write_cell(ax, lowest, column, _ratio_text(typical[label]), logs[-1, column])
     # Step 4: the names.
@@ -185,15 +185,19 @@ def _ratio_text(ratio: float) -> str:
     return f"{ratio:.0f}" if ratio < 999.5 else "999+"
 
 
+def _is_undecided(score: Score) -> bool:
+    """Test whether a cell shows more than 1.00 without a significant difference from the best."""
+    return score.word == ALIKE and score.limited_ratio > _SHOWS_EQUAL
+
+
 def _write_cell(
-    ax: Axes, row: float, column: float, text: str, log: float, is_undecided: bool = False
+    ax: Axes, row: float, column: float, text: str, log: float, slant: str = "normal"
 ) -> None:
-    """Write a cell's text in black or white, whichever can be read on its color; undecided in italics.
+    """Write a cell's text in black or white, whichever can be read on its color.
 
     ``log`` is the decimal logarithm of the ratio, which sets the color.
     """
     ink = "white" if log > 0.45 * log10(WORST) else "black"
-    slant = "italic" if is_undecided else "normal"
     ax.text(
         column,
         row,
@@ -242,7 +246,7 @@ def _draw_legend(ax: Axes, group: SuiteScores, palette: Any) -> None:
         if any(text.endswith(mark) for text in texts):
             handles.append(Patch(facecolor="none", edgecolor="none", label=f"{mark}  {meaning}"))
     undecided = "1.20  may be as good as the best"
-    if any(score.word == ALIKE and score.limited_ratio > _SHOWS_EQUAL for score in scores):
+    if any(map(_is_undecided, scores)):
         handles.append(Patch(facecolor="none", edgecolor="none", label=undecided))
     legend = ax.legend(
         handles=handles,
