@@ -84,3 +84,11 @@ def test_without_odometry_its_columns_are_asked_for(tmp_path: Path) -> None:
 def test_a_measurement_without_a_landmark_is_a_mistake(tmp_path: Path) -> None:
     printed = written(tmp_path, LOG.replace("shelf,4.11,-105.7", ",4.11,-105.7"), NAME)
     assert "log.csv:6:1: landmark: is missing beside a value of range [m]" in printed
+
+
+def test_rows_of_odometry_must_name_no_landmark(tmp_path: Path) -> None:
+    printed = written(tmp_path, LOG.replace(",,,\n", ",wheels,,\n"), NAME)
+    assert (
+        "landmark: rows of wheels have no range and no bearing; leave this cell of theirs empty, as "
+        "rows of odometry alone see no landmark"
+    ) in printed

@@ -590,6 +590,14 @@ def _sensors(
             if named.unit is not None:
                 units[quantity] = named.unit
     if len(sensors) < len(words):
+        measuring = {sensor.name for sensor in sensors}
+        idle = [word for word in words if word not in measuring]
+        if columns.keys() >= {"sensor", "bearing", *_ODOMETRY} and sensors:
+            what = (
+                f"{columns['sensor']}: rows of {', '.join(idle)[:80]} have no range and no bearing"
+            )
+            way = "leave this cell of theirs empty, as rows of odometry alone see no landmark"
+            raise DataError(Place(path, 1, 1, f"{what}; {way}"))
         raise DataError(Place(path, 1, 1, _no_position(columns, sample, names)))
     return sensors
 
