@@ -211,15 +211,20 @@ def _column(series: Series, name: str) -> Array:
     return np.full(series.rows, value)
 
 
-def read_steps(path: Path, columns: Sequence[str], points: Sequence[Mapping[str, Any]]) -> Columns:
+def read_steps(
+    path: Path, columns: Sequence[str], points: Sequence[Mapping[str, Any] | None]
+) -> Columns:
     """Read ``per_step.npz`` as the rows of per_step.csv.
 
-    ``columns`` are that file's, those of the grid first; ``points`` are the values of the grid's points.
+    ``columns`` are that file's, those of the grid first; ``points`` are the values of the grid's points,
+    None for a point without results.
     """
     with path.open("rb") as file, np.load(file) as archive:
         arrays = dict(archive)
     series = []
     for i, point in enumerate(points):
+        if point is None:
+            continue
         prefix = array_prefix(i, len(points))
         head = f"{prefix}value/"
         for name, value in arrays.items():
@@ -248,13 +253,19 @@ def read_steps(path: Path, columns: Sequence[str], points: Sequence[Mapping[str,
 
 
 def read_run_arrays(
-    path: Path, points: Sequence[Mapping[str, Any]], labels: Collection[str]
+    path: Path, points: Sequence[Mapping[str, Any] | None], labels: Collection[str]
 ) -> PointRuns:
-    """Read ``per_run.npz``; ``points`` are the values of the grid's points, ``labels`` the filters."""
+    """Read ``per_run.npz``.
+
+    ``points`` are the values of the grid's points, None for a point without results; ``labels`` are the
+    filters to read.
+    """
     with path.open("rb") as file, np.load(file) as archive:
         arrays = dict(archive)
     point_runs: PointRuns = {}
     for i, point in enumerate(points):
+        if point is None:
+            continue
         head = f"{array_prefix(i, len(points))}value/"
         of_point: Runs = {}
         for name, values in arrays.items():
