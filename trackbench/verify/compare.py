@@ -164,9 +164,9 @@ def _first_other_keys(stored: "pd.DataFrame", computed: "pd.DataFrame") -> tuple
     rows_again = computed.itertuples(index=False, name=None)
     for row, again in zip_longest(rows, rows_again):
         if row != again:
-            return ", ".join(map(str, row or ["nothing"])), ", ".join(
-                map(str, again or ["nothing"])
-            )
+            first = ", ".join(map(str, row or ["nothing"]))
+            expected = ", ".join(map(str, again or ["nothing"]))
+            return first, expected
     return "nothing", "nothing"
 
 
