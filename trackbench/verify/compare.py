@@ -37,7 +37,7 @@ def compare_first_runs(stored: Results, computed: Results) -> Iterator[str]:
     """Yield differences in the first runs, and in the numbers that do not depend on runs."""
     runs = computed.config["runs"]
     yield from compare_frames(
-        "per_run.csv", _values_of_runs(stored, runs), _values_of_runs(computed, runs)
+        stored.per_run_file, _values_of_runs(stored, runs), _values_of_runs(computed, runs)
     )
     # Filters whose numbers do not depend on runs.
     without_runs = [stored.config.get("bound"), *stored.exact]
