@@ -79,6 +79,16 @@ def test_the_bytes_are_those_of_so_many_runs(tmp_path: Path) -> None:
     assert all(files(folder) == files(folders[0]) for folder in folders)
 
 
+def test_verdicts_need_no_more_runs_than_are_exact_enough(tmp_path: Path) -> None:
+    results = run(tmp_path, 4000, UNTIL).results
+    assert results.config["runs"] < 4000
+    assert results.experiment_runs is None
+    fewer = trackbench.run(
+        tmp_path / "u.yaml", out=tmp_path / "out", runs=30, quiet=True, formats=()
+    )
+    assert fewer.results.experiment_runs == 4000
+
+
 def test_what_is_never_exact_enough_is_said(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

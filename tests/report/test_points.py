@@ -21,13 +21,13 @@ from trackbench.registry import register
 @register("filters", "offset")
 @dataclass(frozen=True, kw_only=True)
 class Offset(PriorMean):
-    'A number for every component; fails if it is zero.'
+    'A number for every component; fails if it is zero or missing.'
 
-    off: float = 0.0
+    off: float | None = 0.0
     'the number'
 
     def step(self, model, state, z, k, rng):
-        if self.off == 0.0:
+        if not self.off:
             raise ValueError("no offset")
         return super().step(model, state, z, k, rng)
 
@@ -65,6 +65,16 @@ def test_a_panel_shows_its_own_point(tmp_path: Path) -> None:
     assert [point["filters.A.off"] for point in results.points()] == [1, 2]
     assert estimates(results) == [("off = 1", 1.0), ("off = 2", 2.0)]
     assert results.tracks(results.grid_points[0]) == {}
+
+
+def test_runs_are_found_if_the_failed_point_alone_is_a_word(tmp_path: Path) -> None:
+    results = with_offset(tmp_path, CONFIG + OFFSET + "grid: {filters.A.off: [null, 1, 2]}\n")
+    points = results.points()
+    assert [point["filters.A.off"] for point in points] == [1, 2]
+    loaded = Results(results.folder)
+    for point in points:
+        assert results.runs(point)
+        assert results.runs(point).keys() == loaded.runs(point).keys()
 
 
 def test_a_key_that_is_new_since_changes_no_point() -> None:

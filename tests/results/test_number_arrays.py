@@ -7,7 +7,9 @@ import pandas as pd
 import pytest
 
 import trackbench
+from tests.report.forging import reseal
 from trackbench.results import number_arrays
+from trackbench.verify import verify
 from trackbench.verify.compare import compare_frames
 
 CONFIG = {
@@ -132,3 +134,18 @@ def test_arrays_of_runs_serve_tables_and_comparisons(many) -> None:
     loaded = trackbench.load(folder / "arrays")
     assert loaded.results.has_runs
     assert [*loaded.results.runs(loaded.results.points()[0])]
+
+
+def test_verification_names_the_file_of_arrays(many) -> None:
+    folder = many[0] / "arrays"
+    with np.load(folder / "per_run.npz") as archive:
+        arrays = dict(archive)
+    changed = {name: values + 1.0 for name, values in arrays.items()}
+    number_arrays.write_arrays(folder / "per_run.npz", changed)
+    reseal(folder)
+    lines = verify(folder, runs=1)
+    assert any(line.startswith("per_run.npz: KF: ") for line in lines), lines
+    fewer = {name: values[:2] for name, values in arrays.items()}
+    number_arrays.write_arrays(folder / "per_run.npz", fewer)
+    reseal(folder)
+    assert verify(folder, runs=1)[-1].startswith("per_run.npz: has not as many runs")

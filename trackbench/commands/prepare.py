@@ -406,7 +406,10 @@ def _cost_by_trial(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
 
 
 _MOST_TRIALS = 40
-"""Filters, at all points of the grid, up to which a dry run tries them: some 0.3 s each."""
+"""Largest number of filters, over all points of the grid, that a dry run tries.
+
+A trial takes some 0.3 s.
+"""
 FIT = "block=fit"
 """Override of `--quick`, which changes no filter."""
 _KEYS_OF_TIME = ("scenario", "filters", "grid", "only")

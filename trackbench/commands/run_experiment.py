@@ -50,12 +50,7 @@ from trackbench.report.render import render
 from trackbench.report.results import Results
 from trackbench.report.sweep import write_sweep
 from trackbench.results.folder_contents import locked, write_manifest
-from trackbench.results.number_arrays import (
-    has_many_runs,
-    is_long,
-    long_run_note,
-    many_runs_note,
-)
+from trackbench.results.number_arrays import array_notes
 from trackbench.results.write import Losses, write_results
 from trackbench.tuning.search import write_tuning
 from trackbench.yaml_source import Config
@@ -208,10 +203,7 @@ def _write_results_and_report(job: Job, outcome: Outcome, options: Options, swee
     notes = list(_loss_notes(job.experiment, written.losses))
     notes += _bound_notes(job.experiment)
     notes += _digit_notes(job.experiment, outcome)
-    if is_long(job.experiment):
-        notes.append(long_run_note(job.experiment))
-    if has_many_runs(job.experiment):
-        notes.append(many_runs_note(job.experiment))
+    notes += array_notes(job.experiment)
     return Report(
         results=results,
         failed_filters=list(_failure_lines(job.experiment, outcome, written.losses)),

@@ -283,7 +283,7 @@ def _left_out_lines(misfits: Sequence[_LeftOut]) -> Iterator[str]:
 
 
 _MOST_REASONS = 3
-"""Reasons that the screen says of one filter; of more it has an example."""
+"""Number of reasons that are printed for one filter; if it has more, an example is printed."""
 
 
 def _left_out_notes(misfits: Sequence[_LeftOut]) -> Iterator[str]:

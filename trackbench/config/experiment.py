@@ -241,7 +241,7 @@ class Experiment:
     training: Point | None = None
     """the first point, with the scenario that filters are tuned on"""
     runs_of_config: int | None = None
-    """runs that the config has without options such as ``--runs``; None if recordings decide"""
+    """runs that the config has, if an option such as ``--runs`` takes fewer; else None"""
 
     @property
     def parts(self) -> dict[Group, dict[str, Exhibit]]:

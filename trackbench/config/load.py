@@ -187,9 +187,9 @@ def load(
     is_recorded = any(p.scenario.recorded_runs is not None for p in experiment.points)
     if runs_of_config is None and not is_recorded:
         runs_of_config = Settings.runs
-    if not isinstance(runs_of_config, int):
-        return experiment
-    return replace(experiment, runs_of_config=runs_of_config)
+    if isinstance(runs_of_config, int) and runs_of_config > experiment.settings.runs:
+        return replace(experiment, runs_of_config=runs_of_config)
+    return experiment
 
 
 def _with_unread_components(error: UserError, unread: dict[str, list[Problem]]) -> UserError:

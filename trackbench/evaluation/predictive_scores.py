@@ -186,9 +186,8 @@ class PredictionScorer:
             self._refused.extend(np.zeros((count, n_z, runs), dtype=np.bool_))
         if self._held_out is not None and self._held_out[piece].any():
             is_held = self._held_out[piece]
-            index = np.flatnonzero(
-                is_held.any(axis=1)
-            )  # steps with a held-out measurement in any run
+            # Steps with a held-out measurement in any run.
+            index = np.flatnonzero(is_held.any(axis=1))
             held = np.where(is_held[index], self._all[:, piece][:, index], np.nan)
             estimate = Gaussian(many.estimate.mean[:, index], many.estimate.cov[:, :, index])
             self._held.add_steps(estimate, held, np.take(steps, index).tolist())

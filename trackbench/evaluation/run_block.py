@@ -64,10 +64,9 @@ def run_stack(blocks: Sequence[BlockTask]) -> list[dict[int, BlockResult]]:
     covariances = 0
     if stack.keep_covariance:
         covariances = stack.runs_with_tracks_among(stack.runs)
+        # The first runs of each copy are not the first ones of the stack.
         if covariances and stack.copies > 1:
-            covariances = (
-                stack.runs
-            )  # the first runs of each copy are not the first ones of the stack
+            covariances = stack.runs
     with np.errstate(all="ignore"):  # a run that is no longer finite is counted, not warned about
         # The reference runs first, so that the filter's output is the last one and stays cached.
         run_reference.size = max(run_reference.size, len(blocks))

@@ -1,6 +1,7 @@
 """Estimate how long a filter takes over a block, from a trial of the block's first steps."""
 
 import time
+from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
@@ -35,23 +36,13 @@ def estimate_cpu_s(task: BlockTask) -> float:
 def _trial_cpu_s(task: BlockTask, data: Simulation, steps: int) -> float:
     """Measure the CPU seconds of the first steps."""
     scenario = cast(Scenario, _FirstSteps(task.scenario, steps))
-    first_data = Simulation(
+    first_data = data._replace(
         truth=data.truth[:, : steps + 1],
         measurements=data.measurements[:, :steps],
-        prior=data.prior,
-        arrival=None if data.arrival is None else data.arrival[:, :steps],
     )
-    trial = BlockTask(
-        scenario=scenario,
-        filter=task.filter,
-        seed=task.seed,
-        index=task.index,
-        width=task.width,
-        runs_used=task.width,
-        assume=task.assume,
-        predictive_metrics=task.predictive_metrics,
-        hold_out=task.hold_out,
-    )
+    if data.arrival is not None:
+        first_data = first_data._replace(arrival=data.arrival[:, :steps])
+    trial = replace(task.filtering_key, scenario=scenario)
     started = time.process_time()
     with np.errstate(all="ignore"):
         run_filter(trial, first_data)

@@ -29,7 +29,7 @@ from trackbench.results.folder_contents import (
     TIMING,
     read_manifest,
 )
-from trackbench.results.frames import Columns, PointRuns, Runs, as_read, read_columns, read_runs
+from trackbench.results.frames import Columns, PointRuns, Runs, parse_of, read_columns, read_runs
 from trackbench.results.number_arrays import (
     PER_RUN_FILE,
     PER_STEP_FILE,
@@ -304,11 +304,11 @@ class ResultsFolder:
     @cached_property
     def _runs(self) -> PointRuns:
         if self.run_values is not None:
-            points = self._points_as_read()
-            return {
-                tuple(point.values()): runs
-                for point, runs in zip(points, self.run_values, strict=True)
-            }
+            point_runs: PointRuns = {}
+            for point, runs in zip(self._points_as_read(), self.run_values, strict=True):
+                if point is not None:
+                    point_runs[tuple(point.values())] = runs
+            return point_runs
         with self.reading(self.per_run_file) as path:
             if self.per_run_file == PER_RUN_FILE:
                 return read_run_arrays(path, self._points_as_read(), self.filters)
@@ -352,7 +352,9 @@ class ResultsFolder:
 
     def _read(self, name: str) -> Columns:
         if name == "per_step" and self.per_step_file == PER_STEP_FILE:
-            return self._read_step_arrays()
+            columns = [*self.grid, *COLUMNS["per_step.csv"]]
+            with self.reading(PER_STEP_FILE) as path:
+                return read_steps(path, columns, self._points_as_read())
         if name == "per_run" and self.per_run_file == PER_RUN_FILE:
             return rows_of_runs(self._runs, [*self.grid, *COLUMNS["per_run.csv"]])
         file = f"{name}.csv"
@@ -384,20 +386,21 @@ class ResultsFolder:
             return PER_STEP_FILE
         return "per_step.csv"
 
-    def _read_step_arrays(self) -> Columns:
-        """Read the numbers per step of very long runs."""
-        points = self._points_as_read()
-        with self.reading(PER_STEP_FILE) as file:
-            return read_steps(file, [*self.grid, *COLUMNS["per_step.csv"]], points)
+    def _points_as_read(self) -> list[dict[str, Any] | None]:
+        """Return the points of the config's grid with the values that summary.csv has.
 
-    def _points_as_read(self) -> list[dict[str, Any]]:
-        """Return the points of the config's grid with the values that a CSV file would give."""
-        by_path = {}
-        for path in self.grid:
-            by_path[path] = as_read([point[path] for point in self.grid_points])
-        points = []
-        for i in range(len(self.grid_points)):
-            points.append({path: values[i] for path, values in by_path.items()})
+        None stands for a point without results if the column of the file has no such value.
+        """
+        summary = self.columns("summary")
+        parses = {path: parse_of(summary[path]) for path in self.grid}
+        points: list[dict[str, Any] | None] = []
+        for config_point in self.grid_points:
+            try:
+                point = {path: parses[path](_cell(value)) for path, value in config_point.items()}
+            except (ValueError, KeyError):
+                points.append(None)
+            else:
+                points.append(point)
         return points
 
     @cached_property
@@ -426,7 +429,11 @@ class ResultsFolder:
 def same_point(point: GridPoint, read_back: dict[str, Any]) -> bool:
     """Return whether a point of the config is one of a CSV file, where null and lists are texts."""
     for path, value in point.items():
-        text = "" if value is None else str(value)
-        if value != read_back[path] and text != str(read_back[path]):
+        if value != read_back[path] and _cell(value) != str(read_back[path]):
             return False
     return True
+
+
+def _cell(value: Any) -> str:
+    """Return the text of a grid's value in a CSV file."""
+    return "" if value is None else str(value)

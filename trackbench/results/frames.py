@@ -172,13 +172,6 @@ def read_columns(path: Path, needed: Collection[str] = ()) -> Columns:
     return Columns(arrays)
 
 
-def as_read(values: Sequence[Any]) -> list[Any]:
-    """Return the values of a grid's column as they are read back from a file."""
-    texts = ["" if value is None else str(value) for value in values]
-    parse = _choose_parse(texts)
-    return [parse(text) for text in texts]
-
-
 def _choose_parse(texts: Collection[str]) -> Parse:
     """Find the first type that all texts have: whole numbers, numbers, truth values, words."""
     for parse in (int, float, _parse_truth):
@@ -195,6 +188,11 @@ def _parse_truth(text: str) -> bool:
 
 _PARSES: dict[str, Parse] = {"i": int, "f": float, "b": _parse_truth}
 """Conversion of texts to the values of a column, by its type in numpy."""
+
+
+def parse_of(column: Array) -> Parse:
+    """Return the conversion of texts to the values of a grid's column that was read from a file."""
+    return _PARSES.get(column.dtype.kind, str)
 
 
 def read_runs(path: Path, summary: Columns, grid: list[str], labels: Collection[str]) -> PointRuns:
@@ -216,7 +214,7 @@ def read_runs(path: Path, summary: Columns, grid: list[str], labels: Collection[
                 pieces_of_point = pieces.setdefault(tuple(texts), {})
                 values = piece["value"][start:end]
                 pieces_of_point.setdefault((label, metric), []).append(values)
-    parses = [_PARSES.get(summary[path].dtype.kind, str) for path in grid]
+    parses = [parse_of(summary[path]) for path in grid]
     point_runs: PointRuns = {}
     for point_texts, runs in pieces.items():
         point = tuple(parse(text) for parse, text in zip(parses, point_texts, strict=True))

@@ -4,7 +4,7 @@ A recording of 90 000 steps would fill per_step.csv with millions of rows, and 1
 would fill per_run.csv. Such rows take longer to write and to read than a Kalman filter takes.
 """
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -45,22 +45,20 @@ def has_many_runs(experiment: Experiment) -> bool:
     return experiment.settings.runs > MANY_RUNS
 
 
-def many_runs_note(experiment: Experiment) -> str:
-    """Say where the numbers per run of an experiment with very many runs are."""
-    return (
-        f"{PER_RUN_FILE} has the numbers of all {experiment.settings.runs} runs in place of "
-        "per_run.csv, which would be large and slow; in Python trackbench.load(FOLDER).per_run reads "
-        "either"
-    )
-
-
-def long_run_note(experiment: Experiment) -> str:
-    """Say where the numbers per step of an experiment with very long runs are."""
-    steps = max(len(point.scenario.steps) - 1 for point in experiment.points)
-    return (
-        f"{PER_STEP_FILE} has the numbers of all {steps} steps in place of per_step.csv, which would be "
-        "large and slow; in Python trackbench.load(FOLDER).per_step reads either"
-    )
+def array_notes(experiment: Experiment) -> Iterator[str]:
+    """Yield a note on each file of arrays that a run writes in place of a CSV file."""
+    if is_long(experiment):
+        steps = max(len(point.scenario.steps) - 1 for point in experiment.points)
+        yield (
+            f"{PER_STEP_FILE} has the numbers of all {steps} steps in place of per_step.csv, which "
+            "would be large and slow; in Python trackbench.load(FOLDER).per_step reads either"
+        )
+    if has_many_runs(experiment):
+        yield (
+            f"{PER_RUN_FILE} has the numbers of all {experiment.settings.runs} runs in place of "
+            "per_run.csv, which would be large and slow; in Python trackbench.load(FOLDER).per_run "
+            "reads either"
+        )
 
 
 def write_arrays(path: Path, arrays: Mapping[str, Any], stored: Iterable[str] = ()) -> None:
@@ -211,15 +209,20 @@ def _column(series: Series, name: str) -> Array:
     return np.full(series.rows, value)
 
 
-def read_steps(path: Path, columns: Sequence[str], points: Sequence[Mapping[str, Any]]) -> Columns:
+def read_steps(
+    path: Path, columns: Sequence[str], points: Sequence[Mapping[str, Any] | None]
+) -> Columns:
     """Read ``per_step.npz`` as the rows of per_step.csv.
 
-    ``columns`` are that file's, those of the grid first; ``points`` are the values of the grid's points.
+    ``columns`` are that file's, those of the grid first; ``points`` are the values of the grid's points,
+    None for a point without results.
     """
     with path.open("rb") as file, np.load(file) as archive:
         arrays = dict(archive)
     series = []
     for i, point in enumerate(points):
+        if point is None:
+            continue
         prefix = array_prefix(i, len(points))
         head = f"{prefix}value/"
         for name, value in arrays.items():
@@ -248,13 +251,19 @@ def read_steps(path: Path, columns: Sequence[str], points: Sequence[Mapping[str,
 
 
 def read_run_arrays(
-    path: Path, points: Sequence[Mapping[str, Any]], labels: Collection[str]
+    path: Path, points: Sequence[Mapping[str, Any] | None], labels: Collection[str]
 ) -> PointRuns:
-    """Read ``per_run.npz``; ``points`` are the values of the grid's points, ``labels`` the filters."""
+    """Read ``per_run.npz``.
+
+    ``points`` are the values of the grid's points, None for a point without results; ``labels`` are the
+    filters to read.
+    """
     with path.open("rb") as file, np.load(file) as archive:
         arrays = dict(archive)
     point_runs: PointRuns = {}
     for i, point in enumerate(points):
+        if point is None:
+            continue
         head = f"{array_prefix(i, len(points))}value/"
         of_point: Runs = {}
         for name, values in arrays.items():

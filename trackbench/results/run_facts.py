@@ -60,7 +60,7 @@ def facts_of_run(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
         "blocks": {"computed": outcome.computed, "reused": outcome.reused},
         "wall_s": round(outcome.wall_s, 3),
     }
-    if (experiment.runs_of_config or 0) > experiment.settings.runs:
+    if experiment.runs_of_config is not None:
         facts["experiment_runs"] = experiment.runs_of_config
     looped = [label for label, tracker in filters.items() if tracker.loops_over_runs]
     if looped:

@@ -13,7 +13,7 @@ from trackbench.evaluation.block import Tracks
 from trackbench.evaluation.summary import FilterResult
 from trackbench.execution.plan import Key
 from trackbench.models.sensors.angular import AngularSensor
-from trackbench.models.sensors.base import Sensors, StackedSensor
+from trackbench.models.sensors.base import Sensors, sensors_of
 from trackbench.models.sensors.landmark import Landmark
 from trackbench.models.sensors.position import LinearSensor
 from trackbench.results.number_arrays import is_long, write_arrays
@@ -115,14 +115,13 @@ class FigureTracks(TrackFile):
 
 def sensor_paths(scenario: Scenario) -> list[tuple[int, Array]]:
     """Find the number and path (2, T) of each sensor that has a place."""
-    sensor = scenario.true_sensor
-    sensors = sensor.sensors if isinstance(sensor, StackedSensor) else (sensor,)
+    sensors = sensors_of(cast(Sensors, scenario.true_sensor))
     paths = []
-    for n, each in enumerate(sensors, 1):
-        if isinstance(each, AngularSensor):
+    for n, sensor in enumerate(sensors, 1):
+        if isinstance(sensor, AngularSensor):
             places = []
             for k in scenario.steps:
-                place = each.place(int(k)) or (0.0, 0.0)
+                place = sensor.place(int(k)) or (0.0, 0.0)
                 places.append(place[:2])
             paths.append((n, np.array(places).T))
     return paths
@@ -130,12 +129,11 @@ def sensor_paths(scenario: Scenario) -> list[tuple[int, Array]]:
 
 def landmark_places(scenario: Scenario) -> list[tuple[int, Array]]:
     """Find the number and place (2,) of each landmark that is measured."""
-    sensor = scenario.true_sensor
-    sensors = sensor.sensors if isinstance(sensor, StackedSensor) else (sensor,)
+    sensors = sensors_of(cast(Sensors, scenario.true_sensor))
     places = []
-    for n, each in enumerate(sensors, 1):
-        if isinstance(each, Landmark):
-            places.append((n, np.array(each.at)))
+    for n, sensor in enumerate(sensors, 1):
+        if isinstance(sensor, Landmark):
+            places.append((n, np.array(sensor.at)))
     return places
 
 

@@ -77,7 +77,8 @@ def _compare(results: Results, experiment: Experiment, runs: int) -> Iterator[st
                 numbers_of_runs |= {len(values) for values in results.runs(point).values()}
             if numbers_of_runs - {all_runs}:
                 # As many runs as the config asks for may take for ever.
-                yield "per_run.csv: has not as many runs of every metric as the config asks for"
+                file = results.per_run_file
+                yield f"{file}: has not as many runs of every metric as the config asks for"
                 return
         tracks = (folder / "tracks.npz").is_file()
         if has_runs and runs < all_runs:

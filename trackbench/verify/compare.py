@@ -37,7 +37,7 @@ def compare_first_runs(stored: Results, computed: Results) -> Iterator[str]:
     """Yield differences in the first runs, and in the numbers that do not depend on runs."""
     runs = computed.config["runs"]
     yield from compare_frames(
-        "per_run.csv", _values_of_runs(stored, runs), _values_of_runs(computed, runs)
+        stored.per_run_file, _values_of_runs(stored, runs), _values_of_runs(computed, runs)
     )
     # Filters whose numbers do not depend on runs.
     without_runs = [stored.config.get("bound"), *stored.exact]
@@ -164,9 +164,9 @@ def _first_other_keys(stored: "pd.DataFrame", computed: "pd.DataFrame") -> tuple
     rows_again = computed.itertuples(index=False, name=None)
     for row, again in zip_longest(rows, rows_again):
         if row != again:
-            return ", ".join(map(str, row or ["nothing"])), ", ".join(
-                map(str, again or ["nothing"])
-            )
+            first = ", ".join(map(str, row or ["nothing"]))
+            expected = ", ".join(map(str, again or ["nothing"]))
+            return first, expected
     return "nothing", "nothing"
 
 
