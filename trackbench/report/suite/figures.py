@@ -12,7 +12,6 @@ from trackbench.atomic_files import ensure_folder, write_bytes
 from trackbench.report.plotting import style
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.suite.scores import (
-    ALIKE,
     FILTER,
     LOSES_MORE,
     WORST,
@@ -25,6 +24,7 @@ from trackbench.report.suite.scores import (
     relative_costs,
     typical_ratios,
 )
+from trackbench.statistics.rules import ALIKE
 
 _CELL_IN = 0.21
 """Height of a cell."""
@@ -147,8 +147,8 @@ def draw_matrix(group: SuiteScores) -> Figure:
         for column, label in enumerate(labels):
             score = cells.get((label, problem))
             if score is not None and not score.is_left_out:
-                is_undecided = score.word == ALIKE and score.limited_ratio > _SHOWS_EQUAL
-                _write_cell(ax, row, column, cell_text(score), logs[row, column], is_undecided)
+                text = cell_text(score)
+                _write_cell(ax, row, column, text, logs[row, column], _is_undecided(score))
     for column, label in enumerate(labels):
         _write_cell(ax, lowest, column, _ratio_text(typical[label]), logs[-1, column])
     # Step 4: the names.
@@ -162,6 +162,11 @@ def draw_matrix(group: SuiteScores) -> Figure:
     _name_classes(ax, group, problems, right)
     _draw_legend(ax, group, palette)
     return figure
+
+
+def _is_undecided(score: Score) -> bool:
+    """Test whether a filter shows a larger error than the best one without a significant difference."""
+    return score.word == ALIKE and score.limited_ratio > _SHOWS_EQUAL
 
 
 def cell_text(score: Score) -> str:
@@ -242,7 +247,7 @@ def _draw_legend(ax: Axes, group: SuiteScores, palette: Any) -> None:
         if any(text.endswith(mark) for text in texts):
             handles.append(Patch(facecolor="none", edgecolor="none", label=f"{mark}  {meaning}"))
     undecided = "1.20  may be as good as the best"
-    if any(score.word == ALIKE and score.limited_ratio > _SHOWS_EQUAL for score in scores):
+    if any(map(_is_undecided, scores)):
         handles.append(Patch(facecolor="none", edgecolor="none", label=undecided))
     legend = ax.legend(
         handles=handles,
@@ -324,7 +329,12 @@ def draw_cost(group: SuiteScores) -> Figure:
         if label not in costs:
             continue
         ax.plot(
-            costs[label], typical[label], marker="o", markersize=4, color="#0072B2", linestyle=""
+            costs[label],
+            typical[label],
+            marker="o",
+            markersize=4,
+            color=style.COLORS[0],
+            linestyle="",
         )
         place: Any = (costs[label], typical[label])
         ax.annotate(label, place, (4.0, 2.0), textcoords="offset points", fontsize=6.5)
