@@ -150,6 +150,10 @@ def test_a_caption_names_the_diamonds_where_there_are_any(made):
     diamonds = "Diamonds are the numbers that were published."
     assert Bars().default_caption(results).endswith(f" {diamonds}")
     assert diamonds not in Bars(metric=measure("mean(rmse)@3")).default_caption(results)
+    # The published number at step 5 is that of PF.
+    at_step = measure("rmse@5")
+    assert diamonds in Bars(metric=at_step, filters=("PF",)).default_caption(results)
+    assert diamonds not in Bars(metric=at_step, filters=("PF (N=50)",)).default_caption(results)
 
 
 def test_the_report_begins_with_the_key_figure(folder):

@@ -362,8 +362,7 @@ class Results(ResultsFolder):
 
     def axis(self, path: str) -> str:
         """Return a swept path as the label of an axis: ``q (m^2/s^3)``."""
-        words, unit = phrases.quantity(path)
-        return phrases.in_unit(words, unit or self.grid_units.get(path, ""))
+        return phrases.axis(path, self.grid_units)
 
     @cached_property
     def grid_units(self) -> dict[str, str]:

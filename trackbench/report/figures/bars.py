@@ -1,5 +1,6 @@
 """Figure kind `bars`: one statistic per filter with its interval, beside the published number."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import isfinite
 from typing import ClassVar
@@ -49,21 +50,19 @@ class Bars(FigureKind):
         labels = captions.measured_labels(results, results.chosen(self.filters), self.metric)
         caption = captions.of_curves(results, captions.quantity(self.metric), labels)
         caption += f" Bars are {100 * self.level:g} % confidence intervals."
-        is_published = any(number.expression == self.metric for number in results.published.numbers)
-        if is_published:
+        references = self._references(results)
+        bars = [label for label in results.chosen(self.filters) if label not in references]
+        points = results.points()[: style.MOST_PANELS]
+        if any(any(self._published_values(results, point, bars)) for point in points):
             caption += " Diamonds are the numbers that were published."
         return caption
 
     def draw(self, results: Results) -> Figure:
         """Return a row per filter, a panel per point of the grid."""
         points = results.points()[: style.MOST_PANELS]
-        references = [label for label in (self.floor, self.baseline) if label in results.labels]
-        chosen = results.chosen(self.filters)
-        bound = results.config.get("bound")
-        if bound in chosen and bound not in references:
-            references.append(bound)  # it has no runs, and so no interval
-        labels = [label for label in chosen if label not in references]
-        looks = results.line_styles([*labels, *map(str, references)], self.floor, self.baseline)
+        references = self._references(results)
+        labels = [label for label in results.chosen(self.filters) if label not in references]
+        looks = results.line_styles([*labels, *references], self.floor, self.baseline)
         height = 0.9 + 0.26 * len(labels)
         figure, axes = style.make_panels(len(points), 1, height, sharex=True, sharey=True)
         headings = style.wrap_headings([phrases.heading(point) for point in points])
@@ -71,7 +70,7 @@ class Bars(FigureKind):
             expressions = Evaluator(results, point)
             self._draw_measured(ax, expressions, {label: looks[label]["color"] for label in labels})
             # Floor, baseline and bound are lines through all bars.
-            for label in map(str, references):
+            for label in references:
                 value = expressions.term(self.metric.of(label)).value
                 if isfinite(value):
                     ax.axvline(value, label=label, **looks[label])
@@ -85,6 +84,16 @@ class Bars(FigureKind):
         axes[0][0].set_yticks(range(len(labels)), [style.wrap_label(label) for label in labels])
         axes[0][0].invert_yaxis()
         return style.add_title_and_legend(figure, self.title, len(results.points()))
+
+    def _references(self, results: Results) -> list[str]:
+        """Return the labels that are lines through all bars: floor, baseline and bound."""
+        references = [
+            str(label) for label in (self.floor, self.baseline) if label in results.labels
+        ]
+        bound = results.config.get("bound")
+        if bound in results.chosen(self.filters) and bound not in references:
+            references.append(bound)  # it has no runs, and so no interval
+        return references
 
     def _draw_measured(self, ax: Axes, expressions: Evaluator, colors: dict[str, str]) -> None:
         """Draw a dot with its confidence interval for each filter; ``colors`` are by label."""
@@ -124,6 +133,22 @@ class Bars(FigureKind):
         self, ax: Axes, results: Results, point: GridPoint, labels: list[str]
     ) -> None:
         """Draw a diamond for each published number of the metric at this point of the grid."""
+        for label, value in self._published_values(results, point, labels):
+            ax.plot(
+                value,
+                labels.index(label),
+                marker="D",
+                linestyle="",
+                color="black",
+                markerfacecolor="none",
+                markersize=5,
+                label="Published",
+            )
+
+    def _published_values(
+        self, results: Results, point: GridPoint, labels: list[str]
+    ) -> Iterator[tuple[str, float]]:
+        """Yield label and value of the published numbers of these filters at a point of the grid."""
         for number in results.published.numbers:
             if number.expression != self.metric or isinstance(number.value, str):
                 continue
@@ -131,13 +156,4 @@ class Bars(FigureKind):
                 continue
             for label in number.labels:
                 if label in labels:
-                    ax.plot(
-                        number.value,
-                        labels.index(label),
-                        marker="D",
-                        linestyle="",
-                        color="black",
-                        markerfacecolor="none",
-                        markersize=5,
-                        label="Published",
-                    )
+                    yield label, number.value

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.report.findings import phrases
-from trackbench.report.findings.phrases import in_unit, listed, named, number
+from trackbench.report.findings.phrases import listed, named
 from trackbench.report.plotting.style import MOST_PANELS
 from trackbench.report.results import Results
 from trackbench.results.point_facts import GridPoint
@@ -39,19 +39,14 @@ def quantity(metric: Measure) -> str:
 
 def heading(results: Results, point: GridPoint) -> str:
     """Return a grid point with the units of its paths: ``sigma = 10 m, q = 2``."""
-    parts = []
-    for path, value in point.items():
-        words, unit = phrases.quantity(path)
-        unit = unit or results.grid_units.get(path, "")
-        parts.append(f"{words} = {number(value)} {unit}".rstrip())
-    return ", ".join(parts)
+    return phrases.heading(point, results.grid_units)
 
 
 def panels(results: Results) -> str:
     """Return the end of a sentence on the panels of grid points; empty if there is one point."""
     if len(results.points()) < 2:
         return ""
-    paths = [in_unit(*phrases.quantity(path)) for path in results.grid]
+    paths = [phrases.axis(path) for path in results.grid]
     words = f", a panel for each value of {listed(paths)}"
     if len(results.points()) > MOST_PANELS:
         words += f" (the first {MOST_PANELS} of {len(results.points())} points)"

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from trackbench.config.experiment import Point
-from trackbench.core.arrays import Array
 from trackbench.evaluation.consistency_and_calibration import sizes
 from trackbench.evaluation.metric_expression import OfStep, OfSummary, measure
 from trackbench.field_types import Count, OpenShare, Positive
@@ -88,10 +87,7 @@ class Anees(OverTime):
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter; between the gray lines a consistent filter stays."""
-        curves: list[Array] = []
-        for point in results.points()[: style.MOST_PANELS]:
-            for series in self.metric_series(results, point, self.metric):
-                curves.append(series.rows["value"])
+        curves = self.values_of_curves(results, self.metric)
         return self.with_vertical_axis(self.metric, curves)._draw_curves(results)
 
     def _draw_curves(self, results: Results) -> Figure:

@@ -139,15 +139,20 @@ class Curves(FigureKind):
             column[0].set_title(heading)
             column[-1].set_xlabel(self.x_name)
             for ax in column:
-                if self.log:
-                    ax.set_yscale("log")
-                if self.has_integer_x:
-                    ax.xaxis.get_major_locator().set_params(integer=True)
+                self._set_scales(ax)
             panels.append(Panel(axes=list(column), point=point, title=""))
         if self.y_label:
             axes[0][0].set_ylabel(self.y_label)
         style.set_title(figure, self.title, len(results.points()))
         return figure, panels
+
+    def _set_scales(self, ax: Axes) -> None:
+        """Make the vertical axis logarithmic if wanted; give a counting horizontal axis whole ticks."""
+        if self.log:
+            ax.set_yscale("log")
+        if self.has_integer_x:
+            locator: Any = ax.xaxis.get_major_locator()
+            locator.set_params(integer=True)
 
     def metric_series(
         self, results: Results, point: GridPoint, metric: Measure
@@ -256,6 +261,14 @@ class OverTime(Curves):
         all_series = self.metric_series(results, first_point, metric)
         return {series.look["label"]: len(series.rows) for series in all_series}
 
+    def values_of_curves(self, results: Results, metric: OfStep) -> list[Array]:
+        """Return the values (n,) of a metric of per_step.csv for every line of the figure."""
+        curves: list[Array] = []
+        for point in results.points()[: style.MOST_PANELS]:
+            all_series = self.metric_series(results, point, metric)
+            curves += [series.rows["value"] for series in all_series]
+        return curves
+
     def make_panels_over_time(
         self, results: Results, titles: Sequence[str], rows: int = 1, **layout: Any
     ) -> tuple[Figure, list[Panel]]:
@@ -277,10 +290,7 @@ class OverTime(Curves):
             if is_lowest:
                 ax.set_xlabel(self.x_name)
                 ax.tick_params(labelbottom=True)
-            if self.log:
-                ax.set_yscale("log")
-            if self.has_integer_x:
-                ax.xaxis.get_major_locator().set_params(integer=True)
+            self._set_scales(ax)
             panels.append(Panel(axes=[ax], point=point, title=label))
         figure.supylabel(self.y_label)
         style.set_title(figure, self.title)
@@ -371,10 +381,7 @@ class RmseVsTime(OverTime):
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter."""
-        curves: list[Array] = []
-        for point in results.points()[: style.MOST_PANELS]:
-            all_series = self.metric_series(results, point, self.metric)
-            curves += [series.rows["value"] for series in all_series]
+        curves = self.values_of_curves(results, self.metric)
         return self.with_vertical_axis(self.metric, curves)._draw_curves(results)
 
     def _draw_curves(self, results: Results) -> Figure:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -325,8 +326,7 @@ class SweepFigure(FigureKind):
             return ""
         section = _Section(results, self.paths)
         x_path, level_path = self._axes(section)
-        shown = metrics if level_path is None else dict(list(metrics.items())[:1])
-        names = [y_label.partition(" (")[0] for y_label in shown]
+        names = [y_label.partition(" (")[0] for y_label in metrics]
         words = f"{joined(names)} over {phrases.quantity(x_path)[0]}"
         if level_path is not None and self._has_panels(section):
             words += f", a panel for each value of {phrases.quantity(level_path)[0]}"
@@ -357,18 +357,15 @@ class SweepFigure(FigureKind):
     def draw(self, results: Results) -> Figure:
         """Return panels of metrics, of values of the second path, or of filters."""
         section = _Section(results, self.paths)
-        metrics = self._metrics(results)
         x_path, level_path = self._axes(section)
+        levels: list[GridPoint] = [{}]
+        if level_path is not None:
+            if not self._has_panels(section):
+                return self._draw_heat_maps(section)
+            levels = [{level_path: value} for value in section.values[level_path]]
         panels: list[_SweepPanel] = []
-        if level_path is None:
-            for y_label, metric in metrics.items():
-                panels.append(_SweepPanel(metric=metric, y_label=y_label, path_values={}))
-            return self._draw_panels(section, panels, x_path)
-        if not self._has_panels(section):
-            return self._draw_heat_maps(section)
-        for y_label, metric in list(metrics.items())[:1]:
-            for value in section.values[level_path]:
-                level = {level_path: value}
+        for y_label, metric in self._metrics(results).items():
+            for level in levels:
                 panels.append(_SweepPanel(metric=metric, y_label=y_label, path_values=level))
         return self._draw_panels(section, panels, x_path)
 
@@ -408,15 +405,13 @@ class SweepFigure(FigureKind):
         looks = results.line_styles(
             [label for label in results.chosen(self.filters) if label in drawn_labels]
         )
+        place_of_value = dict(zip(x_values, places, strict=True))
         heights: list[list[float]] = []
         for ax, panel in zip(axes, panels, strict=False):
-            place_of_value = dict(zip(x_values, places, strict=True))
             heights.append(self._draw_panel(ax, section, panel, x_path, place_of_value, looks))
         # Step 2: the axes.
         if has_one_metric:
-            heights = [[height for panel_heights in heights for height in panel_heights]] * len(
-                panels
-            )
+            heights = [list(chain.from_iterable(heights))] * len(panels)
         across = max(1, min(len(panels), style.MOSAIC))
         panel_in = sheet().width_in / across - _AXIS_IN
         for place, (ax, panel) in enumerate(zip(axes, panels, strict=False)):
@@ -509,21 +504,23 @@ class SweepFigure(FigureKind):
         metrics = self._metrics(results)
         bar_label, metric = next(iter(metrics.items()), ("", measured("mean(rmse)")))
         fields = self._fields(section, metric)
-        finite_values = [values[np.isfinite(values)] for values in fields.values()] or [np.zeros(1)]
-        least = min(values.min() for values in finite_values)
-        greatest = max(values.max() for values in finite_values)
+        values_by_label: dict[str, Array] = {}
+        for label, cells in fields.items():
+            values_by_label[label] = np.array([[cell.value for cell in row] for row in cells])
+        least = min((np.nanmin(values) for values in values_by_label.values()), default=0.0)
+        greatest = max((np.nanmax(values) for values in values_by_label.values()), default=0.0)
+        columns = [phrases.number(value) for value in section.values[x_path]]
+        rows = [phrases.number(value) for value in section.values[y_path]]
         figure, axes = style.panel_grid(len(fields), _ROW_IN, _EXTRA_IN)
-        for ax, (label, values) in zip(axes, fields.items(), strict=False):
+        for ax, (label, values) in zip(axes, values_by_label.items(), strict=False):
             image = ax.imshow(values, origin="lower", aspect="auto", vmin=least, vmax=greatest)
-            columns = [phrases.number(value) for value in section.values[x_path]]
-            rows = [phrases.number(value) for value in section.values[y_path]]
             ax.set_xticks(range(len(columns)), columns)
             ax.set_yticks(range(len(rows)), rows)
             ax.set_title(style.wrap_label(label))
             ax.grid(visible=False)
             most_text = _MOST_TEXT if len(axes) == 1 else _MOST_TEXT // 2
             if max(values.shape) <= most_text:
-                write_cells(ax, values, self._cell_texts(section, label, metric), image, 7)
+                write_cells(ax, values, cell_texts(fields[label]), image, 7)
             if not self._changes_problem():
                 best = best_place(values.ravel(), metric)
                 row, column = np.unravel_index(best, values.shape)
@@ -535,41 +532,30 @@ class SweepFigure(FigureKind):
             figure.colorbar(image, ax=axes, label=bar_label)
         return figure
 
-    def _fields(self, section: _Section, metric: Measure) -> dict[str, Array]:
-        """Return the metric over both paths, (values of the second, values of the first), by label.
+    def _fields(self, section: _Section, metric: Measure) -> dict[str, list[list[Estimate]]]:
+        """Return by label the metric over both paths: a row for each value of the second path.
 
         Only varied filters with any number have a field. NaN stands where a filter has no number.
         """
         x_path, y_path = self.paths
         columns = section.values[x_path]
         rows = section.values[y_path]
-        fields: dict[str, Array] = {}
+        fields: dict[str, list[list[Estimate]]] = {}
         for label in self._varied_labels(section.results):
-            values = np.full((len(rows), len(columns)), np.nan)
-            for point in section.points_of(label, metric):
-                x = point.path_values[x_path]
-                y = point.path_values[y_path]
-                if np.isfinite(point.value):
-                    values[rows.index(y), columns.index(x)] = point.value
-            if np.isfinite(values).any():
-                fields[label] = values
+            cells = [[MISSING.estimate] * len(columns) for _ in rows]
+            finite = [p for p in section.points_of(label, metric) if np.isfinite(p.value)]
+            for point in finite:
+                row = rows.index(point.path_values[y_path])
+                column = columns.index(point.path_values[x_path])
+                cells[row][column] = Estimate(point.value, point.stderr)
+            if finite:
+                fields[label] = cells
         return fields
 
-    def _cell_texts(self, section: _Section, label: str, metric: Measure) -> list[list[str]]:
-        """Return the texts of a filter's heat map: each value with its standard error."""
-        x_path, y_path = self.paths
-        columns = section.values[x_path]
-        rows = section.values[y_path]
-        cells = [[MISSING.estimate] * len(columns) for _ in rows]
-        for point in section.points_of(label, metric):
-            row = rows.index(point.path_values[y_path])
-            column = columns.index(point.path_values[x_path])
-            cells[row][column] = Estimate(point.value, point.stderr)
-        return cell_texts(cells)
-
     def _metrics(self, results: Results) -> dict[str, Measure]:
-        """Return the metrics to draw, by the label of their axis."""
-        return self.metrics or shown_metrics(results)
+        """Return the metrics to draw, by the label of their axis; over two paths the first one."""
+        metrics = self.metrics or shown_metrics(results)
+        return metrics if len(self.paths) == 1 else dict(list(metrics.items())[:1])
 
     def _changes_problem(self) -> bool:
         """Return whether a path is of the scenario, so that its values are different problems."""

@@ -183,13 +183,13 @@ class Track(FigureKind):
                     landmark = landmark_names[int(number) - 1] if landmark_names else number
                     landmarks[str(landmark)] = tracks[name]
         path = truth
-        headings = tracks["truth"][heading_rows(facts.components, facts.angles or ()), :, 0]
+        rows_of_heading = heading_rows(facts.components, facts.angles or ())
+        headings = tracks["truth"][rows_of_heading, :, 0]
         if not np.isfinite(truth).any() and estimates:
             # Without ground truth the heading is that of the first filter.
             label, estimate = next(iter(estimates.items()))
             path = estimate[..., 0]
-            states = tracks[f"mean/{label}"]
-            headings = states[heading_rows(facts.components, facts.angles or ()), :, 0]
+            headings = tracks[f"mean/{label}"][rows_of_heading, :, 0]
         return _Scene(
             landmarks=landmarks,
             path_of_headings=path,

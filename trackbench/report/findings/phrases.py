@@ -1,7 +1,8 @@
 """Numbers and names as they stand in a sentence."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from math import ceil, inf, log10
+from types import MappingProxyType
 from typing import Any
 
 from trackbench.config.grid import single_paths
@@ -136,19 +137,23 @@ def verb(names: Sequence[str]) -> str:
     return "is" if len(names) == 1 else "are"
 
 
-def heading(point: GridPoint) -> str:
-    """Return a grid point as the title of its panel: ``R = 0.1``, ``sigma azimuth = 2 mrad``."""
+def heading(point: GridPoint, units: Mapping[str, str] = MappingProxyType({})) -> str:
+    """Return a grid point as the title of its panel: ``R = 0.1``, ``sigma azimuth = 2 mrad``.
+
+    ``units`` has those of paths whose names end in none.
+    """
     parts = []
     for path, value in point.items():
         words, unit = quantity(path)
+        unit = unit or units.get(path, "")
         parts.append(f"{words} = {number(value)} {unit}".rstrip())
     return ", ".join(parts)
 
 
-def axis(path: str) -> str:
-    """Label an axis with a grid's path: ``sigma azimuth (mrad)``."""
+def axis(path: str, units: Mapping[str, str] = MappingProxyType({})) -> str:
+    """Label an axis with a grid's path: ``sigma azimuth (mrad)``; ``units`` as `heading` has them."""
     words, unit = quantity(path)
-    return in_unit(words, unit)
+    return in_unit(words, unit or units.get(path, ""))
 
 
 def quantity(path: str) -> tuple[str, str]:

@@ -194,11 +194,7 @@ def _topic(results: Results) -> str:
 
 def _result(results: Results) -> str:
     """Write the result in a few words; empty if the runs are missing."""
-    return short_answer(rankings(results)) if _has_runs(results) else ""
-
-
-def _has_runs(results: Results) -> bool:
-    return results.has_runs
+    return short_answer(rankings(results)) if results.has_runs else ""
 
 
 def short_answer(scene_rankings: Sequence[Ranking]) -> str:
@@ -256,7 +252,7 @@ def _open_experiments(folder: Path) -> tuple[Overview, int]:
                 results = open_with_notes(candidate)
                 opened.append((results, compare(results)))
         except UserError as error:
-            if results and not _has_runs(results):
+            if results and not results.has_runs:
                 without_runs += error.problems
             else:
                 problems += error.problems

@@ -12,7 +12,6 @@ from trackbench.atomic_files import ensure_folder, write_bytes
 from trackbench.report.plotting import style
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.suite.scores import (
-    ALIKE,
     FILTER,
     LOSES_MORE,
     WORST,
@@ -25,6 +24,7 @@ from trackbench.report.suite.scores import (
     relative_costs,
     typical_ratios,
 )
+from trackbench.statistics.rules import ALIKE
 
 _CELL_IN = 0.21
 """Height of a cell."""
@@ -328,7 +328,12 @@ def draw_cost(group: SuiteScores) -> Figure:
         if label not in costs:
             continue
         ax.plot(
-            costs[label], typical[label], marker="o", markersize=4, color="#0072B2", linestyle=""
+            costs[label],
+            typical[label],
+            marker="o",
+            markersize=4,
+            color=style.COLORS[0],
+            linestyle="",
         )
         place: Any = (costs[label], typical[label])
         ax.annotate(label, place, (4.0, 2.0), textcoords="offset points", fontsize=6.5)

@@ -36,6 +36,7 @@ from trackbench.report.paired import compared_statistic
 from trackbench.report.results import Results
 from trackbench.statistics.comparison import Comparison, compare
 from trackbench.statistics.estimates import RunEstimate, collapsed_runs
+from trackbench.statistics.rules import ALIKE, UNTESTED, WORSE
 
 WORST = 10.0
 """Ratio to the best from which on a filter counts as useless for the problem."""
@@ -116,10 +117,7 @@ class Score:
 
 
 BEST = "best"
-ALIKE = "no significant difference"
-WORSE = "worse"
 LOSES_MORE = "loses more runs"
-UNTESTED = "untested"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,22 +179,22 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
     metric = leading_metric(results)
     statistic = compared_statistic(results.config, metric) if metric else "mean"
     candidates = {c.label: c for c in candidates_of(results, [point], metric, statistic)}
-    reference = results.config.get("reference")
+    reference = results.config.get("reference") or ""
+    reference_candidate = candidates.get(reference)
     smoothers = {f"{label}, smoothed" for label in results.config.get("smoothed", ())}
     # A tuned copy has a label of its own in the results; it takes the place of its filter.
     roster_labels = {shown_label(problem, label): label for label in problem.tuned}
     hidden = set(problem.tuned)
-    shown = [candidate for label, candidate in candidates.items() if label not in hidden]
-    words_on_consistency = consistency(results, shown)
+    shown = {label: candidate for label, candidate in candidates.items() if label not in hidden}
+    words_on_consistency = consistency(results, [*shown.values()])
+    bound = _bound(results, metric)
     scores: list[Score] = []
     # Step 1: filters and smoothers, ranked apart.
     for role in (FILTER, SMOOTHER):
         ranked = [
             candidate
-            for label, candidate in candidates.items()
-            if label != reference
-            and label not in hidden
-            and (label in smoothers) == (role == SMOOTHER)
+            for label, candidate in shown.items()
+            if label != reference and (label in smoothers) == (role == SMOOTHER)
         ]
         if not ranked:
             continue
@@ -204,28 +202,24 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
         for candidate in ranked:
             word = words_on_consistency[candidate]
             score = _score_candidate(problem, results, ranking, candidate, role, word)
-            to_reference = _ratio_to_reference(
-                results, candidates, candidate, reference, metric, statistic
-            )
+            to_reference = _ratio_to_reference(candidate, reference_candidate, bound)
             label = roster_labels.get(candidate.label, candidate.label)
             scores.append(replace(score, label=label, ratio_to_reference=to_reference))
     # Step 2: the reference and the bound.
-    if reference in candidates:
-        candidate = candidates[reference]
-        error = candidate.overall
+    if reference_candidate is not None:
+        error = reference_candidate.overall
         scores.append(
             replace(
-                _blank_score(problem, reference, REFERENCE),
+                _blank_score(problem, reference_candidate.label, REFERENCE),
                 metric=f"{statistic}({metric})",
                 error=error.value,
                 stderr=error.stderr,
-                runs=len(candidate.lost),
-                lost=candidate.losses,
-                consistency=words_on_consistency[candidate],
-                cpu_s=cpu_seconds(results, candidate),
+                runs=len(reference_candidate.lost),
+                lost=reference_candidate.losses,
+                consistency=words_on_consistency[reference_candidate],
+                cpu_s=cpu_seconds(results, reference_candidate),
             )
         )
-    bound = _bound(results, metric)
     if bound is not None:
         scores.append(
             replace(
@@ -260,8 +254,8 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
         )
     values = {
         roster_labels.get(label, label): candidate.sample.values
-        for label, candidate in candidates.items()
-        if label != reference and label not in smoothers and label not in hidden
+        for label, candidate in shown.items()
+        if label != reference and label not in smoothers
     }
     return scores, ProblemRuns(statistic=statistic, values=values)
 
@@ -337,22 +331,16 @@ def _word(ranking: Ranking, candidate: Candidate) -> str:
 
 
 def _ratio_to_reference(
-    results: Results,
-    candidates: Mapping[str, Candidate],
-    candidate: Candidate,
-    reference: str | None,
-    metric: str,
-    statistic: str,
+    candidate: Candidate, reference: Candidate | None, bound: RunEstimate | None
 ) -> Ratio:
     """Divide the error by that of the reference filter, or without one by the bound.
 
     The bound is one of the rms error, so that another statistic has no ratio to it.
     """
-    if reference is not None and reference in candidates:
-        comparison = compare(candidate.sample, candidates[reference].sample)
+    if reference is not None:
+        comparison = compare(candidate.sample, reference.sample)
         return Ratio() if comparison is None else Ratio.of(comparison)
-    bound = _bound(results, metric)
-    if bound is None or statistic != "rms":
+    if bound is None or candidate.sample.statistic != "rms":
         return Ratio()
     return Ratio.to_bound(candidate.sample.overall, bound.value)
 

@@ -4,14 +4,13 @@ from collections.abc import Sequence
 from math import isfinite
 
 from trackbench.report.findings import phrases
+from trackbench.report.findings.phrases import joined
 from trackbench.report.suite.scores import (
-    ALIKE,
     BEST,
     FILTER,
     LOSES_MORE,
     SAME,
     SMOOTHER,
-    UNTESTED,
     WORST,
     Likeness,
     Score,
@@ -24,6 +23,7 @@ from trackbench.report.suite.scores import (
 )
 from trackbench.report.table import Text, TextTable, rounded
 from trackbench.statistics.estimates import COLLAPSED_NOTE
+from trackbench.statistics.rules import ALIKE, UNTESTED
 
 NEAR = 1.1
 """Factor within which a filter is near the best."""
@@ -160,11 +160,11 @@ def _score_row(score: Score) -> list[Text]:
 def ratio_in_words(score: Score) -> str:
     """Write the ratio to the best with its interval and the word of the rule for filters."""
     ratio = score.ratio_to_best
+    width = ratio.high - ratio.low
     if score.word == BEST:
         return "best"
-    if is_best(score) and ratio.high - ratio.low < SAME:
+    if is_best(score) and width < SAME:
         return "equal to the best"
-    width = ratio.high - ratio.low
     text = f"{phrases.multiple(ratio.value, width)} x"
     # Beside "no significant difference" no interval of the pair alone may show one.
     contradicts = score.word == ALIKE and not ratio.low <= 1.0 <= ratio.high
@@ -199,16 +199,16 @@ def filter_sentences(group: SuiteScores, label: str) -> list[str]:
         )
         first = [score.problem for score in run if is_best(score)]
         if first:
-            lines.append(f"It has the smallest error on {_listed(first)}.")
+            lines.append(f"It has the smallest error on {joined(first)}.")
     failing = [score.problem for score in run if fails(score)]
     if failing:
         lines.append(
-            f"It fails on {_listed(failing)}: its error is {WORST:g} times that of the best filter or "
+            f"It fails on {joined(failing)}: its error is {WORST:g} times that of the best filter or "
             "more, or it loses all runs or significantly more than another filter."
         )
     overconfident = [score.problem for score in run if is_overconfident(score)]
     if overconfident:
-        lines.append(f"It is overconfident on {_listed(overconfident)}.")
+        lines.append(f"It is overconfident on {joined(overconfident)}.")
     if group.is_tuned and len(group.labels(FILTER)) > 1:
         lines.append("The filters of the roster are tuned on each problem, and yours is not.")
     likeness = nearest_filter(group, label)
@@ -221,7 +221,7 @@ def _likeness_sentence(likeness: Likeness) -> str:
     """Return the sentence on the filter of the roster that a filter equals, or is nearest to."""
     number = len(likeness.differences)
     if not likeness.others:
-        also = f", which equals {_listed(likeness.also)} there" if likeness.also else ""
+        also = f", which equals {joined(likeness.also)} there" if likeness.also else ""
         return (
             f"It is the {likeness.label}{also}: the errors of every run agree to 1e-6 on all problems "
             f"that both ran on ({number})."
@@ -231,20 +231,13 @@ def _likeness_sentence(likeness: Likeness) -> str:
     if len(likeness.same) > len(likeness.others):
         return (
             f"On {len(likeness.same)} of {number} problems it is the {likeness.label}: the errors of "
-            f"every run agree to 1e-6. On {_listed(likeness.others)} they differ {apart}. Where a "
+            f"every run agree to 1e-6. On {joined(likeness.others)} they differ {apart}. Where a "
             "filter diverges, or the system is chaotic, rounding alone can grow so much."
         )
     return (
         f"The nearest filter is {likeness.label}: the errors of a run differ by up to "
         f"{100.0 * likeness.typical_difference:.2g} % on half of the problems."
     )
-
-
-def _listed(names: Sequence[str]) -> str:
-    """Join names with commas and ``and``."""
-    if len(names) == 1:
-        return names[0]
-    return f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def leader_sentence(group: SuiteScores) -> str:
@@ -270,7 +263,7 @@ def leader_sentence(group: SuiteScores) -> str:
     reasons = []
     if leader.share_first < 0.95:
         reasons.append(
-            f"with other runs {_listed(leader.rivals)} may be first "
+            f"with other runs {joined(leader.rivals)} may be first "
             f"({leader.label} is in {100.0 * leader.share_first:.0f} %)"
         )
     for name, label in leader.without.items():

@@ -221,8 +221,9 @@ def summary_lines(comparison: Verdicts) -> list[str]:
     A number with several readings counts once. A last line counts the numbers left out. If the results
     have fewer runs than the experiment, the only line is how many runs the verdicts need.
     """
-    if needed_runs(comparison):
-        return [f"{needed_runs(comparison)}."]
+    needed = needed_runs(comparison)
+    if needed:
+        return [f"{needed}."]
     lines = [bar.words for bar in bars(comparison)]
     with_readings = [number for number in comparison.numbers if number.readings > 1]
     if with_readings:
