@@ -1,7 +1,7 @@
 """Known inputs of a motion, such as a robot's measured speed and turn rate: numbers of each step."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import InvalidKeyError, Place
@@ -30,7 +30,7 @@ class KnownInputs:
                 what = f"the target's `input` has no {name!r}; known: {known}"
                 raise InvalidKeyError(what)
         rows = [self.names.index(name) for name in names]
-        return KnownInputs(tuple(names), self.first, self.values[rows], self.gap, self.gap_step)
+        return replace(self, names=tuple(names), values=self.values[rows])
 
     def at(self, k: int) -> tuple[float, ...]:
         """Return the values that hold from step k - 1 to step k, in the order of the names."""

@@ -1,6 +1,7 @@
 """Recorded inputs of motions, such as odometry: which values hold over which step."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -136,13 +137,7 @@ def _inputs_of_run(
         return known
     step = int(missing_steps[0])
     place = _gap_place(gathered, names, rows, shift, times, step, usual)
-    return KnownInputs(
-        names=known.names,
-        first=known.first,
-        values=known.values,
-        gap=place,
-        gap_step=int(clock.steps[step]),
-    )
+    return replace(known, gap=place, gap_step=int(clock.steps[step]))
 
 
 def _means(edges: Array, pieces: Array, earlier: Array, later: Array) -> Array:
@@ -210,10 +205,6 @@ def aligned_with(inputs: KnownInputs, steps: Index) -> KnownInputs:
     added = len(steps) - inputs.values.shape[1]
     shift = int(steps[0]) + added - inputs.first
     values = np.pad(inputs.values, [(0, 0), (added, 0)], constant_values=np.nan)
-    return KnownInputs(
-        names=inputs.names,
-        first=int(steps[0]),
-        values=fixed(values),
-        gap=inputs.gap,
-        gap_step=inputs.gap_step + shift,
+    return replace(
+        inputs, first=int(steps[0]), values=fixed(values), gap_step=inputs.gap_step + shift
     )
