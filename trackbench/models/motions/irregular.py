@@ -8,9 +8,10 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution
 from trackbench.field_types import InvalidKeyError
 from trackbench.models.base import Model, Motion, SampledMotion, angle_rows, extra_std
-from trackbench.models.inputs import KnownInputs, inputs_of
+from trackbench.models.inputs import KnownInputs
 from trackbench.models.motions.kinematic import Linear
 from trackbench.models.motions.nonlinear import SteppedMotion
+from trackbench.models.motions.turn import Turning
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,14 +110,32 @@ def motion_with_inputs(sampled: SampledMotion, known: KnownInputs | None) -> Sam
     return sampled.with_inputs(known)
 
 
+def sample_equally(
+    motion: Motion, T: float, axes: int, recorded: KnownInputs | None
+) -> SampledMotion:
+    """Sample a motion over equal intervals of a recording with these inputs, if it has any.
+
+    Raises InvalidKeyError for an input in the motion's equations that is not recorded.
+    """
+    known = inputs_in_equations(motion, recorded)
+    sampled = motion_with_inputs(motion.sampled(T, axes), known)
+    if recorded is not None and isinstance(sampled, Linear | SteppedMotion | Turning):
+        return replace(sampled, recorded_inputs=recorded)
+    return sampled
+
+
 def sample_alike(motion: Motion, other: SampledMotion) -> SampledMotion:
-    """Sample ``motion`` over the intervals, along the axes and with the inputs of ``other``."""
+    """Sample ``motion`` over the intervals, along the axes and with the inputs of ``other``.
+
+    Raises InvalidKeyError for an input in the motion's equations that is not recorded.
+    """
     if isinstance(other, Irregular):
+        inputs_in_equations(motion, other.recorded_inputs)
         return replace(other, motion=motion, named_angles=())
     # Each axis has two components; further ones come after them.
     axes = (len(other.components) - len(extra_std(other))) // 2
-    sampled = motion.sampled(other.T, axes)  # type: ignore[attr-defined]
-    return motion_with_inputs(sampled, inputs_in_equations(motion, inputs_of(other)))
+    recorded = getattr(other, "recorded_inputs", None)
+    return sample_equally(motion, other.T, axes, recorded)  # type: ignore[attr-defined]
 
 
 def angle_names(motion: SampledMotion) -> set[str]:

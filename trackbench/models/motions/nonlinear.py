@@ -298,6 +298,8 @@ class SteppedMotion:
     T: float
     step: Step
     rows_of_angles: tuple[int, ...] = field(default=(), kw_only=True)
+    recorded_inputs: KnownInputs | None = field(default=None, kw_only=True)
+    """inputs of the recording, if it has any, for motions that are sampled alike"""
 
     @property
     def known_inputs(self) -> KnownInputs | None:

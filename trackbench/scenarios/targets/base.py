@@ -17,7 +17,7 @@ from trackbench.models.inputs import KnownInputs
 from trackbench.models.motions.irregular import (
     Irregular,
     inputs_in_equations,
-    motion_with_inputs,
+    sample_equally,
 )
 from trackbench.models.motions.turn import CoordinatedTurn
 from trackbench.models.sensors.base import Sensors
@@ -47,8 +47,7 @@ class Timeline(NamedTuple):
     def sampled(self, motion: Motion, axes: int) -> SampledMotion:
         """Return a motion from step to step; raises InvalidKeyError."""
         if self.equal:
-            known = inputs_in_equations(motion, self.inputs)
-            return motion_with_inputs(motion.sampled(self.T, axes), known)
+            return sample_equally(motion, self.T, axes, self.inputs)
         if motion.uses_time:
             what = "the motion depends on the time t = k T, and these steps are not equal"
             raise InvalidKeyError(what, "assume")
