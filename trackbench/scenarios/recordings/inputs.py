@@ -46,6 +46,12 @@ def with_inputs_only(gathered: Gathered, names: Sequence[str], rows: Rows) -> In
     return InputRows(measured=measured, blank=rows.at(np.flatnonzero(has_none)))
 
 
+def missing_run(path: str, run: str, names: Sequence[str]) -> Place:
+    """Return the mistake of a file without rows of a run; ``names`` are those of the inputs."""
+    what = f"run {run} has no rows with the inputs {', '.join(names)}"
+    return Place(path, 1, 1, what)
+
+
 def inputs_at(
     gathered: Gathered,
     names: Sequence[str],
@@ -59,19 +65,17 @@ def inputs_at(
     """Return the inputs of each step of the clock: their mean over the time since the step before.
 
     A row's values hold ``before`` its time, back to the row before, or ``after`` it, until the next row;
-    over ``gap`` (s, or steps) at most. ``resample`` is the length of resampled steps, s. Rows without
-    names of runs are those of every run. Raises InvalidKeyError if the runs' inputs differ, since a
-    motion has one table of them.
+    over ``gap`` (s, or steps) at most. ``resample`` is the length of resampled steps, s. The numbers of
+    the rows' runs are those of ``runs``, but rows without names of runs are those of every run. Raises
+    InvalidKeyError if the runs' inputs differ, since a motion has one table of them.
     """
-    number = {name: i for i, name in enumerate(gathered.runs)}
     is_shared = gathered.runs == [ONE_RUN]
     tables = []
     for m, name in enumerate(runs):
-        i = 0 if is_shared else number.get(name)
+        i = 0 if is_shared else m
         of_run = np.flatnonzero(rows.measured.run == i)
         if not len(of_run):
-            what = f"run {name} has no rows with the inputs {', '.join(names)}"
-            raise DataError(Place(gathered.files[0], 1, 1, what))
+            raise DataError(missing_run(gathered.files[0], name, names))
         blank = rows.blank.at(np.flatnonzero(rows.blank.run == i))
         shift = float(clock.shift[m])
         one_run = InputRows(measured=rows.measured.at(of_run), blank=blank)
