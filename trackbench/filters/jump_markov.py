@@ -70,13 +70,14 @@ class JumpMarkov(Filter[State]):
         """Reject motions with other positions and velocities than the target, or unknown inputs."""
         target = shared_components(scenario.model.motion)
         conflicts = super().conflicts(scenario)
+        unknown_inputs = {}
         for i, motion in enumerate(self.motions):
             try:
                 sample_alike(motion, scenario.model.motion)
             except InvalidKeyError as error:
-                conflicts[f"motions.{i}.input"] = str(error)
-        if conflicts:
-            return conflicts
+                unknown_inputs[f"motions.{i}.input"] = str(error)
+        if unknown_inputs:
+            return conflicts | unknown_inputs
         for i, (sampled, _) in enumerate(self.models(scenario.model)):
             if shared_components(sampled) != target:
                 names = ", ".join(sampled.components) or "positions and velocities"
