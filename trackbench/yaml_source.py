@@ -472,10 +472,11 @@ class _Builder:
                 self._add_problem(mark, keys, "a key must be a word")
                 continue
             key = str(key_node.value)
-            joined = _explain_joined_key(key_node, value_node)
-            if node.flow_style and joined:
-                self._add_problem(mark, keys, joined)
-                continue
+            if node.flow_style:
+                joined = _explain_joined_key(key_node, value_node)
+                if joined:
+                    self._add_problem(mark, keys, joined)
+                    continue
             # Mistakes in the key itself; a duplicate key would silently replace the first value.
             self._check_text(key, mark, keys)
             self._check_spaces(key_node, keys)

@@ -184,6 +184,42 @@ def test_every_sort_of_filter_gets_the_same_inputs(tmp_path: Path) -> None:
         np.testing.assert_allclose(mean, scalar_filter(LOG), rtol=1e-9)
 
 
+MOTIONS_OF_TWO_INPUTS = """
+  IMM:
+    kind: imm
+    transition: [[0.9, 0.1], [0.1, 0.9]]
+    motions:
+      - {kind: map, components: [x], input: [v, w], next: {x: x + (v + w)*T}, Q: 0.04*T}
+      - {kind: map, components: [x], input: [w, v], next: {x: x + (v + w)*T}, Q: 0.04*T}
+"""
+
+
+@pytest.mark.parametrize("assumed", ["", "input: [v], "])
+def test_an_imm_has_inputs_that_the_assumed_motion_lacks(tmp_path: Path, assumed: str) -> None:
+    """At equal steps too, where the assumed motion may be linear, without any input."""
+    log = "time,speed,z\n" + "".join(f"{k},{k},{1 + k}\n" for k in range(1, 6))
+    split = "time,half,rest,z\n"
+    split += "".join(f"{k},{0.25 * k},{0.75 * k},{1 + k}\n" for k in range(1, 6))
+    expression = "x + v*T" if assumed else "x"
+    text = with_keys().replace("{v: speed}", "{v: half, w: rest}")
+    text = text.replace("input: [v], next: {x: x + v*T}", f"{assumed}next: {{x: {expression}}}")
+    text = text.replace("  KF: {kind: kf}\n", MOTIONS_OF_TWO_INPUTS.lstrip("\n"))
+    means = estimates(tmp_path, text, {"log.csv": split})
+    np.testing.assert_allclose(means["IMM"], scalar_filter(log), rtol=1e-9)
+
+
+@pytest.mark.parametrize("fourth", ["4", "4.1"])
+def test_an_imm_with_an_unknown_input_is_a_mistake(tmp_path: Path, fourth: str) -> None:
+    """At equal steps and at others."""
+    log = f"time,speed,z\n1,1,1\n2,1,2\n3,1,3\n{fourth},1,4\n5,1,5\n"
+    (tmp_path / "log.csv").write_text(log)
+    config = tmp_path / "cart.yaml"
+    filters = MOTIONS_OF_TWO_INPUTS.lstrip("\n")
+    config.write_text(with_keys().replace("  KF: {kind: kf}\n", filters))
+    with pytest.raises(UserError, match=r"motions\.0\.input: .*`input` has no 'w'; known: v"):
+        load(config)
+
+
 def test_last_cuts_the_inputs_too(tmp_path: Path) -> None:
     """A gap after the last step is no mistake."""
     text = with_keys().replace("  T: 1", "").replace("kind: tracking", "kind: tracking\n  last: 4")

@@ -211,10 +211,13 @@ class LoopFilter(Filter[RunObjects]):
         is_missing: Mask = np.asarray(np.isnan(z).all(axis=0))
         # A row per run, which the object may write to.
         measurements = z[state.order.rows].T.copy()
+        inputs_of_step = {}
+        if inputs is not None:
+            inputs_of_step = dict(zip(inputs.names, inputs.at(k), strict=True))
         for m, run in enumerate(state.objects):
             run.k = k
             if inputs is not None:
-                run.inputs = dict(zip(inputs.names, inputs.at(k), strict=True))
+                run.inputs = dict(inputs_of_step)
             returned = run.step(None if is_missing[m] else measurements[m], dt)
             mean[:, m], cov[..., m] = _checked_moments(returned, len(mean), type(run))
         return state._replace(mean=mean, cov=cov)

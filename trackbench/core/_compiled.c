@@ -81,15 +81,17 @@ static inline double exp_of_moderate(double x, const double *powers, const doubl
   return of_bits((int64_t)((uint64_t)bits_of(power) + ((uint64_t)(n >> 14) << 52))) * series;
 }
 
+/* e^x for any x. */
+static inline double exp_of(double x, const double *powers, const double *c) {
+  return x < -708.0 ? 0.0 : x > 709.7 ? INFINITY : exp_of_moderate(x, powers, c);
+}
+
 /* exp(powers, constants, x, out) */
 KERNEL(c_exp) {
   OPEN(4, 3);
   const double *powers = DOUBLES(0), *c = DOUBLES(1), *x = DOUBLES(2);
   double *out = DOUBLES(3);
-  for (Size i = 0; i < LENGTH(2); i++) {
-    double v = x[i];
-    out[i] = v < -708.0 ? 0.0 : v > 709.7 ? INFINITY : exp_of_moderate(v, powers, c);
-  }
+  for (Size i = 0; i < LENGTH(2); i++) out[i] = exp_of(x[i], powers, c);
   DONE;
 }
 
@@ -1055,8 +1057,7 @@ KERNEL(c_interact) {
         }
         for (Size j = 0; j < r; j++) {
           double predicted = DOUBLES(13)[j * batch + k + from + l];
-          double v = -0.5 * (predicted > 0.0 ? nis[j][l] - least : 0.0);
-          double density = v < -708.0 ? 0.0 : v > 709.7 ? INFINITY : exp_of_moderate(v, powers, c);
+          double density = exp_of(-0.5 * (predicted > 0.0 ? nis[j][l] - least : 0.0), powers, c);
           double w = predicted / ldexp(scale[j][l], exponent[j][l] - lowest) * density, part = predicted * nis[j][l];
           weight[j][l] = w;
           sum = j ? sum + w : w;

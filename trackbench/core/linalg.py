@@ -387,9 +387,10 @@ def inverse(S: Array) -> Array:
     # S^-1 = L^-T L^-1
     if compiled.kernels and S.ndim == 3 and n >= _LARGE and _has_full_triangles(root):
         # One run after the other.
+        identity = np.eye(n)
         inverses = np.empty((S.shape[2], n, n))
         for m, inverse_of_run in enumerate(inverses):
-            compiled.kernels.whiten(root[:, :, m], np.eye(n), inverse_of_run)
+            compiled.kernels.whiten(root[:, :, m], identity, inverse_of_run)
         L_inverse = np.ascontiguousarray(np.moveaxis(inverses, 0, 2))
         return matmul(transpose(L_inverse), L_inverse)
     # By L[:, :, None] the columns of the identity are one more batch axis.

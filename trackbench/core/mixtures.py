@@ -222,12 +222,10 @@ class Interacting(NamedTuple):
     """posteriors of each model: means (n, T + 1, M), covariances (n, n, T + 1, M); first given"""
     weights: Array
     """weights (r, T + 1, M); the first are given"""
-    predictions: tuple[Gaussian, ...]
-    """predictions of each model: means (n, T, M), covariances (n, n, T, M)"""
     predicted_weights: Array
     """weights (r, T, M) before each measurement"""
     innovations: tuple[Innovation, ...]
-    """innovation of each model: nu (n_z, T, M), S (n_z, n_z, T, M)"""
+    """innovation of each model: nu (n_z, T, M), S (n_z, n_z, T, M), and the prediction"""
     nis: Array
     """mean NIS (T, M)"""
     estimate: Gaussian
@@ -309,13 +307,15 @@ def interact(
     if not (is_finite and has_nu and all_finite(means) and all_finite(covs)):
         return None
     note("covariances", predicted_weights, components=0)
-    predictions = tuple(map(Gaussian, predicted_means, predicted_covs))
+    innovations = []
+    for j in range(r):
+        prediction = Gaussian(predicted_means[j], predicted_covs[j])
+        innovations.append(Innovation(nu=nu[j], S=S[j], predicted=prediction))
     return Interacting(
         states=tuple(map(Gaussian, means, covs)),
         weights=all_weights,
-        predictions=predictions,
         predicted_weights=predicted_weights,
-        innovations=tuple(Innovation(nu[j], S[j], predicted=predictions[j]) for j in range(r)),
+        innovations=tuple(innovations),
         nis=nis,
         estimate=estimate,
     )

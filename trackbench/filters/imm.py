@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple, cast
+from typing import Annotated, ClassVar, Literal, NamedTuple, cast
 
 import numpy as np
 from numpy.random import Generator
@@ -480,44 +480,38 @@ def _steps_of(
     The steps begin after the state ``first`` and use z (n_z, T, M). ``keeps_predictions`` stores the
     predictions in the states.
     """
-    runs = z.shape[2]
+    # Arrays of states begin with the first state, those of measurements after it.
+    posteriors = [_select_steps(state, slice(1, None)) for state in interacting.states]
+    weights_after = interacting.weights[:, 1:]
 
-    def state_of(after: Any, at: Any) -> ModelBank:
-        """Return the state after the steps of index ``at``; ``after`` is the index one step later.
-
-        Arrays of states have one entry more than those of measurements, that of the first state.
-        """
+    def state_after(steps: int | slice) -> ModelBank:
+        """Return the state after the measurement of this index, or of several as one batch."""
         innovations = []
         for innovation in interacting.innovations:
-            predicted = innovation.predicted
-            assert predicted is not None
-            of_steps = _at_steps(predicted, at)
+            predicted = None
+            if keeps_predictions and innovation.predicted is not None:
+                predicted = _select_steps(innovation.predicted, steps)
             innovations.append(
                 Innovation(
-                    nu=innovation.nu[:, at],
-                    S=innovation.S[:, :, at],
-                    predicted=of_steps if keeps_predictions else None,
+                    nu=innovation.nu[:, steps],
+                    S=innovation.S[:, :, steps],
+                    predicted=predicted,
                 )
             )
         return first._replace(
-            states=tuple(_at_steps(state, after) for state in interacting.states),
-            weights=interacting.weights[:, after],
-            nis=interacting.nis[at],
+            states=tuple(_select_steps(posterior, steps) for posterior in posteriors),
+            weights=weights_after[:, steps],
+            nis=interacting.nis[steps],
             innovations=tuple(innovations),
-            predicted=interacting.predicted_weights[:, at],
-            refused=np.zeros(z[:, at].shape, dtype=np.bool_),
-            gated=np.zeros(z[0, at].shape),
+            predicted=interacting.predicted_weights[:, steps],
+            refused=np.zeros(z[:, steps].shape, dtype=np.bool_),
+            gated=np.zeros(z[0, steps].shape),
             measurement_weight=None,
         )
 
-    def state_after(i: int) -> ModelBank:
-        """Return the state after measurement i."""
-        i = i % z.shape[1]
-        return state_of(i + 1, i)
-
     def state_of_all_steps() -> ModelBank:
         """Return one state whose batch (T, M) is all steps, with their predictions."""
-        return state_of(slice(1, None), slice(None))
+        return state_after(slice(None))
 
     def state_before(steps: Index) -> ModelBank:
         """Return one state before the steps of these indices, whose batch is each step's runs."""
@@ -527,7 +521,7 @@ def _steps_of(
             mean = state.mean[:, steps].reshape(n, -1)
             states.append(Gaussian(mean, state.cov[:, :, steps].reshape(n, n, -1)))
         weights = interacting.weights[:, steps].reshape(len(states), -1)
-        unknown = np.full(len(steps) * runs, np.nan)
+        unknown = np.full(weights.shape[1], np.nan)
         return first._replace(states=tuple(states), weights=weights, nis=unknown, innovations=())
 
     # The estimate has no components that only the motions have.
@@ -535,15 +529,15 @@ def _steps_of(
     moments = interacting.estimate
     return Steps(
         estimate=Gaussian(moments.mean[:n], moments.cov[:n, :n]),
-        diagnostics={"nis": interacting.nis, "mode": 1.0 - interacting.weights[0, 1:]},
+        diagnostics={"nis": interacting.nis, "mode": 1.0 - weights_after[0]},
         state=state_after,
         together=state_of_all_steps,
         before=state_before,
     )
 
 
-def _at_steps(state: Gaussian, steps: Any) -> Gaussian:
-    """Return the steps of this index of a Gaussian with means (n, T, M)."""
+def _select_steps(state: Gaussian, steps: int | slice) -> Gaussian:
+    """Return the Gaussian of one step, or of several, from one with means (n, T, M)."""
     return Gaussian(state.mean[:, steps], state.cov[:, :, steps])
 
 

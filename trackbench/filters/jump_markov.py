@@ -67,12 +67,20 @@ class JumpMarkov(Filter[State]):
         return np.full(r, 1.0 / r)
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Reject motions with other positions and velocities than the target."""
+        """Reject motions with other positions and velocities than the target, or unknown inputs."""
         target = shared_components(scenario.model.motion)
         conflicts = super().conflicts(scenario)
-        for i, (motion, _) in enumerate(self.models(scenario.model)):
-            if shared_components(motion) != target:
-                names = ", ".join(motion.components) or "positions and velocities"
+        unknown_inputs = {}
+        for i, motion in enumerate(self.motions):
+            try:
+                sample_alike(motion, scenario.model.motion)
+            except InvalidKeyError as error:
+                unknown_inputs[f"motions.{i}.input"] = str(error)
+        if unknown_inputs:
+            return conflicts | unknown_inputs
+        for i, (sampled, _) in enumerate(self.models(scenario.model)):
+            if shared_components(sampled) != target:
+                names = ", ".join(sampled.components) or "positions and velocities"
                 conflicts[f"motions.{i}"] = f"a motion of {names} for {', '.join(target)}"
         return conflicts
 

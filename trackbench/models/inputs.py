@@ -1,7 +1,7 @@
 """Known inputs of a motion, such as a robot's measured speed and turn rate: numbers of each step."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import InvalidKeyError, Place
@@ -22,7 +22,8 @@ class KnownInputs:
     gap_step: int = 0
     """number of the first step without values, if there is a gap"""
 
-    def chosen(self, names: Sequence[str]) -> "KnownInputs":
+    @lru_cache(maxsize=64)  # noqa: B019 (recordings are few; an IMM chooses at every step)
+    def chosen(self, names: tuple[str, ...]) -> "KnownInputs":
         """Return the inputs of these names; raises InvalidKeyError for one that is unknown."""
         for name in names:
             if name not in self.names:
@@ -30,7 +31,7 @@ class KnownInputs:
                 what = f"the target's `input` has no {name!r}; known: {known}"
                 raise InvalidKeyError(what)
         rows = [self.names.index(name) for name in names]
-        return KnownInputs(tuple(names), self.first, self.values[rows], self.gap, self.gap_step)
+        return replace(self, names=names, values=self.values[rows])
 
     def at(self, k: int) -> tuple[float, ...]:
         """Return the values that hold from step k - 1 to step k, in the order of the names."""

@@ -8,9 +8,10 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution
 from trackbench.field_types import InvalidKeyError
 from trackbench.models.base import Model, Motion, SampledMotion, angle_rows, extra_std
-from trackbench.models.inputs import KnownInputs, inputs_of
+from trackbench.models.inputs import KnownInputs
 from trackbench.models.motions.kinematic import Linear
 from trackbench.models.motions.nonlinear import SteppedMotion
+from trackbench.models.motions.turn import Turning
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,12 +33,12 @@ class Irregular:
     def motion_at(self, k: int) -> SampledMotion:
         """Return the motion from step k - 1 to step k."""
         sampled = self.motion.sampled(float(self.intervals[k - self.first]), self.axes)
-        return motion_with_inputs(self.motion, sampled, self.recorded_inputs)
+        return motion_with_inputs(sampled, self.known_inputs)
 
-    @property
+    @cached_property
     def known_inputs(self) -> KnownInputs | None:
-        """Inputs in the motion's equations, as `inputs.inputs_of`."""
-        return inputs_of(self._first_motion)
+        """Inputs in the motion's equations, as `inputs.inputs_of`; raises InvalidKeyError."""
+        return inputs_in_equations(self.motion, self.recorded_inputs)
 
     def transition(self, x: Array, k: int) -> Distribution:
         """Return the distribution of x_k given x_{k-1} = x (n_x, *batch)."""
@@ -86,29 +87,55 @@ class Irregular:
         return self.motion_at(k).jacobian(x, k)  # type: ignore[attr-defined]
 
 
-def motion_with_inputs(
-    motion: Motion, sampled: SampledMotion, recorded: KnownInputs | None
-) -> SampledMotion:
-    """Return a sampled motion with the values of its inputs; raises InvalidKeyError for unknown ones."""
+def inputs_in_equations(motion: Motion, recorded: KnownInputs | None) -> KnownInputs | None:
+    """Return those of the recorded inputs that are in a motion's equations; None if it has none.
+
+    Raises InvalidKeyError for an input that is not recorded.
+    """
     if not motion.input_names:
-        return sampled
+        return None
     if recorded is None:
         names = ", ".join(motion.input_names)
         what = f"the motion has the inputs {names}, and there are no values of them"
         way = "a recording has them: target `measured`, `input: {NAME: COLUMN}`"
         raise InvalidKeyError(f"{what}; {way}")
+    return recorded.chosen(motion.input_names)
+
+
+def motion_with_inputs(sampled: SampledMotion, known: KnownInputs | None) -> SampledMotion:
+    """Return a sampled motion with the values of the inputs in its equations, if it has any."""
+    if known is None:
+        return sampled
     assert isinstance(sampled, SteppedMotion)
-    return sampled.with_inputs(recorded)
+    return sampled.with_inputs(known)
+
+
+def sample_equally(
+    motion: Motion, T: float, axes: int, recorded: KnownInputs | None
+) -> SampledMotion:
+    """Sample a motion over equal intervals of a recording with these inputs, if it has any.
+
+    Raises InvalidKeyError for an input in the motion's equations that is not recorded.
+    """
+    known = inputs_in_equations(motion, recorded)
+    sampled = motion_with_inputs(motion.sampled(T, axes), known)
+    if recorded is not None and isinstance(sampled, Linear | SteppedMotion | Turning):
+        return replace(sampled, recorded_inputs=recorded)
+    return sampled
 
 
 def sample_alike(motion: Motion, other: SampledMotion) -> SampledMotion:
-    """Sample ``motion`` over the intervals, along the axes and with the inputs of ``other``."""
+    """Sample ``motion`` over the intervals, along the axes and with the inputs of ``other``.
+
+    Raises InvalidKeyError for an input in the motion's equations that is not recorded.
+    """
     if isinstance(other, Irregular):
+        inputs_in_equations(motion, other.recorded_inputs)
         return replace(other, motion=motion, named_angles=())
     # Each axis has two components; further ones come after them.
     axes = (len(other.components) - len(extra_std(other))) // 2
-    sampled = motion.sampled(other.T, axes)  # type: ignore[attr-defined]
-    return motion_with_inputs(motion, sampled, inputs_of(other))
+    recorded = getattr(other, "recorded_inputs", None)
+    return sample_equally(motion, other.T, axes, recorded)  # type: ignore[attr-defined]
 
 
 def angle_names(motion: SampledMotion) -> set[str]:

@@ -16,6 +16,7 @@ from trackbench.core.arrays import Array, fixed
 from trackbench.core.distributions import Gaussian
 from trackbench.field_types import NonNegative, Positive, Unit, UnitIf
 from trackbench.models.base import AXES, Motion, position_velocity_names
+from trackbench.models.inputs import KnownInputs
 from trackbench.registry import register
 
 NoiseGain = Literal["standard", "printed"]
@@ -39,6 +40,8 @@ class Linear:
     """initial standard deviations of the components beyond position and velocity"""
     rows_of_angles: tuple[int, ...] = ()
     """rows of the state that are angles, rad"""
+    recorded_inputs: KnownInputs | None = None
+    """inputs of the recording, if it has any, for motions that are sampled alike"""
 
     def transition(self, x: Array, k: int) -> Gaussian:
         """Return the distribution of x_k given x_{k-1} = x.

@@ -86,10 +86,7 @@ class EquationMotion(AngledMotion):
         if not self.components:
             raise InvalidKeyError("name at least one component", "components")
         self.angle_rows(self.components)
-        if self.input:
-            self._compiled_with_inputs()
-        else:
-            self._compiled(1.0)
+        self._compiled(1.0)
 
     @property
     @abstractmethod
@@ -97,7 +94,12 @@ class EquationMotion(AngledMotion):
         """Key of the equations and their expressions by component."""
 
     def _compiled(self, T: float) -> tuple[ArrayProgram, ArrayProgram, ArrayProgram]:
-        """Compile the right sides (n,), their Jacobian (n, n) and Q (n, n); raises InvalidKeyError."""
+        """Compile the right sides (n,), their Jacobian (n, n) and Q (n, n); raises InvalidKeyError.
+
+        T is a number in them, but a variable if there are inputs.
+        """
+        if self.input:
+            return self._compiled_with_inputs()
         return self._compile(Equations(self.components, ("k", "t"), self.parameters, self.where, T))
 
     @lru_cache(maxsize=64)  # noqa: B019 (a motion is a few numbers)
@@ -129,8 +131,7 @@ class EquationMotion(AngledMotion):
     @property
     def uses_time(self) -> bool:
         """True if the time t is in the equations."""
-        programs = self._compiled_with_inputs() if self.input else self._compiled(1.0)
-        return any(program.uses("t") for program in programs)
+        return any(program.uses("t") for program in self._compiled(1.0))
 
     @property
     def input_names(self) -> tuple[str, ...]:
@@ -151,7 +152,7 @@ class EquationMotion(AngledMotion):
 
     def _sampled_with_inputs(self, T: float) -> "AdditiveNoise | StateNoise":
         """Return the motion over T seconds, whose inputs are not known yet."""
-        f, jacobian, Q = self._compiled_with_inputs()
+        f, jacobian, Q = self._compiled(T)
         step = self._step(T, f, jacobian)
         step.inputs = self.input
         angles = self.angle_rows(self.components)
@@ -170,6 +171,11 @@ class EquationMotion(AngledMotion):
 class Step:
     """A noise-free step by a map: ``x_k = f(x_{k-1}, k)``, with t = k T."""
 
+    inputs: tuple[str, ...] = ()
+    """names of known inputs in the equations"""
+    known_inputs: KnownInputs | None = None
+    """values of these inputs, once they are known"""
+
     def __init__(
         self, T: float, f: ArrayProgram, jacobian: ArrayProgram, angles: tuple[int, ...] = ()
     ) -> None:
@@ -177,8 +183,6 @@ class Step:
         self.f = f
         self.J = jacobian
         self.angles = angles
-        self.inputs: tuple[str, ...] = ()
-        self.known_inputs: KnownInputs | None = None
 
     def scalars(self, k: int, t: float) -> tuple[float, ...]:
         """Return the variables of the equations beside the state: k and t, or k, t, T and inputs."""
@@ -294,6 +298,8 @@ class SteppedMotion:
     T: float
     step: Step
     rows_of_angles: tuple[int, ...] = field(default=(), kw_only=True)
+    recorded_inputs: KnownInputs | None = field(default=None, kw_only=True)
+    """inputs of the recording, if it has any, for motions that are sampled alike"""
 
     @property
     def known_inputs(self) -> KnownInputs | None:
@@ -301,9 +307,9 @@ class SteppedMotion:
         return self.step.known_inputs
 
     def with_inputs(self, known: KnownInputs) -> Self:
-        """Return the motion with the values of its inputs; raises InvalidKeyError for an unknown one."""
+        """Return the motion with the values of its inputs, in the order of its equations."""
         step = copy(self.step)
-        step.known_inputs = known.chosen(step.inputs)
+        step.known_inputs = known
         return replace(self, step=step)
 
     def jacobian(self, x: Array, k: int) -> Array:
@@ -410,7 +416,6 @@ class FunctionStep(Step):
         self.motion = motion
         self.T = T
         self.angles = motion.angle_rows(motion.components)
-        self.known_inputs = None
 
     def __call__(self, x: Array, k: int) -> Array:
         """Move states x (n, *batch) at step k - 1 to step k."""

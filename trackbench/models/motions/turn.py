@@ -11,6 +11,7 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import cos_sin
 from trackbench.field_types import Finite, NonNegative, Positive, Unit
 from trackbench.models.base import Motion, position_velocity_names
+from trackbench.models.inputs import KnownInputs
 from trackbench.models.motions.kinematic import ConstantVelocity, Linear
 from trackbench.registry import register
 
@@ -83,6 +84,8 @@ class Turning:
     T: float
     Q: Array
     extra_std: tuple[float, ...]
+    recorded_inputs: KnownInputs | None = None
+    """inputs of the recording, if it has any, for motions that are sampled alike"""
     components: ClassVar[tuple[str, ...]] = (*position_velocity_names(2), "turn_rate")
 
     def transition(self, x: Array, k: int) -> Gaussian:

@@ -1,4 +1,4 @@
-"""Sensors of position, of velocity, and of both."""
+"""Linear sensors: of position, of velocity, and of a scalar state."""
 
 from dataclasses import dataclass
 from functools import cache, cached_property

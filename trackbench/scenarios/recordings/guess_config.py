@@ -4,6 +4,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import fields
+from typing import NamedTuple
 
 from trackbench.field_types import MOST_STEPS
 from trackbench.scenarios.recordings.column_mapping import STAMP_PARTS
@@ -20,49 +21,79 @@ _NO_WORDS = ("null", "true", "false")
 
 def config_parts(guess: Guess) -> dict[str, str]:
     """Return the parts of a config that are guessed, as lines of YAML by their place in the template."""
+    parts = _robot_parts(guess) if guess.inputs else _target_parts(guess)
+    return {
+        "@TARGET@": "\n".join(f"    {line}" for line in _target_lines(guess)),
+        "@SENSOR@": "\n".join(f"    {line}" for line in _sensor_lines(guess)),
+        "@START@": f"  start: {parts.start}{_last_line(guess)}",
+        "@ASSUME@": parts.assume,
+        "@HOLD@": f"{max(2, min(5, guess.runs[0][1] // 2))}",
+        "@FILTERS@": "\n".join(parts.filters),
+        "@SHOWN@": parts.shown,
+    }
+
+
+class _ModelParts(NamedTuple):
+    """Parts of a config that depend on whether a target is tracked or a robot locates itself."""
+
+    start: str
+    assume: str
+    filters: list[str]
+    """a line for each filter"""
+    shown: str
+    """labels of the filters in the figures"""
+
+
+def _target_parts(guess: Guess) -> _ModelParts:
+    """Return the start, model and filters of a target that is tracked."""
     kinds = {sensor.kind for sensor in guess.sensors}
     speed = guess.speed
-    filter_kinds = ["kf"] if kinds == {"position"} else ["ekf", "ukf"]
-    lines = [f"  {kind.upper()}: {{kind: {kind}}}" for kind in filter_kinds]
-    # Process noise from the usual speed; the IMM's motions have a tenth of it and ten times it.
-    q = float(f"{max(0.0025 * speed * speed, 1e-3):.1g}")
-    motions = f"[{{kind: cwna, q: {q / 10:g}}}, {{kind: cwna, q: {q * 10:g}}}]"
-    chances = "[[0.95, 0.05], [0.05, 0.95]]"
-    lines.append(f"  IMM: {{kind: imm, motions: {motions}, transition: {chances}}}")
-    if guess.inputs:
-        lines = [
-            "  EKF: {kind: ekf}",
-            "  UKF: {kind: ukf}",
-            *_particle_filter_lines(guess),
-            "  Odometry: {kind: prior-mean}  # without the landmarks",
-        ]
-    else:
-        lines += _particle_filter_lines(guess)
-    late = ", late: refilter" if "received" in guess.naming.columns else ""
     start = f"{{kind: one-scan, sigma_velocity: {2 * speed:g}}}  # guess"
     if not kinds & {"position", "range-azimuth"}:
         start = (
             f"{{kind: given, mean: [X, 0, Y, 0], sigma: [100, {2 * speed:g}, 100, {2 * speed:g}]}}"
         )
         start += "  # write x and y of the first position, m, and how well they are known"
-    assume = f" {{motion: {{kind: cwna, q: {q:g}}}{late}}}"
+    # Process noise from the usual speed; the IMM's motions have a tenth of it and ten times it.
+    q = float(f"{max(0.0025 * speed * speed, 1e-3):.1g}")
+    motions = f"[{{kind: cwna, q: {q / 10:g}}}, {{kind: cwna, q: {q * 10:g}}}]"
+    chances = "[[0.95, 0.05], [0.05, 0.95]]"
+    assume = f" {{motion: {{kind: cwna, q: {q:g}}}{_late_key(guess)}}}"
     assume += "  # guess: the velocity wanders by 5 % of the usual speed in a second"
-    shown = f"{filter_kinds[0].upper()}, IMM"
-    if guess.inputs:
-        start = "{kind: given, mean: [X, Y, HEADING], sigma: [0.1, 0.1, 0.1]}"
-        start += "  # write where the robot begins, m and rad, and how well that is known"
-        start += "\n  score: {errors: {position: [px, py], heading: [heading]}}  # with a `truth`"
-        assume = _robot_assumption(guess.inputs, late)
-        shown = "EKF, Odometry"
-    return {
-        "@TARGET@": "\n".join(f"    {line}" for line in _target_lines(guess)),
-        "@SENSOR@": "\n".join(f"    {line}" for line in _sensor_lines(guess)),
-        "@START@": f"  start: {start}{_last_line(guess)}",
-        "@ASSUME@": assume,
-        "@HOLD@": f"{max(2, min(5, guess.runs[0][1] // 2))}",
-        "@FILTERS@": "\n".join(lines),
-        "@SHOWN@": shown,
-    }
+    filter_kinds = ["kf"] if kinds == {"position"} else ["ekf", "ukf"]
+    return _ModelParts(
+        start=start,
+        assume=assume,
+        filters=[
+            *[f"  {kind.upper()}: {{kind: {kind}}}" for kind in filter_kinds],
+            f"  IMM: {{kind: imm, motions: {motions}, transition: {chances}}}",
+            _particle_filter_line(guess),
+        ],
+        shown=f"{filter_kinds[0].upper()}, IMM",
+    )
+
+
+def _robot_parts(guess: Guess) -> _ModelParts:
+    """Return the start, model and filters of a robot that locates itself by landmarks."""
+    start = "{kind: given, mean: [X, Y, HEADING], sigma: [0.1, 0.1, 0.1]}"
+    start += "  # write where the robot begins, m and rad, and how well that is known"
+    start += "\n  score: {errors: {position: [px, py], heading: [heading]}}  # with a `truth`"
+    return _ModelParts(
+        start=start,
+        assume=_robot_assumption(guess.inputs, _late_key(guess)),
+        filters=[
+            "  EKF: {kind: ekf}",
+            "  UKF: {kind: ukf}",
+            _particle_filter_line(guess),
+            "  Odometry: {kind: prior-mean}  # without the landmarks",
+        ],
+        shown="EKF, Odometry",
+    )
+
+
+def _late_key(guess: Guess) -> str:
+    """Return the key of late measurements after a comma; empty if all arrive on time."""
+    return ", late: refilter" if "received" in guess.naming.columns else ""
 
 
 def _robot_assumption(sigmas: Mapping[str, float], late: str) -> str:
@@ -91,17 +122,20 @@ def _robot_assumption(sigmas: Mapping[str, float], late: str) -> str:
 _WHY_NO_PARTICLES = "1000 particles take longer over so many steps than all other filters together"
 
 
-def _particle_filter_lines(guess: Guess) -> list[str]:
-    """Write the particle filter, as a comment for a recording of very many steps."""
-    particle_filter = "RPF: {kind: rpf, N: 1000}"
-    if guess.inputs:
-        particle_filter = "PF: {kind: pf, N: 1000}"
-    if leaves_out_particles(guess):
-        return [f"  # {particle_filter}  # left out: {_WHY_NO_PARTICLES}"]
-    return [f"  {particle_filter}"]
+def _particle_filter_kind(guess: Guess) -> str:
+    return "pf" if guess.inputs else "rpf"
 
 
-def leaves_out_particles(guess: Guess) -> bool:
+def _particle_filter_line(guess: Guess) -> str:
+    """Return the line of the particle filter, a comment for a recording of very many steps."""
+    kind = _particle_filter_kind(guess)
+    particle_filter = f"{kind.upper()}: {{kind: {kind}, N: 1000}}"
+    if _leaves_out_particles(guess):
+        return f"  # {particle_filter}  # left out: {_WHY_NO_PARTICLES}"
+    return f"  {particle_filter}"
+
+
+def _leaves_out_particles(guess: Guess) -> bool:
     """Test whether a recording is so long that the particle filter is only a comment in the config.
 
     A recording that is longer than a scenario may be is cut, and keeps its particle filter.
@@ -112,9 +146,9 @@ def leaves_out_particles(guess: Guess) -> bool:
 
 def left_out_filters(guess: Guess) -> list[str]:
     """Return a line on each filter that is only a comment in the config, with the reason."""
-    if not leaves_out_particles(guess):
+    if not _leaves_out_particles(guess):
         return []
-    name = "PF" if guess.inputs else "RPF"
+    name = _particle_filter_kind(guess).upper()
     return [f"{name} is a comment in the config: {_WHY_NO_PARTICLES} ({guess.steps} steps)"]
 
 

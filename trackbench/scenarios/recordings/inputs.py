@@ -1,6 +1,7 @@
 """Recorded inputs of motions, such as odometry: which values hold over which step."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -45,6 +46,12 @@ def with_inputs_only(gathered: Gathered, names: Sequence[str], rows: Rows) -> In
     return InputRows(measured=measured, blank=rows.at(np.flatnonzero(has_none)))
 
 
+def missing_run(path: str, run: str, names: Sequence[str]) -> Place:
+    """Return the mistake of a file without rows of a run; ``names`` are those of the inputs."""
+    what = f"run {run} has no rows with the inputs {', '.join(names)}"
+    return Place(path, 1, 1, what)
+
+
 def inputs_at(
     gathered: Gathered,
     names: Sequence[str],
@@ -58,19 +65,17 @@ def inputs_at(
     """Return the inputs of each step of the clock: their mean over the time since the step before.
 
     A row's values hold ``before`` its time, back to the row before, or ``after`` it, until the next row;
-    over ``gap`` (s, or steps) at most. ``resample`` is the length of resampled steps, s. Rows without
-    names of runs are those of every run. Raises InvalidKeyError if the runs' inputs differ, since a
-    motion has one table of them.
+    over ``gap`` (s, or steps) at most. ``resample`` is the length of resampled steps, s. The numbers of
+    the rows' runs are those of ``runs``, but rows without names of runs are those of every run. Raises
+    InvalidKeyError if the runs' inputs differ, since a motion has one table of them.
     """
-    number = {name: i for i, name in enumerate(gathered.runs)}
     is_shared = gathered.runs == [ONE_RUN]
     tables = []
     for m, name in enumerate(runs):
-        i = 0 if is_shared else number.get(name)
+        i = 0 if is_shared else m
         of_run = np.flatnonzero(rows.measured.run == i)
         if not len(of_run):
-            what = f"run {name} has no rows with the inputs {', '.join(names)}"
-            raise DataError(Place(gathered.files[0], 1, 1, what))
+            raise DataError(missing_run(gathered.files[0], name, names))
         blank = rows.blank.at(np.flatnonzero(rows.blank.run == i))
         shift = float(clock.shift[m])
         one_run = InputRows(measured=rows.measured.at(of_run), blank=blank)
@@ -136,13 +141,7 @@ def _inputs_of_run(
         return known
     step = int(missing_steps[0])
     place = _gap_place(gathered, names, rows, shift, times, step, usual)
-    return KnownInputs(
-        names=known.names,
-        first=known.first,
-        values=known.values,
-        gap=place,
-        gap_step=int(clock.steps[step]),
-    )
+    return replace(known, gap=place, gap_step=int(clock.steps[step]))
 
 
 def _means(edges: Array, pieces: Array, earlier: Array, later: Array) -> Array:
@@ -210,10 +209,6 @@ def aligned_with(inputs: KnownInputs, steps: Index) -> KnownInputs:
     added = len(steps) - inputs.values.shape[1]
     shift = int(steps[0]) + added - inputs.first
     values = np.pad(inputs.values, [(0, 0), (added, 0)], constant_values=np.nan)
-    return KnownInputs(
-        names=inputs.names,
-        first=int(steps[0]),
-        values=fixed(values),
-        gap=inputs.gap,
-        gap_step=inputs.gap_step + shift,
+    return replace(
+        inputs, first=int(steps[0]), values=fixed(values), gap_step=inputs.gap_step + shift
     )

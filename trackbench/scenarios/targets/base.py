@@ -14,7 +14,11 @@ from trackbench.field_types import MOST_STEPS, Finite, InvalidKeyError
 from trackbench.metrics import in_window
 from trackbench.models.base import Motion, SampledMotion, position_velocity_names
 from trackbench.models.inputs import KnownInputs
-from trackbench.models.motions.irregular import Irregular, motion_with_inputs
+from trackbench.models.motions.irregular import (
+    Irregular,
+    inputs_in_equations,
+    sample_equally,
+)
 from trackbench.models.motions.turn import CoordinatedTurn
 from trackbench.models.sensors.base import Sensors
 from trackbench.scenarios.starts.base import Start
@@ -43,12 +47,12 @@ class Timeline(NamedTuple):
     def sampled(self, motion: Motion, axes: int) -> SampledMotion:
         """Return a motion from step to step; raises InvalidKeyError."""
         if self.equal:
-            return motion_with_inputs(motion, motion.sampled(self.T, axes), self.inputs)
+            return sample_equally(motion, self.T, axes, self.inputs)
         if motion.uses_time:
             what = "the motion depends on the time t = k T, and these steps are not equal"
             raise InvalidKeyError(what, "assume")
         # Check the inputs here, where a mistake is reported with its key.
-        motion_with_inputs(motion, motion.sampled(self.T, axes), self.inputs)
+        inputs_in_equations(motion, self.inputs)
         intervals = fixed(np.diff(self.times))
         return Irregular(motion, axes, int(self.steps[1]), intervals, recorded_inputs=self.inputs)
 

@@ -13,7 +13,6 @@ from trackbench.field_types import (
     DataError,
     DataFile,
     InvalidKeyError,
-    Place,
     Positive,
     freeze_mappings,
 )
@@ -27,6 +26,7 @@ from trackbench.scenarios.recordings.inputs import (
     InputRows,
     aligned_with,
     inputs_at,
+    missing_run,
     with_inputs_only,
 )
 from trackbench.scenarios.recordings.row_order import in_order
@@ -319,9 +319,9 @@ class Measured(FromFiles, Naming, Target):
                 inputs,
                 clock,
                 gathered.runs,
-                self.input_holds,
-                self.input_gap,
-                self.resample,
+                holds=self.input_holds,
+                gap=self.input_gap,
+                resample=self.resample,
             )
         gathered.check_origin(origin, *origin_key)
         gathered.note_distances()
@@ -368,8 +368,7 @@ class Measured(FromFiles, Naming, Target):
         chosen = [] if is_shared else gathered.runs
         without = [name for name in chosen if name not in gathered_inputs.runs]
         if without:
-            what = f"run {without[0]} has no rows with the inputs {', '.join(names)}"
-            raise DataError(Place(path, 1, 1, what))
+            raise DataError(missing_run(path, without[0], names))
         (rows,) = chosen_runs(gathered_inputs, [rows], chosen)
         return gathered_inputs, with_inputs_only(gathered_inputs, names, rows)
 
