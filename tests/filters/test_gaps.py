@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.conftest import make_filter
-from tests.papers import merwe
+from tests.papers import banana, merwe
 from trackbench.config.checks import meets_requirement
 from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.run_filter import FilterOutput, run_filter
@@ -58,3 +58,23 @@ def test_one_gap_leaves_every_run_finite_and_the_past_as_it_was(kind: str) -> No
     mine, whole = track(kind, slice(2, 3), 20), track(kind, slice(0, 0), 20)
     assert np.isfinite(mine.mean).all()
     np.testing.assert_array_equal(mine.mean[:, :3], whole.mean[:, :3])
+
+
+@pytest.mark.parametrize("kind", ["rpf", "mpf"])
+def test_no_particle_is_jittered_without_a_measurement(kind: str) -> None:
+    """A jitter at each step of a gap would widen the cloud without bound."""
+    scenario = SCENARIO if kind == "rpf" else banana()
+    covariances = []
+    for scale in (1.0, 0.0):
+        tracker = make_filter(kind, bandwidth_scale=scale)
+        task = BlockTask(scenario, tracker, 1, index=0, width=3, runs_used=3)
+        data = simulate(scenario, 1, 0, 3)
+        # One run has all its measurements.
+        seen = data.measurements.copy()
+        seen[:, :, 1:] = np.nan
+        output = run_filter(task, data._replace(measurements=seen), 3)
+        assert output.cov is not None
+        covariances.append(output.cov)
+    regularized, plain = covariances
+    np.testing.assert_array_equal(regularized[..., 1:], plain[..., 1:])
+    assert (regularized[..., -1, 0] != plain[..., -1, 0]).any()

@@ -86,8 +86,10 @@ class MPF(ParticleFilter):
         moments = weighted.moments()
         # Step 4: resample and regularize; C is the same in all particles.
         resampled = self._resample(weighted, rng, self._size(age))
+        jittered = self._jitter(resampled.x, moments.cov, rng)
+        regularized = self._jitter_measured(z, resampled.x, jittered)
         return PFState(
-            particles=Particles(self._jitter(resampled.x, moments.cov, rng), resampled.w),
+            particles=Particles(regularized, resampled.w),
             weighted=weighted,
             estimate=_add_velocity_variance(moments, C),
             collapsed=collapsed,

@@ -166,7 +166,8 @@ class RPF(SimulatingSmoother):
         # Step 3: resample, and add h A e: e from the kernel, A A' the covariance of the particles.
         age = state.age + 1
         resampled = self._resample(weighted, rng, self._size(age))
-        x = jitter(resampled.x, moments.cov, self.kernel, rng, self.bandwidth_scale)
+        jittered = jitter(resampled.x, moments.cov, self.kernel, rng, self.bandwidth_scale)
+        x = self._jitter_measured(z, resampled.x, jittered)
         return PFState(
             particles=Particles(x, resampled.w),
             weighted=weighted,
