@@ -142,11 +142,11 @@ class CsvWriter:
         """Write rows."""
         remaining = iter(rows)
         while batch := list(islice(remaining, _AT_ONCE)):
-            self.write(_lines(batch))
+            self.write(_lines(batch).encode())
 
-    def write(self, text: str) -> None:
+    def write(self, lines: bytes) -> None:
         """Write lines that are CSV already."""
-        self._file.write(text.encode())
+        self._file.write(lines)
 
 
 def cells(row: Row) -> str:

@@ -1389,6 +1389,59 @@ KERNEL(c_condition) {
   ANSWER(1);
 }
 
+/* ---- text: results/write.py ---- */
+
+/* The shortest text of x among those of so many significant digits, as Python's repr writes it; to be freed. */
+static char *shortened(double x, int digits) {
+  char *text = PyOS_double_to_string(x, 'g', digits, 0, NULL);
+  if (!text || (strchr(text, '.') && !strchr(text, 'e'))) return text;
+  double rounded = PyOS_string_to_double(text, NULL, NULL);
+  PyMem_Free(text);
+  return PyOS_double_to_string(rounded, 'r', 0, Py_DTSF_ADD_DOT_0, NULL);
+}
+
+/* numbered_rows(values, as_read, digits, head, middle): the bytes of a row for each value, head, number of the row,
+   middle, value; writes to as_read the numbers that are read back from these rows. */
+KERNEL(c_numbered_rows) {
+  enum { LONGEST_NUMBERS = 64 };
+  OPEN(2, 1);
+  const double *x = DOUBLES(0);
+  double *as_read = DOUBLES(1);
+  Size n = LENGTH(0), head_length, middle_length;
+  int digits = (int)WHOLE(2);
+  char *head, *middle, *text = NULL;
+  if (PyBytes_AsStringAndSize(args[3], &head, &head_length) || PyBytes_AsStringAndSize(args[4], &middle, &middle_length)) {
+    release(&b);
+    return NULL;
+  }
+  char *rows = PyMem_Malloc((size_t)n * (size_t)(head_length + middle_length + LONGEST_NUMBERS) + 1), *end = rows;
+  for (Size i = 0; rows && i < n; i++) {
+    /* A number that equals the one before has its text. */
+    if (text && bits_of(x[i]) == bits_of(x[i - 1])) {
+      as_read[i] = as_read[i - 1];
+    } else {
+      PyMem_Free(text);
+      text = shortened(x[i], digits);
+      if (!text) break;
+      as_read[i] = PyOS_string_to_double(text, NULL, NULL);
+    }
+    memcpy(end, head, (size_t)head_length);
+    end += head_length;
+    end += PyOS_snprintf(end, LONGEST_NUMBERS, "%lld", (long long)i);
+    memcpy(end, middle, (size_t)middle_length);
+    end += middle_length;
+    size_t length = strlen(text);
+    memcpy(end, text, length);
+    end += length;
+    *end++ = '\n';
+  }
+  PyObject *result = rows && (text || !n) ? PyBytes_FromStringAndSize(rows, end - rows) : PyErr_NoMemory();
+  PyMem_Free(text);
+  PyMem_Free(rows);
+  release(&b);
+  return result;
+}
+
 #define METHOD(name) {#name, (PyCFunction)(void (*)(void))c_##name, METH_FASTCALL, NULL}
 static PyMethodDef methods[] = {
   METHOD(exp), METHOD(log), METHOD(gamma_log_density), METHOD(log_prob),
@@ -1398,7 +1451,7 @@ static PyMethodDef methods[] = {
   METHOD(product), METHOD(sandwich), METHOD(gain), METHOD(joseph), METHOD(factor), METHOD(eigen), METHOD(whiten),
   METHOD(mahalanobis), METHOD(track), METHOD(mix), METHOD(interact), METHOD(any_nan), METHOD(any_not_finite),
   METHOD(displaced), METHOD(epanechnikov), METHOD(move), METHOD(weighted), METHOD(cross), METHOD(sigma_points),
-  METHOD(scalar_points), METHOD(scalar_noise), METHOD(scalar_update), METHOD(condition), {NULL}};
+  METHOD(scalar_points), METHOD(scalar_noise), METHOD(scalar_update), METHOD(condition), METHOD(numbered_rows), {NULL}};
 static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, "_compiled", "Kernels of core/ in C.", -1, methods};
 PyMODINIT_FUNC PyInit__compiled(void) {
   PyObject *m = PyModule_Create(&module);

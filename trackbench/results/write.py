@@ -27,6 +27,7 @@ from trackbench.config.dump import as_yaml, data_files, resolved
 from trackbench.config.experiment import Experiment
 from trackbench.config.metric_names import is_stored, stored_metrics
 from trackbench.config.requested_metrics import requested_contributions
+from trackbench.core import compiled
 from trackbench.core.arrays import Array, Index, fixed
 from trackbench.core.sums import total
 from trackbench.evaluation.block import BlockTask
@@ -321,12 +322,9 @@ class CsvFiles:
                 self.run_arrays.add(point, label, metric, values)
                 self.run_values[point][label, metric] = fixed(values)
             else:
-                texts = _texts(values, digits)
-                name = cells([metric])
-                lines = [f"{head},{run},{name},{text}\n" for run, text in enumerate(texts)]
-                self._writers["per_run.csv"].write("".join(lines))
-                as_written = np.fromiter(map(float, texts), dtype=np.float64, count=len(texts))
-                self.run_values[point][label, metric] = fixed(as_written)
+                rows, as_read = _numbered_rows(f"{head},", f",{cells([metric])},", values, digits)
+                self._writers["per_run.csv"].write(rows)
+                self.run_values[point][label, metric] = fixed(as_read)
 
     def _add_steps(self, point: int, label: str, columns: Iterable[StepColumns]) -> None:
         """Add rows of per_step.csv, a series at a time: all metrics of a step, then the next step."""
@@ -358,7 +356,8 @@ class CsvFiles:
                 ]
                 lines_by_metric.append(lines)
             lines_by_step = zip(*lines_by_metric, strict=True)
-            self._writers["per_step.csv"].write("".join(chain.from_iterable(lines_by_step)))
+            lines_in_order = "".join(chain.from_iterable(lines_by_step))
+            self._writers["per_step.csv"].write(lines_in_order.encode())
 
     def _add_summary(self, point: int, label: str, rows: Iterable[SummaryRow]) -> None:
         """Add rows of summary.csv, of the metrics that are stored."""
@@ -401,6 +400,23 @@ def _digits_per_run(experiment: Experiment, key: Key) -> int:
     if max(printed, default=0) < usual:
         return usual
     return EXACT_DIGITS
+
+
+def _numbered_rows(head: str, middle: str, values: Array, digits: int) -> tuple[bytes, Array]:
+    """Write a row for each of the values (M,): head, number from 0, middle, and the value.
+
+    Return also the numbers (M,) that are read back from the rows.
+    """
+    if compiled.kernels and values.dtype == np.float64:
+        as_read = np.empty(len(values))
+        rows = compiled.kernels.numbered_rows(
+            np.ascontiguousarray(values), as_read, digits, head.encode(), middle.encode()
+        )
+        return rows, as_read
+    texts = _texts(values, digits)
+    lines = [f"{head}{i}{middle}{text}\n" for i, text in enumerate(texts)]
+    as_read = np.fromiter(map(float, texts), dtype=np.float64, count=len(texts))
+    return "".join(lines).encode(), as_read
 
 
 def _texts(values: Array | Index, digits: int) -> list[str]:
