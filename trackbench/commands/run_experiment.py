@@ -188,7 +188,7 @@ def _write_results_and_report(job: Job, outcome: Outcome, options: Options, swee
             facts["training_holds_out"] = held_out_data(job.experiment)
             training_s = sum(record.cpu_s for record in job.tuning.values())
             facts["cpu_s"] = round(facts["cpu_s"] + training_s, 3)
-    write_manifest(job.folder, facts, data_files)
+    digests = write_manifest(job.folder, facts, data_files)
     # Step 3: the outputs that are computed from the data.
     results = Results(job.folder, facts, run_values=written.run_values)
     with record_writes() as derived_files:
@@ -199,7 +199,7 @@ def _write_results_and_report(job: Job, outcome: Outcome, options: Options, swee
                 write_sweep(results)
         with results.without("report.html"):
             write_report(results, comparison)
-    write_manifest(job.folder, facts, [*data_files, *derived_files])
+    write_manifest(job.folder, {**facts, "files": digests}, derived_files)
     notes = list(_loss_notes(job.experiment, written.losses))
     notes += _bound_notes(job.experiment)
     notes += _digit_notes(job.experiment, outcome)

@@ -200,8 +200,13 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     return facts
 
 
-def write_manifest(folder: Path, facts: Mapping[str, Any], written: Iterable[Path]) -> None:
-    """Write both manifests after all other files, with new digests of the files in ``written``."""
+def write_manifest(
+    folder: Path, facts: Mapping[str, Any], written: Iterable[Path]
+) -> dict[str, str]:
+    """Write both manifests after all other files, with new digests of the files in ``written``.
+
+    The digests of other files are those of ``facts["files"]``. Return all digests by the files' names.
+    """
     digests = dict(facts.get("files", {}))
     for path in written:
         name = path.relative_to(folder).as_posix()
@@ -222,6 +227,7 @@ def write_manifest(folder: Path, facts: Mapping[str, Any], written: Iterable[Pat
     ensure_folder(within(folder, "run"))
     write_text(folder / MACHINE, json.dumps(run_manifest, indent=2) + "\n")
     write_text(folder / MANIFEST, json.dumps(results_manifest, indent=2) + "\n")
+    return digests
 
 
 def check_digests(folder: Path, recorded: Mapping[str, str]) -> Damage:
