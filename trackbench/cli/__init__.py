@@ -41,6 +41,7 @@ class _Tasks(TyperGroup):
     """Help that groups commands by task, and prints each command's line whole."""
 
     def format_commands(self, ctx: "Context", formatter: "HelpFormatter") -> None:
+        """Write the commands into the help, each with a line, by the task that they are for."""
         for task, commands in _TASKS.items():
             rows = []
             for command in commands:

@@ -214,7 +214,7 @@ class _Turning:
         return fixed
 
     def measured_jacobian(self, x: Array) -> Array:
-        """Return the derivatives (n_z, n, M) of a measurement of the states themselves."""
+        """Return the derivatives (n_z, n, M) at x (n, M) of a measurement of the states themselves."""
         k = int(self.steps[1])
         sensor = self.model.sensor
         derivatives = []
@@ -237,7 +237,7 @@ class _Turning:
 
 
 def _neighbors(x: Array, i: int) -> tuple[Array, Array, Array]:
-    """Return the states above and below x for a central difference in component i, and the step h."""
+    """Return the states (n, M) above and below x by h in component i, and the step h (M,)."""
     h = 1e-5 * np.maximum(np.abs(x[i]), 1.0)
     upper = x.copy()
     upper[i] += h

@@ -47,7 +47,7 @@ def log(x: ArrayLike, out: Array | None = None) -> Array:
 
 
 def cos_sin(a: ArrayLike) -> tuple[Array, Array]:
-    """Compute the cosine and sine of angles, rad."""
+    """Compute the cosine and sine of angles, rad, an array of their shape each."""
     if isinstance(a, float):
         return _cos_sin_of_number(a)
     a = np.asarray(a, dtype=float)

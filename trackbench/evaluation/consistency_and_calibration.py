@@ -264,7 +264,7 @@ def likelihood_ratio(scores: Mapping[str, Array], exact: Mapping[str, Array]) ->
     neither = np.isnan(log_p) & np.isnan(log_p_exact)
     log_ratio = np.add.accumulate(np.where(neither, 0.0, log_p - log_p_exact), axis=0)
     ratio = exp(log_ratio)
-    ratio[0] = np.nan
+    ratio[0] = np.nan  # the first state has no measurement
     return {"likelihood_ratio": ratio}
 
 

@@ -48,6 +48,7 @@ class _FixedNormals:
         """Reject uniform and gamma variates."""
         raise NotImplementedError
 
+    # The other methods by which a scenario draws from its streams.
     standard_gamma = beside = random
 
 

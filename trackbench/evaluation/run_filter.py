@@ -90,6 +90,7 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
     if delivered is not None and delivered.refilters:
         refilter = _make_refilter(task, model, delivered, scorer.visible, rng, clock)
     if delivered is not None:
+        # A late measurement stands at the step at which the filter gets it.
         scorer.visible = delivered.given(scorer.visible)
     prior = prior_of(assumed_data, model)
     recorder = _Recorder(task, assumed_data, model, covariances)
@@ -274,6 +275,7 @@ class _Recorder:
         self._next_step = 0
         self._next_diagnostics = 1  # the first state has no diagnostics
         self._consistency = ConsistencySeries(scenario, self._mean, data.truth)
+        # Calibration compares a posterior with the truth.
         wanted = task.predictive_metrics if scenario.has_truth else ()
         self._calibration = Calibration(scenario.components, wanted)
         self._angles = scenario.angle_rows
