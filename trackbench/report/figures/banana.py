@@ -146,8 +146,7 @@ class PosteriorEllipses(FigureKind):
     def default_caption(self, results: Results) -> str:
         """Return what is drawn: the run, the step and the filters."""
         labels = listed([named(label) for label in results.chosen(self.filters)])
-        point = results.points()[self.point - 1]
-        where = f" at {phrases.heading(point)}" if point else ""
+        where = phrases.at_point(results.points()[self.point - 1])
         return (
             f"Run {self.run}, step {self.step}{where}: the 2-sigma ellipses of {labels} around the true "
             "target, and the region of the measurement."

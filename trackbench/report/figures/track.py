@@ -114,12 +114,16 @@ class Track(FigureKind):
     def default_caption(self, results: Results) -> str:
         """Return whose estimates one panel shows, and of how many runs."""
         runs = min(self.shown_runs, results.config["runs"])
-        which_runs = "the first run" if runs == 1 else f"the first {runs} runs"
+        which_runs = f"the first {runs} runs"
+        if runs == 1:
+            which_runs = "the first run"
         labels = [named(label) for label in self.filters or self._best_filters(results)]
         if len(self.filters) > 1:
             return f"The target in the plane in {which_runs}, a panel for each of {listed(labels)}."
-        estimates = f", with the estimates of {listed(labels)}" if labels else ""
-        return f"The target in the plane in {which_runs}{estimates}."
+        caption = f"The target in the plane in {which_runs}"
+        if labels:
+            caption += f", with the estimates of {listed(labels)}"
+        return f"{caption}."
 
     def draw(self, results: Results) -> Figure:
         """Return a panel per filter, equal scales."""
@@ -305,8 +309,9 @@ def _draw_best(ax: Axes, results: Results, estimates: Mapping[str, Array], metre
 def plane_unit(*tracks: Array) -> tuple[float, str]:
     """Return meters per unit of the axes and its name, for tracks (2, T) in m."""
     points = _known_points(tracks)
-    extent = np.ptp(points, axis=1).max() if points.size else 0.0
-    return length_unit(float(extent))
+    if not points.size:
+        return length_unit(0.0)
+    return length_unit(float(np.ptp(points, axis=1).max()))
 
 
 def _known_points(tracks: Sequence[Array]) -> Array:
