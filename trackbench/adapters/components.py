@@ -239,6 +239,7 @@ def _keywords_of_part(keywords: Functions, is_measured: Mask) -> Functions:
         return lambda *args: np.asarray(function(*args))[is_measured]
 
     def residual(*measurements: Array) -> Array:
+        """Return the rows that are measured of the user's difference of measurements."""
         # The user's function takes whole measurements: zeros stand for the missing components.
         whole_measurements = []
         for z in measurements:

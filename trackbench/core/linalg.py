@@ -506,6 +506,7 @@ def _constant_product(A: Array, B: Array) -> Array:
 
 
 def _sum_of(terms: list[Array]) -> Array:
+    """Add arrays one after the other."""
     total = terms[0]
     for term in terms[1:]:
         total = total + term

@@ -83,6 +83,7 @@ class ConsistencySeries:
         return series
 
     def _reduce_waiting(self) -> None:
+        """Sum up the steps that wait."""
         if self._waiting:
             self._reduce(side_by_side(self._waiting))
             self._waiting.clear()
@@ -276,6 +277,7 @@ def noncredibility(nees: Array, n: int, rank: Array | None = None) -> Array:
     """
 
     def noncredibility_of_rank(squared: Array, r: int) -> Array:
+        """Return the noncredibility, dB, of each NEES of rank r."""
         # A NEES of rank r is stored times n / r: squared * (r / n) is chi-square of r degrees.
         # psi(r / 2) by psi(1) = -gamma, psi(1 / 2) = -gamma - 2 log 2, psi(x + 1) = psi(x) + 1 / x
         digamma = -_EULER

@@ -171,6 +171,7 @@ def _make_refilter(
     steps = task.scenario.steps[1:].tolist()
 
     def repeat(state: Any, z: Array, first: int) -> Iterator[Any]:
+        """Yield the states after the measurements z, the first of them at the step ``first``."""
         many = _filter_many(tracker, model, state, z, steps[first])
         for i in range(z.shape[1]):
             if many is None:
@@ -180,6 +181,7 @@ def _make_refilter(
                 yield many.state(i)
 
     def copy(state: Any) -> Any:
+        """Return the state, or a copy if a step may change it."""
         # A program's step changes its state, and so does that of a plugin that breaks the contract.
         if tracker.loops_over_runs or foreign_parts(tracker):
             return deepcopy(state, {id(model): model})

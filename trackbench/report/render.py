@@ -195,6 +195,7 @@ def drawing_pool(
     begun: dict[str, Future[Files]] = {}
 
     def get_files(name: str, spec: FigureKind) -> Files:
+        """Return the files of a figure: cached, drawn by another process, or drawn here."""
         if name in cached:
             return cached[name]
         try:

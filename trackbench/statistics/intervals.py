@@ -153,6 +153,7 @@ class Events(NamedTuple):
         return self.factor * (self._limits(z)[1] - self.events / self.runs)
 
     def _limits(self, z: float) -> tuple[float, float]:
+        """Return both limits of the share at z standard deviations."""
         from scipy.special import ndtr
 
         return _limits(self.events, self.runs, float(ndtr(-z)))

@@ -99,6 +99,7 @@ def _influence_on_rms(x: Array) -> Array:
 
 
 def _influence_on_deviation(x: Array) -> Array:
+    """Return the influence (M,) of each of the runs' values on their standard deviation."""
     # ds = ((x - m)^2 - s^2) / (2 s)
     squares = np.square(x - _mean(x))
     return (squares - _mean(squares)) / (2.0 * np.sqrt(_mean(squares)))
@@ -251,12 +252,14 @@ def _rank_interval(x: Array, level: float) -> tuple[float, float]:
 
 
 def _mean(x: Array) -> float:
+    """Return the mean of values (M,); NaN of none."""
     if len(x) == 0:
         return np.nan
     return float(total(x) / len(x))
 
 
 def _sd(x: Array) -> float:
+    """Return the standard deviation of values (M,); NaN of fewer than two."""
     if len(x) < 2:
         return np.nan
     return float(np.sqrt(total(np.square(x - _mean(x))) / (len(x) - 1)))

@@ -242,7 +242,7 @@ class _View:
 
 def _measured_region(z: Array, view: _View, sensor: dict[str, Any]) -> Array:
     """Return the outline (2, 402) of the region within two sigma of a range and azimuth (2,)."""
-    half_width = 2e-3 * sensor["sigma_azimuth_mrad"]
+    half_width = 2.0 * 1e-3 * sensor["sigma_azimuth_mrad"]  # two sigma, rad
     azimuths = z[1] + half_width * np.linspace(-1.0, 1.0, 201)
     near_ranges = np.full(201, z[0] - 2.0 * sensor["sigma_range"])
     far_ranges = np.full(201, z[0] + 2.0 * sensor["sigma_range"])

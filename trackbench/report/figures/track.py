@@ -257,6 +257,7 @@ class Track(FigureKind):
         """Draw a filter's estimates (2, T, runs) over each other."""
         x, y = estimates
         runs = x.shape[1]
+        # The more runs, the fainter each, as they overlap.
         opacity = min(1.0, max(0.15, 2.0 / runs))
         ax.plot(x, y, color=color, linewidth=0.6, alpha=opacity, rasterized=True)
         name = f"Estimates, {runs} runs" if runs > 1 else "Estimate"
@@ -303,6 +304,7 @@ def _draw_best(ax: Axes, results: Results, estimates: Mapping[str, Array], metre
         if sum(equal) > 1 and look["linestyle"] == "-":
             level = len(estimates)
         x, y = estimate[..., 0] / metres
+        # A line without a zorder, such as the truth's, has 2.
         ax.plot(x, y, label=label, **look, zorder=1.9 - 0.1 * level)
 
 
@@ -386,10 +388,14 @@ def _fit_figure(panels: int, *tracks: Array) -> tuple[float, float]:
         track_width, track_height = np.ptp(points, axis=1)
     ticks_in = 0.8  # beside each panel
     room = sheet().width_in / panels - ticks_in
+    # Height over width; a longer panel would have no room for its ticks.
     ratio = float(np.clip(track_height / max(track_width, 1e-9), 0.15, 10.0))
-    panel_width = min(room, 4.0 / ratio)
-    width = max(panels * (panel_width + ticks_in), 3.4)
-    return width, panel_width * ratio + 1.3
+    highest_in = 4.0
+    panel_width = min(room, highest_in / ratio)
+    least_width_in = 3.4  # for the legend
+    width = max(panels * (panel_width + ticks_in), least_width_in)
+    title_and_legend_in = 1.3
+    return width, panel_width * ratio + title_and_legend_in
 
 
 def draw_truth(

@@ -95,6 +95,7 @@ def set_log_scale_with_zero(ax: Axes, values: Array) -> None:
     ax.xaxis.set_minor_locator(NullLocator())
 
     def tick_label(x: float, _: object) -> str:
+        """Write a power of ten, or 0 at the place that stands for zero."""
         if np.isclose(x, place_of_zero):
             return "0"
         return power_of_ten(round(np.log10(x)))

@@ -323,6 +323,7 @@ def _sensor_lines(guess: Guess) -> Iterator[str]:
 
 
 def _comment(why: dict[str, str], key: str) -> str:
+    """Return the reason for a key as a comment of YAML; empty if there is none."""
     if key not in why:
         return ""
     return f"  # {why[key]}"
@@ -360,6 +361,7 @@ def quoted(word: str) -> str:
 
 
 def _escape(character: str) -> str:
+    """Escape a character as YAML does within double quotes."""
     number = ord(character)
     if number < 0x10000:
         return f"\\u{number:04x}"

@@ -445,6 +445,7 @@ def _speeds(
 
 
 def _shown_speed(numbers: Numbers) -> Array | None:
+    """Return the measured speed (R,), in its unit; None if there is none."""
     if numbers.velocity is not None:
         return np.hypot(*numbers.velocity)
     return numbers.speed
