@@ -17,7 +17,7 @@ from trackbench.registry import kinds
 
 PACKAGE = Path(trackbench.__file__).parent
 LAYERS = (
-    ("core", "metrics", "extension_points", "field_types", "errors"),
+    ("core", "metrics", "extension_points", "field_types", "errors", "durations"),
     ("atomic_files", "yaml_source", "registry"),
     ("models", "statistics"),
     ("scenarios", "filters"),
@@ -35,7 +35,7 @@ LAYERS = (
     ("__main__",),
 )
 """Packages and modules from the bottom up: each imports only from layers below its own."""
-FREE = {"core", "metrics", "extension_points", "field_types", "errors"}
+FREE = {"core", "metrics", "extension_points", "field_types", "errors", "durations"}
 """Layer 0: its modules may import each other, without a circle."""
 LAYER = {name: i for i, layer in enumerate(LAYERS) for name in layer}
 

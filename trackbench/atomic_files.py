@@ -155,6 +155,7 @@ def cells(row: Row) -> str:
 
 
 def _lines(rows: Iterable[Row]) -> str:
+    """Write rows as lines of a CSV file."""
     text = StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
     return text.getvalue()

@@ -72,6 +72,13 @@ class WriteError(RunError):
         return cls(f"cannot write {path}: {reason(error)}")
 
 
+def and_others(number: int, words: str = "as are") -> str:
+    """Return a clause on the others of ``number`` mistakes: ``, as are 3 more``; empty for one."""
+    if number < 2:
+        return ""
+    return f", {words} {number - 1} more"
+
+
 def counted(number: int, word: str) -> str:
     """Write ``1 block``, ``2 blocks``."""
     if number == 1:

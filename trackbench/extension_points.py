@@ -137,6 +137,7 @@ def overridden_hooks(cls: type, base: type[Part]) -> list[str]:
 
 
 def _declared(base: type[Part]) -> dict[str, object]:
+    """Return the hooks that a base class declares, with their defaults, by name."""
     # The first owner of a name declares it; an annotation without a value is a hook without default.
     declared: dict[str, object] = {}
     for owner in _owners(base):

@@ -47,6 +47,7 @@ def register(group: Group, kind: str) -> Callable[[T], T]:
     """Decorate a class to register ``kind: <kind>`` with its group's base."""
 
     def add(cls: T) -> T:
+        """Check and register the class; return it."""
         if not is_dataclass(cls):
             raise TypeError(f"{cls.__name__} is not a dataclass (frozen=True, kw_only=True)")
         if group not in GROUPS:

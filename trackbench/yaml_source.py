@@ -228,6 +228,7 @@ def _read_stdin() -> str:
 
 
 def _decoded(content: bytes) -> str:
+    """Return the text of a file, with line ends of one character; raises OSError."""
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -493,6 +494,7 @@ class _Builder:
         return mapping
 
     def _build_scalar(self, node: yaml.Node, keys: Keys) -> Scalar:
+        """Return the value of a scalar; add a problem for one that a config cannot have."""
         # Only a scalar without quotes can be other than a word.
         allowed_tags = _PLAIN_TAGS[:1]
         if _is_plain(node):
@@ -517,6 +519,7 @@ class _Builder:
             self._add_problem(mark, keys, _describe_space(mark.line, space.group().strip(":")))
 
     def _check_text(self, text: str, mark: Mark, keys: Keys) -> None:
+        """Add a problem for a text with an unprintable character."""
         mistake = unprintable_reason(text)
         if mistake:
             self._add_problem(mark, keys, mistake)
@@ -565,6 +568,7 @@ def from_mapping(config: Mapping[str, object]) -> Source:
 
 
 def _as_plain(value: object, keys: Keys, source: Source) -> Any:
+    """Return a value as plain data; add a problem for what a config cannot express."""
     mistake = _inexpressible(value, keys)
     if mistake:
         source.problems.append(Problem(source.start, dotted(keys), mistake))

@@ -13,7 +13,8 @@ from trackbench.core import compiled
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.evaluation.block import BlockTask, simulate
-from trackbench.evaluation.predictive_scores import LAGS, held_out
+from trackbench.evaluation.innovations import LAGS
+from trackbench.evaluation.predictive_scores import held_out
 from trackbench.evaluation.run_block import run_block
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.filters.base import Filter

@@ -201,7 +201,7 @@ def test_a_plan_fills_in_every_field(tmp_path: Path) -> None:
     """With a config in which no field has its default."""
     (tmp_path / "all.yaml").write_text(CONFIG)
     experiment = load(tmp_path / "all.yaml")
-    (first, last) = make_plan(experiment, save_tracks=True, looks=(2, 6)).tasks[0, "Mine"]
+    (first, last) = make_plan(experiment, save_tracks=True, stops=(2, 6)).tasks[0, "Mine"]
     defaults = {f.name: f.default for f in fields(BlockTask) if f.default is not MISSING}
     left = [name for name, value in defaults.items() if getattr(first, name) == value]
     # What a reference knows of faults; the others by the worker that filters a stack.

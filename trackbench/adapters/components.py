@@ -153,7 +153,10 @@ class Order:
 
 
 def as_numbers(value: ArrayLike, shape: tuple[int, ...]) -> Array | None:
-    """Read real numbers of this shape; None for any other value. A vector may be a column."""
+    """Read real numbers of this ``shape``; None for any other value.
+
+    A vector (n,) may be a column (n, 1).
+    """
     try:
         array = np.asarray(value)
     except ValueError:  # rows of different lengths
@@ -227,12 +230,16 @@ def partial_update(
 
 
 def _keywords_of_part(keywords: Functions, is_measured: Mask) -> Functions:
-    """Return an extended filter's functions restricted to the measured components."""
+    """Return an extended filter's functions of the measurement, without its missing components.
+
+    ``is_measured`` (n_z,) marks the others.
+    """
 
     def select_rows(function: Callable[..., Array]) -> Callable[..., Array]:
         return lambda *args: np.asarray(function(*args))[is_measured]
 
     def residual(*measurements: Array) -> Array:
+        """Return the rows that are measured of the user's difference of measurements."""
         # The user's function takes whole measurements: zeros stand for the missing components.
         whole_measurements = []
         for z in measurements:

@@ -41,7 +41,7 @@ class FilterPy(PerRun):
         raise NotImplementedError(f"{type(self).__name__} has no make(dt)")
 
     def start(self, mean: Array, cov: Array) -> None:
-        """Make the object, and set its state and those of the filters in it."""
+        """Make the object, and set its state and those of the filters in it to mean (n,), cov (n, n)."""
         self._object, self._keywords = self._make(self.dt)
         self._object_by_dt: dict[float, Foreign] = {}
         self._diagnostics = {"nis": np.nan}
@@ -56,7 +56,7 @@ class FilterPy(PerRun):
         self._takes_dt = "dt" in inspect.signature(self._object.predict).parameters
 
     def predict(self, dt: float) -> Pair:
-        """Call the object's prediction, with the motion of this interval."""
+        """Call the object's prediction, with the motion over dt seconds."""
         self._diagnostics = dict.fromkeys(self._diagnostics, np.nan)
         self._is_measured = None
         # For another interval than the first, an object made for this interval gives the motion. After

@@ -335,6 +335,7 @@ class _LazyGenerator:
 
     @cached_property
     def _generator(self) -> Generator:
+        """Return the run's own stream of random numbers."""
         # One word of the block's stream is drawn, so that the runner notices that the filter is random.
         self._block.bit_generator.random_raw()
         block_seed = self._block.bit_generator.seed_seq

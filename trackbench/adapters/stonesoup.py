@@ -47,7 +47,7 @@ class StoneSoup(PerRun):
         raise NotImplementedError(f"{type(self).__name__} has no make(transition, measurement)")
 
     def start(self, mean: Array, cov: Array) -> None:
-        """Make predictor and updater, and the first state."""
+        """Make predictor and updater, and the first state, N(mean, cov) at time 0."""
         from stonesoup.types.array import CovarianceMatrix, StateVector
         from stonesoup.types.state import GaussianState
 
@@ -104,7 +104,7 @@ class StoneSoup(PerRun):
 
 
 def _without_missing(sensor: Foreign, is_measured: Mask) -> Foreign:
-    """Copy the measurement model, with no weight on the missing components."""
+    """Copy the measurement model, with no weight on the components that ``is_measured`` (n_z,) lacks."""
     from stonesoup.types.array import CovarianceMatrix
 
     if not hasattr(sensor, "noise_covar"):

@@ -41,6 +41,7 @@ class _Tasks(TyperGroup):
     """Help that groups commands by task, and prints each command's line whole."""
 
     def format_commands(self, ctx: "Context", formatter: "HelpFormatter") -> None:
+        """Write the commands into the help, each with a line, by the task that they are for."""
         for task, commands in _TASKS.items():
             rows = []
             for command in commands:
@@ -63,6 +64,7 @@ app = typer.Typer(
 
 
 def _print_version(is_requested: bool) -> None:
+    """Print the version, if it is requested, and exit."""
     if is_requested:
         kernels = "compiled kernels" if compiled.kernels else "numpy alone"
         typer.echo(f"trackbench {__version__}, {kernels}")
@@ -84,6 +86,7 @@ def _with_eof_as_error(command: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(command)
     def run_command(*words: Any, **options: Any) -> None:
+        """Run the command; an EOFError of it, which typer would hide, becomes a RuntimeError."""
         try:
             command(*words, **options)
         except EOFError as error:

@@ -31,6 +31,7 @@ def _completing(candidates: Callable[[typer.Context, str], Iterable[str]]) -> Co
 
     @wraps(candidates)
     def complete(ctx: typer.Context, incomplete: str) -> list[str]:
+        """Return the candidates that begin with the word typed so far."""
         with suppress(Exception):  # a traceback in the middle of a command line helps nobody
             return [_escape(w) for w in candidates(ctx, incomplete) if w.startswith(incomplete)]
         return []

@@ -139,7 +139,7 @@ def codecheck(
 ) -> None:
     """Write a codecheck.yml of the tables and figures of stored results."""
     from trackbench.atomic_files import write_text
-    from trackbench.commands.stored_results import codecheck_text
+    from trackbench.commands.codecheck import codecheck_text
     from trackbench.errors import Mark, Problem, UserError
 
     if path.exists():

@@ -32,6 +32,7 @@ def with_known_keywords(*options: str) -> Callable[[Callable[P, R]], Callable[P,
     """
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        # The function may take any keyword, so that an unknown one gets our message and not Python's.
         parameters = signature(function).parameters.values()
         known = [p.name for p in parameters if p.kind is not Parameter.VAR_KEYWORD]
         known += options

@@ -21,6 +21,7 @@ from trackbench.config.python_tables import name_rows
 from trackbench.config.shipped_experiments import files as shipped_files
 from trackbench.config.shipped_experiments import listed, located
 from trackbench.config.tuned_entries import Chosen
+from trackbench.durations import expected_time_in_words
 from trackbench.errors import Mark, Problem, UserError, reason
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.precision_check import checkpoints
@@ -263,29 +264,15 @@ def expected_time(job: Job, options: Options, tries: bool = True) -> str:
     seconds = cost.cpu_s * job.most / job.experiment.settings.runs / workers
     seconds = max(seconds, cost.longest_block_s)
     about = "at most about" if cost.is_bound else "about"
-    return f"{about} {duration(seconds)} of filtering{basis}"
+    return f"{about} {expected_time_in_words(seconds)} of filtering{basis}"
 
 
 CACHED = "every block is in the cache"
 """Time of a job whose blocks are all kept."""
 
 
-def duration(seconds: float) -> str:
-    """Write a duration with two digits in hours, minutes or seconds, at least one second."""
-    if seconds >= 2 * 3600:
-        return f"{_two_digits(seconds / 3600)} h"
-    if seconds >= 2 * 60:
-        return f"{_two_digits(seconds / 60)} min"
-    return f"{_two_digits(max(seconds, 1.0))} s"
-
-
 _SIMILAR_RATIO = 1.2
 """Ratio of two filters' shares of work below which one share stands for both."""
-
-
-def _two_digits(number: float) -> str:
-    """Round to two digits, and write a larger number without an exponent."""
-    return f"{float(f'{number:.2g}'):g}"
 
 
 class _Cost(NamedTuple):

@@ -13,7 +13,6 @@ from trackbench.commands.prepare import (
     FIT,
     OPTION_NAMES,
     Options,
-    duration,
     expected_time,
     jobs_of,
     most_workers,
@@ -23,6 +22,7 @@ from trackbench.commands.run_experiment import run_each
 from trackbench.commands.stored_results import Report
 from trackbench.config.shipped_experiments import suite_names, suite_times
 from trackbench.config.suite import Suite, load_suite
+from trackbench.durations import expected_time_in_words
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.execution.engines import begin
 from trackbench.filters.program import REFUSAL
@@ -139,10 +139,10 @@ def preview_suite(file: Path, options: Options, problems: Sequence[str] = ()) ->
         if known is not None and time != CACHED:
             seconds = known.cpu_s * job.experiment.settings.runs / known.runs / workers
             all_seconds += seconds
-            time = f"about {duration(seconds)} of filtering"
+            time = f"about {expected_time_in_words(seconds)} of filtering"
         lines.append(f"{job.line}; {time}")
     if all_seconds:
-        lines.append(f"in all about {duration(all_seconds)} on {workers} workers")
+        lines.append(f"in all about {expected_time_in_words(all_seconds)} on {workers} workers")
     return [*lines, *_left_out_lines(_misfits(suite))]
 
 

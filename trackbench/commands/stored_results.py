@@ -1,4 +1,4 @@
-"""Commands on a stored results folder: report, plot, codecheck.yml.
+"""Commands on a stored results folder: report, compare, plot.
 
 They compute no run and import nothing that could.
 """
@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import yaml
 
 from trackbench.atomic_files import record_writes
 from trackbench.commands import with_known_keywords
@@ -349,41 +348,3 @@ def _opened_for_rewriting(
                 yield results, paths
             finally:
                 write_manifest(results.folder, results.manifest, paths)
-
-
-_CODECHECK_HEAD = """\
----
-# What `{command}` computes again. Fill in the paper; the checker adds the certificate.
-version: https://codecheck.org.uk/spec/config/1.0/
-paper:
-  title:
-  authors:
-    - name:
-  reference:
-"""
-
-
-def codecheck_text(folders: Sequence[Path], root: Path) -> str:
-    """Write the file's content, with paths from ``root``; raises UserError for other folders."""
-    manifest: list[dict[str, str]] = []
-    for results in [Results(folder) for folder in folders]:
-        manifest += _codecheck_items(results, root)
-    names = " ".join(os.path.relpath(folder, root) for folder in folders)
-    body = yaml.safe_dump({"manifest": manifest}, sort_keys=False, allow_unicode=True, width=1000)
-    return _CODECHECK_HEAD.format(command=f"trackbench verify {names}") + body
-
-
-def _codecheck_items(results: Results, root: Path) -> Iterator[dict[str, str]]:
-    """Yield tables and figures with their titles, then the data of the runs."""
-    for group, suffix in (("tables", "csv"), ("figures", "svg")):
-        entries = results.config.get(group) or {}
-        for name, entry in entries.items():
-            file = results.folder / group / f"{name}.{suffix}"
-            if file.is_file():
-                title = results.fill_title(entry.get("title") or name)
-                yield {"file": os.path.relpath(file, root), "comment": title}
-    runs_file = results.per_run_file
-    for name, comment in ((runs_file, "Metrics of every run"), ("summary.csv", "Statistics")):
-        file = results.folder / name
-        if file.is_file():
-            yield {"file": os.path.relpath(file, root), "comment": comment}

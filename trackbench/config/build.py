@@ -219,7 +219,7 @@ def _folder_of(mark: Mark) -> Path:
 def _is_allowed(source: Source, values: Mapping[str, object]) -> bool:
     """Test whether the program of a filter's ``command`` may be run."""
     command = values.get("command")
-    if source.programs is None:
+    if source.programs is None:  # all are allowed
         return True
     if not isinstance(command, list) or not command:  # it cannot be run, and is reported
         return True
@@ -326,7 +326,7 @@ def _with_preset(
         hint = unknown(str(name), list(presets))
         source.add_problem(where, f"{name!r} is not a preset of {cls.kind}; {hint}")
         return values
-    # Every preset would be replaced in all of its keys.
+    # A preset is a mistake if all keys that any preset sets are given beside it.
     if any(presets.values()) and all(deep_merge(p, values) == values for p in presets.values()):
         what = f"no preset of {cls.kind} changes anything: all that they set is given"
         source.add_problem(where, what)

@@ -134,7 +134,7 @@ def _merge_union_problems(problems: Collection[Problem]) -> list[Problem]:
     """
     merged: dict[tuple[Mark, str, str], Problem] = {}
     for problem in problems:
-        # A text on a value's type reads "VALUE is not TYPE".
+        # A text on a value's type reads "VALUE is not TYPE". Of any other text all is in ``rest``.
         value, verb, rest = problem.what.rpartition(" is ")
         # Step 1: drop texts on the type of a value whose parts have mistakes.
         has_inner_problems = any(p.path.startswith(f"{problem.path}.") for p in problems)

@@ -82,6 +82,7 @@ def is_program(path: Path) -> bool:
 
 
 def _add_filter(source: Source, label: str, entry: dict[str, object], mark: Mark) -> None:
+    """Add a filter's entry to the config; raises UserError if the label is taken."""
     if label in source.data["filters"]:
         what = (
             f"{label!r} is already the label of a filter; give this one another kind or file name"
@@ -246,7 +247,7 @@ def _class_mistakes(cls: type[Part]) -> Iterator[str]:
         if not isinstance(needs, tuple) or not all(isinstance(n, str) and "." in n for n in needs):
             yield f"requires is {needs!r}, not a tuple of names such as 'motion.F'"
         if isinstance(cls.summed_diagnostics, str):
-            yield "counts is a word, not a set of words"
+            yield "summed_diagnostics is a word, not a set of words"
     if issubclass(cls, (base_of("tables"), base_of("figures"))):
         yield from _exhibit_mistakes(cast(type[Exhibit], cls))
     # Keys: defaults and types that a YAML can hold.

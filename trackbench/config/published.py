@@ -360,6 +360,7 @@ def _read_row(file_name: str, line: int, cls: type, header: list[str], cells: li
             row[key] = value if is_number and not is_text else cell
             row.marks[key] = Mark(file_name, line, column)
             row.key_marks[key] = row.marks[key]
+            # A printed 0.50 is judged by two decimals, of which the number 0.5 has lost one.
             if key == "value" and isinstance(value, float):
                 row.setdefault("digits", decimals(cell))
             # Step 2: characters that a cell must not have.

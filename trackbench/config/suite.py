@@ -356,8 +356,9 @@ class _Assembler:
             put(data, "runs", self.settings.runs, mark)
         # Blocks as wide as the runs need: a suite has few runs, and no more are added later.
         put(data, "block", "fit", mark)
-        put(data, "per_step", [], mark)
+        put(data, "per_step", [], mark)  # no series over time is stored
         if problem.score is not None:
+            # Filters are ranked by the first error of the first table.
             columns = {"Error": problem.score, "ANEES": "anees"}
             table = {"errors": {"kind": "metrics", "title": "Error", "columns": columns}}
             put(data, "tables", marked(table, self.suite.mark((*keys, "score"))), mark)

@@ -146,6 +146,7 @@ def _put_after_originals(source: Source, copies: Mapping[str, str]) -> None:
     """Move each copy of a filter behind its original; ``copies`` has the copies' labels by original."""
     filters = source.data["filters"]
     entries = {label: filters.pop(copy_label) for label, copy_label in copies.items()}
+    # Each filter moves to the end of the mapping in turn, with its copy behind it.
     for label in list(filters):
         filters[label] = filters.pop(label)
         if label in entries:
@@ -242,6 +243,7 @@ def with_defaults(
         if scenario.has_truth and not training.scenario.has_truth:
             scenario = training.scenario
         tuning = replace(tuning, metric=default_metric(scenario))
+    # Where training takes a share of each recording's time, it has all recordings.
     trains_on_time_share = training.scenario.training is not None
     if trains_on_time_share and "runs" not in (source.data.get("tuning") or {}):
         tuning = replace(tuning, runs=training.scenario.recorded_runs or tuning.runs)

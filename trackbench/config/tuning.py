@@ -174,7 +174,7 @@ class Objective(NamedTuple):
         return [_run_metric(_read_term(word)) for word in self.weights]
 
     def score(self, per_run: Mapping[str, Array]) -> RunEstimate:
-        """Return the objective of values (M,) by name, NaN for lost runs; smaller is better."""
+        """Return the objective of the runs' values (M,) by metric, NaN for lost runs; less is better."""
         # The influences of a weighted sum are the weighted sum of its terms' influences.
         value = 0.0
         influences = np.zeros(len(per_run["lost"]))

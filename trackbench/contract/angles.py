@@ -34,6 +34,7 @@ _RUNS_BY_CUT = {
     "pi/2": (np.pi / 2, 24),
     "-pi/2": (-np.pi / 2, 24),
 }
+"""Value of the angle, rad, and number of runs, by the cut that the angle passes."""
 _FAR_FROM_CUTS = "elsewhere"
 _ELSEWHERE = (np.pi / 4, -np.pi / 4, 3 * np.pi / 4, -3 * np.pi / 4)
 _RUNS_ELSEWHERE = 24  # of each
@@ -48,8 +49,8 @@ _FOLLOWS = 100.0  # times an honest deviation: a filter that is farther off ever
 _LEAST_RUNS = 3  # runs beyond it that are a fault
 _LEAST_SHARE = 0.05
 _CHANCE = 1e-3  # probability of such runs by chance, of a filter that draws
-_FIFTH = 0.2
-_MENDED = 0.2  # share of the faulty runs that may stay faulty
+_REMAINING = 0.2  # share of a faulty run's deviation that may remain when the angle has no cut
+_STILL_FAULTY = 0.2  # share of the faulty runs that may stay faulty then
 
 
 class Angle(NamedTuple):
@@ -136,7 +137,7 @@ class _Turning:
         return values
 
     def jacobian(self, x: Array, columns: list[int]) -> Array:
-        """Return the derivatives (m, len(columns), M) of `values` at x by these components of x."""
+        """Return the derivatives (m, len(columns), M) of `values` at x (n, M) by these rows of x."""
         derivatives = []
         for i in columns:
             upper, lower, h = _neighbors(x, i)
@@ -145,7 +146,7 @@ class _Turning:
         return np.stack(derivatives, axis=1)
 
     def difference(self, a: Array, b: Array) -> Array:
-        """Return the difference of two `values`, in which measured angles are wrapped."""
+        """Return the difference of two `values` (m, M), in which measured angles are wrapped."""
         if self.angle.kind == "measured":
             return self.model.sensor.innovation(a, b)
         return a - b
@@ -164,6 +165,7 @@ class _Turning:
             return Gaussian(turned_mean, np.array(cov))
         # Step 1: the components of the state that move, and the measured ones that keep their values.
         J = np.abs(self.measured_jacobian(mean))
+        # A smaller derivative is a rounding error of the difference quotient.
         support = (1e-12 * J.max(axis=(0, 1)) < J).any(axis=-1)
         moved = [i for i in range(len(mean)) if support[row, i]]
         others = [i for i in range(len(mean)) if not support[row, i]]
@@ -214,7 +216,7 @@ class _Turning:
         return fixed
 
     def measured_jacobian(self, x: Array) -> Array:
-        """Return the derivatives (n_z, n, M) of a measurement of the states themselves."""
+        """Return the derivatives (n_z, n, M) at x (n, M) of a measurement of the states themselves."""
         k = int(self.steps[1])
         sensor = self.model.sensor
         derivatives = []
@@ -237,7 +239,7 @@ class _Turning:
 
 
 def _neighbors(x: Array, i: int) -> tuple[Array, Array, Array]:
-    """Return the states above and below x for a central difference in component i, and the step h."""
+    """Return the states (n, M) above and below x by h in component i, and the step h (M,)."""
     h = 1e-5 * np.maximum(np.abs(x[i]), 1.0)
     upper = x.copy()
     upper[i] += h
@@ -288,7 +290,7 @@ def name_of_unwrapped(
     """
     rows = problem.angle_rows
     unwrapped_problem = _without_wrap(problem)
-    limit = _FIFTH * deviation(run_filter(tracker, problem, data), center, rows)
+    limit = _REMAINING * deviation(run_filter(tracker, problem, data), center, rows)
     for angle in angles_of(problem):
         if angle.kind == "state" or not runs.any():
             continue
@@ -296,12 +298,13 @@ def name_of_unwrapped(
             shifted = measured_without_cut(problem, data, center, angle.row, cut)
             estimates = run_filter(tracker, unwrapped_problem, shifted)
             is_still_wrong = deviation(estimates, center, rows) > limit
-            if is_still_wrong[runs].mean() <= _MENDED:
+            if is_still_wrong[runs].mean() <= _STILL_FAULTY:
                 return angle.name
     return ""
 
 
 def _without_wrap(problem: ModelDraws) -> ModelDraws:
+    """Return the problem with a sensor that does not wrap its innovations."""
     return _WithoutWrap(base=problem.base, unequal=problem.unequal)
 
 
@@ -338,6 +341,7 @@ def deviation(estimates: Estimates, center: Estimates, rows: tuple[int, ...]) ->
     sigma = np.sqrt(linalg.diagonal(center.cov))
     mean = near(estimates.mean[: len(sigma)], center.mean, rows)
     ratio = np.abs(mean - center.mean) / np.maximum(sigma, np.finfo(float).tiny)
+    # Index 0 of the steps is the prior.
     return np.nan_to_num(ratio[:, 1:].max(axis=(0, 1)), nan=np.inf)
 
 

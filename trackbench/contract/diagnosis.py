@@ -187,6 +187,7 @@ def _limits(name: str, reference: Array, margin: float) -> tuple[Array, Array]:
     and less for others.
     """
     if name == "squared_distance":
+        # No distance is too small: the least is below zero.
         return np.full_like(reference, -1.0), 3.0 * reference + 0.05
     if name == "spread":
         return 0.9 * reference, (1.0 + 0.3 * margin) * reference
@@ -209,12 +210,15 @@ def _guess_cause(estimates: Estimates, path: Array, differences: dict[str, float
     mean = estimates.mean[: len(path)]
 
     def mean_square_from(other_path: Array) -> float:
-        # The median over the runs: a lost run does not count.
+        """Return the median over the runs of the mean squared difference from a path."""
+        # After the first steps, which depend on the prior. The median over the runs: a lost run does not
+        # count.
         squared = np.square(mean - other_path)[:, 3:]
         return float(np.median(squared.mean(axis=(0, 1))))
 
     if mean_square_from(np.roll(path, 1, axis=1)) < 0.1 * mean_square_from(path):
         return "; estimates fit the truth one step earlier: returned before the update?"
+    # A state of four components is (x, vx, y, vy).
     if len(path) == 4 and mean_square_from(path[[2, 3, 0, 1]]) < 0.1 * mean_square_from(path):
         return "; estimates fit the truth with x and y exchanged"
     if differences.get("error", 0.0) > _LOST:
@@ -254,6 +258,8 @@ def mistaken_track(tracker: AnyFilter, problem: Tracking) -> str:
     measured = np.stack([true_position[:, 0], *located], axis=1)
 
     def rms_error(position: Array, true_position: Array = true_position) -> float:
+        """Return the error, m, after the first steps, which depend on the prior."""
+        # The median over the runs: a lost run does not count.
         squared = np.square(position - true_position)[:, 3:]
         return float(np.sqrt(np.median(squared.mean(axis=(0, 1)))))
 

@@ -109,7 +109,7 @@ class ModelDraws(Scenario):
 def _tracking(sensor: SensorBase, launch: Launch, q: float, T: float) -> Tracking:
     """Make a problem with a target so fast that a late estimate is far away."""
     target = Driven(motion=WhiteAcceleration(q=q), launch=launch)
-    start = GaussianStart(sigma=(20.0, 10.0, 30.0, 15.0))
+    start = GaussianStart(sigma=(20.0, 10.0, 30.0, 15.0))  # m and m/s: x, vx, y, vy
     return Tracking(target=target, sensor=sensor, start=start, T=T, last=8)
 
 
@@ -122,7 +122,10 @@ def planar(q: float = 25.0, sigma: float = 20.0, T: float = 2.0) -> Tracking:
 def radar(
     q: float = 25.0, sigma: float = 40.0, T: float = 2.0, x: float = -5000.0, y: float = 20.0
 ) -> Tracking:
-    """Make a radar's problem; by default the target is about where the azimuth jumps by 2 pi."""
+    """Make a radar's problem; by default the target is about where the azimuth jumps by 2 pi.
+
+    ``sigma`` is the standard deviation of the range in m, and of the azimuth in mrad.
+    """
     sensor = RangeAzimuth(sigma_range=sigma, sigma_azimuth_mrad=sigma)
     return _tracking(sensor, Launch(x=x, vx=150.0, y=y, vy=-10.0), q, T)
 

@@ -113,7 +113,7 @@ def exp_of_moderate(x: Array, result: Array) -> None:
 
 
 def log(x: Array, result: Array) -> None:
-    """Write the natural logarithm to ``result``."""
+    """Write the natural logarithm of x (n,) to ``result`` (n,)."""
     if compiled.kernels:
         compiled.kernels.log(log_table(), x, result)
         return
@@ -166,7 +166,10 @@ def _log_of_normal(x: Array, result: Array) -> None:
 
 
 def cos_sin(a: Array, c: Array, s: Array) -> None:
-    """Write cosine and sine: ``a = n turn + r``, r reduced in three parts (Cody & Waite 1980)."""
+    """Write cosine and sine of a (n,) to c and s: ``a = n turn + r``, r reduced in three parts.
+
+    Cody & Waite 1980.
+    """
     const = constants()
     if compiled.kernels:
         compiled.kernels.cos_sin(*circle(), _turn_constants(), a, c, s)
@@ -226,7 +229,7 @@ def arctan2(y: Array, x: Array, result: Array) -> None:
 
 
 def _arctan_of_narrow(t: Array, result: Array) -> None:
-    """Write Gregory's series to the ninth power."""
+    """Write the arctangent of t (n,), which is near zero, to ``result``: Gregory's series to t^9."""
     # t - t^3 / 3 + t^5 / 5 - t^7 / 7 + t^9 / 9 by Horner's rule in t^2
     square = t * t
     series = square * (1.0 / 9.0)
@@ -328,7 +331,7 @@ def logarithms() -> tuple[Array, Array]:
 
 @cache
 def circle() -> tuple[Array, Array]:
-    """Tabulate the cosine and sine of ``2 pi j / TURNS``, j = 0 ... TURNS - 1."""
+    """Tabulate cosine and sine, (TURNS,) each, of ``2 pi j / TURNS``, j = 0 ... TURNS - 1."""
     # Step 1: rotate by one entry at a time through a quarter of the circle.
     angle = 2 * pi_bits() // TURNS
     step_c = _series(angle, 0)

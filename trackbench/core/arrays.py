@@ -247,6 +247,7 @@ def once(function: F) -> F:
 
 
 def _store(cache: dict[Any, Any], key: Any, value: Any) -> None:
+    """Store a value in a cache that keeps the latest results."""
     if len(cache) >= _LIMIT:
         del cache[next(iter(cache))]  # the oldest
     cache[key] = value

@@ -18,6 +18,7 @@ def source_digest() -> str:
 
 
 def _load() -> ModuleType | None:
+    """Import the compiled kernels; None if they are switched off, not built, or of other sources."""
     if os.environ.get("TRACKBENCH_COMPILED") == "0":
         return None
     try:

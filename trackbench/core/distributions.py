@@ -131,7 +131,7 @@ class Gaussian(Symmetric):
         return linalg.cholesky(self.cov)
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
-        """Draw ``mean + L e`` with e standard normal."""
+        """Draw ``mean + L e`` (n, M, *trailing) with e standard normal."""
         shape = self.mean.shape + trailing
         noise = rng.standard_normal(shape)
         # A covariance without a Cholesky factor needs the semidefinite root.

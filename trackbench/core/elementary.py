@@ -47,7 +47,7 @@ def log(x: ArrayLike, out: Array | None = None) -> Array:
 
 
 def cos_sin(a: ArrayLike) -> tuple[Array, Array]:
-    """Compute the cosine and sine of angles, rad."""
+    """Compute the cosine and sine of angles, rad, an array of their shape each."""
     if isinstance(a, float):
         return _cos_sin_of_number(a)
     a = np.asarray(a, dtype=float)
@@ -225,6 +225,7 @@ def _in_pieces(kernel: Callable[..., None], *arrays: Array) -> None:
 
 @lru_cache(maxsize=4096)
 def _of_number(kernel: Elementwise, x: float) -> Array:
+    """Compute a function of one number by its kernel."""
     out = np.empty(1)
     kernel(np.array([x]), out)
     return out[0]
@@ -232,6 +233,7 @@ def _of_number(kernel: Elementwise, x: float) -> Array:
 
 @lru_cache(maxsize=4096)
 def _cos_sin_of_number(a: float) -> tuple[Array, Array]:
+    """Compute cosine and sine of one number by their kernel."""
     c = np.empty(1)
     s = np.empty(1)
     _elementary_kernels.cos_sin(np.array([a]), c, s)

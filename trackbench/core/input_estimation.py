@@ -84,7 +84,7 @@ class Hypotheses(NamedTuple):
         return self
 
     def reset(self, where: Mask, k: int) -> "Hypotheses":
-        """Clear the chosen runs (M,), whose filters restart at step k."""
+        """Clear the runs in ``where`` (M,), whose filters restart at step k."""
         if not where.any():
             return self
         return Hypotheses(

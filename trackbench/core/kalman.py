@@ -314,6 +314,7 @@ def update_with_gain(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Arra
 
 
 def _with_gain(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Array) -> Gaussian:
+    """Update a prediction by a gain K that need not be optimal (Joseph form)."""
     note("covariances", predicted.cov, components=2)
     # m + K nu
     mean = predicted.mean + linalg.matvec(K, nu)

@@ -245,7 +245,10 @@ def root_in_range(P: Array) -> Array:
 
 
 def _factor(P: Array, tolerance: float) -> Array:
-    """Factor by Cholesky; a pivot below this share of its variance has a zero column."""
+    """Factor P (n, n, *batch) by Cholesky to a lower triangle of the same shape.
+
+    A pivot below the share ``tolerance`` of its variance has a column of zeros.
+    """
     if P.ndim == 2:
         return _factor_of_one(P, tolerance)
     n = P.shape[0]
@@ -277,7 +280,7 @@ def _factor(P: Array, tolerance: float) -> Array:
 
 
 def _factor_of_one(P: Array, tolerance: float) -> Array:
-    """Factor a constant matrix by Python floats, ten times as fast as by arrays."""
+    """Factor a constant matrix P (n, n) as `_factor` does, by Python floats: ten times as fast."""
     rows = P.tolist()
     n = len(P)
     L = [[0.0] * n for _ in range(n)]
@@ -341,7 +344,7 @@ def solve_lower(L: Array, b: Array) -> Array:
 
 
 def whiten(L: Array, b: Array) -> list[Array]:
-    """Solve ``L y = b``; the rows of y are new arrays."""
+    """Solve ``L y = b``, L a lower triangle (n, n, *batch) and b (n, *batch); return the rows of y."""
     if compiled.kernels and b.ndim > 1:
         out = np.empty(b.shape)
         if compiled.kernels.whiten(L, b, out):
@@ -418,7 +421,7 @@ def _has_full_triangles(L: Array) -> bool:
 
 
 def _inverse_of_two(S: Array) -> Array:
-    """Invert by Schur's complement of the first variance, which keeps more digits."""
+    """Invert S (2, 2, *batch) by Schur's complement of the first variance, which keeps more digits."""
     # d = 1 / (c - b^2 / a), off-diagonal -d b / a, first entry 1 / a + d (b / a)^2
     a = S[0, 0]
     b = S[1, 0]
@@ -480,6 +483,7 @@ def distance(e: Array, P: Array) -> Array:
 
 
 def _constant_product(A: Array, B: Array) -> Array:
+    """Multiply a constant matrix A (n, m) by B (m, *batch), without the products by 0 and by 1."""
     out = np.empty((A.shape[0], *B.shape[1:]))
     for i, row in enumerate(A.tolist()):
         target = out[i, ...]
@@ -502,6 +506,7 @@ def _constant_product(A: Array, B: Array) -> Array:
 
 
 def _sum_of(terms: list[Array]) -> Array:
+    """Add arrays one after the other."""
     total = terms[0]
     for term in terms[1:]:
         total = total + term
@@ -573,7 +578,10 @@ def eigen(A: Array) -> tuple[Array, Array]:
 
 
 def _rotate(A: Array, V: Array, p: int, q: int) -> bool:
-    """Make A_pq zero by a rotation, in place; return whether any batch member needs it."""
+    """Make the element (p, q) of A (n, n, *batch) zero by a rotation, in place; turn V, too.
+
+    Return whether any batch member needs it.
+    """
     a = A[p, p].copy()
     b = A[q, q].copy()
     off = A[p, q].copy()

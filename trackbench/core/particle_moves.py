@@ -262,7 +262,10 @@ def jitter(x: Array, cov: Array, kernel: Kernel, rng: Streams, scale: float = 1.
 def jitter_modes(
     x: Array, modes: Sequence[Mode], kernel: Kernel, rng: Streams, scale: float = 1.0
 ) -> Array:
-    """Apply `jitter` to the particles of each mode, with the mode's own bandwidth and covariance."""
+    """Apply `jitter` to the particles x (n, M, N) of each mode, by its own bandwidth and covariance.
+
+    Each bandwidth is multiplied by ``scale``.
+    """
     n, _, N = x.shape
     e = kernel_draws(kernel, x.shape, rng)
     for mode in modes:

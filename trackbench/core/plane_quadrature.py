@@ -383,6 +383,7 @@ def _lagrange(t: Array) -> list[Array]:
 
 
 def _moments(x: Array, mass: Array) -> Gaussian:
+    """Return mean and covariance of nodes x with these masses, whose sum is 1."""
     mean = total(mass * x)
     e = x - mean[:, None]
     return Gaussian(mean, total(mass * e[:, None] * e))

@@ -83,7 +83,10 @@ def _root_without_rounding(P: Array, state: Array) -> Array:
 
 
 def _whiten(L: Array, b: Array) -> Array:
-    """Solve ``L y = b`` in the range of a lower triangle L, zero in its columns of zeros."""
+    """Solve ``L y = b``, b (n, *batch), in the range of a lower triangle L (n, n, *batch).
+
+    y is zero in the rows of L's columns of zeros.
+    """
     y = np.zeros(np.broadcast_shapes(b.shape, L.shape[1:]))
     for i, pivot in enumerate(linalg.diagonal(L)):
         rest = b[i]
@@ -96,7 +99,10 @@ def _whiten(L: Array, b: Array) -> Array:
 def by_rank(
     function: Callable[[Array, int], Array], squared: Array, n: int, rank: Array | None
 ) -> Array:
-    """Apply a function to squared distances and their degrees of freedom, NaN where there are none."""
+    """Apply a function to distances ``squared`` (T, M) and their degrees of freedom, ``rank`` (T, M).
+
+    NaN where there are none. If ``rank`` is None, all have n.
+    """
     value = function(squared, n)
     if rank is None:
         return value
@@ -332,7 +338,7 @@ class PlanePosterior(Posterior):
     planes: tuple[Plane, ...]
 
     def below(self, x: Array) -> Array:
-        """Sum the mass below each component of x, of cells taken as normal."""
+        """Sum the mass below each component of x (n, M), of cells taken as normal: (n, M)."""
         columns = []
         for plane, point in zip(self.planes, x.T, strict=True):
             # The standard deviation of a cell, uniform along both of its sides.
@@ -344,7 +350,7 @@ class PlanePosterior(Posterior):
         return np.stack(columns, axis=-1)
 
     def within(self, x: Array) -> Array:
-        """Sum the mass of the nodes nearer to the mean than x."""
+        """Sum the mass (M,) of the nodes nearer to the mean than x (n, M)."""
         masses = []
         for plane, point in zip(self.planes, x.T, strict=True):
             n = len(point)

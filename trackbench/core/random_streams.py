@@ -147,6 +147,7 @@ class SideBySide(_Joined):
         self.width = width
 
     def _join(self, draw: Draw, size: tuple[int, ...]) -> Array:
+        """Draw variates (*draws, M, N), the runs of each block from the block's own stream."""
         size = _shape(size)
         if len(size) < 2 or size[-2] != len(self.blocks) * self.width:
             raise ValueError(f"{size} is not for {len(self.blocks)} blocks of {self.width} runs")
@@ -188,6 +189,7 @@ class SomeRuns(_Joined):
         self._generators = [_substream(block, step, int(run)) for run in runs]
 
     def _join(self, draw: Draw, size: tuple[int, ...]) -> Array:
+        """Draw variates (*draws, M, N), those of each run from the run's own stream."""
         size = _shape(size)
         if size[-2:-1] != (len(self._generators),):
             raise ValueError(f"{size} is not for {len(self._generators)} runs")

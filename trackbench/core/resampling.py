@@ -110,7 +110,7 @@ def _fraction_bits(runs: int, size: int) -> int:
 
 
 def stratified(w: Array, rng: Streams, size: int) -> Index:
-    """Count offspring by one uniform u_j per stratum, at (j + u_j) / size."""
+    """Count offspring (M, N) of weights w (M, N) by one uniform u_j per stratum, at (j + u_j) / size."""
     u = rng.random((len(w), size))
     # Step 1: count the draws up to each cumulative weight; only that of its own stratum is uncertain.
     position = size * _cumulative(w)
@@ -150,7 +150,7 @@ SCHEMES: dict[Scheme, Callable[[Array, Streams, int], Index]] = {
 
 
 def _cumulative(w: Array) -> Array:
-    """Return cumulative weights; those of equal weights in a run whose weights are not finite."""
+    """Return cumulative weights (M, N); those of equal weights in a run whose w are not finite."""
     cdf = np.cumsum(w, axis=-1)
     diverged = ~np.isfinite(cdf[:, -1])
     if diverged.any():
@@ -160,7 +160,10 @@ def _cumulative(w: Array) -> Array:
 
 
 def _tally(cdf: Array, u: Array, drawn: np.typing.NDArray[np.bool_]) -> Index:
-    """Count how many of the ``drawn`` draws u (M, size) select each particle."""
+    """Count how many of the ``drawn`` draws u (M, size) select each particle.
+
+    ``cdf`` (M, N) are cumulative weights.
+    """
     runs, N = cdf.shape
     row = np.arange(runs)[:, None]
     # The cumulative weights of all runs, end to end, are one sorted array: search it once.

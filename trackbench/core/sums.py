@@ -19,7 +19,7 @@ _BLOCKS = ((4096, 512), (256, 128))  # length from which a row is cut, and into 
 
 
 def total(a: Array, axis: Literal[0, -1] = -1) -> Array:
-    """Sum over the first or the last axis, of any length."""
+    """Sum the array a over its first or last axis, of any length."""
     if axis == 0:
         return _in_order(a.reshape(len(a), prod(a.shape[1:]))).reshape(a.shape[1:])[()]
     n = a.shape[-1]
@@ -33,6 +33,11 @@ def total(a: Array, axis: Literal[0, -1] = -1) -> Array:
         if rows.shape[1] >= least:
             rows = _by_blocks(rows, block)
     return _in_order(rows.T).reshape(a.shape[:-1])[()]
+
+
+def total_of_known(rows: Array) -> Array:
+    """Sum over the first axis; NaN is left out."""
+    return total(np.where(np.isnan(rows), 0.0, rows), axis=0)
 
 
 class WindowSums:
@@ -66,7 +71,7 @@ class WindowSums:
 
 
 def dot(a: Array, b: Array) -> Array:
-    """Compute ``sum_j a_j b_j`` over the last axis."""
+    """Compute ``sum_j a_j b_j`` over the last axis of a and b (..., n): (...)."""
     if compiled.kernels and a.dtype == b.dtype == np.float64:
         if a.ndim < b.ndim:
             return dot(b, a)

@@ -164,6 +164,7 @@ class BlockResult(NamedTuple):
 
 
 def _simulate(scenario: Scenario, seed: int, first_run: int, width: int) -> Simulation:
+    """Simulate so many runs from the first on."""
     # Training runs count down: -1, -2, ...
     step = 1 if first_run >= 0 else -1
     rng = RunStreams(seed, range(first_run, first_run + step * width, step))

@@ -83,6 +83,7 @@ class ConsistencySeries:
         return series
 
     def _reduce_waiting(self) -> None:
+        """Sum up the steps that wait."""
         if self._waiting:
             self._reduce(side_by_side(self._waiting))
             self._waiting.clear()
@@ -264,7 +265,7 @@ def likelihood_ratio(scores: Mapping[str, Array], exact: Mapping[str, Array]) ->
     neither = np.isnan(log_p) & np.isnan(log_p_exact)
     log_ratio = np.add.accumulate(np.where(neither, 0.0, log_p - log_p_exact), axis=0)
     ratio = exp(log_ratio)
-    ratio[0] = np.nan
+    ratio[0] = np.nan  # the first state has no measurement
     return {"likelihood_ratio": ratio}
 
 
@@ -276,6 +277,7 @@ def noncredibility(nees: Array, n: int, rank: Array | None = None) -> Array:
     """
 
     def noncredibility_of_rank(squared: Array, r: int) -> Array:
+        """Return the noncredibility, dB, of each NEES of rank r."""
         # A NEES of rank r is stored times n / r: squared * (r / n) is chi-square of r degrees.
         # psi(r / 2) by psi(1) = -gamma, psi(1 / 2) = -gamma - 2 log 2, psi(x + 1) = psi(x) + 1 / x
         digamma = -_EULER

@@ -21,7 +21,8 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask, any_nan
 from trackbench.core.posterior_scores import by_rank
-from trackbench.core.sums import WindowSums, dot, total
+from trackbench.core.sums import WindowSums, dot, total, total_of_known
+from trackbench.evaluation.innovations import innovation_metrics
 from trackbench.evaluation.validate_output import checked_metrics
 from trackbench.filters.base import WrongReturnError
 from trackbench.metrics import in_window, is_reserved, joined, metrics_of
@@ -78,6 +79,7 @@ def series(
         n = len(truth)
 
         def exceeds_gate(squared: Array, r: int) -> Array:
+            # A NEES of rank r is stored times n / r.
             return np.asarray(squared * (r / n) > _gate(r), dtype=float)
 
         outside = by_rank(exceeds_gate, nees, n, rank)
@@ -94,8 +96,9 @@ def series(
 def _errors(
     scenario: Scenario, mean: Array, truth: Array, squared: str, signed: str = ""
 ) -> dict[str, Array]:
-    """Return series of the squared length of each of the scenario's error vectors.
+    """Return series (T + 1, M) of the squared length of each of the scenario's error vectors.
 
+    They are the errors of ``mean`` (n_x, T + 1, M) against ``truth``, or another mean in its place.
     ``squared`` is the first word of their names. If ``signed`` is given, scalar errors also have a
     series of signed errors, whose name begins with that word.
     """
@@ -135,7 +138,7 @@ def per_run_metrics(
         for window, mask in scenario.windows.items():
             weight = weight_of_steps[mask]
             with np.errstate(invalid="ignore"):  # a run may have no such measurement
-                mean = _sum(weight * values[name][mask]) / total(weight, axis=0)
+                mean = total_of_known(weight * values[name][mask]) / total(weight, axis=0)
             metrics[in_window(name, window)] = mean
     # Step 2: add the scenario's own metrics, whose names must be new.
     for name, numbers in checked_metrics(scenario.run_metrics(values), len(lost)).items():
@@ -159,6 +162,7 @@ def rejections(z: Array, twin: Array, diagnostics: Mapping[str, Array]) -> dict[
     A measurement of z (n_z, T, M) is bad if a fault changed it, so that it differs from that of the
     ``twin`` without faults. Both series (T + 1, M) are 0 or 1. ``rejected_good`` is NaN for bad
     measurements, ``accepted_bad`` for good ones, and both if the filter was not given a measurement.
+    The filter's ``diagnostics`` (T + 1, M) must have ``gated`` and ``nis``; else there are no series.
     """
     if not {"gated", "nis"} <= diagnostics.keys():
         return {}
@@ -244,7 +248,7 @@ class SeriesSums:
         return sums
 
     def add(self, series: str, rows: Array, first: int) -> None:
-        """Add the values (S, M) of the steps from ``first`` on."""
+        """Add the values ``rows`` (S, M) of a series, given by name, of the steps from ``first`` on."""
         if series not in self._reductions:
             self._reductions[series] = {
                 name: metric.over_steps
@@ -296,27 +300,10 @@ class SeriesSums:
                     metrics[name] = reduced[reduction][i]
         named: dict[str, Array] = {}
         for window, metrics, mask in zip(self._windows, by_window, self._masks, strict=True):
-            metrics |= _innovation_metrics(values, mask)
+            metrics |= innovation_metrics(values, mask)
             for name, numbers in metrics.items():
                 named[in_window(name, window)] = numbers
         return named
-
-
-def _innovation_metrics(values: Mapping[str, Array], mask: Mask) -> dict[str, Array]:
-    """Return the ANIS and the autocorrelations of the innovations over the steps of the mask."""
-    if "innovations" not in values:
-        return {}
-    metrics: dict[str, Array] = {}
-    # ANIS = sum of NIS over the number of measured components.
-    nis = _sum((values["anis"] * values["innovations"])[mask])
-    metrics["anis"] = nis / _sum(values["innovations"][mask])
-    # Autocorrelation = sum of lagged products over sum of squares (lag 0).
-    for name, rows in values.items():
-        if name.startswith("autocovariance_"):
-            paired = ~np.isnan(rows[mask]).all(axis=0)
-            correlation = np.where(paired, _sum(rows[mask]) / nis, np.nan)
-            metrics[name.replace("covariance", "correlation")] = correlation
-    return metrics
 
 
 def lost_runs(
@@ -328,8 +315,8 @@ def lost_runs(
     """Return why each run (M,) is lost, as a key of `LOST_BECAUSE`; `NOT_LOST` if it is not.
 
     A run is lost if an estimate or an error is not finite, if the error exceeds the scenario's
-    ``lost_beyond``, or if the simulated truth is not finite. ``finite`` and ``finite_truth`` (M,) mark
-    the runs with finite estimates and with a finite truth.
+    ``lost_beyond``, or if the simulated truth is not finite. ``values`` are the series (T + 1, M), and
+    ``finite`` and ``finite_truth`` (M,) mark the runs with finite estimates and with a finite truth.
     """
     errors = [rows for name, rows in values.items() if _ERROR_OF_TRUTH.match(name)]
     # Without a truth only estimates that are not finite count as lost.
@@ -382,8 +369,3 @@ def _gate(n_x: int) -> float:
     from scipy.special import chdtri
 
     return float(chdtri(n_x, 1e-6))
-
-
-def _sum(rows: Array) -> Array:
-    """Sum the rows (S, M) over the steps; NaN is left out."""
-    return total(np.where(np.isnan(rows), 0.0, rows), axis=0)

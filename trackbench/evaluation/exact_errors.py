@@ -40,6 +40,7 @@ class _FixedNormals:
         """number of rows drawn so far"""
 
     def standard_normal(self, size: tuple[int, ...]) -> Array:
+        """Return the next rows of the variates in this shape."""
         rows = np.arange(self.drawn, self.drawn + prod(size[:-1]))
         self.drawn += len(rows)
         return self._variates(rows).reshape(size)
@@ -48,6 +49,7 @@ class _FixedNormals:
         """Reject uniform and gamma variates."""
         raise NotImplementedError
 
+    # The other methods by which a scenario draws from its streams.
     standard_gamma = beside = random
 
 

@@ -16,31 +16,24 @@ that returns a mean without a covariance has prediction errors, and no ``anis``.
 from its state before the prediction, and draws the same noise as without it.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from copy import deepcopy
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
 
-from trackbench.core import kalman, linalg
 from trackbench.core.arrays import Array, Mask, all_finite, freeze
 from trackbench.core.distributions import Gaussian
-from trackbench.core.kalman import Innovation
-from trackbench.core.sums import total
-from trackbench.evaluation.consistency_and_calibration import side_by_side
+from trackbench.evaluation.innovations import LAGS, Innovations, innovation_series
 from trackbench.evaluation.validate_output import checked_numbers
 from trackbench.extension_points import foreign_parts
 from trackbench.filters.base import AnyFilter, Steps, has_likelihood
 from trackbench.models.base import Model
-from trackbench.models.sensors.many_steps import SensorOfSteps
 
 Kind = Literal["score", "prediction"]
 """Requested series: the filters' own log-likelihoods; all series from predictions of measurements."""
-LAGS = 10
 _SCORE = "log_likelihood"
-_AT_ONCE = 65_536
-"""Numbers in the covariances of the predictions whose innovations are computed in one call."""
 
 
 def held_out(measurements: Array, every: int) -> Mask:
@@ -116,8 +109,8 @@ class PredictionScorer:
         self._held_out = held_out(measurements, hold_out) if hold_out else None
         self.visible = visible_to_filter(measurements, hold_out)
         """measurements (n_z, T, M) that the filter is given"""
-        self._predicted = _Innovations(model)
-        self._held = _Innovations(model)
+        self._predicted = Innovations(model)
+        self._held = Innovations(model)
         self._refused: list[Mask] = []
         self._scores: list[Array] = []
         self._held_scores: list[Array] = []
@@ -206,7 +199,10 @@ class PredictionScorer:
         if self._scores:
             rows[_SCORE] = np.where(_measured(self.visible), np.stack(self._scores), np.nan)
         if "prediction" in self._wanted:
-            rows |= self._innovation_series()
+            nu, S = self._predicted.joined(self._all.shape[2])
+            refused = np.stack(self._refused, axis=1)
+            rows |= self._errors("predicted", nu)
+            rows |= innovation_series(nu, S, refused)
         if self._held_out is not None:
             rows |= self._held_out_series(self._held_out)
         return {name: after_first(values) for name, values in rows.items()}
@@ -239,32 +235,8 @@ class PredictionScorer:
         checked = checked_numbers("series", {_SCORE: increments}, *batch)
         return [*checked[_SCORE].reshape(-1, self._all.shape[2])]
 
-    def _innovation_series(self) -> dict[str, Array]:
-        """Return the series (T, M) of the innovations of all steps."""
-        nu, S = self._predicted.joined(self._all.shape[2])
-        # Step 1: whiten, e = L^-1 nu with S = L L'. Missing and refused components have no e, and
-        # neither have the components of a prediction without a covariance.
-        refused = np.stack(self._refused, axis=1) & ~np.isnan(nu)
-        missing = np.isnan(nu) | refused
-        for i in range(len(nu)):
-            missing[i] |= np.isnan(S[i, i])
-        number = (~missing).sum(axis=0)
-        if (refused.any(axis=0) & (number > 0)).any():
-            # Other sensors' components are used: their covariance is S without the refused components.
-            S = kalman.drop_missing_cov(S, refused)
-        whitened = list(linalg.whiten(linalg.cholesky(S), np.where(missing, 0.0, nu)))
-        e = np.where(missing, np.nan, np.stack(whitened))
-        series = self._errors("predicted", nu)
-        # Step 2: NIS = e' e, over the number of measured components.
-        series["anis"] = _sum_of_known(np.square(e)) / number
-        series["innovations"] = np.where(number, number, np.nan)
-        # Step 3: products with the whitened innovations of the last LAGS measurements.
-        for lag, products in enumerate(_lagged_products(e, missing), 1):
-            series[f"autocovariance_{lag}"] = _sum_of_known(products)
-        return series
-
     def _held_out_series(self, held_out: Mask) -> dict[str, Array]:
-        """Return the series (T, M) of the held-out measurements; NaN for all other measurements."""
+        """Return the series (T, M) of the measurements in ``held_out`` (T, M); NaN for all others."""
         nu = np.full(self._all.shape, np.nan)
         if self._held_steps:
             held_nu, _ = self._held.joined(self._all.shape[2])
@@ -291,64 +263,6 @@ class PredictionScorer:
         return series
 
 
-class _Innovations:
-    """Innovations of predictions, computed for many steps in one call."""
-
-    def __init__(self, model: Model) -> None:
-        self._model = model
-        self._waiting: list[tuple[Gaussian, Array, int]] = []
-        self._computed: list[Innovation] = []
-
-    def add(self, predicted: Gaussian, z: Array, k: int) -> None:
-        """Add the prediction of step k and its measurements (n_z, M)."""
-        self._waiting.append((predicted, z, k))
-        if len(self._waiting) * len(predicted.mean) * predicted.mean.size >= _AT_ONCE:
-            self._compute_waiting()
-
-    def add_steps(self, predicted: Gaussian, z: Array, steps: Sequence[int]) -> None:
-        """Add predictions of many steps, with means (n, T, M), and their measurements (n_z, T, M)."""
-        n = len(predicted.mean)
-        model = Model(self._model.motion, SensorOfSteps(self._model.sensor, steps))
-        # The batch (T, M) becomes one axis.
-        cov = np.broadcast_to(predicted.cov, (n, n, *z.shape[1:])).reshape(n, n, -1)
-        together = Gaussian(predicted.mean.reshape(n, -1), cov)
-        z = z.reshape(len(z), -1)
-        self._computed.append(_innovation(model, together, z, steps[-1]))
-
-    def joined(self, runs: int) -> tuple[Array, Array]:
-        """Return the innovations (n_z, T, M) of all steps and their covariances (n_z, n_z, T, M)."""
-        self._compute_waiting()
-        nu = np.concatenate([i.nu for i in self._computed], axis=1)
-        S = np.concatenate([i.S for i in self._computed], axis=2)
-        n_z = len(nu)
-        return nu.reshape(n_z, -1, runs), S.reshape(n_z, n_z, -1, runs)
-
-    def _compute_waiting(self) -> None:
-        if self._waiting:
-            estimates, z, steps = zip(*self._waiting, strict=True)
-            self._waiting.clear()
-            means = np.stack([estimate.mean for estimate in estimates], axis=1)
-            covs = side_by_side([estimate.cov for estimate in estimates])
-            self.add_steps(Gaussian(means, covs), np.stack(z, axis=1), steps)
-
-
-def _innovation(model: Model, predicted: Gaussian, z: Array, k: int) -> Innovation:
-    """Return the innovations of measurements z (n_z, B) at step k, with covariances S, from predictions.
-
-    If a predicted state has a mean and no covariance, the measurement is predicted by the sensor at the
-    mean, and S is NaN.
-    """
-    # Imported here, since pydantic comes with the filters' keys, and a worker may need neither.
-    from trackbench.filters.ukf import predicted_innovation
-
-    mean_only = np.isnan(predicted.cov).any(axis=(0, 1)) & ~np.isnan(predicted.mean).any(axis=0)
-    if not mean_only.any():
-        return predicted_innovation(model, predicted, z, k)
-    without_spread = Gaussian(predicted.mean, np.where(mean_only, 0.0, predicted.cov))
-    innovation = predicted_innovation(model, without_spread, z, k)
-    return innovation._replace(S=np.where(mean_only, np.nan, innovation.S))
-
-
 def _copy(estimate: Gaussian) -> Gaussian:
     """Copy an estimate, as a filter may write to its own arrays at its next step."""
     return Gaussian(estimate.mean.copy(), estimate.cov.copy())
@@ -369,25 +283,3 @@ def after_first(rows: Array) -> Array:
 def _measured(z: Array) -> Mask:
     """Return which runs (*batch) have at least one component of a measurement."""
     return np.asarray(~np.isnan(z).all(axis=0))
-
-
-def _lagged_products(white: Array, missing: Mask) -> Iterator[Array]:
-    """Yield ``e_j e_(j-l)`` (n, T, M) for each lag l from 1 to `LAGS`.
-
-    ``white`` (n, T, M) are the whitened innovations e. j counts the known values of a component, so
-    that steps without a measurement are skipped.
-    """
-    # Known values stand before the missing ones, in the order of their steps.
-    order = np.argsort(missing, axis=1, kind="stable")
-    known = np.take_along_axis(white, order, axis=1)
-    for lag in range(1, LAGS + 1):
-        lagged = known[:, lag:] * known[:, :-lag]
-        products = np.full_like(white, np.nan)
-        np.put_along_axis(products, order[:, lag:], lagged, axis=1)
-        yield products
-
-
-def _sum_of_known(rows: Array) -> Array:
-    """Sum the known values of the rows (n, T, M) over the components; NaN if none is known."""
-    known = ~np.isnan(rows)
-    return np.where(known.any(axis=0), total(np.where(known, rows, 0.0), axis=0), np.nan)

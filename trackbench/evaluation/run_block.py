@@ -118,7 +118,7 @@ def _reference_output(task: BlockTask) -> FilterOutput:
 
 def _unknown_output(task: BlockTask) -> FilterOutput:
     """Return an output of NaN, in place of that of a reference that failed."""
-    unknown = np.full(task.data.truth.shape, np.nan)
+    unknown = np.full(task.data.truth.shape, np.nan)  # (n_x, T + 1, M)
     scores: dict[str, Array] = {}
     if task.predictive_metrics:
         scores["log_likelihood"] = unknown[0]
@@ -133,8 +133,10 @@ def _join_blocks(blocks: Sequence[BlockTask]) -> BlockTask:
     """Return the task of all blocks side by side."""
     first = blocks[0]
     filters = [block.filter for block in blocks]
+    # Adjacent blocks of one filter become one long block.
     if len(set(filters)) == 1:
         return replace(first, stacked=len(blocks))
+    # Several filters get a copy of the same runs each.
     joined = cast(JoinableFilter[Any], first.filter).joined(filters, first.width)
     return replace(first, filter=joined, copies=len(blocks))
 
@@ -190,6 +192,7 @@ def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int
         exact_mean = exact.mean
         if "likelihood_ratio" in task.predictive_metrics:
             predictive |= likelihood_ratio(predictive, exact.diagnostics)
+    # The twin is the same filter in the same runs without faults.
     twin_task = task.twin_task
     twin_mean: Array | None = None
     weights: dict[str, Array] = {}
@@ -225,7 +228,7 @@ def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int
 def _gate_decisions(
     task: BlockTask, twin_task: BlockTask, data: Simulation, output: FilterOutput
 ) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Return series of the gate's wrong decisions, and the weights of their steps.
+    """Return series (T + 1, M) of the gate's wrong decisions, and the weights (T + 1, M) of their steps.
 
     ``twin_task`` has the same runs without faults. Its measurements show which measurements are bad.
     Only the series of several sensors have weights.
@@ -236,6 +239,7 @@ def _gate_decisions(
     if delivered is not None:
         z = delivered.given(z)
         clean = delivered.given(clean)
+    # The gate of a single sensor writes its decisions to the diagnostics.
     if output.refused is None:
         return rejections(z, clean, output.diagnostics), {}
     sensors = rows_of(cast(Sensors, task.scenario.true_sensor))
@@ -250,15 +254,17 @@ def _series_and_sums(
     exact_mean: Array | None,
     twin_mean: Array | None,
 ) -> tuple[dict[str, Array], SeriesSums]:
-    """Return the series of errors, those of ``predictive``, and the sums of all of them.
+    """Return the series (T + 1, M) of errors, those of ``predictive``, and the sums of all of them.
 
-    ``exact_mean`` is the mean of the reference, ``twin_mean`` that of the same filter without faults.
+    ``exact_mean`` is the mean of the reference, ``twin_mean`` that of the same filter without faults,
+    (n_x, T + 1, M) each.
     The steps are taken in pieces, whose series are added up while they are in the cache.
     """
     values: dict[str, Array] = {}
     # Series that exist already for all steps.
     whole = {"nees": output.nees} | predictive
-    sums = SeriesSums(task.scenario.windows, task.filter.summed_diagnostics | LATE_COUNTS)
+    counts = task.filter.summed_diagnostics | LATE_COUNTS  # summed over steps, not averaged
+    sums = SeriesSums(task.scenario.windows, counts)
     steps, runs = output.nees.shape
     at_a_time = max(1, _COLUMNS // runs)
     rank = rank_of("nees", predictive, len(data.truth))

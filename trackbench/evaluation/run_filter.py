@@ -90,6 +90,7 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
     if delivered is not None and delivered.refilters:
         refilter = _make_refilter(task, model, delivered, scorer.visible, rng, clock)
     if delivered is not None:
+        # A late measurement stands at the step at which the filter gets it.
         scorer.visible = delivered.given(scorer.visible)
     prior = prior_of(assumed_data, model)
     recorder = _Recorder(task, assumed_data, model, covariances)
@@ -170,6 +171,7 @@ def _make_refilter(
     steps = task.scenario.steps[1:].tolist()
 
     def repeat(state: Any, z: Array, first: int) -> Iterator[Any]:
+        """Yield the states after the measurements z, the first of them at the step ``first``."""
         many = _filter_many(tracker, model, state, z, steps[first])
         for i in range(z.shape[1]):
             if many is None:
@@ -179,6 +181,7 @@ def _make_refilter(
                 yield many.state(i)
 
     def copy(state: Any) -> Any:
+        """Return the state, or a copy if a step may change it."""
         # A program's step changes its state, and so does that of a plugin that breaks the contract.
         if tracker.loops_over_runs or foreign_parts(tracker):
             return deepcopy(state, {id(model): model})
@@ -274,6 +277,7 @@ class _Recorder:
         self._next_step = 0
         self._next_diagnostics = 1  # the first state has no diagnostics
         self._consistency = ConsistencySeries(scenario, self._mean, data.truth)
+        # Calibration compares a posterior with the truth.
         wanted = task.predictive_metrics if scenario.has_truth else ()
         self._calibration = Calibration(scenario.components, wanted)
         self._angles = scenario.angle_rows

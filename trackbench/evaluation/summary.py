@@ -162,7 +162,10 @@ def per_component(m: Measure, sizes: Mapping[str, int]) -> Iterator[tuple[str, i
 def _time_means(
     result: FilterResult, windows: Mapping[str, Mask], lost: int
 ) -> Iterator[SummaryRow]:
-    """Yield the mean over each window's steps of the RMSE over the runs."""
+    """Yield the mean over each window's steps of the RMSE over the runs.
+
+    ``windows`` are masks (T + 1,) by name, and ``lost`` is the number of lost runs, for the rows.
+    """
     for series, sums in result.steps.items():
         names = [name for metric, name in metrics_of(series) if metric.name == "rmse"]
         for name in names:
@@ -219,7 +222,7 @@ def bound_summary(
     windows: Mapping[str, Mask],
     without: Sequence[Mapping[str, Array]] = (),
 ) -> Iterator[SummaryRow]:
-    """Yield a scenario's lower bounds on every RMSE (T + 1,), over each window.
+    """Yield a scenario's lower bounds on every RMSE (T + 1,), over each window, a mask (T + 1,).
 
     The standard error is from the bounds ``without`` each batch of simulated paths.
     """
@@ -239,7 +242,10 @@ def bound_summary(
 def bound_steps(
     bounds: Mapping[str, Array], without: Sequence[Mapping[str, Array]] = ()
 ) -> Iterator[StepColumns]:
-    """Yield a scenario's lower bounds at every step, as `step_columns` has the RMSE."""
+    """Yield a scenario's lower bounds (T + 1,), as `step_columns` has the RMSE.
+
+    The standard error is from the bounds ``without`` each batch of simulated paths.
+    """
     for quantity, bound in bounds.items():
         stderr = np.full_like(bound, _jackknife([others[quantity] for others in without]))
         yield StepColumns(

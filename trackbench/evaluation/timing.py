@@ -129,7 +129,7 @@ class _Pass:
         """CPU seconds of each repeat"""
 
     def _time_steps(self) -> Array:
-        """Step through the block, or its beginning; return each step's CPU seconds."""
+        """Step through the block, or its beginning; return the CPU seconds (steps,) of each step."""
         T = len(self._steps)
         rng = block_stream(self._task.seed, 0)
         evenly_spaced = [j * T // _REPEATED_STEPS for j in range(_REPEATED_STEPS)]
@@ -160,7 +160,10 @@ class _Pass:
         return deepcopy(state, {id(self._model): self._model})
 
     def repeated(self) -> "_Pass":
-        """Time one of the steps, several times if it is short; the next one in the next turn."""
+        """Time one of the steps, several times if it is short; return the pass.
+
+        The next call times the next of the steps that are repeated.
+        """
         stored = list(self._states.items())
         i, state = stored[len(self._seconds) % len(stored)]
         rng = block_stream(self._task.seed, 0)

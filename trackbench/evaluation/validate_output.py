@@ -96,7 +96,10 @@ def check_numbers(kind: str, values: dict[str, Any], *batch: int) -> None:
 
 
 def checked_metrics(values: dict[str, Any], runs: int) -> dict[str, Array]:
-    """Validate a scenario's run metrics and their names, such as ``detection_delay_s[leg 1]``."""
+    """Return a scenario's metrics (M,) of all runs, by names such as ``detection_delay_s[leg 1]``.
+
+    Raises ValueError for other arrays and names. ``runs`` is M.
+    """
     metrics = checked_numbers("metric", values, runs)
     for name in metrics:
         if not _METRIC.fullmatch(name):

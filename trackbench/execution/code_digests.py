@@ -179,6 +179,7 @@ def _inputs() -> tuple[Array, Array]:
 
 
 def _digest(results: Iterable[NDArray[Any]]) -> str:
+    """Digest the bytes of arrays by SHA-256."""
     digest = hashlib.sha256()
     for result in results:
         digest.update(np.ascontiguousarray(result).tobytes())

@@ -82,10 +82,10 @@ class Plan:
         return replace(self, tasks=tasks)
 
 
-def make_plan(experiment: Experiment, save_tracks: bool = False, looks: Sequence[int] = ()) -> Plan:
+def make_plan(experiment: Experiment, save_tracks: bool = False, stops: Sequence[int] = ()) -> Plan:
     """Split every filter's runs into blocks.
 
-    ``save_tracks`` records the tracks of more runs. ``looks`` are the numbers of runs after which the
+    ``save_tracks`` records the tracks of more runs. ``stops`` are the numbers of runs after which the
     experiment may stop, so that results of that many runs are needed.
     """
     settings = experiment.settings
@@ -115,9 +115,14 @@ def make_plan(experiment: Experiment, save_tracks: bool = False, looks: Sequence
             )
             tasks[i, label] = []
             for begin in range(0, settings.runs, width):
-                stops = tuple(n - begin for n in looks if 0 < n - begin < width)
+                stops_in_block = tuple(n - begin for n in stops if 0 < n - begin < width)
                 used = min(width, settings.runs - begin)
-                block = replace(first, index=begin // width, runs_used=used, extra_run_counts=stops)
+                block = replace(
+                    first,
+                    index=begin // width,
+                    runs_used=used,
+                    extra_run_counts=stops_in_block,
+                )
                 tasks[i, label].append(block)
     return Plan(tasks, experiment.plugins, settings.name)
 

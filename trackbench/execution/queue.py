@@ -271,6 +271,7 @@ class Queue:
 
 
 def _death_message(task: BlockTask) -> str:
+    """Return the message on a block over which workers died, and the keys that may help."""
     keys = "`block` or `N`" if "N" in field_values(task.filter) else "`block`"
     return (
         f"its worker died {_MOST_DEATHS} times (killed, or out of memory?) over "

@@ -125,6 +125,10 @@ def compute_batch(
 def _compute_stack(
     work: Work, plugins: tuple[Plugin, ...], expected: Environment, stores: bool
 ) -> Computed:
+    """Compute the blocks of a stack in this process; write them to their files if ``stores``.
+
+    Results that are written are not returned. ``expected`` are the digests of the requesting process.
+    """
     started = time.perf_counter()
     results: list[dict[int, BlockResult]] | Exception
     try:

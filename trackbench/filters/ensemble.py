@@ -192,6 +192,7 @@ class EnKF(SmoothingFilter[Ensemble], EnsembleFilter):
         """Smooth the members of every step by the ensemble RTS smoother (Raanes 2016)."""
 
         def smooth_one_back(i: int, later: Array) -> Array:
+            """Smooth the members (n, M, N) of a step by the smoothed ones of the next step."""
             x = states[i].x
             predicted = states[i + 1].predicted
             assert predicted is not None
@@ -209,7 +210,11 @@ class EnKF(SmoothingFilter[Ensemble], EnsembleFilter):
     def _perturbed(
         self, x: Array, dz: Array, nu: Array, K: Array, R: Array, rng: Generator
     ) -> Array:
-        """Move the members to x_i + K (z + e_i - z_i), e_i ~ N(0, R)."""
+        """Move the members x (n, M, N) to x_i + K (z + e_i - z_i), e_i ~ N(0, R).
+
+        ``dz`` (n_z, M, N) are the deviations of their predicted measurements z_i from the mean of these,
+        and ``nu`` (n_z, M) is the innovation of that mean.
+        """
         error = Gaussian(np.zeros_like(nu), R).sample(rng, self.N)
         if self.centered:
             # Without their mean the errors have (N - 1) / N of the variance.
@@ -239,8 +244,8 @@ def _transformed(dx: Array, dz: Array, S: Array, R: Array) -> Array:
     """Return the deviations of the updated members, ``dx T`` (ensemble transform).
 
     T is the symmetric root ``(I + dz' R^-1 dz / (N - 1))^-1/2``. ``dx`` (n, M, N) and ``dz`` (n_z, M, N)
-    are the deviations of the members and of their predicted measurements, S is the covariance of the
-    innovation.
+    are the deviations of the members and of their predicted measurements. S is the covariance of the
+    innovation, and R that of the measurement.
     """
     # E = I - W W' = L^-1 R L'^-1 = V diag(w) V'.
     L = linalg.cholesky(S)

@@ -221,12 +221,14 @@ class Grid(Filter[Resolved]):
             n = max(_FEW_STRETCHES * n // number_of_stretches, _LEAST_NODES)
 
         def transition(x: Array) -> Callable[[Array], Array]:
+            """Return the density of the next state, given the states x."""
             distribution = motion.transition(x[None], k)
             if isinstance(distribution, Gaussian):
                 return lambda x_new: elementary.exp(distribution.log_prob(x_new[None]))
             return lambda x_new: cast(Shifted, distribution).prob(x_new[None])
 
         def origins(x_new: Array) -> quadrature.Interval:
+            """Return the interval of states from which the motion may lead to ``x_new``."""
             if isinstance(motion, BoundedMotion):
                 return motion.origins(x_new, k)
             return np.full_like(x_new, -np.inf), np.full_like(x_new, np.inf)

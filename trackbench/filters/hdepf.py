@@ -82,7 +82,7 @@ class Greedy:
     """Selection of strictly better trials: ``>=`` would accept all trials where fitness underflows."""
 
     def accept(self, gain: Array, rng: Streams) -> Mask:
-        """Accept where the gain is positive."""
+        """Accept where the gain (M, N) in what is compared is positive."""
         return np.asarray(gain > 0.0)
 
     def cool(self) -> "Greedy":
@@ -97,7 +97,7 @@ class Metropolis(NamedTuple):
     rho: float
 
     def accept(self, gain: Array, rng: Streams) -> Mask:
-        """Accept trials (M, N) by the Metropolis criterion."""
+        """Accept trials by the Metropolis criterion, given their gain (M, N) in what is compared."""
         return metropolis(gain, self.T, rng)
 
     def cool(self) -> "Metropolis":
@@ -278,6 +278,7 @@ class PFDE(EvolutionFilter):
     def _draw_proposals(
         self, model: Model, state: PFState, z: Array, k: int, rng: Generator
     ) -> Proposals:
+        """Draw the proposals from the motion."""
         transition = model.motion.transition(state.particles.x, k)
         return Proposals(x=transition.sample(rng), q=transition)
 

@@ -370,6 +370,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         models = self.models(model)
 
         def smooth_one_back(step: int, later: ModelBank) -> ModelBank:
+            """Smooth the models' states and weights of a step by the smoothed ones of the next step."""
             bank = states[step]
             priors = [per_run_moments(state) for state in bank.states]
             _, mixing = predict_weights(bank.weights, np.array(self.transition))

@@ -147,6 +147,7 @@ class ProposalFilter(Filter[PFState]):
         prior = model.motion.transition(origin, k)
 
         def log_target(x: Array) -> Array:
+            """Return the log-density that the proposals aim at."""
             # log p(z_k | x), in the arithmetic of the key `weights`
             likelihood = read_likelihood(log_likelihood(model.sensor, z, x, k), arithmetic)
             if transition == "model":

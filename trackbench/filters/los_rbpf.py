@@ -327,7 +327,7 @@ def _add_range_covariance(moments: Gaussian, P: Array) -> Gaussian:
 
 
 def _to_frame(azimuth: Array, x: Array) -> Array:
-    """Transform states (px, vx, py, vy) to (2 tan(d / 2), v_c, r, r'), d the angle from an azimuth.
+    """Transform states x, (px, vx, py, vy), to (2 tan(d / 2), v_c, r, r'), d the angle from an azimuth.
 
     2 tan(d / 2) is nearly the angle d, with an error of third order. It does not jump within the
     particles, and the transform back needs no cosine.
@@ -352,7 +352,7 @@ def _to_frame(azimuth: Array, x: Array) -> Array:
 
 
 def _from_frame(azimuth: Array, frame: Array) -> Array:
-    """Transform line-of-sight coordinates about an azimuth to states (px, vx, py, vy)."""
+    """Transform ``frame``, line-of-sight coordinates about an azimuth, to states (px, vx, py, vy)."""
     t = 0.5 * frame[0]
     v_c, r, v_r = frame[1:]
     # cos d = 2 / (1 + t^2) - 1,  sin d = 2 t / (1 + t^2),  t = tan(d / 2)
@@ -369,7 +369,10 @@ def _from_frame(azimuth: Array, frame: Array) -> Array:
 
 
 def _to_cartesian(c: Array, s: Array, v_c: Array, r: Array, v_r: Array) -> Array:
-    """Transform range, range rate and cross speed to (px, vx, py, vy), u = (c, s) the line of sight."""
+    """Transform cross speed v_c, range r and range rate v_r to (px, vx, py, vy).
+
+    u = (c, s) is the line of sight.
+    """
     out = np.empty((4, *r.shape))
     # p = r u
     np.multiply(r, c, out=out[0])

@@ -45,6 +45,7 @@ class SimulatingSmoother(SmoothingFilter[PFState], ParticleFilter):
         angles = angle_rows(model.motion)
 
         def draw_one_back(i: int, later: Array) -> Array:
+            """Draw a state of the trajectories at a step, given their states ``later`` (n, M, r)."""
             cloud = states[i].weighted
             transition = model.motion.transition(cloud.x, k + 1 + i)
 

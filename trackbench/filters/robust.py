@@ -225,7 +225,10 @@ class StudentT(RobustUpdate):
         return np.asarray((self.df + n) / (self.df + squared))
 
     def log_ratio(self, nis: Array, n: Index) -> Array:
-        """Return the ratio of the t density of scale S."""
+        """Return the log-ratio (M,) of the t density of scale S to the normal one, by NIS (M,).
+
+        n (M,) counts the measured components.
+        """
         constants = [
             log_gamma(0.5 * (self.df + i)) - log_gamma(0.5 * self.df) - 0.5 * i * log(0.5 * self.df)
             for i in range(int(n.max(initial=0)) + 1)

@@ -324,7 +324,8 @@ def _cov_by_points(
 ) -> Array:
     """Compute P as the sum of the squares of ``x - K z`` over the points, plus ``K R K'``.
 
-    The difference P^- - K S K' has lost its digits where the measurement is exact.
+    ``x`` are the points (n_x, points, *batch), and z the measurements of these. The difference
+    P^- - K S K' has lost its digits where the measurement is exact.
     """
     K = linalg.matmul(measured.C, linalg.inverse(measured.S))
     explained = linalg.matvec(K[:, :, None], measured.relative - measured.mean[:, None])

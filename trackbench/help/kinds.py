@@ -8,6 +8,7 @@ import inspect
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, cast
 
+from trackbench.durations import listed_time_in_words
 from trackbench.extension_points import Part, hooks, key_of, overridden_hooks
 from trackbench.field_types import dataclasses_in, part_group
 from trackbench.help.metrics import (
@@ -62,7 +63,7 @@ def experiments() -> str:
     for paper, entries_of_paper in groupby(shipped, key=lambda entry: entry.paper):
         lines.append(f"\n  {paper or 'Beyond the papers'}")
         for entry in entries_of_paper:
-            time = _format_time(entry.cpu_s)
+            time = listed_time_in_words(entry.cpu_s)
             lines.append(f"    {entry.name:<{width}}  {time:>6}  {entry.title}")
     return "\n".join(lines)
 
@@ -78,7 +79,7 @@ def problems() -> str:
                 problem.name,
                 f"v{problem.version}",
                 str(problem.numbers),
-                _format_time(problem.cpu_s),
+                listed_time_in_words(problem.cpu_s),
                 problem.reference,
                 problem.title,
             )
@@ -113,15 +114,6 @@ def _rows_of_metrics(words: Iterable[str]) -> Iterator[JsonRow]:
         row = facts(word)
         if row:
             yield row
-
-
-def _format_time(seconds: float | None) -> str:
-    """Write a time in seconds or minutes; empty if it is unknown."""
-    if seconds is None:
-        return ""
-    if seconds < 100:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min"
 
 
 def description(kind: str) -> str:

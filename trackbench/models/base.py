@@ -138,7 +138,10 @@ def central_differences(
 
 
 def _displaced_states(x: Array, steps: Sequence[Array]) -> Iterator[Array]:
-    """Yield x + h e_i and then x - h e_i for each component i, made as they are needed."""
+    """Yield x + h_i e_i and then x - h_i e_i, (n, *batch) each, for each component i.
+
+    ``steps`` are the h_i (*batch). The states are made as they are needed, to save memory.
+    """
     for i, h in enumerate(steps):
         ahead = x.copy()
         ahead[i] += h

@@ -264,6 +264,7 @@ def _without_os_exit() -> Iterator[None]:
     real_exit = os._exit
 
     def raise_exit(status: int) -> NoReturn:
+        """Raise SystemExit in this process; a forked one ends."""
         if os.getpid() != process:
             real_exit(status)
         raise SystemExit(status)

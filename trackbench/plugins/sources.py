@@ -278,6 +278,7 @@ class Opened:
 
 
 def _is_unchanged(name: str, digest: str) -> bool:
+    """Test whether a file still has this digest."""
     with suppress(OSError):
         return digest_of(name) == digest
     return False
@@ -366,6 +367,7 @@ def _note_variables() -> Iterator[tuple[Any, Callable[[Any], Any]]]:
         encode = environment.encodekey
 
         def encode_and_note(key: Any, encode: Callable[[Any], Any] = encode) -> Any:
+            """Encode a variable's name; note it if code outside installed packages looks it up."""
             # The code that reads the variable, and not Python's own around it.
             frame = sys._getframe(1)
             while frame.f_back is not None and frame.f_globals["__name__"] in _READERS:

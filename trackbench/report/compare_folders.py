@@ -23,7 +23,7 @@ from trackbench.evaluation.metric_expression import measured
 from trackbench.evaluation.summary import per_component
 from trackbench.metrics import unit_of
 from trackbench.report.findings import phrases
-from trackbench.report.paired import compared_statistic, primary_metrics
+from trackbench.report.paired import compared_statistic, primary_metrics, with_statistic
 from trackbench.report.plotting import style
 from trackbench.report.results import Results
 from trackbench.report.table import Text, TextTable, rounded
@@ -83,6 +83,7 @@ class Row(NamedTuple):
     @property
     def fields(self) -> dict[str, Any]:
         """Row for programs, ``difference = b - a``."""
+        # The comparison ``change`` is of the second folder, its a, with the first, its b.
         return {
             "point": self.point,
             "filter": self.filter,
@@ -305,7 +306,7 @@ def rows_of(
             yield from rows_of(
                 infinite_key, Sample(infinite_a), Sample(infinite_b), paired, is_exact
             )
-        row_metric = metric if a.statistic == "mean" else f"{a.statistic}({metric})"
+        row_metric = with_statistic(a.statistic, metric)
     else:
         row_metric = metric
         numbers_a = (*number_a.estimate, number_a.runs)
@@ -344,7 +345,9 @@ def rows_of(
 def _infinite_z(comparison: Comparison) -> float:
     """Return z of an exact difference: infinite with its sign, 0 if it is zero."""
     difference = comparison.difference.value
-    return difference * inf if difference else 0.0
+    if not difference:
+        return 0.0
+    return difference * inf
 
 
 def _compare_distances(
@@ -365,7 +368,7 @@ def _compare_distances(
         distances = []
         for number in (change.a, change.b):
             sign = copysign(1.0, number.value)
-            distances.append(number.scaled(abs(number.value), sign))
+            distances.append(number.scaled(abs(number.value), factor=sign))
         return compare_numbers(*distances)
     if best == "one" and change.a.value > 0.0 < change.b.value:
         # The distance is |log x|, whose derivative is the sign of log x over x.
@@ -373,7 +376,7 @@ def _compare_distances(
         for number in (change.a, change.b):
             logarithm = float(log(number.value))
             sign = copysign(1.0, logarithm)
-            distances.append(number.scaled(abs(logarithm), sign, number.value))
+            distances.append(number.scaled(abs(logarithm), factor=sign, divisor=number.value))
         return compare_numbers(*distances)
     return change._replace(z=nan)
 
@@ -397,7 +400,8 @@ def table_of(title: str, rows: Sequence[Row], names: tuple[str, str]) -> TextTab
             f"{z:+.1f}" if isfinite(z) else "–",
         ]
         cells = [Text(_series(row)), Text(_with_unit(row.metric))]
-        cells += [Text(number, 0.0) for number in numbers]
+        # Any number as the second field puts the text to the right.
+        cells += [Text(number, number=0.0) for number in numbers]
         table.rows.append([*cells, Text(row.verdict)])
     changed = {_series(row) for row in rows if row.how != EQUAL}
     unchanged = [name for name in dict.fromkeys(map(_series, rows)) if name not in changed]
@@ -412,7 +416,9 @@ def _with_unit(metric: str) -> str:
     if metric.endswith(INFINITE):
         return metric
     unit = unit_of(measured(metric).metric)
-    return phrases.in_unit(metric, "" if unit == "1" else unit)
+    if unit == "1":
+        return metric
+    return phrases.in_unit(metric, unit)
 
 
 def _series(row: Row) -> str:
@@ -432,12 +438,16 @@ def _change(row: Row) -> str:
         return "–"
     if is_event(row.metric):
         text = f"{phrases.percent(difference)} of runs"
-        return text if difference < 0.0 else f"+{text}"
+        if difference < 0.0:
+            return text
+        return f"+{text}"
     if not before > 0.0 or "score" in row.metric:
         return f"{difference:+.2g}"
     share = difference / before
     text = phrases.percent(share)
-    return text if share < 0.0 else f"+{text}"
+    if share < 0.0:
+        return text
+    return f"+{text}"
 
 
 def changes(rows: Sequence[Row], verdict: str) -> list[str]:

@@ -262,6 +262,7 @@ def front(spots: Sequence[Spot], higher: bool = False) -> Iterator[Spot]:
 
     A lower value is better, or a ``higher`` one, as of an efficiency.
     """
+    # Times this sign, a lower value is a better one.
     sign = -1.0 if higher else 1.0
     best = np.inf
     for spot in sorted(spots, key=lambda s: (s.cost.value, sign * s.error.value)):

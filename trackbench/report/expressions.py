@@ -19,6 +19,7 @@ from trackbench.metrics import in_window
 from trackbench.report.results import Results
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import intervals as inference
+from trackbench.statistics.collapsed_runs import collapsed_in_words
 from trackbench.statistics.efficiency import efficiency
 from trackbench.statistics.estimates import (
     MISSING,
@@ -27,7 +28,6 @@ from trackbench.statistics.estimates import (
     Share,
     as_difference_of_proportions,
     as_difference_of_variances,
-    collapsed_in_words,
     gain,
     ignore_float_errors,
     linear_combination,
@@ -74,7 +74,9 @@ class Evaluator:
             return self._efficiency(m, common)
         over_runs = self._statistic_over_runs(m)
         if over_runs is None:
-            return self._at_step(m) if m.steps is not None else self._plain(m)
+            if m.steps is None:
+                return self._plain(m)
+            return self._at_step(m)
         if (m.filter, over_runs.name) not in self.runs:
             return MISSING
         values = self.runs[m.filter, over_runs.name] / over_runs.divisor
@@ -82,7 +84,9 @@ class Evaluator:
             return self._statistic(m.filter, over_runs.statistic, values, common)
         share = self._share(m.filter, values, common)
         # A lost run is an event of the share of lost runs: none is left out of that.
-        return share._replace(lost=0) if m.metric == "lost" else share
+        if m.metric == "lost":
+            return share._replace(lost=0)
+        return share
 
     def estimate_of_steps(self, m: Measure) -> OfSteps | None:
         """Return a measure of one recording with what each step adds to it.
@@ -199,7 +203,9 @@ class Evaluator:
         ratio = quotient(self.term(mine, common), self.term(other, common))
         if m.is_cpu_time:
             ratio = self._paired_times(mine, other) or ratio
-        return ratio if m.relation == "ratio" else gain(ratio)
+        if m.relation == "ratio":
+            return ratio
+        return gain(ratio)
 
     @ignore_float_errors
     def _controlled(self, mine: Measure, other: Measure) -> RunEstimate:
@@ -310,9 +316,13 @@ class Evaluator:
         """Read the values (M,) of the runs that a measure is of, NaN where it has none."""
         if m.is_efficiency:
             floor, distance = self.reference_and_rmsd(m)
-            return None if floor is None or distance is None else floor + distance
+            if floor is None or distance is None:
+                return None
+            return floor + distance
         over_runs = self._statistic_over_runs(m)
-        return self.runs.get((m.filter, over_runs.name)) if over_runs else None
+        if not over_runs:
+            return None
+        return self.runs.get((m.filter, over_runs.name))
 
     @ignore_float_errors
     def _win_rate(self, mine: Measure, other: Measure) -> RunEstimate:
@@ -324,20 +334,30 @@ class Evaluator:
         return self._share(mine.filter, np.where(np.isnan(a) | np.isnan(b), np.nan, a < b))
 
     def _share(self, label: str, values: Array, common: Mask | bool = True) -> RunEstimate:
-        """Return the share of the runs with a value (M,) above zero among those with a value."""
+        """Return the share of the runs with a value (M,) above zero among those with a value.
+
+        Only runs in ``common`` (M,) count. ``label`` is the filter's, whose lost runs are counted.
+        """
         events = np.where(np.isnan(values), np.nan, values > 0)
         share = Share(*self._statistic(label, "mean", events, common))
         if share.stderr != 0.0:
             return share
+        # All runs agree: the standard error is that of the exact interval.
         return share._replace(stderr=inference.share_stderr(share.events, share.runs))
 
     def _statistic(
         self, label: str, name: str, values: Array, common: Mask | bool = True
     ) -> RunEstimate:
-        """Estimate a statistic of values (M,) over the filter's valid runs, NaN for missing."""
+        """Estimate the statistic ``name`` of values (M,), NaN for missing, over the runs in ``common``.
+
+        ``label`` is the filter's, whose lost runs are counted.
+        """
         finite = ~np.isnan(values)
+        is_lost = ~finite
         codes = self.runs.get((label, "lost"))
-        lost = int((~finite if codes is None else codes > 0).sum())
+        if codes is not None:
+            is_lost = codes > 0
+        lost = int(is_lost.sum())
         used = finite & common
         x = values[used]
         if not len(x):
@@ -354,7 +374,10 @@ class Evaluator:
         )
 
     def _efficiency(self, m: Measure, common: Mask | bool) -> RunEstimate:
-        """Estimate the efficiency over the runs that neither the filter nor the reference lost."""
+        """Estimate the efficiency over the runs that neither the filter nor the reference lost.
+
+        Only runs in ``common`` (M,) count.
+        """
         floor, distance = self.reference_and_rmsd(m)
         if floor is None or distance is None:
             return MISSING
@@ -422,8 +445,12 @@ class Evaluator:
 
         None for a measure that is no statistic over runs, or not in the results.
         """
-        values = self.runs.get((m.filter, m.name)) if m.is_over_runs else None
-        return None if values is None else values[~np.isnan(values)]
+        if not m.is_over_runs:
+            return None
+        values = self.runs.get((m.filter, m.name))
+        if values is None:
+            return None
+        return values[~np.isnan(values)]
 
 
 def repeats_of(row: dict[str, Any]) -> Array:

@@ -46,7 +46,9 @@ class TableKind(Exhibit):
 
         A table with CPU times is written to ``run/tables/``, and without them to ``tables/``.
         """
-        return None if shows_cpu_times(self) else self
+        if shows_cpu_times(self):
+            return None
+        return self
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,7 +108,9 @@ def shows_cpu_times(exhibit: Exhibit) -> bool:
 
 def figure_folder(figure: Exhibit) -> str:
     """Return the folder of a figure within a results folder."""
-    return "run/figures" if shows_cpu_times(figure) else "figures"
+    if shows_cpu_times(figure):
+        return "run/figures"
+    return "figures"
 
 
 def _has_cpu_time(value: Any) -> bool:

@@ -12,6 +12,7 @@ from trackbench.config.plugin_checks import load_plugins
 from trackbench.errors import RunError, UserError, reason
 from trackbench.plugins.errors import foreign_line, package_line
 from trackbench.registry import Group
+from trackbench.report.findings import phrases
 from trackbench.report.results import Results
 from trackbench.results.folder import RUN_AGAIN
 from trackbench.results.folder_contents import FORMAT, RUN_FILES, Damage, check_digests
@@ -178,7 +179,7 @@ def _damage_lines(folder: Path, damage: Damage) -> list[str]:
     """Describe missing files in a line and changed ones in a line."""
     lines = []
     if damage.missing:
-        verb = "is" if len(damage.missing) == 1 else "are"
+        verb = phrases.verb(damage.missing)
         lines.append(f"{folder}: {_listed(damage.missing)} {verb} missing: {RUN_AGAIN}")
     if damage.changed:
         verb = "was" if len(damage.changed) == 1 else "were"
@@ -189,4 +190,6 @@ def _damage_lines(folder: Path, damage: Damage) -> list[str]:
 def _listed(names: Sequence[str]) -> str:
     """List the first three names, and say how many more there are."""
     first = ", ".join(names[:3])
-    return f"{first} and {len(names) - 3} more" if len(names) > 3 else first
+    if len(names) > 3:
+        return f"{first} and {len(names) - 3} more"
+    return first

@@ -94,8 +94,15 @@ def compared_statistic(config: Mapping[str, Any], metric: str) -> str:
     return compared_statistics(config).get(metric, default)
 
 
+def with_statistic(statistic: str, metric: str) -> str:
+    """Name a number over the runs: ``rmse_position`` of a mean, else ``rms(rmse_position)``."""
+    if statistic == "mean":
+        return metric
+    return f"{statistic}({metric})"
+
+
 def pairs_of(metric: str, samples: Mapping[str, Sample]) -> list[Pair]:
     """Compare every two filters with common runs, from their samples of a metric by label."""
     statistic = next((sample.statistic for sample in samples.values()), "mean")
-    name = metric if statistic == "mean" else f"{statistic}({metric})"
+    name = with_statistic(statistic, metric)
     return [Pair(a, b, name, comparison) for (a, b), comparison in compare_all(samples).items()]

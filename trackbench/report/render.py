@@ -8,7 +8,7 @@ matplotlib.
 import hashlib
 import json
 import os
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Future
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
@@ -120,7 +120,8 @@ def _digest_of_sources() -> str:
 def _add_file(digest: "hashlib._Hash", path: Path) -> None:
     """Add a file's name and content to a digest; of a missing file the name."""
     digest.update(f"\n{path.name}\n".encode())
-    digest.update(path.read_bytes() if path.is_file() else b"")
+    if path.is_file():
+        digest.update(path.read_bytes())
 
 
 def _matplotlibrc_paths() -> Iterator[Path]:
@@ -172,12 +173,16 @@ def drawing_pool(
     in the cache are not drawn again.
     """
     # Step 1: figures that are in the cache, and those that other processes draw.
-    figures = results.parts("figures") if formats else {}
+    figures: Mapping[str, FigureKind] = {}
+    if formats:
+        figures = results.parts("figures")
     cacheable: dict[str, FigureKind] = {}
     for name, spec in figures.items():
         if not is_plugin(type(spec).__module__):
             cacheable[name] = spec
-    figure_cache = FigureCache.of(results) if cacheable and not fresh else None
+    figure_cache = None
+    if cacheable and not fresh:
+        figure_cache = FigureCache.of(results)
     cached: dict[str, Files] = {}
     if figure_cache is not None:
         for name, spec in cacheable.items():
@@ -190,6 +195,7 @@ def drawing_pool(
     begun: dict[str, Future[Files]] = {}
 
     def get_files(name: str, spec: FigureKind) -> Files:
+        """Return the files of a figure: cached, drawn by another process, or drawn here."""
         if name in cached:
             return cached[name]
         try:
@@ -264,7 +270,9 @@ def render(
         with results.without("verdicts"):
             comparison = compare(results)
             write_comparison(results, comparison)
-        number = len(results.parts("figures")) if formats else 0
+        number = 0
+        if formats:
+            number = len(results.parts("figures"))
         what = f"{results.config['name']}: drawing"
         with progress_bar(number, "figure", progress and number > 0, desc=what) as bar:
 

@@ -50,6 +50,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 _ERROR = re.compile(r"rms\((rmse(?:_(\w+))?)\)")
+"""A row of summary.csv, ``rms(rmse_position)``, whose groups are its metric and its quantity."""
 _MOST_ROWS = 50
 """Of more there is `sweep.csv`."""
 
@@ -72,7 +73,9 @@ def default_keys(
         return {"kind": "rmse-vs-time", "x": "time", "metric": measure(errors[0][1])}
     columns = {}
     for error in errors[:2]:
-        words = f"RMSE of {error[2]}" if error[2] else "RMSE"
+        words = "RMSE"
+        if error[2]:
+            words += f" of {error[2]}"
         columns[phrases.in_unit(words, unit_of(error[1]))] = error[0]
     if errors and "anees" in metrics:
         columns["ANEES"] = "anees"
@@ -146,7 +149,9 @@ class Results(ResultsFolder):
         """Name of the key figure; empty if there is none."""
         figures = self.parts("figures")
         named = self.config.get("key_figure")
-        return named if named in figures else next(iter(figures), "")
+        if named in figures:
+            return named
+        return next(iter(figures), "")
 
     @property
     def target(self) -> Path:
@@ -382,7 +387,9 @@ class Results(ResultsFolder):
                 group = "scenarios"
                 settings = self.config[words[0]]
                 inner_words = words[1:]
-            unit = _unit(settings, group, None, inner_words) if inner_words else ""
+            if not inner_words:
+                continue
+            unit = _unit(settings, group, None, inner_words)
             if unit:
                 units[path] = unit
         return units
@@ -398,7 +405,9 @@ def _unit(settings: Any, group: str | None, cls: type[Any] | None, keys: Sequenc
     inner_keys = keys[1:]
     if group is not None:
         cls = kinds(cast(Group, group)).get(settings.get("kind", "ekf"))
-    hint = None if cls is None else hints_of(cls).get(key)
+    hint = None
+    if cls is not None:
+        hint = hints_of(cls).get(key)
     if key == "assume" and hint is None:
         return _unit(settings[key], None, Assume, inner_keys)
     if hint is None:
@@ -519,8 +528,10 @@ def points_of(results: Results, scene: GridPoint) -> list[GridPoint]:
 def own_values(results: Results, point: GridPoint, label: str) -> GridPoint:
     """Return the values that a point of the grid gives the filter ``label``, by single path."""
     # Linked paths have a list of values, which is a text in a point that is read from a file.
+    values = point
     place = results.index_of(point)
-    values = point if place is None else results.grid_points[place]
+    if place is not None:
+        values = results.grid_points[place]
     value_by_path: GridPoint = {}
     for path, value in values.items():
         value_by_path |= zip(single_paths(path), values_of(path, value), strict=True)
@@ -541,4 +552,6 @@ def named_form(label: str, keys: GridPoint, variants: Sequence[GridPoint]) -> st
     for key, value in keys.items():
         if any(variant.get(key) != value for variant in variants):
             differing[key] = value
-    return f"{label} ({phrases.heading(differing)})" if differing else label
+    if not differing:
+        return label
+    return f"{label} ({phrases.heading(differing)})"

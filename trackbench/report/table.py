@@ -14,7 +14,8 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.errors import counted
-from trackbench.statistics.estimates import COLLAPSED_NOTE, RunEstimate, Share, in_words
+from trackbench.statistics.collapsed_runs import COLLAPSED_NOTE
+from trackbench.statistics.estimates import RunEstimate, Share, in_words
 from trackbench.statistics.over_runs import Estimate, paired_difference
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ class TextTable:
         shown = [self.title] if self.title else []
         if self.rows:
             for line in lines:
-                padded = map("{:{}{}}".format, line, sides, widths)
+                padded = map("{:{}{}}".format, line, sides, widths)  # such as "{:>12}"
                 shown.append("  ".join(padded).rstrip())
         return "\n".join([*shown, *self.notes])
 
@@ -84,7 +85,8 @@ class TextTable:
                 heads[i] = f"{{{heads[i]}}}"
                 for row in rows:
                     is_number = _SIUNITX.fullmatch(row[i].removeprefix(_BOLD))
-                    row[i] = row[i] if is_number or row[i].startswith("{") else f"{{{row[i]}}}"
+                    if not is_number and not row[i].startswith("{"):
+                        row[i] = f"{{{row[i]}}}"
         # Step 2: the notes.
         notes = [_tex(note) for note in self.notes]
         cells = [cell for row in self.rows for cell in row if cell.tex]
@@ -204,7 +206,9 @@ def _cell_tex(cell: Text) -> str:
     text = cell.tex or _tex(cell.text)
     if not cell.best:
         return text
-    return f"{{{_BOLD}{text[1:]}" if text.startswith("{") else f"{_BOLD}{text}"
+    if text.startswith("{"):
+        return f"{{{_BOLD}{text[1:]}"
+    return f"{_BOLD}{text}"
 
 
 def _head_tex(text: str) -> str:
@@ -390,7 +394,9 @@ class Table:
         """Return ``value ± stderr`` in every cell; lost runs are named in a last column."""
         heads = []
         for head in self.key_headers:
-            heads.append(f"{head} ({self.units[head]})" if head in self.units else head)
+            if head in self.units:
+                head += f" ({self.units[head]})"
+            heads.append(head)
         heads += self.value_headers
         names_losses = any(cell.lost for cell in chain.from_iterable(self.cells))
         if names_losses:
@@ -506,7 +512,9 @@ def _exact_places(digits: int) -> int:
 
     It has three digits, or ``digits`` if these are more than the usual four.
     """
-    return digits - 1 if digits > _USUAL_DIGITS else 2
+    if digits > _USUAL_DIGITS:
+        return digits - 1
+    return 2
 
 
 def in_tex(value: float, stderr: float, digits: int) -> str:
@@ -542,9 +550,13 @@ def in_tex(value: float, stderr: float, digits: int) -> str:
     error_text = f"{error:.{places}f}"
     if float(error_text):
         number += f" +- {error_text}"
-    return f"{number} e{exponent}" if exponent else number
+    if not exponent:
+        return number
+    return f"{number} e{exponent}"
 
 
 def _exponent(x: float) -> int:
     """Return the exponent of the first digit: 2 of 316.4; 0 of zero."""
-    return floor(log10(abs(x))) if x else 0
+    if not x:
+        return 0
+    return floor(log10(abs(x)))

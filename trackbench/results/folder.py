@@ -303,6 +303,7 @@ class ResultsFolder:
 
     @cached_property
     def _runs(self) -> PointRuns:
+        """Values per run at each point: those of the run just made, or read from the file."""
         if self.run_values is not None:
             point_runs: PointRuns = {}
             for point, runs in zip(self._points_as_read(), self.run_values, strict=True):
@@ -351,6 +352,7 @@ class ResultsFolder:
         return self._columns[name].at(point)
 
     def _read(self, name: str) -> Columns:
+        """Read a table of rows by its name, ``per_run``, ``per_step``, ``summary`` or ``timing``."""
         if name == "per_step" and self.per_step_file == PER_STEP_FILE:
             columns = [*self.grid, *COLUMNS["per_step.csv"]]
             with self.reading(PER_STEP_FILE) as path:

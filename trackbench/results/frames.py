@@ -67,7 +67,7 @@ class Columns:
         return {}
 
     def _is_word(self, name: str, value: object) -> Array:
-        """Mark the rows whose word in a column is ``value``.
+        """Return which rows (R,) have the word ``value`` in the column ``name``.
 
         Words are compared by codes, which are whole numbers: that takes a hundredth of the time.
         """
@@ -139,7 +139,7 @@ def read_pieces(
 
 
 def _as_array(texts: Sequence[str], kind: type) -> Array:
-    """Convert a column's texts; equal words are one string in memory."""
+    """Convert a column's texts to an array (R,); equal words are one string in memory."""
     if kind is int:
         return np.fromiter(map(int, texts), dtype=np.int64, count=len(texts))
     if kind is float:

@@ -79,6 +79,7 @@ class FigureTracks(TrackFile):
     """
 
     def _arrays(self, label: str, tracks: Tracks, scenario: Scenario) -> dict[str, Array]:
+        """Return one filter's arrays by name: no more runs and digits than the figures show."""
         figures = [figure for figure in self.experiment.figures.values() if figure.shown_runs]
         # Number of runs that are drawn in all detail.
         exact_runs = _most_runs([f for f in figures if f.shown_components is None])

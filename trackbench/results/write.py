@@ -1,12 +1,12 @@
 """Write the files of a run into a results folder, each whole or not at all: CSV, tracks, config."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -49,7 +49,7 @@ from trackbench.evaluation.summary import (
 from trackbench.evaluation.timing import Measured
 from trackbench.execution.plan import Key
 from trackbench.execution.runner import Outcome
-from trackbench.models.sensors.base import Sensors, rows_of
+from trackbench.results.arrivals import arrival_rows
 from trackbench.results.folder_contents import (
     ARRIVAL_COLUMNS,
     ARRIVALS,
@@ -191,47 +191,10 @@ def write_results(
     # Step 3: the arrivals of late measurements, and the facts of the run.
     if any(point.scenario.longest_delay for point in experiment.points):
         columns = [*experiment.settings.grid, *ARRIVAL_COLUMNS]
-        write_csv(folder / ARRIVALS, columns, _arrival_rows(experiment, outcome))
+        write_csv(folder / ARRIVALS, columns, arrival_rows(experiment, outcome))
     facts = facts_of_run(experiment, outcome)
     facts["cpu_s"] = round(float(total(np.array(list(cpu_s_of_block.values())))), 3)
     return WrittenResults(losses=losses, facts=facts, run_values=tuple(csv_files.run_values))
-
-
-_ARRIVAL_RUNS = 20
-"""Runs whose arrivals are written, at most."""
-_ARRIVAL_ROWS = 20_000
-"""Arrivals that are written at most, unless the first run alone has more: git keeps the file."""
-
-
-def _arrival_rows(experiment: Experiment, outcome: Outcome) -> Iterator[Row]:
-    """Yield a row for each measurement of the first runs at the points with delayed measurements.
-
-    The row has the step of the measurement and the step at which it arrives, both as in per_step.csv.
-    The latter is empty if the run ends before the arrival.
-    """
-    delayed = [i for i, point in enumerate(experiment.points) if point.scenario.longest_delay]
-    for i in delayed:
-        point = experiment.points[i]
-        # Filters of this point that did not fail.
-        keys = [key for key in outcome.plan.tasks if key[0] == i and key not in outcome.failures]
-        if not keys:
-            continue
-        steps = point.scenario.steps[1:].tolist()
-        sensors = rows_of(cast(Sensors, point.scenario.true_sensor))
-        rows_of_a_run_at_all_points = len(steps) * len(sensors) * len(delayed)
-        runs = min(max(_ARRIVAL_ROWS // rows_of_a_run_at_all_points, 1), _ARRIVAL_RUNS)
-        # All filters of a point get the same data: those of the first one's blocks.
-        for task in outcome.plan.tasks[keys[0]]:
-            if task.first_run >= runs or task.data.arrival is None:
-                break
-            for m in range(min(task.runs_used, runs - task.first_run)):
-                head = [*point.values.values(), task.first_run + m]
-                for n, rows in enumerate(sensors):
-                    is_measured = ~np.isnan(task.data.measurements[rows, :, m]).all(axis=0)
-                    arrivals = task.data.arrival[n, :, m].tolist()
-                    for j in np.flatnonzero(is_measured).tolist():
-                        arrived = steps[arrivals[j]] if arrivals[j] < len(steps) else ""
-                        yield [*head, n + 1, steps[j], arrived]
 
 
 class CsvFiles:
@@ -420,7 +383,7 @@ def _numbered_rows(head: str, middle: str, values: Array, digits: int) -> tuple[
 
 
 def _texts(values: Array | Index, digits: int) -> list[str]:
-    """Write numbers with so many significant digits."""
+    """Write numbers (n,) with so many significant digits."""
     # Equal numbers are written once.
     bits = np.ascontiguousarray(values).view(f"u{values.itemsize}")
     if len(values) > 1 and (bits == bits[0]).all():

@@ -78,6 +78,7 @@ def motion_matrices(motion: SampledMotion) -> tuple[Array, Array]:
 
 def bound_along_path(course: Course, path: Array) -> Bound:
     """Bound errors along a path (n, K) that is flown in every run."""
+    # The motion may have more components than the path: the first n are the target's.
     n = len(path)
     steps_and_states = zip(course.steps[1:], path.T[1:], strict=True)
     information = (course.sensor.information(x, k) for k, x in steps_and_states)

@@ -137,7 +137,7 @@ class LargerNoise(Fault):
         return 1.0 + self.share * (self.changed_variance - 1.0)
 
     def faulty(self, stretch: Stretch) -> Array:
-        """Return the measurements, of which the share is changed; one without a known truth stays."""
+        """Return measurements (n_z, S, M), a share of them changed; one without a known truth stays."""
         needed = stretch.noise if self.uses_noise else stretch.z
         changed = ~np.isnan(needed)
         if self.share < 1.0:
@@ -226,7 +226,7 @@ class Outliers(LargerNoise):
                 raise InvalidKeyError("ends before it begins", "density", "region", name)
 
     def drawn(self, stretch: Stretch) -> Array:
-        """Return all measurements of the stretch as outliers, drawn from the density if there is one."""
+        """Return all measurements (n_z, S, M) as outliers, drawn from the density if there is one."""
         if self.density is None:
             return super().drawn(stretch)
         z = stretch.z

@@ -78,6 +78,7 @@ class FaultContext(NamedTuple):
             names += [fault.name, f"after {fault.name}"]
 
     def _check_fault(self, fault: Fault, names: Sequence[str], has_truth: bool) -> None:
+        """Raise InvalidKeyError, with the key in the fault; ``names`` are those that are taken."""
         number = len(sensors_of(self.sensor))
         if fault.sensor is not None and fault.sensor > number:
             what = f"{fault.sensor} is no sensor: this scenario has {number}"
@@ -259,7 +260,9 @@ class FaultContext(NamedTuple):
         """Return the measurements of a fault's sensor in the steps of the fault."""
         inside = self.measured(fault)
         times = self.times[1:][inside]
-        begin = times[0] if fault.from_ is None else fault.from_
+        begin = fault.from_
+        if begin is None:
+            begin = times[0]
         return Stretch(
             z=z[self.rows(fault), inside],
             elapsed=times - begin,

@@ -102,6 +102,7 @@ class Tracking(Scenario):
 
     @property
     def _fault_context(self) -> FaultContext:
+        """Sensors and steps that the faults refer to."""
         return FaultContext(
             sensor=self.true_sensor,
             steps=self.steps,
@@ -281,7 +282,7 @@ class Tracking(Scenario):
 
     @property
     def windows(self) -> dict[str, Mask]:
-        """All that is scored, the target's own stretches, those of the score, and of faults."""
+        """Masks (K,) of steps by name: all scored ones, and stretches of target, score and faults."""
         scored = self.score.scored_steps(self.steps, self._trained)
         windows = {"": scored}
         windows |= self.target.windows(self.times, scored)
@@ -332,7 +333,9 @@ class Tracking(Scenario):
         # Step 1: the true first state, drawn by some starts for a driven target.
         configured = repeated(self.target.start(self._timeline), runs)
         is_driven = self.target.own_motion is not None
-        start = self._start.truth(configured, rng) if is_driven else configured
+        start = configured
+        if is_driven:
+            start = self._start.truth(configured, rng)
         # Step 2: the truth and its measurements; the start uses up the first scans.
         flight = self.target.fly(start, self._timeline, self.true_sensor, rng, scans)
         first_scans, measurements = np.split(flight.measurements, [scans], axis=1)

@@ -73,7 +73,7 @@ def _root_share(numerator: Array, denominator: Array) -> RunEstimate:
 
 @np.errstate(all="ignore")
 def _share(numerator: Array, denominator: Array) -> tuple[float, Array]:
-    """Return the ratio of two means over the runs, with the influences (M,) on it."""
+    """Return the ratio of the means of two numbers (M,) over the runs, with influences (M,) on it."""
     a = float(sums.mean(numerator))
     b = float(sums.mean(denominator))
     influences = influence_of_ratio(

@@ -62,6 +62,10 @@ class Sides(NamedTuple):
         return self._together(self.first.above(z), self.second.below(z), z * other)
 
     def _together(self, a: float, b: float, other: float) -> float:
+        """Return the width of a difference from the widths a and b of its two numbers.
+
+        ``other`` is the width of the hypothesis's own error.
+        """
         if not a + b < inf:
             return inf
         # d^2 = a^2 + b^2 - 2 rho a b, plus the hypothesis' own variance
@@ -80,7 +84,7 @@ def of_variances(first: Array, second: Array) -> Sides | None:
 
 
 def correlation(a: Array, b: Array) -> float:
-    """Return the correlation of two numbers from their influences (M,); zero if one of them is exact."""
+    """Return the correlation of two numbers from their influences a and b (M,); zero if one is exact."""
     common = ~np.isnan(a - b)
     a = a[common]
     b = b[common]
@@ -149,6 +153,7 @@ class Events(NamedTuple):
         return self.factor * (self._limits(z)[1] - self.events / self.runs)
 
     def _limits(self, z: float) -> tuple[float, float]:
+        """Return both limits of the share at z standard deviations."""
         from scipy.special import ndtr
 
         return _limits(self.events, self.runs, float(ndtr(-z)))

@@ -43,7 +43,7 @@ def mean(x: Array) -> Estimate:
 
 @_quietly
 def variance(x: Array) -> Estimate:
-    """Return the unbiased variance; standard error by leaving out one run at a time (its influences)."""
+    """Return the unbiased variance of x (M,); standard error by leaving out one run at a time."""
     M = len(x)
     if M < 2:
         return Estimate(np.nan, np.nan)
@@ -67,7 +67,7 @@ def rms(x: Array) -> Estimate:
 
 @_quietly
 def median(x: Array) -> Estimate:
-    """Return the median; standard error from its 95 % rank interval over 2 * 1.96 (Woodruff 1952)."""
+    """Return the median of x (M,); standard error from its rank interval (Woodruff 1952)."""
     M = len(x)
     if M < 2:
         return Estimate(_mean(x), np.nan)
@@ -90,6 +90,7 @@ def deviation(x: Array) -> Estimate:
 
 
 def _influence_on_rms(x: Array) -> Array:
+    """Return the influence (M,) of each run on the rms of x (M,)."""
     M = len(x)
     squares = np.square(x)
     # Mean square of the other runs, from which the jackknife takes the root.
@@ -98,6 +99,7 @@ def _influence_on_rms(x: Array) -> Array:
 
 
 def _influence_on_deviation(x: Array) -> Array:
+    """Return the influence (M,) of each of the runs' values on their standard deviation."""
     # ds = ((x - m)^2 - s^2) / (2 s)
     squares = np.square(x - _mean(x))
     return (squares - _mean(squares)) / (2.0 * np.sqrt(_mean(squares)))
@@ -230,8 +232,9 @@ def interval(name: str, x: Array, level: float = 0.95) -> tuple[float, float]:
 
 
 def _rank_interval(x: Array, level: float) -> tuple[float, float]:
-    """Return the k-th smallest and k-th largest value; NaN for too few (Conover 1999, section 3.2).
+    """Return the ends of the median's interval: the k-th smallest and k-th largest of x (M,).
 
+    NaN for too few values (Conover 1999, section 3.2). k follows from the confidence ``level``.
     scipy's ``quantile_test`` gives the same, half a second of imports later.
     """
     from scipy.special import bdtr
@@ -249,12 +252,14 @@ def _rank_interval(x: Array, level: float) -> tuple[float, float]:
 
 
 def _mean(x: Array) -> float:
+    """Return the mean of values (M,); NaN of none."""
     if len(x) == 0:
         return np.nan
     return float(total(x) / len(x))
 
 
 def _sd(x: Array) -> float:
+    """Return the standard deviation of values (M,); NaN of fewer than two."""
     if len(x) < 2:
         return np.nan
     return float(np.sqrt(total(np.square(x - _mean(x))) / (len(x) - 1)))

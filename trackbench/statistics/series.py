@@ -153,7 +153,7 @@ def _mean_without_spread(mean: float) -> SeriesMean:
 
 
 def _refused_autocorrelation(d: Array) -> str:
-    """Explain why the autocorrelation of centered values (T,) is too high; empty if it is not."""
+    """Explain why the autocorrelation of centered values d (T,) is too high; empty if it is not."""
     # r = sum d_k d_{k-1} / sum d_k^2 is too small by (1 + 3 r) / T.
     T = len(d)
     r = float(dot(d[1:], d[:-1])) / float(total(d * d))

@@ -28,6 +28,7 @@ Values: TypeAlias = tuple[Any, ...]
 Rank: TypeAlias = tuple[int, float]
 """Runs lost, and the objective of the others: the smaller, the better."""
 Shares: TypeAlias = tuple[float, ...]
+"""A place: the share of each axis, from 0 at its lower end to 1 at its upper end."""
 Requests: TypeAlias = Generator[list[Values], Mapping[Values, Rank], None]
 """Yields values to try, any of them at once, and receives their ranks."""
 
@@ -49,7 +50,10 @@ _LOST_RUN = 1e12  # weight of a lost run in the simplex: more than any objective
 
 
 def neighbor_budget(axes: Sequence[Axis], budget: int) -> int:
-    """Return the part of the budget that is reserved for the neighbors of the best trial."""
+    """Return the part of the budget that is reserved for the neighbors of the best trial.
+
+    It is at most a third, so that a small budget is spent on the search itself.
+    """
     numeric_axes = sum(not axis.choices for axis in axes)
     return min(2 * len(_NEIGHBOR_STEPS) * numeric_axes, budget // 3)
 
@@ -165,6 +169,7 @@ class Search:
         from scipy.optimize import minimize
 
         def rank(numbers: Array) -> float:
+            """Return the rank of these shares of the numeric axes as one number; raises if unknown."""
             place_of_numbers = self._with_numbers(place, numbers)
             values = self._values_at(place_of_numbers)
             if values not in self.ranks:
@@ -172,6 +177,7 @@ class Search:
             lost, objective = self.ranks[values]
             return min(_LOST_RUN * lost + objective, _WORST_OBJECTIVE)
 
+        # Only the size of the simplex ends it, not the differences of its ranks.
         options = {"initial_simplex": corners, "xatol": _SIMPLEX_TOLERANCE, "fatol": np.inf}
         bounds = [(0.0, 1.0)] * len(self._numeric_axes)
         try:
@@ -404,4 +410,5 @@ def _follow_while_good(line: list[tuple[float, float]], limit: float) -> float:
 
 
 def _round_number(number: float) -> float:
+    """Round to the digits of tuning.csv."""
     return float(f"{number:.{_DIGITS}g}")

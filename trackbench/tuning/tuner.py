@@ -50,6 +50,7 @@ def tune(
         while True:
             for tuner in tuners:
                 bar.update(tuner.advance())
+                # Training blocks have the indices -1, -2, and so on.
                 missing = sorted(tuner.missing, key=lambda task: abs(task.index))
                 queue.add(missing, experiment.plugins)
             if not any(tuner.missing for tuner in tuners):
@@ -77,6 +78,7 @@ class _SessionBlocks:
         self._finished: set[BlockTask] = set()
 
     def get(self, task: BlockTask) -> BlockResult | None:
+        """Return a block, or None if it is to be computed."""
         if self._fresh and task not in self._finished:
             return None
         return self._store.get(task)
@@ -216,6 +218,7 @@ class Training:
         """
         settings = self._experiment.settings
         width = ceil(settings.tuning.runs / self._number_of_blocks(trial))
+        # An RMSD is the difference from the reference filter.
         reference = None
         if any(name.startswith("rmsd") for name in self.objective.metrics):
             reference = self._point.filters[settings.reference or ""]
@@ -226,7 +229,7 @@ class Training:
             filter=trial.filter,
             assume=trial.assume,
             seed=settings.seed,
-            index=-1 - number,
+            index=-1 - number,  # negative: other runs than those of the results
             width=width,
             runs_used=min(width, settings.tuning.runs - number * width),
             reference=reference,

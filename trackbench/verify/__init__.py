@@ -52,6 +52,7 @@ def verify(folder: Path, runs: int, allow_plugins: bool = False) -> list[str]:
 
 
 def _compare(results: Results, experiment: Experiment, runs: int) -> Iterator[str]:
+    """Yield a line on each difference of a folder from its first ``runs`` runs, computed again."""
     folder = results.folder
     all_runs = experiment.settings.runs
     if any(results.index_of(point) is None for point in results.points()):

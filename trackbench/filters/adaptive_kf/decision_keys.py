@@ -151,7 +151,8 @@ def exit_cautions(
 def steady_acceleration_variance(mf: ConstantAcceleration, T: float, R: Array) -> float:
     """Return the variance of the maneuvering filter's acceleration after many steps, (m/s^2)^2.
 
-    It is the solution of a Riccati equation. q must be positive.
+    It is the solution of a Riccati equation, for a position every T seconds with the variance R (1, 1).
+    The motion's q must be positive.
     """
     from scipy.linalg import solve_discrete_are
 

@@ -190,6 +190,7 @@ def augmented_start(state: Gaussian, z: Array, T: float, R: float) -> Gaussian:
 
 
 def _with(ring: Array, k: int, entry: Array) -> Array:
+    """Return a copy of a ring of entries with that of step k replaced."""
     out = ring.copy()
     out[k % len(ring)] = entry
     return out

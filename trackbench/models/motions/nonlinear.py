@@ -11,24 +11,23 @@ from typing import Annotated, ClassVar, Self
 import numpy as np
 from annotated_types import Interval
 
-from trackbench.core import linalg
 from trackbench.core.angles import near
-from trackbench.core.arrays import Array, fixed, with_trailing
+from trackbench.core.arrays import Array, fixed
 from trackbench.core.distributions import Gaussian
 from trackbench.field_types import Finite, InvalidKeyError, freeze_mappings
 from trackbench.models.base import (
     Motion,
     SampledMotion,
     central_differences,
-    hessian_by_differences,
 )
 from trackbench.models.equations import ArrayProgram, Covariance, Equations, Term
 from trackbench.models.inputs import KnownInputs
 from trackbench.models.motions.kinematic import Linear
+from trackbench.models.motions.runge_kutta import RungeKuttaStep
+from trackbench.models.motions.steps import MapStep, Step
 from trackbench.registry import register
 
 _MOST_SUBSTEPS = 10_000  # some seconds for a step
-_COLUMNS = 16_384  # states that are integrated at a time: their slopes stay in the cache
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,128 +165,6 @@ class EquationMotion(AngledMotion):
     @abstractmethod
     def _step(self, T: float, f: ArrayProgram, jacobian: ArrayProgram) -> "Step":
         """Return the noise-free motion over T seconds."""
-
-
-class Step:
-    """A noise-free step by a map: ``x_k = f(x_{k-1}, k)``, with t = k T."""
-
-    inputs: tuple[str, ...] = ()
-    """names of known inputs in the equations"""
-    known_inputs: KnownInputs | None = None
-    """values of these inputs, once they are known"""
-
-    def __init__(
-        self, T: float, f: ArrayProgram, jacobian: ArrayProgram, angles: tuple[int, ...] = ()
-    ) -> None:
-        self.T = T
-        self.f = f
-        self.J = jacobian
-        self.angles = angles
-
-    def scalars(self, k: int, t: float) -> tuple[float, ...]:
-        """Return the variables of the equations beside the state: k and t, or k, t, T and inputs."""
-        if not self.inputs:
-            return k, t
-        if self.known_inputs is None:
-            raise InvalidKeyError(f"the inputs {', '.join(self.inputs)} have no values")
-        return k, t, self.T, *self.known_inputs.at(k)
-
-    def __call__(self, x: Array, k: int) -> Array:
-        """Move states x (n, *batch) at step k - 1 to step k.
-
-        An angle stays within half a turn of the one before: equations with a cut, as of `atan2`, must
-        not tear particles or sigma points apart.
-        """
-        moved = with_trailing(self.f(x, *self.scalars(k, k * self.T)), x.ndim - 1)
-        return near(np.broadcast_to(moved, x.shape), x, self.angles)
-
-    def jacobian(self, x: Array, k: int) -> Array:
-        """Return the derivative (n, n[, *batch]) at x (n, *batch)."""
-        return self.J(x, *self.scalars(k, k * self.T))
-
-
-class MapStep(Step):
-    """A step by a map whose second derivatives are expressions."""
-
-    def hessian(self, x: Array, k: int) -> Array:
-        """Return the second derivatives (n, n, n[, *batch]) at x (n, *batch)."""
-        return self.J.jacobian(x, *self.scalars(k, k * self.T))
-
-
-class RungeKuttaStep(Step):
-    """A noise-free step by ``dx/dt = f(x, t)`` from t = (k - 1) T on, by the Runge-Kutta method."""
-
-    def __init__(self, T: float, f: ArrayProgram, jacobian: ArrayProgram, substeps: int) -> None:
-        super().__init__(T, f, jacobian)
-        self.substeps = substeps
-
-    def __call__(self, x: Array, k: int) -> Array:
-        """Move states x (n, *batch) at step k - 1 to step k."""
-        if x.size <= len(x) * _COLUMNS:
-            return self._integrate(x, k)
-        # Many particles: integrate a piece that fits the cache to the end before the next one.
-        flat = x.reshape(len(x), -1)
-        out = np.empty(flat.shape)
-        for first in range(0, flat.shape[1], _COLUMNS):
-            piece = slice(first, first + _COLUMNS)
-            out[:, piece] = self._integrate(flat[:, piece], k)
-        return out.reshape(x.shape)
-
-    def _integrate(self, x: Array, k: int) -> Array:
-        """Integrate to step k, all states side by side."""
-        h = self.T / self.substeps
-        for i in range(self.substeps):
-            # x + h/6 (k1 + 2 k2 + 2 k3 + k4)
-            slopes = [slope for slope, _ in self._stages(x, k, i)]
-            x = x + h / 6.0 * sum_of_slopes(*slopes)
-        return x
-
-    def _stages(self, x: Array, k: int, i: int) -> list[tuple[Array, Array]]:
-        """Return (slope, state at which it is taken) of the four stages of substep i."""
-        h = self.T / self.substeps
-        stages = list[tuple[Array, Array]]()
-        t = (k - 1) * self.T + i * h
-        state = x
-        # k1 = f(x, t), k2 = f(x + h/2 k1, t + h/2), k3 = f(x + h/2 k2, t + h/2), k4 = f(x + h k3, t + h)
-        for ahead in (0.5, 0.5, 1.0, None):
-            slope = with_trailing(self.f(state, *self.scalars(k, t)), x.ndim - 1)
-            stages.append((slope, state))
-            if ahead is not None:
-                state = x + (ahead * h) * slope
-                t = (k - 1) * self.T + (i + ahead) * h
-        return stages
-
-    def jacobian(self, x: Array, k: int) -> Array:
-        """Return the derivative (n, n, *batch) of the Runge-Kutta step at x (n, *batch)."""
-        h = self.T / self.substeps
-        identity = with_trailing(np.eye(len(x)), x.ndim - 1, leading=2)
-        F = identity
-        for i in range(self.substeps):
-            stages = self._stages(x, k, i)
-            slopes: list[Array] = []
-            # K1 = J(x), K2 = J(x + h/2 k1) (I + h/2 K1), ...: the derivatives of the stages by x.
-            for (_, state), ahead in zip(stages, (0.0, 0.5, 0.5, 1.0), strict=True):
-                t = (k - 1) * self.T + (i + ahead) * h
-                J = with_trailing(self.J(state, *self.scalars(k, t)), x.ndim - 1, leading=2)
-                if slopes:
-                    inner = identity + (ahead * h) * slopes[-1]
-                    slopes.append(linalg.matmul(J, inner))
-                else:
-                    slopes.append(J)
-            # Chain rule: F = (I + h/6 (K1 + 2 K2 + 2 K3 + K4)) F
-            of_substep = identity + h / 6.0 * sum_of_slopes(*slopes)
-            F = of_substep if i == 0 else linalg.matmul(of_substep, F)
-            x = x + h / 6.0 * sum_of_slopes(*[slope for slope, _ in stages])
-        return F
-
-    def hessian(self, x: Array, k: int) -> Array:
-        """Return the second derivatives (n, n, n, *batch) of the Runge-Kutta step, by differences."""
-        return hessian_by_differences(self.jacobian, x, k, side_by_side=True)
-
-
-def sum_of_slopes(k1: Array, k2: Array, k3: Array, k4: Array) -> Array:
-    """Compute ``k1 + 2 k2 + 2 k3 + k4``."""
-    return k1 + 2.0 * (k2 + k3) + k4
 
 
 @dataclass(frozen=True, eq=False)

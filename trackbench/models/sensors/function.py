@@ -124,7 +124,7 @@ class Noise:
 
 
 def log_poisson(z: Array, rate: Array) -> Array:
-    """Return the log-probability of counts z at a rate, -inf unless z is a whole number >= 0."""
+    """Return the log-probability (*batch) of counts z at a rate; -inf unless z is whole and >= 0."""
     counts, index = np.unique(z, return_inverse=True)
     valid = (counts >= 0.0) & (counts == np.floor(counts))
     log_factorials = np.full(counts.shape, inf)

@@ -74,7 +74,7 @@ class Radar(AngularSensor):
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
         """Return signed errors (1, *batch) in polar coordinates and along and across the line of sight.
 
-        A moving sensor has none.
+        They are those of the mean (n, *batch) against the truth (n, *batch). A moving sensor has none.
         """
         if self.platform is not None:
             return {}
@@ -91,7 +91,10 @@ class Radar(AngularSensor):
         }
 
     def squares(self, P: Array, x: Array) -> dict[str, Array]:
-        """Return mean squared errors (K,) of the quantities of `errors`, and of the mean range."""
+        """Return mean squared errors (K,) of the quantities of `errors`, and of the mean range.
+
+        P (n, n, K) are the covariances of states x (n, K).
+        """
         if self.platform is not None:
             return {}
         # P in polar coordinates, H P H', and along and across the line of sight, U P U'.

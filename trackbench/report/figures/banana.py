@@ -146,8 +146,7 @@ class PosteriorEllipses(FigureKind):
     def default_caption(self, results: Results) -> str:
         """Return what is drawn: the run, the step and the filters."""
         labels = listed([named(label) for label in results.chosen(self.filters)])
-        point = results.points()[self.point - 1]
-        where = f" at {phrases.heading(point)}" if point else ""
+        where = phrases.at_point(results.points()[self.point - 1])
         return (
             f"Run {self.run}, step {self.step}{where}: the 2-sigma ellipses of {labels} around the true "
             "target, and the region of the measurement."
@@ -243,7 +242,7 @@ class _View:
 
 def _measured_region(z: Array, view: _View, sensor: dict[str, Any]) -> Array:
     """Return the outline (2, 402) of the region within two sigma of a range and azimuth (2,)."""
-    half_width = 2e-3 * sensor["sigma_azimuth_mrad"]
+    half_width = 2.0 * 1e-3 * sensor["sigma_azimuth_mrad"]  # two sigma, rad
     azimuths = z[1] + half_width * np.linspace(-1.0, 1.0, 201)
     near_ranges = np.full(201, z[0] - 2.0 * sensor["sigma_range"])
     far_ranges = np.full(201, z[0] + 2.0 * sensor["sigma_range"])

@@ -188,7 +188,7 @@ class Reliability(Curves):
                 shares.append(f"{named(label)} {percent(share)}")
         if not shares:
             return ""
-        where = f" at {phrases.heading(point)}" if point else ""
+        where = phrases.at_point(point)
         words = f"Share of the truths within the regions of each level, {captions.runs(results)}."
         return f"{words} In the region of 90 %{where} are, of the truths: {', '.join(shares)}."
 

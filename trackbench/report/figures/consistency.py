@@ -64,7 +64,7 @@ class Anees(OverTime):
             return ""
         shares.sort(reverse=True)
         texts = [f"{named(label)} {100 * share:.0f} %" for share, label in shares]
-        where = f" at {phrases.heading(point)}" if point else ""
+        where = phrases.at_point(point)
         labels = [label for _, label in shares]
         words = f"{captions.quantity(self.metric)} over {self.x_words}"
         what = captions.of_curves(results, words, labels)

@@ -95,8 +95,7 @@ class AccuracyVsCost(FigureKind):
         )
         if not names:
             return caption
-        where = f" at {phrases.heading(scene)}" if scene else ""
-        return f"{caption} On the front{where}: {'; '.join(names)}."
+        return f"{caption} On the front{phrases.at_point(scene)}: {'; '.join(names)}."
 
     def draw(self, results: Results) -> Figure:
         """Return one panel per scene."""

@@ -44,6 +44,7 @@ class CriticalDifference(FigureKind):
         points = results.points()[: style.MOST_PANELS]
         labels = results.chosen(self.filters)
         rows = (len(labels) + 1) // 2
+        # In inches: the axis and the title, rows of labels, and bars above them.
         height = len(points) * (1.0 + 0.2 * rows + 0.14 * len(labels) / 2)
         figure, axes = style.subplots(len(points), 1, height, squeeze=False)
         for ax, point in zip(axes[:, 0], points, strict=True):

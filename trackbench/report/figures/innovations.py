@@ -6,8 +6,8 @@ from typing import ClassVar
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.evaluation.innovations import LAGS
 from trackbench.evaluation.metric_expression import measured
-from trackbench.evaluation.predictive_scores import LAGS
 from trackbench.field_types import Count
 from trackbench.registry import register
 from trackbench.report.figures import captions

@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import ceil
 from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
@@ -445,9 +446,9 @@ class EstimatesOfOneRun(OverTime):
         # Step 1: empty panels; with a truth each has axes for estimates, and below for errors.
         if has_truth:
             across = min(len(tracks), sheet().across)
-            blocks = -(-len(tracks) // across)
+            rows_of_panels = ceil(len(tracks) / across)
             figure, panels = self.make_panels_over_time(
-                results, titles, 2, height_ratios=[3, 2] * blocks
+                results, titles, 2, height_ratios=[3, 2] * rows_of_panels
             )
         else:
             figure, panels = self.make_panels_over_time(results, titles, 1)

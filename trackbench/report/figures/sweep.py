@@ -395,7 +395,9 @@ class SweepFigure(FigureKind):
         is_numeric = all(map(is_number, x_values))
         if is_numeric:
             x_values = sorted(x_values)
-        places = np.array(x_values if is_numeric else range(len(x_values)), dtype=float)
+            places = np.array(x_values, dtype=float)
+        else:
+            places = np.arange(len(x_values), dtype=float)
         has_one_metric = len({panel.metric for panel in panels}) == 1
         figure, axes = style.panel_grid(len(panels), _ROW_IN, _EXTRA_IN, sharey=has_one_metric)
         # Step 1: the lines; a filter has one look in all panels.
@@ -555,7 +557,9 @@ class SweepFigure(FigureKind):
     def _metrics(self, results: Results) -> dict[str, Measure]:
         """Return the metrics to draw, by the label of their axis; over two paths the first one."""
         metrics = self.metrics or shown_metrics(results)
-        return metrics if len(self.paths) == 1 else dict(list(metrics.items())[:1])
+        if len(self.paths) == 1:
+            return metrics
+        return dict(list(metrics.items())[:1])
 
     def _changes_problem(self) -> bool:
         """Return whether a path is of the scenario, so that its values are different problems."""

@@ -114,12 +114,16 @@ class Track(FigureKind):
     def default_caption(self, results: Results) -> str:
         """Return whose estimates one panel shows, and of how many runs."""
         runs = min(self.shown_runs, results.config["runs"])
-        which_runs = "the first run" if runs == 1 else f"the first {runs} runs"
+        which_runs = f"the first {runs} runs"
+        if runs == 1:
+            which_runs = "the first run"
         labels = [named(label) for label in self.filters or self._best_filters(results)]
         if len(self.filters) > 1:
             return f"The target in the plane in {which_runs}, a panel for each of {listed(labels)}."
-        estimates = f", with the estimates of {listed(labels)}" if labels else ""
-        return f"The target in the plane in {which_runs}{estimates}."
+        caption = f"The target in the plane in {which_runs}"
+        if labels:
+            caption += f", with the estimates of {listed(labels)}"
+        return f"{caption}."
 
     def draw(self, results: Results) -> Figure:
         """Return a panel per filter, equal scales."""
@@ -253,6 +257,7 @@ class Track(FigureKind):
         """Draw a filter's estimates (2, T, runs) over each other."""
         x, y = estimates
         runs = x.shape[1]
+        # The more runs, the fainter each, as they overlap.
         opacity = min(1.0, max(0.15, 2.0 / runs))
         ax.plot(x, y, color=color, linewidth=0.6, alpha=opacity, rasterized=True)
         name = f"Estimates, {runs} runs" if runs > 1 else "Estimate"
@@ -299,14 +304,16 @@ def _draw_best(ax: Axes, results: Results, estimates: Mapping[str, Array], metre
         if sum(equal) > 1 and look["linestyle"] == "-":
             level = len(estimates)
         x, y = estimate[..., 0] / metres
+        # A line without a zorder, such as the truth's, has 2.
         ax.plot(x, y, label=label, **look, zorder=1.9 - 0.1 * level)
 
 
 def plane_unit(*tracks: Array) -> tuple[float, str]:
     """Return meters per unit of the axes and its name, for tracks (2, T) in m."""
     points = _known_points(tracks)
-    extent = np.ptp(points, axis=1).max() if points.size else 0.0
-    return length_unit(float(extent))
+    if not points.size:
+        return length_unit(0.0)
+    return length_unit(float(np.ptp(points, axis=1).max()))
 
 
 def _known_points(tracks: Sequence[Array]) -> Array:
@@ -381,10 +388,14 @@ def _fit_figure(panels: int, *tracks: Array) -> tuple[float, float]:
         track_width, track_height = np.ptp(points, axis=1)
     ticks_in = 0.8  # beside each panel
     room = sheet().width_in / panels - ticks_in
+    # Height over width; a longer panel would have no room for its ticks.
     ratio = float(np.clip(track_height / max(track_width, 1e-9), 0.15, 10.0))
-    panel_width = min(room, 4.0 / ratio)
-    width = max(panels * (panel_width + ticks_in), 3.4)
-    return width, panel_width * ratio + 1.3
+    highest_in = 4.0
+    panel_width = min(room, highest_in / ratio)
+    least_width_in = 3.4  # for the legend
+    width = max(panels * (panel_width + ticks_in), least_width_in)
+    title_and_legend_in = 1.3
+    return width, panel_width * ratio + title_and_legend_in
 
 
 def draw_truth(

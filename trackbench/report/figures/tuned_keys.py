@@ -83,11 +83,12 @@ def _draw_panel(ax: Axes, record: Record, axis: Axis) -> None:
         ax.axvspan(first, last, color=color, alpha=0.2, linewidth=0)
     # Step 2: a line through the trials that differ from the best in this key alone.
     if not axis.choices:
-        # The line has a gap at trials above the axis.
-        line = [
-            (place(trial.values[axis.key]), trial.objective if trial.objective <= top else nan)
-            for trial in record.beside(axis)
-        ]
+        line = []
+        for trial in record.beside(axis):
+            height = trial.objective
+            if height > top:
+                height = nan  # a gap in the line
+            line.append((place(trial.values[axis.key]), height))
         ax.plot(*zip(*sorted(line), strict=True), color=style.COLORS[0], linewidth=0.6, alpha=0.6)
     # Step 3: all trials, and the best with its standard error.
     for trial in trials:

@@ -29,7 +29,9 @@ def metric_words(metric: Measure) -> str:
 def statistic_words(statistic: str, metric: Measure) -> str:
     """Return ``position RMSE`` over all runs, or ``mean position RMSE per run``."""
     words = metric_words(metric)
-    return words if statistic == "rms" else f"mean {words} per run"
+    if statistic == "rms":
+        return words
+    return f"mean {words} per run"
 
 
 def with_unit(text: str, metric: Measure) -> str:
@@ -54,8 +56,10 @@ def axis_of(metric: Measure) -> str:
     if metric.relation or metric.is_many:
         return str(metric)
     where = ""
-    if metric.steps is not None:
-        where = " at the last step" if metric.step is None else f" at step {metric.step}"
+    if metric.step is not None:
+        where = f" at step {metric.step}"
+    elif metric.steps is not None:
+        where = " at the last step"
     elif metric.window:
         where = f" in {metric.window}"
     if metric.is_error and metric.statistic in ("", "mean"):
@@ -72,12 +76,16 @@ def _capitalized(words: str) -> str:
 
 def in_unit(words: str, unit: str) -> str:
     """Add a unit, if there is one: ``position RMSE (m)``."""
-    return f"{words} ({unit})" if unit else words
+    if not unit:
+        return words
+    return f"{words} ({unit})"
 
 
 def _unit(metric: Measure) -> str:
     """Return the unit of a metric: nats of a log score."""
-    return "nats" if metric.family[0].is_score else unit_of(metric.metric)
+    if metric.family[0].is_score:
+        return "nats"
+    return unit_of(metric.metric)
 
 
 def percent(share: float) -> str:
@@ -115,7 +123,9 @@ def run_count(runs: float) -> str:
 
 def named(label: str) -> str:
     """Return a label as it stands in a sentence: one with a comma in quotes."""
-    return f"\u201c{label}\u201d" if "," in label else label
+    if "," in label:
+        return f"\u201c{label}\u201d"
+    return label
 
 
 def listed(names: Sequence[str]) -> str:
@@ -129,7 +139,9 @@ def listed(names: Sequence[str]) -> str:
 def joined(names: Iterable[str]) -> str:
     """Return ``A, B and C``."""
     *first, last = names
-    return f"{', '.join(first)} and {last}" if first else last
+    if not first:
+        return last
+    return f"{', '.join(first)} and {last}"
 
 
 def verb(names: Sequence[str]) -> str:
@@ -150,6 +162,13 @@ def heading(point: GridPoint, units: Mapping[str, str] = MappingProxyType({})) -
     return ", ".join(parts)
 
 
+def at_point(point: GridPoint) -> str:
+    """Return where a sentence's numbers are from: `` at R = 0.1``; empty without a grid."""
+    if not point:
+        return ""
+    return f" at {heading(point)}"
+
+
 def axis(path: str, units: Mapping[str, str] = MappingProxyType({})) -> str:
     """Label an axis with a grid's path: ``sigma azimuth (mrad)``; ``units`` as `heading` has them."""
     words, unit = quantity(path)
@@ -165,4 +184,6 @@ def quantity(path: str) -> tuple[str, str]:
 
 def number(value: Any) -> str:
     """Return a grid's value: six digits of a number, words and truth values as they are."""
-    return f"{value:g}" if is_number(value) else str(value)
+    if is_number(value):
+        return f"{value:g}"
+    return str(value)

@@ -48,13 +48,17 @@ class Candidate:
     @cached_property
     def name(self) -> str:
         """Name for a sentence, with the grid's values."""
-        return f"{named(self.label)} at {self.setting}" if self.varied else named(self.label)
+        if not self.varied:
+            return named(self.label)
+        return f"{named(self.label)} at {self.setting}"
 
     @property
     def setting(self) -> str:
         """Grid's values; several in parentheses."""
         text = phrases.heading(self.varied)
-        return f"({text})" if len(self.varied) > 1 else text
+        if len(self.varied) > 1:
+            return f"({text})"
+        return text
 
     @cached_property
     def overall(self) -> Estimate:
@@ -150,7 +154,8 @@ class Ranking(NamedTuple):
     def marked(self) -> list[Candidate]:
         """Filters that a table marks: the best, and ties up to the first that is not near it.
 
-        None if a filter is not near and none is worse, or if one is untested: nothing is decided.
+        The list is empty where nothing is decided: if a filter is untested, or if one is not near the
+        best and none is worse.
         """
         for rival in self.rivals:
             if not (rival.comparison.is_tested or rival.comparison.is_equal):
@@ -161,8 +166,9 @@ class Ranking(NamedTuple):
             if not (tie.is_near_score if is_score else tie.is_near):
                 break
             near.append(tie)
-        decides = self.worse or len(near) == len(self.not_worse)
-        return self.among_the_best[: len(near) + 1] if decides else []
+        if not self.worse and len(near) < len(self.not_worse):
+            return []
+        return self.among_the_best[: len(near) + 1]
 
     @property
     def rivals(self) -> list[Rival]:
@@ -193,9 +199,11 @@ def rankings(results: Results, metric: str = "") -> list[Ranking]:
     Rankings in the order of the scenarios; none without a metric.
     """
     metric = metric or leading_metric(results)
+    if not metric:
+        return []
     if metric not in results.known_rankings:
         ranked_scenes = []
-        for scene in scenes(results) if metric else []:
+        for scene in scenes(results):
             points = points_of(results, scene)
             statistic = compared_statistic(results.config, metric)
             candidates = list(candidates_of(results, points, metric, statistic))
@@ -208,8 +216,10 @@ def rankings(results: Results, metric: str = "") -> list[Ranking]:
 def best_settings(results: Results) -> list[Ranking]:
     """Rank the values that the grid gives each filter, by scenario: a ranking per filter."""
     metric = next(iter(ranking_metrics(results)), "")
+    if not metric:
+        return []
     ranked_filters = []
-    for scene in scenes(results) if metric else []:
+    for scene in scenes(results):
         candidates = list(candidates_of(results, points_of(results, scene), metric))
         for label in dict.fromkeys(c.label for c in candidates if c.varied):
             settings = [c for c in candidates if c.label == label]

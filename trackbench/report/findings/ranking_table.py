@@ -11,6 +11,7 @@ from math import inf, isfinite, isinf, isnan, nan
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.durations import cpu_time_in_words
 from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.report.findings import phrases
@@ -19,13 +20,11 @@ from trackbench.report.findings.ranking import Candidate, Ranking, best_settings
 from trackbench.report.results import Results
 from trackbench.report.table import Text, TextTable, rounded
 from trackbench.statistics import rules
+from trackbench.statistics.collapsed_runs import COLLAPSED_NOTE, collapsed_in_words
 from trackbench.statistics.comparison import Comparison
-from trackbench.statistics.estimates import COLLAPSED_NOTE, collapsed_in_words
 from trackbench.statistics.intervals import studentized
 from trackbench.statistics.over_runs import influence, interval, mean
 
-_SECONDS = ((1.0, "s"), (1e3, "ms"), (1e6, "µs"))
-"""Units of time, the largest first, with how many of each are a second."""
 _LOST = "Lost runs"
 _ANEES = "ANEES"
 _TIME = "CPU per run"
@@ -66,8 +65,10 @@ def _ranking_table(results: Results, ranking: Ranking, of_settings: bool) -> Tex
     statistic = candidates[0].sample.statistic if ranking.runs > 1 else "rms"
     statistic_name = statistic_words(statistic, ranking.metric)
     if of_settings:
-        scene = f", {phrases.heading(ranking.scene)}" if ranking.scene else ""
-        title = f"{named(candidates[0].label)}{scene}: {statistic_name} of its settings"
+        title = named(candidates[0].label)
+        if ranking.scene:
+            title += f", {phrases.heading(ranking.scene)}"
+        title += f": {statistic_name} of its settings"
     else:
         title = f"Ranking over {_runs_ranked(ranking)}"
         if results.citation:
@@ -90,8 +91,9 @@ def _ranking_table(results: Results, ranking: Ranking, of_settings: bool) -> Tex
         if of_settings:
             name = candidate.setting
         else:
-            setting = f" at {candidate.setting}" if candidate.varied else ""
-            name = f"{candidate.label}{setting}"
+            name = candidate.label
+            if candidate.varied:
+                name += f" at {candidate.setting}"
         if candidate in ranking.losing:
             ratio = "unranked: loses more"
         else:
@@ -148,7 +150,9 @@ def _runs_ranked(ranking: Ranking) -> str:
         is_ranked[:M] |= np.isfinite(values) | (candidate.lost[:M] > 0)
     number = int(is_ranked.sum())
     all_runs = counted(ranking.runs, "run")
-    return all_runs if number in (0, ranking.runs) else f"{number} of {all_runs}"
+    if number in (0, ranking.runs):
+        return all_runs
+    return f"{number} of {all_runs}"
 
 
 def _insert_row(rows: list[list[Text]], row: list[Text], is_score: bool) -> None:
@@ -178,7 +182,7 @@ def _row(
     seconds = cpu_seconds(results, candidate)
     time = "–"
     if isfinite(seconds):
-        time = _duration(seconds)
+        time = cpu_time_in_words(seconds)
         if candidate.label in results.loops_over_runs:
             time += " *"
     return [
@@ -220,7 +224,9 @@ def _unranked_rows(
             remarks.append("bound")
         if statistic != "rms":
             remarks.append("rms")
-        name = f"{label} ({', '.join(remarks)})" if remarks else label
+        name = label
+        if remarks:
+            name += f" ({', '.join(remarks)})"
         value = summary_row["value"]
         error = rounded(value, summary_row["stderr"], 4)
         yield [Text(name), Text(error, value), *[Text("–")] * 4]
@@ -252,12 +258,16 @@ def _ratio(ranking: Ranking, candidate: Candidate, matters: float) -> str:
     if not isfinite(value):
         return "–"
     text = _ratio_text(is_score, value, low, high, not comparison.interval_contradicts)
+    if not comparison.is_tested and ranking.best is None:
+        return text
     if not comparison.is_tested:
-        return text if ranking.best is None else f"{text} {rules.UNTESTED}"
+        return f"{text} {rules.UNTESTED}"
     if not comparison.sign:
         return f"{text} n.s."
     is_tiny = not is_score and abs(value - 1.0) < matters
-    return f"{text} tiny" if is_tiny else text
+    if is_tiny:
+        return f"{text} tiny"
+    return text
 
 
 def _ratio_text(is_score: bool, value: float, low: float, high: float, with_interval: bool) -> str:
@@ -298,7 +308,9 @@ def _ratio_to_best(metric: Measure, comparison: Comparison) -> tuple[float, floa
     else:
         value = comparison.ratio.value
         low, high = comparison.ratio_interval
-    return (value, low, high) if comparison.is_tested else (value, nan, nan)
+    if comparison.is_tested:
+        return (value, low, high)
+    return (value, nan, nan)
 
 
 def _multiple_of_best(ranking: Ranking, candidate: Candidate) -> float:
@@ -352,15 +364,17 @@ def consistency(results: Results, candidates: Sequence[Candidate]) -> dict[Candi
 
 
 def _normalized_squares(results: Results, candidate: Candidate) -> Array:
-    """Return each run's NEES divided by the number of components, or without NEES its ANIS.
+    """Return the NEES of the M runs divided by the number of components, or without NEES their ANIS.
 
-    The mean is 1 for a consistent filter. Runs with NaN are left out.
+    The mean is 1 for a consistent filter. Runs with NaN are left out, so that the result is (M',).
     """
     name = _consistency_metric(results, candidate)
     if not name:
         return np.empty(0)
     values = results.runs(candidate.point)[candidate.label, name]
-    components = results.facts(candidate.point).sizes[""] if name == "nees" else 1
+    components = 1
+    if name == "nees":
+        components = results.facts(candidate.point).sizes[""]
     return values[~np.isnan(values)] / components
 
 
@@ -385,7 +399,7 @@ def _mean_if_consistent(results: Results, candidate: Candidate) -> tuple[float, 
 
 
 def _z_of_mean(values: Array, mean_if_consistent: tuple[float, float]) -> float:
-    """Return z of the difference of the mean from that of a consistent filter.
+    """Return z of the difference of the mean of values (M,) from that of a consistent filter.
 
     ``mean_if_consistent`` is the least and the largest mean of a consistent filter. z is NaN for fewer
     than two runs, and if a value is infinite: `_consistency_word` has words for these.
@@ -399,7 +413,7 @@ def _z_of_mean(values: Array, mean_if_consistent: tuple[float, float]) -> float:
 
 
 def _consistency_word(values: Array, sign: int, mean_if_consistent: tuple[float, float]) -> str:
-    """Return the word on a filter's consistency by the normalized squares of its runs.
+    """Return the word on a filter's consistency by the normalized squares (M,) of its runs.
 
     ``sign`` is +1 if their mean is significantly above that of a consistent filter, -1 if below, else 0.
     ``mean_if_consistent`` is the least and the largest mean of a consistent filter.
@@ -416,20 +430,17 @@ def _consistency_word(values: Array, sign: int, mean_if_consistent: tuple[float,
         return "overconfident"
     low, high = interval("mean", values)
     word = rules.credibility(low, high, sign, mean_if_consistent)
-    return word or ("" if isnan(low) else "undecided")
+    if word or isnan(low):
+        return word
+    return "undecided"
 
 
 def cpu_seconds(results: Results, candidate: Candidate) -> float:
     """Return the CPU seconds of a filter's run; NaN if they were not measured."""
     rows = results.columns("timing", candidate.point).where(filter=candidate.label)
-    return float(rows["cpu_s_per_run"][0]) if len(rows) else nan
-
-
-def _duration(seconds: float) -> str:
-    """Write seconds in the largest unit of which there is at least one: ``1.2 ms``."""
-    units = [(number, unit) for number, unit in _SECONDS if seconds * number >= 1.0]
-    units_per_second, unit = units[0] if units else _SECONDS[-1]
-    return f"{phrases.rounded(seconds * units_per_second, 2)} {unit}"
+    if not len(rows):
+        return nan
+    return float(rows["cpu_s_per_run"][0])
 
 
 def _finish_table(results: Results, table: TextTable, names_losses: bool = True) -> TextTable:
@@ -453,7 +464,9 @@ def _finish_table(results: Results, table: TextTable, names_losses: bool = True)
     heads = []
     for i in columns:
         head = table.heads[i]
-        heads.append("ANIS" if head == _ANEES and not has_nees else head)
+        if head == _ANEES and not has_nees:
+            head = "ANIS"
+        heads.append(head)
     table.heads = heads
     table.rows = [[row[i] for i in columns] for row in table.rows]
     return table
@@ -515,7 +528,7 @@ def _cells_over_scenes(
     words = Counter(consistency_words[c].partition(" in ")[0] for c in candidates)
     consistency_texts = [f"{word} at {n}" for word, n in words.most_common() if word]
     seconds = sorted(filter(isfinite, [cpu_seconds(results, c) for c in candidates]))
-    times = [_duration(x) for x in seconds]
+    times = [cpu_time_in_words(x) for x in seconds]
     return [
         Text(losses, lost),
         Text(", ".join(consistency_texts) or "–"),

@@ -28,9 +28,10 @@ def headline(results: Results) -> str:
     number = len(ranking.order)
     if ranking.best is None or number < 2:
         return ""
+    if not ranking.worse and ranking.undecided:
+        return ""
     if not ranking.worse:
-        is_tested = not ranking.undecided
-        return f"The {number} filters do not differ significantly." if is_tested else ""
+        return f"The {number} filters do not differ significantly."
     extreme = "highest" if ranking.metric.family[0].is_score else "lowest"
     statistic = ranking.best.sample.statistic if ranking.runs > 1 else "rms"
     words = statistic_words(statistic, ranking.metric)
@@ -121,4 +122,6 @@ def _other_metrics(results: Results, ranking: Ranking) -> str:
                 words = metric_words(other.metric)
                 metrics_by_leader.setdefault(other.best.name, []).append(words)
     parts = [f"by {listed(words)} {name} is better" for name, words in metrics_by_leader.items()]
-    return f"But {', and '.join(parts[:2])}." if parts else ""
+    if not parts:
+        return ""
+    return f"But {', and '.join(parts[:2])}."

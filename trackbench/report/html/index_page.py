@@ -159,7 +159,9 @@ def _link(path: Path) -> str:
     """Write a relative path as a link: a folder may be called ``javascript:x`` or ``a#b``."""
     name = path.as_posix()
     quoted = quote(name)
-    return name if quoted == name else f"./{quoted}"
+    if quoted == name:
+        return name
+    return f"./{quoted}"
 
 
 _RECORDINGS = "Recordings"
@@ -189,12 +191,16 @@ def _topic(results: Results) -> str:
     if not isinstance(sensors, list):
         sensors = [sensors or {}]
     kinds = {sensor.get("kind") for sensor in sensors}
-    return _POSITIONS if kinds <= {"position", "velocity"} else _ANGLES
+    if kinds <= {"position", "velocity"}:
+        return _POSITIONS
+    return _ANGLES
 
 
 def _result(results: Results) -> str:
     """Write the result in a few words; empty if the runs are missing."""
-    return short_answer(rankings(results)) if results.has_runs else ""
+    if not results.has_runs:
+        return ""
+    return short_answer(rankings(results))
 
 
 def short_answer(scene_rankings: Sequence[Ranking]) -> str:
@@ -217,8 +223,9 @@ def short_answer(scene_rankings: Sequence[Ranking]) -> str:
     if ties + 1 == filters:
         return f"no significant difference between {filters}"
     best = ranking.among_the_best[0].label
-    rest = f"and {ties} others best" if ties else f"best of {filters} filters"
-    return f"{best} {rest}"
+    if ties:
+        return f"{best} and {ties} others best"
+    return f"{best} best of {filters} filters"
 
 
 def _join_verdicts(comparisons: list[Verdicts]) -> Verdicts:

@@ -71,13 +71,13 @@ def write_report(
         live=bool(figures),
         name=results.config["name"],
         title=results.title,
-        ranking=ranked[0] if ranked else None,
+        ranking=next(iter(ranked), None),
         best=best_filter(results),
         answer=conclusions(results),
         how_decided=HOW_DECIDED,
         counted=bars(comparison),
         needed=needed_runs(comparison),
-        key=figures[0] if figures else None,
+        key=next(iter(figures), None),
         figures=figures[1:],
         facts=_facts(results),
         failed={row["filter"]: row["reason"] for row in results.failed} | results.unmade,
@@ -135,8 +135,10 @@ def _facts(results: Results) -> list[tuple[str, object]]:
     paths = []
     for path in results.grid:
         together = single_paths(path)
-        more = f" and {len(together) - 1} more" if len(together) > 1 else ""
-        paths.append(f"{together[0]}{more}")
+        path_text = together[0]
+        if len(together) > 1:
+            path_text += f" and {len(together) - 1} more"
+        paths.append(path_text)
     if paths:
         facts.append(("Grid", ", ".join(paths)))
     return facts
@@ -271,7 +273,9 @@ def _stored_picture(results: Results, place: Path) -> bytes | None:
     for part in (place, *place.parents[:-1]):
         if (results.folder / part).is_symlink():
             return None
-    return path.read_bytes() if path.is_file() else None
+    if not path.is_file():
+        return None
+    return path.read_bytes()
 
 
 _TEMPLATES = Path(__file__).parent / "templates"

@@ -155,7 +155,9 @@ def _style(text: str) -> str:
     for name, colon, value in properties:
         if _LOOKS.fullmatch(name.strip()) and _is_harmless(value):
             allowed.append((name, colon, value))
-    return text if allowed == properties else ";".join(map("".join, allowed))
+    if allowed == properties:
+        return text
+    return ";".join(map("".join, allowed))
 
 
 def _renamed(key: str, value: str, name: str) -> str:
@@ -164,4 +166,6 @@ def _renamed(key: str, value: str, name: str) -> str:
         return f"{name}-{value}"
     if key.rpartition("}")[2] != "href":
         return _REFERENCE.sub(rf"url(#{name}-\1)", value)
-    return f"#{name}-{value[1:]}" if value.startswith("#") else value
+    if value.startswith("#"):
+        return f"#{name}-{value[1:]}"
+    return value

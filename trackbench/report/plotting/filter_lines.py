@@ -49,7 +49,7 @@ def draw_error_band(
     places: int,
     log: bool = False,
 ) -> None:
-    """Draw two standard errors around a filter's line, and explain them in legend and page.
+    """Draw two standard errors ``stderr`` around a filter's line, and explain them in legend and page.
 
     ``place`` is the number of the line, from 0, among ``places`` lines of the panel. The errors of up to
     three lines are bands. More bands would lie over each other to a gray, so the errors of more lines

@@ -95,6 +95,7 @@ def set_log_scale_with_zero(ax: Axes, values: Array) -> None:
     ax.xaxis.set_minor_locator(NullLocator())
 
     def tick_label(x: float, _: object) -> str:
+        """Write a power of ten, or 0 at the place that stands for zero."""
         if np.isclose(x, place_of_zero):
             return "0"
         return power_of_ten(round(np.log10(x)))
@@ -120,7 +121,9 @@ def set_ticks_at_values(ax: Axes, places: Array, texts: Sequence[str], width_in:
     if not 1 < len(places) <= _MOST_VALUE_TICKS:
         return
     # Step 1: where the middle of each label is, in inches.
-    scaled = np.log10(places) if ax.get_xscale() == "log" else np.asarray(places, dtype=float)
+    scaled = np.asarray(places, dtype=float)
+    if ax.get_xscale() == "log":
+        scaled = np.log10(scaled)
     middles = width_in * (scaled - scaled[0]) / (scaled[-1] - scaled[0])
     half_widths = [0.5 * _DIGIT_IN * (len(text) + 1) for text in texts]
     # Step 2: labels from left to right that overlap neither the one before nor the last one.

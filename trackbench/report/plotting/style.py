@@ -149,7 +149,7 @@ def number_lines(labels: Sequence[str], figures: Iterable[Collection[str]]) -> d
                 }
         candidates = range(place, place + len(COLORS))
         free = [number for number in candidates if number % len(COLORS) not in taken_colors]
-        numbers[label] = free[0] if free else place
+        numbers[label] = next(iter(free), place)
     return numbers
 
 

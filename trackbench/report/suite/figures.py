@@ -182,7 +182,9 @@ def _ratio_text(ratio: float) -> str:
         return f"{ratio:.2f}"
     if ratio < 9.95:
         return f"{ratio:.1f}"
-    return f"{ratio:.0f}" if ratio < 999.5 else "999+"
+    if ratio < 999.5:
+        return f"{ratio:.0f}"
+    return "999+"
 
 
 def _is_undecided(score: Score) -> bool:
@@ -197,7 +199,9 @@ def _write_cell(
 
     ``log`` is the decimal logarithm of the ratio, which sets the color.
     """
-    ink = "white" if log > 0.45 * log10(WORST) else "black"
+    ink = "black"
+    if log > 0.45 * log10(WORST):  # the dark end of the colors
+        ink = "white"
     ax.text(
         column,
         row,

@@ -34,8 +34,9 @@ from trackbench.report.findings.ranking import (
 from trackbench.report.findings.ranking_table import consistency, cpu_seconds
 from trackbench.report.paired import compared_statistic
 from trackbench.report.results import Results
+from trackbench.statistics.collapsed_runs import collapsed_runs
 from trackbench.statistics.comparison import Comparison, compare
-from trackbench.statistics.estimates import RunEstimate, collapsed_runs
+from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.rules import ALIKE, UNTESTED, WORSE
 
 WORST = 10.0
@@ -177,7 +178,9 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
     """
     point = results.points()[0]
     metric = leading_metric(results)
-    statistic = compared_statistic(results.config, metric) if metric else "mean"
+    statistic = "mean"
+    if metric:
+        statistic = compared_statistic(results.config, metric)
     candidates = {c.label: c for c in candidates_of(results, [point], metric, statistic)}
     reference = results.config.get("reference") or ""
     reference_candidate = candidates.get(reference)
@@ -315,7 +318,9 @@ def _ratio_to_best(ranking: Ranking, candidate: Candidate) -> Ratio:
     if candidate is best:
         return Ratio(value=1.0, low=1.0, high=1.0)
     comparison = ranking.compared.get(candidate.name) or compare(candidate.sample, best.sample)
-    return Ratio() if comparison is None else Ratio.of(comparison)
+    if comparison is None:
+        return Ratio()
+    return Ratio.of(comparison)
 
 
 def _word(ranking: Ranking, candidate: Candidate) -> str:
@@ -327,7 +332,9 @@ def _word(ranking: Ranking, candidate: Candidate) -> str:
     comparison = ranking.compared.get(candidate.name)
     if comparison is None or not (comparison.is_tested or comparison.is_equal):
         return UNTESTED
-    return WORSE if comparison.sign else ALIKE
+    if comparison.sign:
+        return WORSE
+    return ALIKE
 
 
 def _ratio_to_reference(
@@ -339,7 +346,9 @@ def _ratio_to_reference(
     """
     if reference is not None:
         comparison = compare(candidate.sample, reference.sample)
-        return Ratio() if comparison is None else Ratio.of(comparison)
+        if comparison is None:
+            return Ratio()
+        return Ratio.of(comparison)
     if bound is None or candidate.sample.statistic != "rms":
         return Ratio()
     return Ratio.to_bound(candidate.sample.overall, bound.value)
@@ -348,8 +357,10 @@ def _ratio_to_reference(
 def _bound(results: Results, metric: str) -> RunEstimate | None:
     """Return the stored bound of the rms error of a metric; None without one."""
     label = results.config.get("bound")
+    if not label:
+        return None
     rows = results.columns("summary").where(filter=label, metric=f"rms({metric})").records()
-    for row in rows if label else ():
+    for row in rows:
         stderr = row["stderr"]
         # A bound without a standard error is exact.
         bound_stderr = stderr if isfinite(stderr) else 0.0
@@ -392,7 +403,9 @@ def write_scores(folder: Path, groups: Sequence[SuiteScores]) -> None:
 
 def _cell(number: float) -> float | str:
     """Round a number to seven digits, as in summary.csv; empty for NaN."""
-    return "" if np.isnan(number) else float(f"{number:.7g}")
+    if np.isnan(number):
+        return ""
+    return float(f"{number:.7g}")
 
 
 def ratio_matrix(group: SuiteScores, role: str = FILTER) -> tuple[list[str], list[str], Array]:
@@ -482,14 +495,15 @@ def leader_of(group: SuiteScores) -> Leader | None:
     shares = dict(zip(labels, is_first.mean(axis=0).tolist(), strict=True))
     others = sorted((label for label in labels if label != first), key=lambda label: -shares[label])
     rivals = tuple(label for label in others[:3] if shares[label] > 0.0)
-    # Without each class of problems.
+    # Without each class of problems, if there are several.
     classes = list(dict.fromkeys(group.classes.values()))
     without = {}
-    for name in classes if len(classes) > 1 else ():
-        rest = typical_ratios(group, without_class=name)
-        best = min(rest, key=lambda label: rest[label])
-        if rest[best] < rest[first]:
-            without[name] = best
+    if len(classes) > 1:
+        for name in classes:
+            rest = typical_ratios(group, without_class=name)
+            best = min(rest, key=lambda label: rest[label])
+            if rest[best] < rest[first]:
+                without[name] = best
     return Leader(
         label=first,
         typical_ratio=typical[first],

@@ -22,7 +22,7 @@ from trackbench.report.suite.scores import (
     typical_ratios,
 )
 from trackbench.report.table import Text, TextTable, rounded
-from trackbench.statistics.estimates import COLLAPSED_NOTE
+from trackbench.statistics.collapsed_runs import COLLAPSED_NOTE
 from trackbench.statistics.rules import ALIKE, UNTESTED
 
 NEAR = 1.1
@@ -120,7 +120,9 @@ def smoother_table(group: SuiteScores) -> TextTable | None:
                 Text(str(score.lost), score.lost),
             ]
         )
-    return table if table.rows else None
+    if not table.rows:
+        return None
+    return table
 
 
 def filter_table(groups: Sequence[SuiteScores], label: str) -> TextTable:
@@ -221,9 +223,11 @@ def _likeness_sentence(likeness: Likeness) -> str:
     """Return the sentence on the filter of the roster that a filter equals, or is nearest to."""
     number = len(likeness.differences)
     if not likeness.others:
-        also = f", which equals {joined(likeness.also)} there" if likeness.also else ""
+        name = likeness.label
+        if likeness.also:
+            name += f", which equals {joined(likeness.also)} there"
         return (
-            f"It is the {likeness.label}{also}: the errors of every run agree to 1e-6 on all problems "
+            f"It is the {name}: the errors of every run agree to 1e-6 on all problems "
             f"that both ran on ({number})."
         )
     largest = max(likeness.differences.values())
@@ -249,7 +253,9 @@ def leader_sentence(group: SuiteScores) -> str:
         return ""
     number = len({score.problem for score in group.of_role(FILTER)})
     runs = max(score.runs for score in group.scores)
-    few = f" Preliminary: {runs} runs." if runs < _FEW_RUNS else ""
+    few = ""
+    if runs < _FEW_RUNS:
+        few = f" Preliminary: {runs} runs."
     ratio = (
         f"smallest typical ratio, {leader.typical_ratio:.2f} ({leader.low:.2f} to {leader.high:.2f} "
         "over resampled runs)"

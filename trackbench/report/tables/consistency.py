@@ -97,7 +97,9 @@ def _band(components: float, accepted: AcceptedNis | None) -> tuple[float, float
 
     ``accepted`` is the distribution of what a filter's gate accepts; None without a gate.
     """
-    return anees_band(1, components) if accepted is None else accepted.band(components)
+    if accepted is None:
+        return anees_band(1, components)
+    return accepted.band(components)
 
 
 def _cells(values: Array, degrees: Array, accepted: AcceptedNis | None) -> list[Cell]:
@@ -126,7 +128,9 @@ def _consistency_bands(degrees: dict[str, _DegreesOfFreedom], runs: int) -> Iter
     for name, degrees_by_law in degrees.items():
         several = len({n for n, _ in degrees_by_law}) > 1
         for (n, accepted), numbers in degrees_by_law.items():
-            which = f" of {n} components" if several else ""
+            which = ""
+            if several:
+                which = f" of {n} components"
             if accepted is None:
                 low, high = anees_band(n, runs)
             else:
@@ -165,7 +169,9 @@ def anis_band(numbers: Array, accepted: AcceptedNis | None = None) -> tuple[floa
 def autocorrelation_band(numbers: Array) -> float:
     """Return the 95 % half-width of the mean autocorrelation over runs."""
     number = components(numbers)
-    return 1.96 / float(np.sqrt(number)) if number else np.inf
+    if not number:
+        return np.inf
+    return 1.96 / float(np.sqrt(number))
 
 
 _COLUMNS = {

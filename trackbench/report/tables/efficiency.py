@@ -56,7 +56,9 @@ class EfficiencyTable(TableKind):
 
     def conflicts(self, points: Sequence[Any]) -> dict[str, str]:
         """Reject a metric that is no efficiency."""
-        return {} if self.metric.is_efficiency else {"metric": f"'{self.metric}' is no efficiency"}
+        if self.metric.is_efficiency:
+            return {}
+        return {"metric": f"'{self.metric}' is no efficiency"}
 
     def table(self, results: Results) -> Table:
         """Fill a row for each scenario and each form of a filter."""
@@ -212,6 +214,7 @@ def _compare(errors: dict[str, AtCost], higher: bool) -> _Comparison:
     ``errors`` are by the filter's name. The lowest is the best, or the highest if ``higher`` is set, as
     for efficiencies.
     """
+    # Times this sign, a lower error is a better one.
     sign = -1.0 if higher else 1.0
     order = sorted(errors, key=lambda name: sign * errors[name].error.value)
     pairs = {(a, b): compare_at(errors[b], errors[a]) for a, b in combinations(order, 2)}
@@ -241,7 +244,9 @@ def _marked(errors: dict[str, AtCost], comparison: _Comparison) -> list[str]:
         near.append(name)
     all_near = len(near) == len(comparison.ties)
     some_worse = len(comparison.ties) + 1 < len(errors)
-    return [*comparison.best, *near] if all_near or some_worse else []
+    if all_near or some_worse:
+        return [*comparison.best, *near]
+    return []
 
 
 def _is_near(error: AtCost, best: AtCost) -> bool:

@@ -59,7 +59,9 @@ class Metrics(TableKind):
         columns = {head: m for head, m in self.columns.items() if not m.is_cpu_time}
         if len(columns) == len(self.columns):
             return self
-        return replace(self, columns=columns) if columns else None
+        if not columns:
+            return None
+        return replace(self, columns=columns)
 
     def table(self, results: Results) -> Table:
         """Fill a row for each filter, a column for each metric expression."""
@@ -148,7 +150,9 @@ def best_labels(evaluator: Evaluator, labels: Sequence[str], m: Measure) -> list
         return []
     best = [label for label, value in values.items() if value == least]
     # If all filters have the least number, none is better than another.
-    return best if lower_is_better and len(best) < len(values) else []
+    if lower_is_better and len(best) < len(values):
+        return best
+    return []
 
 
 def _is_zero_in_every_run(candidate: Candidate) -> bool:
@@ -197,8 +201,10 @@ def _lost_notes(results: Results, point: GridPoint, labels: list[str]) -> Iterat
         for code, reason in LOST_BECAUSE.items():
             number = int((codes == code).sum())
             if number:
-                where = f" at {place}" if place else ""
-                yield f"{label}{where}: {counted(number, 'run')} lost because {reason}."
+                name = label
+                if place:
+                    name += f" at {place}"
+                yield f"{name}: {counted(number, 'run')} lost because {reason}."
 
 
 def _tail_notes(
@@ -225,7 +231,9 @@ def _tail_notes(
             if has_heavy_tail(influence(statistic, x)):
                 middle = STATISTICS["median"](x).value
                 low, high = interval("median", x)
-                name = f"{m.metric}[{m.window}]" if m.window else m.metric
+                name = m.metric
+                if m.window:
+                    name += f"[{m.window}]"
                 text = f"{named(label)} {middle:.3g} ({low:.3g} to {high:.3g})"
                 medians.setdefault(name, {})[label] = text
     # Step 2: a sentence for each error.

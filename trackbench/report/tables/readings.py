@@ -39,7 +39,9 @@ class Number(NamedTuple):
     @property
     def power(self) -> float:
         """Power to which both numbers are raised for comparison: the root is taken of a variance."""
-        return 0.5 if self.is_variance else 1.0
+        if self.is_variance:
+            return 0.5
+        return 1.0
 
 
 class Distance(NamedTuple):
@@ -126,7 +128,9 @@ class Readings(TableKind):
         readings.sort(key=lambda reading: reading.distance.estimate.value)
         # Step 3: a row per reading; of several filters also the distance of each.
         several = len(labels) > 1
-        columns = ["Distance", *labels] if several else ["Distance"]
+        columns = ["Distance"]
+        if several:
+            columns += labels
         table = Table(self.title, ["Rank", *heads], columns, self.digits)
         for rank, reading in enumerate(readings[: self.rows], start=1):
             distances = [reading.distance]

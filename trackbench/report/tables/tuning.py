@@ -64,7 +64,9 @@ class TuningTable(TableKind):
         # Step 2: a row per filter, with notes on a gain that is none.
         for label, record in results.tuning.items():
             gain = gains.get(label)
-            gained = Cell.missing() if gain is None else Cell.of(gain.difference)
+            gained = Cell.missing()
+            if gain is not None:
+                gained = Cell.of(gain.difference)
             keys = [label, _values(record), str(len(record.trials))]
             table.add(keys, [*_cells(record, tuned[label], untuned[label]), gained])
             notes = list(record.remarks(tuning["runs"]))
@@ -100,7 +102,9 @@ def _score(
         if filter_label == label:
             values_by_metric[metric] = values
     needed = {*objective.metrics, "lost"}
-    return objective.score(values_by_metric) if needed <= values_by_metric.keys() else None
+    if not needed <= values_by_metric.keys():
+        return None
+    return objective.score(values_by_metric)
 
 
 def _values(record: Record) -> str:

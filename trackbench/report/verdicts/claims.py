@@ -167,7 +167,9 @@ class _Test(NamedTuple):
 
 def _least(zs: list[float]) -> float:
     """Return the least z of tests that must all be shown, NaN if one is unknown."""
-    return nan if any(map(isnan, zs)) else min(zs)
+    if any(map(isnan, zs)):
+        return nan
+    return min(zs)
 
 
 def _test(evaluator: Evaluator, claim: Claim, right_label: str) -> _Test:
@@ -238,8 +240,10 @@ def _values_compared(evaluator: Evaluator, test: _Test) -> str:
     values = []
     for side in claim.sides(test.right_label):
         term = evaluator.term(side)
-        losses = f" ({term.losses})" if term.lost else ""
-        values.append(f"{side.filter} {term.value:.4g}{losses}")
+        value = f"{side.filter} {term.value:.4g}"
+        if term.lost:
+            value += f" ({term.losses})"
+        values.append(value)
     if not test.right_label:
         values.append(f"{claim.factor:g}")
     return noted(", ".join(values), test.term.why)
@@ -267,15 +271,18 @@ def _size(evaluator: Evaluator, test: _Test) -> str:
     low, high = gain(quotient(left, right)).interval()
     if low <= claim.printed <= high or isnan(low + high):
         return ""
-    limit = f"at most {high:.2g}" if claim.printed > high else f"at least {low:.2g}"
+    limit = f"at least {low:.2g}"
+    if claim.printed > high:
+        limit = f"at most {high:.2g}"
     return f"{limit} % (95 %), printed {claim.printed:g}"
 
 
 def _tests_at_steps(weakest: _Test, zs: list[float]) -> str:
     """Describe the weakest of tests at many steps, and how many are significant."""
     expression = weakest.claim.expression
-    steps = expression.steps if expression else None
-    where = f"at step {steps.first}; " if steps else ""
+    where = ""
+    if expression is not None and expression.steps:
+        where = f"at step {expression.steps.first}; "
     holding = sum(rules.decided(z) > 0 for z in zs)
     return f"{where}{holding} of {len(zs)} comparisons hold by themselves"
 
@@ -303,7 +310,9 @@ def _loses_more(evaluator: Evaluator, claim: Claim, right: str) -> str:
 
 def no_results(row: PublishedNumber | Claim, evidence: Evaluator | None) -> str:
     """Return a note if the grid lacks the point that a row names."""
-    return "" if evidence is not None else f"no results at {row.point}"
+    if evidence is None:
+        return f"no results at {row.point}"
+    return ""
 
 
 def noted(*notes: str) -> str:
@@ -317,7 +326,9 @@ def evidence_at(results: Results, picked_point: str) -> Evaluator | None:
     ``picked_point`` is written ``path=value; path=value``.
     """
     point = point_of(results, picked_point)
-    return None if point is None else Evaluator(results, point)
+    if point is None:
+        return None
+    return Evaluator(results, point)
 
 
 def point_of(results: Results, picked_point: str) -> GridPoint | None:

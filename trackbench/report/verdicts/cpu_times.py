@@ -52,7 +52,9 @@ class TimeVerdict(NamedTuple):
     def statement(self) -> str:
         """Claim, or what the number is of."""
         row = self.row
-        return row.claim if isinstance(row, Claim) else f"{row.filter}: {row.metric}"
+        if isinstance(row, Claim):
+            return row.claim
+        return f"{row.filter}: {row.metric}"
 
 
 def without_times(published: Published) -> Published:
@@ -123,7 +125,9 @@ def _judge(results: Results, row: PublishedNumber | Claim, left: str, right: str
     # Each repeat gives a ratio, so both filters need equally many; an interval needs at least two.
     repeats = {len(times) for times in seconds}
     if wanted is not None and all_timed and len(repeats) == 1 and max(repeats) > 1:
-        ratios = seconds[0] / (seconds[1] if right else 1.0)
+        ratios = seconds[0]
+        if right:
+            ratios = ratios / seconds[1]
         value = median(ratios).value
         low, high = interval("median", ratios)
         word = _word(row, low / SCATTER, high * SCATTER, *wanted)
@@ -155,7 +159,9 @@ def _wanted_range(row: PublishedNumber | Claim) -> tuple[float, float] | None:
         if isinstance(row.value, str) or relation not in ("", "ratio", "gain"):
             return None
         # A gain of p percent is a ratio of 1 - p / 100.
-        ratio = 1.0 - row.value / 100.0 if relation == "gain" else row.value
+        ratio = row.value
+        if relation == "gain":
+            ratio = 1.0 - ratio / 100.0
         return ratio, ratio
     if relation not in ("", "ratio") or (relation and row.rights):
         return None
@@ -179,10 +185,14 @@ def _word(row: PublishedNumber | Claim, low: float, high: float, least: float, m
         # A setting was fitted to this number, which therefore confirms nothing.
         if row.chosen:
             return UNDECIDED
-        return "differs" if is_outside else "compatible"
+        if is_outside:
+            return "differs"
+        return "compatible"
     if is_outside:
         return "fails"
-    return "holds" if is_inside else UNDECIDED
+    if is_inside:
+        return "holds"
+    return UNDECIDED
 
 
 def write_time_verdicts(results: Results) -> None:
@@ -224,7 +234,9 @@ def time_tables(verdicts: Iterable[TimeVerdict]) -> list[TextTable]:
                 Text(f"{verdict.row.paper}, {verdict.row.source}".rstrip(", ")),
             ]
         )
-    return [table] if table.rows else []
+    if not table.rows:
+        return []
+    return [table]
 
 
 def time_line(results: Results) -> list[str]:

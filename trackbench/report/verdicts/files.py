@@ -72,7 +72,7 @@ def tallies(verdicts: Iterable[Compared | ClaimVerdict]) -> list[Tally]:
     for word in _WORDS:
         number = numbers[word]
         if number:
-            verb = word
+            verb = word  # 1 agrees, 2 agree
             if word == TOO_FEW_RUNS:
                 verb = f"with {word}"
             elif number > 1 and word in _VERBS:
@@ -86,7 +86,9 @@ def bars(comparison: Verdicts) -> list[Bar]:
 
     The list is empty if the results have fewer runs than the experiment: see `needed_runs`.
     """
-    return [] if comparison.experiment_runs is not None else _all_bars(comparison)
+    if comparison.experiment_runs is not None:
+        return []
+    return _all_bars(comparison)
 
 
 def needed_runs(comparison: Verdicts) -> str:
@@ -307,9 +309,10 @@ def _number_row(row: Compared, readings: int = 1) -> list[Text]:
     """Write a row of a table of numbers, which is the best of so many ``readings``."""
     published = row.published
     name = published.filter
-    if row.label:
-        has_filter = row.label.startswith(published.filter)
-        name = row.label if has_filter else f"{published.filter}: {row.label}"
+    if row.label.startswith(published.filter):
+        name = row.label
+    elif row.label:
+        name = f"{published.filter}: {row.label}"
     if readings > 1:
         name += f" (best of {readings})"
     printed_number = None if isinstance(published.value, str) else published.value
@@ -357,6 +360,7 @@ def _claim_table(claims: list[ClaimVerdict]) -> TextTable:
 
 
 def _rank_table(ranks: list[Ranked]) -> TextTable:
+    """Tabulate how well the measured order of the filters agrees with the published one."""
     heads = ["Table", "Column", "Filters", "Kendall's tau"]
     table = TextTable("Order of the filters, published against measured (1: the same)", heads)
     for rank in ranks:
@@ -373,7 +377,9 @@ def _rank_table(ranks: list[Ranked]) -> TextTable:
 
 def _place(number: PublishedNumber) -> str:
     """Name the metric of a published number, and the row of its table if it has one."""
-    return f"{number.metric}, {number.row}" if number.row else number.metric
+    if not number.row:
+        return number.metric
+    return f"{number.metric}, {number.row}"
 
 
 def printed(number: PublishedNumber) -> str:
@@ -393,11 +399,15 @@ def _measured_text(row: Compared) -> str:
     if row.verdict.word == "equal":
         digits = max(DIGITS["per_run.csv"], row.published.significant_digits)
         return f"{value:.{digits}g}"
-    return rounded(value, stderr, 4) if stderr else f"{value:.6g}"
+    if not stderr:
+        return f"{value:.6g}"
+    return rounded(value, stderr, 4)
 
 
 def _z(z: float) -> str:
     """Write z with its sign and one decimal, a large one without decimals."""
     if isnan(z):
         return "–"
-    return f"{z:+.1f}" if abs(z) < 100 else f"{z:+.0f}"
+    if abs(z) < 100:
+        return f"{z:+.1f}"
+    return f"{z:+.0f}"

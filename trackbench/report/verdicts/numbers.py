@@ -191,7 +191,7 @@ def rank_agreement(rows: list[Compared]) -> Iterator[Ranked]:
         yield Ranked(
             paper=paper,
             table=table,
-            metric=f"{metric}, {table_row}" if table_row else metric,
+            metric=", ".join(filter(None, [metric, table_row])),
             filters=len(column),
             tau=kendall(published_values, measured_values),
         )

@@ -19,6 +19,7 @@ from trackbench.core.conversions import (
     rotate_east_north_up,
 )
 from trackbench.core.elementary import cos_sin
+from trackbench.errors import and_others
 from trackbench.field_types import DataError, Finite, InvalidKeyError, Place
 from trackbench.scenarios.recordings.csv_lines import TextFormat
 from trackbench.scenarios.recordings.csv_tables import (
@@ -39,8 +40,10 @@ _LIMITS = {
 }
 """Least and largest value, the number of their units in one SI unit, and the unit's name."""
 _LEAST_CELLS = 5
+"""Fewest cells of a column in which one can be far outside the others."""
 _NINES = re.compile(r"9{3,}(\.9+)?")
 _ENDS = (32767.0, 32768.0, 2147483647.0, 2147483648.0)
+"""Sizes of the ends of the range of whole numbers of 16 and 32 bits."""
 _CODES = {"latitude": 91.0, "longitude": 181.0, "course": 511.0}
 """Codes of AIS (ITU-R M.1371) that are impossible values in any table; a course may be a heading."""
 _CODES_OF_AIS = {"speed": 102.3, "course": 360.0}
@@ -71,6 +74,7 @@ def blank_codes(quantity: str, values: Array, of_ais: bool, scale: float) -> Cou
         if scale == UNITS[unit]:
             raw_unit = unit
             break
+    # The codes are in knots and degrees.
     usual_unit = "kn" if raw_unit == "kn/10" else "deg"
     tables_of_codes = [_CODES]
     if of_ais:
@@ -143,8 +147,8 @@ def impossible(quantity: str, values: Array, scale: float) -> Impossible | None:
     if not len(rows):
         return None
     limits = f"at least {least:g}" if largest == inf else f"within {least:g} and {largest:g}"
-    more = f", as are {len(rows) - 1} more" if len(rows) > 1 else ""
-    what = f"{shown[rows[0]]:.9g} {unit} is impossible{more}; a {quantity} is {limits} {unit}"
+    first = f"{shown[rows[0]]:.9g} {unit} is impossible{and_others(len(rows))}"
+    what = f"{first}; a {quantity} is {limits} {unit}"
     way = _way_out(quantity, values, rows)
     return Impossible(int(rows[0]), f"{what}: correct or empty the cells{way}")
 
@@ -157,6 +161,7 @@ def _way_out(quantity: str, values: Array, wrong: Index) -> str:
     finite = values[np.isfinite(values)]
     most_are_wrong = 2 * len(wrong) > len(finite)
     if _LIMITS[quantity][3] == "deg" and most_are_wrong:
+        # NMEA writes degrees and minutes as one number: 4807.038 is 48 deg 7.038 min.
         whole = not (finite % 1.0).any()
         minutes = np.abs(finite) % 100.0
         if not whole and quantity != "course" and (minutes < 60.0).all():
@@ -346,7 +351,7 @@ class Naming:
             if mistake is not None:
                 raise InvalidKeyError(mistake, *within, "units", key)
 
-    def called(self, name: str, names: Sequence[str]) -> str | None:
+    def column_of(self, name: str, names: Sequence[str]) -> str | None:
         """Return the column of a quantity among the columns ``names``; None without one.
 
         The quantity of a second sensor, such as 2.x, may have the column of x.
@@ -467,7 +472,7 @@ class Columns:
 
     def column(self, name: str) -> str | None:
         """Find the name of a quantity's column in this file."""
-        return self.naming.called(name, self.names)
+        return self.naming.column_of(name, self.names)
 
     def take(self, name: str, content: Content) -> str | None:
         """Select the column of a quantity, or of a key such as ``run``, to be read; return its name.
@@ -704,9 +709,10 @@ class Columns:
     def _rotated_velocities(
         self, table: Table, places: Geodetic, frames: Sequence[Frame], runs: Index
     ) -> dict[str, Array]:
-        """Return velocities by name along east, north and up of the origin.
+        """Return velocities (R,) by name along east, north and up of the origin.
 
-        In the table they are along east, north and up of each row's own place.
+        In the table they are along east, north and up of each row's own place. ``runs`` (R,) are the
+        numbers of the rows' runs.
         """
         # A row without a place has that of the nearest row of its run.
         filled_places = _nearest_places(places, runs)
@@ -768,6 +774,7 @@ class Columns:
         return tuple(other for other in others if self.column(other) is not None)
 
     def _value(self, table: Table, name: str) -> Array:
+        """Return a quantity's values (R,) in SI; an angle clockwise from north counts from x to y."""
         column = self.column(name)
         assert column is not None
         scale = self.naming.scale(name)
@@ -869,7 +876,10 @@ class Columns:
 
 
 def _is_across_a_cut(values: Array, scale: float) -> Mask:
-    """Return which longitudes are a whole turn from the others, such as 0.1 deg beside 359.9 deg."""
+    """Return which longitudes (R,) are a whole turn from the others, as 0.1 deg beside 359.9 deg.
+
+    ``scale`` is their unit in radians.
+    """
     turn = 2.0 * pi / scale
     finite = values[np.isfinite(values)]
     if not len(finite):
@@ -880,7 +890,7 @@ def _is_across_a_cut(values: Array, scale: float) -> Mask:
 
 
 def _known_places(places: Geodetic, rows: Index) -> tuple[Geodetic, Mask]:
-    """Return the places of some rows, zero where they are missing, and which are known."""
+    """Return the places of R of the rows, zero where they are missing, and which are known (R,)."""
     finite = np.isfinite(places.latitude[rows])
     known = Geodetic(
         latitude=np.where(finite, places.latitude[rows], 0.0),
@@ -893,7 +903,8 @@ def _known_places(places: Geodetic, rows: Index) -> tuple[Geodetic, Mask]:
 def _nearest_places(places: Geodetic, runs: Index) -> Geodetic:
     """Return the places, in which rows without one get that of the row of their run before them.
 
-    If no row before has a place, they get that of the next row with one.
+    If no row before has a place, they get that of the next row with one. ``runs`` (R,) are the numbers
+    of the rows' runs.
     """
     known = np.isfinite(places.latitude)
     if known.all():

@@ -145,6 +145,7 @@ def rest_of_stamp(
 
 
 def _words_before_unit(name: str) -> list[str]:
+    """Return the words of a name without a unit at its end."""
     words = words_of(name)
     if words and words[-1] in _UNITS:
         return words[:-1]

@@ -110,6 +110,7 @@ def layout_of(path: str, form: TextFormat | None = None) -> Layout:
 
 
 def _encoding(path: str) -> str:
+    """Detect the encoding of a text file from its first bytes: UTF-8 or UTF-16."""
     with require_regular_file(path).open("rb") as file:
         head = file.read(256)
     if head[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
@@ -136,6 +137,7 @@ def _opened(path: str, encoding: str) -> Iterator[TextIO]:
 
 
 def _layout(path: str, text: TextIO, form: TextFormat) -> Layout:
+    """Detect what ``form`` leaves open of an open file's format; raises DataError for no table."""
     # Step 1: take the first lines, comments and others.
     separator = _WORDS.get(form.separator, form.separator)
     comments: dict[int, str] = {}
@@ -368,6 +370,7 @@ def table_rows(path: str, layout: Layout) -> Iterator[tuple[int, list[str]]]:
 
 
 def _numbered_rows(path: str, text: TextIO, layout: Layout) -> Iterator[tuple[int, list[str]]]:
+    """Yield the rows of an open file, as `table_rows` does."""
     width = len(layout.names)
     separator = layout.separator
     data_lines = islice(iter(partial(text.readline, _LONGEST_LINE), ""), layout.before, None)

@@ -78,7 +78,9 @@ def whole(cell: str) -> float:
 
 def parse_cells(parse: Parse, cells: Sequence[str]) -> tuple[Array, list[tuple[int, str]]]:
     """Parse a column's cells; return values (R,), and the index and reason of each mistake."""
-    keys = parse.keywords if isinstance(parse, partial) else {}
+    keys = {}
+    if isinstance(parse, partial):
+        keys = parse.keywords
     values = None
     # Usually all cells are plain numbers, or dates of one form, which are parsed in one pass.
     if keys.get("form"):
@@ -101,7 +103,7 @@ def parse_cells(parse: Parse, cells: Sequence[str]) -> tuple[Array, list[tuple[i
 
 
 def _plain_numbers(cells: Sequence[str]) -> Array | None:
-    """Return all cells as numbers if every cell is a plain finite number; None otherwise."""
+    """Return all R cells as numbers (R,) if every cell is a plain finite number; None otherwise."""
     text = "".join(cells)
     if not text.isascii() or "_" in text:
         return None
@@ -390,4 +392,6 @@ def _parquet(path: str, columns: list[str] | None) -> Any:
 def _shown(value: object) -> str:
     """Return a cell of a data frame as the text that a CSV would have."""
     is_missing = value is None or value != value or str(value) == "NaT"
-    return "" if is_missing else str(value)
+    if is_missing:
+        return ""
+    return str(value)

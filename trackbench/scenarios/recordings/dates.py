@@ -39,7 +39,9 @@ def moment(cell: str, form: str = "") -> datetime:
         cell = _OFFSET.sub(r"\1", cell)
         return datetime.fromisoformat(_UTC.sub("+00:00", cell))
     except ValueError:
-        expected = f"a time as {form}" if form else "a time in ISO 8601"
+        expected = "a time in ISO 8601"
+        if form:
+            expected = f"a time as {form}"
         raise ValueError(expected) from None
 
 
@@ -68,7 +70,7 @@ def is_instant(cell: str) -> bool:
 
 
 def dates_quickly(cells: Sequence[str], form: str) -> Array | None:
-    """Return many dates as microseconds since 1970 by pandas, which is faster than cell by cell.
+    """Return dates (R,) as microseconds since 1970 by pandas, which is faster than cell by cell.
 
     None for few cells, for a form with a zone, and if a cell is no date of this form.
     """

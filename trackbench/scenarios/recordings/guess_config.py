@@ -93,7 +93,9 @@ def _robot_parts(guess: Guess) -> _ModelParts:
 
 def _late_key(guess: Guess) -> str:
     """Return the key of late measurements after a comma; empty if all arrive on time."""
-    return ", late: refilter" if "received" in guess.naming.columns else ""
+    if "received" not in guess.naming.columns:
+        return ""
+    return ", late: refilter"
 
 
 def _robot_assumption(sigmas: Mapping[str, float], late: str) -> str:
@@ -103,7 +105,9 @@ def _robot_assumption(sigmas: Mapping[str, float], late: str) -> str:
     empty.
     """
     deviations = ", ".join(f"s{name}: {sigma:g}" for name, sigma in sigmas.items())
-    late_line = f"\n    {late.removeprefix(', ')}" if late else ""
+    late_line = ""
+    if late:
+        late_line = f"\n    {late.removeprefix(', ')}"
     return (
         f"""
     motion:  # a step along the heading, by the speed v and the turn rate w since the step before
@@ -224,6 +228,7 @@ def _used_columns(guess: Guess) -> dict[str, str]:
 
 
 def _target_lines(guess: Guess) -> Iterator[str]:
+    """Yield the lines of the target's keys: how the table is read, with the reasons as comments."""
     naming = guess.naming
     why = guess.why
     columns = _used_columns(guess)
@@ -231,8 +236,10 @@ def _target_lines(guess: Guess) -> Iterator[str]:
     for name, column in columns.items():
         if name in guess.inputs:
             continue
-        comment = _comment(why, name) if name in _LABELS else ""
-        yield f"  {name}: {quoted(column)}{comment}"
+        line = f"  {name}: {quoted(column)}"
+        if name in _LABELS:
+            line += _comment(why, name)
+        yield line
     unused = unused_columns(guess)
     if unused:
         yield f"  # not used: {', '.join(unused)}"
@@ -276,6 +283,7 @@ def _target_lines(guess: Guess) -> Iterator[str]:
 
 
 def _sensor_lines(guess: Guess) -> Iterator[str]:
+    """Yield a line for each sensor, and a comment for what the user must write or may change."""
     source = "guess: how far measurements are from the line between their neighbors"
     for sensor in guess.sensors:
         kind = sensor.kind
@@ -315,7 +323,10 @@ def _sensor_lines(guess: Guess) -> Iterator[str]:
 
 
 def _comment(why: dict[str, str], key: str) -> str:
-    return f"  # {why[key]}" if key in why else ""
+    """Return the reason for a key as a comment of YAML; empty if there is none."""
+    if key not in why:
+        return ""
+    return f"  # {why[key]}"
 
 
 def _format_in_braces(form: TextFormat) -> str:
@@ -329,6 +340,7 @@ def _format_in_braces(form: TextFormat) -> str:
 
 
 def _value_in_braces(value: object) -> str:
+    """Write a list, a word or a number as YAML in braces has it."""
     if isinstance(value, (tuple, list)):
         return f"[{', '.join(quoted(str(item)) for item in value)}]"
     if isinstance(value, str):
@@ -349,6 +361,7 @@ def quoted(word: str) -> str:
 
 
 def _escape(character: str) -> str:
+    """Escape a character as YAML does within double quotes."""
     number = ord(character)
     if number < 0x10000:
         return f"\\u{number:04x}"

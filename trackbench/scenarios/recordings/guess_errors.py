@@ -86,8 +86,9 @@ def scatter(time: Array, value: Array) -> float:
 
 
 def error_of_line(time: Array, value: Array) -> float:
-    """Estimate the standard deviation of errors from distances to the line between neighbors.
+    """Estimate the standard deviation of errors of values (R,) from the line between neighbors.
 
+    Each value is compared with the line through those before and after it in time.
     0 for fewer than three rows, or without intervals.
     """
     wide = time[2:] - time[:-2]

@@ -189,7 +189,9 @@ def _recognized_columns(path: str, given: Naming) -> Guess:
     clock = DateForm(given.time_format, bool(given.time_format))
     if "time" in columns and not clock.form:
         times = sample.cells(columns["time"])
-        dates = sample.cells(columns["date"]) if "date" in columns else []
+        dates = []
+        if "date" in columns:
+            dates = sample.cells(columns["date"])
         clock = date_form(path, times, dates, sample.line)
         # A column `day` may be a number of days: only beside times of a day, and with whole dates.
         day = next((name for name in names if name.lower() == "day"), "")
@@ -241,14 +243,16 @@ def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[Sens
     is_wide = any((np.abs(a[np.isfinite(a)]) > _TURN).any() for a in _azimuths_of(wanted, every))
     angle = "bearing" if is_robot else "azimuth"
     in_degrees = angle not in units and is_wide
+    scale = 1.0
     if in_degrees:
         units[angle] = "deg"
         why[angle] = "guess: there are angles beyond 2 pi"
-    scale = UNITS["deg"] if in_degrees else 1.0
+        scale = UNITS["deg"]
     for names, rows in zip(wanted, every, strict=True):
         if angle in names:
             scaled = rows._replace(values=rows.values * scale)
-            check_turns(gathered, scaled, {angle: len(names) - 1})
+            row_of_angle = len(names) - 1
+            check_turns(gathered, scaled, {angle: row_of_angle})
     # Sort the runs by length; noise and speed are those of the longest.
     sizes = np.sum([np.bincount(rows.run, minlength=len(gathered.runs)) for rows in every], axis=0)
     runs = sorted(zip(gathered.runs, sizes.tolist(), strict=True), key=lambda run: -run[1])
@@ -262,6 +266,7 @@ def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[Sens
             gathered.naming = replace(naming, clockwise=())
             why["same_time"] = "guess: several rows of a whole second; or mean, or last"
         longest.append(in_order(gathered, run_rows))
+    # Standard deviations of the errors, and the usual speed, by each sensor.
     levels = [
         levels_of(rows, sensor.kind, in_degrees)
         for sensor, rows in zip(sensors, longest, strict=True)
@@ -495,7 +500,10 @@ def _settle_twice_named(columns: dict[str, str], given: Naming) -> None:
         return
     if run == columns.get("course"):
         # Beside a speed a track is a course; else it names what moves.
-        columns.pop("run" if "speed" in columns else "course")
+        if "speed" in columns:
+            columns.pop("run")
+        else:
+            columns.pop("course")
     elif run == columns.get("sensor"):
         columns.pop("run")
 
@@ -639,9 +647,11 @@ class _Sample:
         return len(self._rows)
 
     def cells(self, column: str) -> list[str]:
-        """List the cells of a column."""
+        """List the cells of a column; empty cells for the name "", no cells for an unknown name."""
+        if not column and column not in self.names:
+            return [""] * len(self)
         if column not in self.names:
-            return [""] * len(self) if column == "" else []
+            return []
         place = self.names.index(column)
         return [cells[place] for cells in self._rows]
 
@@ -749,11 +759,15 @@ class _Reading:
             if is_angle:
                 place[:, no_fix(place[1], place[0], UNITS["deg"])] = np.nan
         # Step 3: read the speeds, and take only the chosen rows.
-        speed = self._values("speed") if "speed" in columns else None
-        course = self._values("course") if "course" in columns else None
+        speed = None
+        if "speed" in columns:
+            speed = self._values("speed")[rows]
+        course = None
+        if "course" in columns:
+            course = self._values("course")[rows]
         velocity = None
         if columns.keys() >= {*_VELOCITY}:
-            velocity = np.stack([self._values(name) for name in _VELOCITY])
+            velocity = np.stack([self._values(name)[rows] for name in _VELOCITY])
         marks = frozenset("".join(words_of(name)) for name in names)
         digits = [self._digits(columns[name]) for name in named]
         return Numbers(
@@ -761,9 +775,9 @@ class _Reading:
             dated=is_dated,
             place=place[:, rows],
             is_angle=is_angle,
-            speed=None if speed is None else speed[rows],
-            course=None if course is None else course[rows],
-            velocity=None if velocity is None else velocity[:, rows],
+            speed=speed,
+            course=course,
+            velocity=velocity,
             words=marks,
             least_digits=min(digits, default=0),
         )
@@ -781,7 +795,7 @@ class _Reading:
         return values
 
     def _azimuths(self) -> Array:
-        """Return the azimuths in radians; without a unit, numbers beyond a turn are degrees."""
+        """Return the azimuths (R,) in radians; without a unit, numbers beyond a turn are degrees."""
         azimuth = self._values("azimuth")
         unit = self._units.get("azimuth")
         if unit is None and (np.abs(azimuth) > _TURN).any():
@@ -791,7 +805,7 @@ class _Reading:
         return azimuth * UNITS[unit]
 
     def _times(self) -> tuple[Array, bool]:
-        """Return the times of the sample, and whether they need no unit.
+        """Return the times (R,) of the sample, and whether they need no unit.
 
         Dates are in seconds, and further parts of a time are added. Numbers of steps need no unit,
         either.
@@ -813,7 +827,7 @@ class _Reading:
         return self._with_stamp_parts(seconds), self._clock.is_date
 
     def _with_stamp_parts(self, time: Array) -> Array:
-        """Return the times with the week or the part of a second that a further column has.
+        """Return the times (R,) with the week or the part of a second that a further column has.
 
         The column is added to the guessed ones.
         """
@@ -866,6 +880,7 @@ class _Reading:
         return {"": (1.0, hours), self._clock.other: (1.0 / 60.0, minutes)}
 
     def _known_units(self, sensor: SensorGuess) -> dict[str, str]:
+        """Return the known units by quantity, with that of several columns of ranges as ``range``."""
         known = dict(self._units)
         if sensor.kind == "range":
             for name in sensor.quantities:
@@ -874,7 +889,10 @@ class _Reading:
         return known
 
     def _write(self, chosen: Candidate, numbers: Numbers, known: dict[str, str]) -> None:
-        """Add the chosen units to the columns that have none yet."""
+        """Add the chosen units to the columns that have none yet, with the reasons.
+
+        ``numbers`` are those that were compared to choose them.
+        """
         columns = self._columns
         units = self._units
         why = self._why
@@ -913,6 +931,7 @@ class _Reading:
             why["course"] = "guess: the direction of the positions"
 
     def _reason(self, chosen: Candidate) -> str:
+        """Explain in a comment of the config why these units were chosen."""
         if chosen.agrees:
             return "times, positions and speeds agree"
         if np.isfinite(chosen.usual_speed):
@@ -920,7 +939,7 @@ class _Reading:
         return "as large as its numbers are"
 
     def _questions(self, candidates: list[Candidate], numbers: Numbers) -> list[Place]:
-        """Write one line for each candidate, with the options that choose it."""
+        """Return a question to the user: a line for each candidate, with the options that choose it."""
         columns = self._columns
         first = candidates[0]
         questions = []

@@ -131,7 +131,7 @@ def _explain_form(form: str) -> str:
 
 
 def _fitting_forms(cells: Sequence[str]) -> dict[str, Array]:
-    """Return the forms that fit all cells, each with the times, in microseconds, that it gives."""
+    """Return the forms that fit all cells, each with the times (R,), in microseconds, that it gives."""
     found: dict[str, Array] = {}
     for form in _FORMS:
         if form.endswith("%f") and form[:-3] in found:

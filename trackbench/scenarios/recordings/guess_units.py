@@ -179,7 +179,10 @@ def likely_units(
 def _times(
     numbers: Numbers, given: Mapping[str, str], clocks: Mapping[str, tuple[float, float]]
 ) -> Iterator[tuple[str, float, float]]:
-    """Yield units of the time, their factor to seconds, and points against them."""
+    """Yield units of the time, their factor to seconds, and points against them.
+
+    The arguments are those of `likely_units`.
+    """
     if numbers.dated:
         yield "", 1.0, clocks.get("", (1.0, 0.0))[1]
         for form, (factor, points) in clocks.items():
@@ -224,7 +227,10 @@ def _whole_seconds_of_days(times: Array) -> bool:
 
 
 def _places(numbers: Numbers, given: Mapping[str, str]) -> Iterator[tuple[str, bool, float]]:
-    """Yield possible units of the position, whether each is of angles, and the points against it."""
+    """Yield possible units of the position, whether each is of angles, and the points against it.
+
+    ``given`` are the known units by quantity.
+    """
     if not numbers.is_angle:
         is_ais = bool(numbers.words.intersection(_AIS))
         known = given.get("x", given.get("range"))
@@ -287,7 +293,7 @@ def _largest_sizes(place: Array) -> tuple[float, float]:
 
 
 def _may_be_degrees(numbers: Numbers) -> bool:
-    """Test whether x and y may be a longitude and a latitude."""
+    """Test whether x and y, the place in the ``numbers``, may be a longitude and a latitude."""
     has_speed = numbers.speed is not None or numbers.velocity is not None
     is_ais = bool(numbers.words.intersection(_AIS))
     if len(numbers.place) != 2 or numbers.least_digits < 4 or not (has_speed or is_ais):
@@ -297,7 +303,7 @@ def _may_be_degrees(numbers: Numbers) -> bool:
 
 
 def _meters(place: Array, unit: str, as_angle: bool, given: Mapping[str, str]) -> Array:
-    """Return positions (n, R) in meters.
+    """Return positions ``place`` (n, R), in ``unit``, in meters.
 
     Angles are converted near the middle latitude of the positions.
     """
@@ -423,7 +429,9 @@ def _speeds(
     for unit, points in SPEED_UNITS.items():
         if known is not None and unit != known:
             continue
-        away = abs(ratio * UNITS[unit] - 1.0) if np.isfinite(ratio) else np.inf
+        away = np.inf
+        if np.isfinite(ratio):
+            away = abs(ratio * UNITS[unit] - 1.0)
         if away >= NEAR:
             continue
         # A knot is likelier beside latitudes.
@@ -437,13 +445,17 @@ def _speeds(
 
 
 def _shown_speed(numbers: Numbers) -> Array | None:
+    """Return the measured speed (R,), in its unit; None if there is none."""
     if numbers.velocity is not None:
         return np.hypot(*numbers.velocity)
     return numbers.speed
 
 
 def _ratio(shown: Array, moves: _Moves) -> float:
-    """Return the median ratio of the written speeds to those of the positions; NaN without any."""
+    """Return the median ratio of the written speeds ``shown`` (R,) to those of the ``moves``.
+
+    NaN without any.
+    """
     if not len(moves.first) or not np.isfinite(moves.usual_speed):
         return np.nan
     speed = np.sqrt(np.square(moves.ways).sum(axis=0)) / moves.time

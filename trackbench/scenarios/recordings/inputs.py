@@ -145,7 +145,11 @@ def _inputs_of_run(
 
 
 def _means(edges: Array, pieces: Array, earlier: Array, later: Array) -> Array:
-    """Return the means (n, K) of piecewise constant values (n, P) over intervals (K,)."""
+    """Return the means (n, K) of piecewise constant values over intervals.
+
+    The ``pieces`` (n, P) lie between ``edges`` (P + 1,); the intervals last from ``earlier`` to
+    ``later`` (K,).
+    """
     # C(t) is the integral from the first edge to t.
     integrals = np.cumsum(pieces * np.diff(edges), axis=1)
     integrals = np.concatenate([np.zeros((len(pieces), 1)), integrals], axis=1)
@@ -170,7 +174,7 @@ def _gap_place(
     The place is the blank row there, or the row before it. ``shift`` is added to the rows' times,
     ``times`` are those of the steps, and ``usual`` is the usual interval of the rows.
     """
-    unit = " steps" if gathered.stepped else " s"
+    unit = f" {gathered.time_unit}"
     inputs = ", ".join(names)
     row_times = rows.measured.time + shift
     before = int(np.searchsorted(row_times, times[step - 1] + TICK, side="right")) - 1

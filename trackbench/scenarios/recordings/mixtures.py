@@ -162,7 +162,7 @@ def is_regular(codes: Index, time: Array) -> bool:
 
 
 def _own_errors(time: Array, values: Array) -> Array:
-    """Return the size of the errors of each value (n,) of a part's rows.
+    """Return the size (n,) of the errors of each of the ``values`` (n, R) of a part's rows.
 
     It is the median distance of a row from the line between its neighbors, scaled to the standard
     deviation of one row.
@@ -179,6 +179,7 @@ def _own_errors(time: Array, values: Array) -> Array:
 def _distances_from_line(time: Array, values: Array, first: Index, other: Index) -> Array:
     """Compute distances (n, B) of another part's rows from the line between neighboring rows of a part.
 
+    ``time`` (R,) and ``values`` (n, R) are those of all rows.
     ``first`` and ``other`` are the indices of both parts' rows. Only neighbors count that are at most
     `_LONGEST_GAP` usual intervals apart, so that the path hardly bends between them. The usual interval
     is the larger one of both parts' medians.

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.errors import and_others
 from trackbench.field_types import DataError
 from trackbench.scenarios.recordings.rows import Gathered, Numbers, Rows, usual_interval
 
@@ -104,9 +105,8 @@ def _merge_equal_times(
         time = f"time {rows.time[row]:.9g} s"
         if gathered.stepped:
             time = f"step {rows.time[row]:.0f}"
-        more = f", as are {len(repeated) - 1} more" if len(repeated) > 1 else ""
         place = f"run {gathered.runs[rows.run[row]]}: {time}"
-        what = f"{place} is there twice{more}, and"
+        what = f"{place} is there twice{and_others(len(repeated))}, and"
         hint = "say `same_time: mean`, `last` or `spread` (evenly until the next time)"
         if rest_way:
             hint = f"{rest_way}; or {hint}"

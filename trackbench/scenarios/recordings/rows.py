@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.conversions import SEMI_MAJOR_AXIS, Geodetic, east_north_up
-from trackbench.errors import reason
+from trackbench.errors import and_others, reason
 from trackbench.field_types import DataError, InvalidKeyError, Place, require_regular_file
 from trackbench.scenarios.recordings.column_mapping import (
     FAR,
@@ -134,6 +134,11 @@ class Gathered:
     files: list[str] = field(default_factory=list)
     notices: list[str] = field(default_factory=list)
 
+    @property
+    def time_unit(self) -> str:
+        """Unit of the times."""
+        return "steps" if self.stepped else "s"
+
     def check_origin(self, origin: tuple[float, ...], *path: str) -> None:
         """Raise InvalidKeyError if an origin is needed and not given, or given and not needed.
 
@@ -188,6 +193,7 @@ class Gathered:
             raise columns.mistake(f"{what}: leave it out")
         if stepped and not self.dated:
             return time
+        # Dates are in microseconds.
         seconds = (time - self.since) / 1e6 if self.dated else time * self.naming.scale("time")
         if parts:
             seconds = seconds + columns.stamp_parts(table, parts)
@@ -196,7 +202,7 @@ class Gathered:
         late = np.flatnonzero(np.abs(seconds) > _LATEST)
         if len(late):
             row = late[0]
-            more = f", nor are {len(late) - 1} more" if len(late) > 1 else ""
+            more = and_others(len(late), "nor are")
             what = f"{clock}: {seconds[row]:.3g} s is no time{more}; {_way_to_read_time(time[row])}"
             raise DataError(Place(columns.path, int(table.lines[row]), 1, what))
         return seconds
@@ -505,11 +511,13 @@ def _check_label(
     rows = np.flatnonzero(is_longest)
     found, counts = np.unique(codes[rows], return_counts=True)
     values = as_positions({name: values[rows] for name, values in quantities.items()})
+    # At least two words, on two rows each on average, and two words that are on several rows.
     is_repeated = len(found) >= 2 and len(rows) >= 2 * len(found) and (counts > 1).sum() > 1
     if not (is_repeated and len(values)):
         return
     role = role_of(label)
     split = split_by(codes[rows], time[rows], values)
+    # Parts that differ by the size of their errors alone are sensors only if they take turns.
     is_mixed = split == "apart" or (split == "errors" and is_regular(codes[rows], time[rows]))
     if role:
         is_mixed = split != "one"
@@ -534,8 +542,8 @@ def _frames_of_runs(
     """Return the places of a table's rows, and frames: each an origin with the rows that count from it.
 
     Runs share one origin, the given one or the first position that is read. If no origin is given, a
-    run that begins far from the first position has an origin of its own. Raises an error for rows too
-    far from their origin.
+    run that begins far from the first position has an origin of its own. ``runs`` (R,) are the numbers
+    of the rows' runs. Raises an error for rows too far from their origin.
     """
     height = 0.0
     if gathered.origin is not None and len(gathered.origin) > 2:
@@ -568,7 +576,7 @@ def _frames_of_runs(
     own = [
         number for number, name in zip(numbers, names, strict=True) if name in gathered.own_origins
     ]
-    shared = np.flatnonzero(~np.isin(runs, own)) if own else np.arange(len(runs))
+    shared = np.flatnonzero(~np.isin(runs, own))
     frames = []
     if len(shared):
         frames.append(Frame(gathered.origin, shared))
@@ -588,7 +596,7 @@ def _origin_at(places: Geodetic, row: int) -> tuple[float, ...]:
 
 
 def _distances(places: Geodetic, rows: Numbers, origin: tuple[float, ...]) -> Array:
-    """Return the distances of the rows with these indices from an origin, m, along the Earth."""
+    """Return the distances (R,) of the R rows with these indices from an origin, m, along the Earth."""
     on_ground = Geodetic(places.latitude[rows], places.longitude[rows], np.zeros(len(rows)))
     origin_on_ground = Frame((*origin[:2], 0.0), np.asarray(rows, dtype=np.intp)).place
     chord = np.sqrt(np.square(east_north_up(on_ground, origin_on_ground)).sum(axis=0))
@@ -622,7 +630,7 @@ def _check_distances(
             origin = "`origin`"
         elif frame.origin == gathered.origin:
             origin = f"the first position ({gathered.first_position}), the origin"
-        more = f", as are {len(too_far) - 1} more" if len(too_far) > 1 else ""
+        more = and_others(len(too_far))
         distance = _kilometers(away[too_far[0]])
         what = f"latitude and longitude: {distance} from {origin}{more}; {limit}"
         way = "correct or empty the cells, or give an `origin: [latitude, longitude]` in the middle"
@@ -670,10 +678,10 @@ def _read_received(
     received = gathered.timed(columns, table, column)
     early = np.flatnonzero(received < time - TICK)[:_MOST_MISTAKES].tolist()
     if early:
-        unit = " steps" if gathered.stepped else " s"
         mistakes = []
         for row in early:
-            what = f"{column}: received {time[row] - received[row]:.9g}{unit} before its time"
+            lead = f"{time[row] - received[row]:.9g} {gathered.time_unit}"
+            what = f"{column}: received {lead} before its time"
             mistakes.append(Place(columns.path, int(table.lines[row]), 1, what))
         raise DataError(*mistakes)
     return received
@@ -704,7 +712,7 @@ def _find_sensor_rows(
     if absent:
         what = f"column {column} has no {absent[0]!r}; there are {', '.join(words[:20])[:200]}"
         raise columns.mistake(what)
-    if strange and not m:
+    if strange and m == 0:  # noted once for all sensors
         codes = [table.words[column].index(word) for word in strange]
         left_out = int(np.isin(table.columns[column], codes).sum())
         gathered.notices.append(
@@ -781,7 +789,7 @@ def check_turns(gathered: Gathered, rows: Rows, angles: Mapping[str, int]) -> No
         wide = np.flatnonzero(sizes > limit)
         if len(wide):
             what = f"{name}: {rows.values[i, wide[0]]:.9g} rad is beyond {turn}"
-            more = f", as are {len(wide) - 1} more" if len(wide) > 1 else ""
+            more = and_others(len(wide))
             # A unit in which the numbers of all cells are possible.
             scale = gathered.naming.scale(name)
             largest = float(np.nanmax(sizes)) / scale

@@ -60,7 +60,9 @@ def initial_scans(gathered: Gathered, rows: Rows, scans: int) -> Opened:
     # The first scans of each run; the first state is that of the last of them.
     places = np.stack([whole[first + i] for i in range(scans)])
     times = rows.time[places]
-    apart = times[-1] - times[-2] if scans > 1 else np.full(runs, np.nan)
+    apart = np.full(runs, np.nan)
+    if scans > 1:
+        apart = times[-1] - times[-2]
     return Opened(time=times[-1], scans=rows.values[:, places], apart=apart)
 
 
@@ -348,7 +350,9 @@ def truth_at(
         truth[:, :, m] = _interpolate(row_times, rows.values[:, first:end], times, gap, angles)
     has_truth = np.isfinite(truth).any(axis=(0, 1))
     if not has_truth.any():
-        hint = "" if gap is not None else ": name a `truth_gap` within which it is interpolated"
+        hint = ""
+        if gap is None:
+            hint = ": name a `truth_gap` within which it is interpolated"
         raise DataError(Place(gathered.files[0], 1, 1, f"has no truth at any step{hint}"))
     without = [name for name, has in zip(runs, has_truth, strict=True) if not has]
     if without:

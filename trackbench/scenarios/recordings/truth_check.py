@@ -120,7 +120,10 @@ def _transform(
 def _distances(
     sensor: Sensors, truth: Array, measurements: Array, steps: Index, chosen: Index
 ) -> Array:
-    """Compute ``|z - h(x)| / sigma`` (n_z, N) of the chosen steps of all runs; NaN where unknown."""
+    """Compute ``|z - h(x)| / sigma`` (n_z, N) of the chosen steps of all runs; NaN where unknown.
+
+    The other arguments are those of `contradictions`.
+    """
     distances = []
     with np.errstate(all="ignore"):
         for i in chosen.tolist():

@@ -395,6 +395,7 @@ class Schedule(NamedTuple):
             raise InvalidKeyError(what, "last")
 
     def _check_recorded(self, recorded: Timeline) -> None:
+        """Raise InvalidKeyError for keys that do not fit the recorded steps, or leave too many."""
         # Recorded data number the steps: only the last one can be chosen.
         if self.first:
             raise InvalidKeyError("the recorded data say it", "first")
@@ -436,7 +437,7 @@ def recorded_columns(values: Array, rng: Streams) -> Array:
     assert isinstance(rng, RunStreams)
     columns = np.full((*values.shape[:-1], len(rng.runs)), np.nan)
     # Recordings with these numbers; a negative number counts from the last.
-    number = values.shape[-1]
-    existing = [m for m in rng.runs if -number <= m < number]
+    recordings = values.shape[-1]
+    existing = [m for m in rng.runs if -recordings <= m < recordings]
     columns[..., : len(existing)] = values[..., existing]
     return columns

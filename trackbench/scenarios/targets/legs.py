@@ -62,7 +62,9 @@ class Onsets:
                 continue  # shorter than the sampling time
             # Mode just before the leg, and whether it comes on during the leg.
             first = int(np.argmax(during))
-            was_on = is_on[first - 1] if first else np.zeros(is_on.shape[1], dtype=np.bool_)
+            was_on = np.zeros(is_on.shape[1], dtype=np.bool_)
+            if first > 0:
+                was_on = is_on[first - 1]
             detected = is_on[during].any(axis=0)
             # The sample at the onset itself carries none of the turn; `during` starts after it.
             sample = first + np.argmax(is_on[during], axis=0)
@@ -263,7 +265,9 @@ class Legs(Flown):
             # Stretch from each leg's end to the next leg's start.
             stretches = {}
             for n, leg in enumerate(self.legs, 1):
-                end = self.legs[n].start if n < len(self.legs) else np.inf
+                end = np.inf
+                if n < len(self.legs):
+                    end = self.legs[n].start
                 stretches[f"leg {n}"] = (leg.end, end)
             error = np.sqrt(values["squared_position"])
             metrics |= scored.settling(error, self.settled_error, stretches)
@@ -292,7 +296,10 @@ class Legs(Flown):
         return quiet
 
     def _overshoots(self, x: Array, y: Array, t: Array, scored: Mask) -> dict[str, Array]:
-        """Measure overshoots from signed errors (K, M): a filter that still turns is ahead."""
+        """Measure overshoots (M,) from signed errors x and y (K, M): a filter that still turns is ahead.
+
+        ``scored`` (K,) marks the scored ones of the times t (K,).
+        """
         overshoots = {}
         straight = scored & ~self._inside(t).any(axis=0)
         for n, leg in enumerate(self.legs):

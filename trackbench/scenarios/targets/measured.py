@@ -252,7 +252,10 @@ class Measured(FromFiles, Naming, Target):
             raise DataError(inputs.gap)
 
     def _read_recording(self, sensor: Sensors, scans: int, T: float) -> Recording:
-        """Read the files; ``scans`` is the number of scans that the start uses up."""
+        """Read the files of measurements, inputs and truth, and put all runs on one clock.
+
+        ``scans`` is the number of scans that the start uses up. Steps without times are T seconds apart.
+        """
         # Step 1: read the chosen runs' rows of each sensor, in order of time.
         sensor_rows = rows_of(sensor)
         origin = self.origin
@@ -286,7 +289,9 @@ class Measured(FromFiles, Naming, Target):
         if locating is not None:
             _, locating_rows = locating
             number = sensor_rows.index(locating_rows)
-        start = initial_scans(gathered, rows[number], scans) if scans else None
+        start = None
+        if scans:
+            start = initial_scans(gathered, rows[number], scans)
         # Step 3: put all runs on one clock, and the measurements on its steps.
         inputs = None
         timed_rows = rows

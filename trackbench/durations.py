@@ -1,0 +1,39 @@
+"""Durations in words: of a filter's run, of a computation that is about to begin, of a list's entry."""
+
+_UNITS_OF_RUN = ((1.0, "s"), (1e3, "ms"), (1e6, "µs"))
+"""Units of time, the largest first, with how many of each are a second."""
+_FEWEST_HOURS = 2
+_FEWEST_MINUTES = 2
+_MOST_SECONDS = 100
+
+
+def cpu_time_in_words(seconds: float) -> str:
+    """Write the CPU time of a run in the largest unit of which there is at least one: ``1.2 ms``."""
+    units = [(number, unit) for number, unit in _UNITS_OF_RUN if seconds * number >= 1.0]
+    units_per_second, unit = next(iter(units), _UNITS_OF_RUN[-1])
+    return f"{_two_digits(seconds * units_per_second)} {unit}"
+
+
+def expected_time_in_words(seconds: float) -> str:
+    """Write the time that a computation will take: two digits of hours, minutes or at least a second."""
+    hours = seconds / 3600
+    minutes = seconds / 60
+    if hours >= _FEWEST_HOURS:
+        return f"{_two_digits(hours)} h"
+    if minutes >= _FEWEST_MINUTES:
+        return f"{_two_digits(minutes)} min"
+    return f"{_two_digits(max(seconds, 1.0))} s"
+
+
+def listed_time_in_words(seconds: float | None) -> str:
+    """Write the time in a list of experiments: whole seconds or minutes; empty if it is unknown."""
+    if seconds is None:
+        return ""
+    if seconds < _MOST_SECONDS:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min"
+
+
+def _two_digits(number: float) -> str:
+    """Round to two digits, and write a larger number without an exponent."""
+    return f"{float(f'{number:.2g}'):g}"
