@@ -99,7 +99,7 @@ def test_every_count_of_verdicts_is_tied() -> None:
     assert not re.search(r"\d+ +(of them|agree|are|differ|hold|fail|claims|numbers|printed)", rest)
 
 
-def test_every_inconclusive_number_is_one_to_which_a_setting_was_fitted() -> None:
+def test_every_inconclusive_number_is_one_that_a_setting_was_chosen_for() -> None:
     """The README says so below its table."""
     inconclusive = [row for row in verdict_rows("", "numbers") if row["verdict"] == UNDECIDED]
     assert inconclusive
