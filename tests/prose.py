@@ -96,15 +96,15 @@ def like(match: re.Match[str], value: float) -> str:
 
 def count(folder: str, what: str, word: str = "", mark: str = "") -> int:
     """Return how many verdicts of a folder, or of all, have the word; ``mark``: fragile, or a paper."""
-    found = [row for row in _verdicts(folder, what) if word in ("", row["verdict"])]
+    found = [row for row in verdict_rows(folder, what) if word in ("", row["verdict"])]
     if mark == "fragile":
         return sum(row["fragile"] == "yes" for row in found)
     return sum(mark in ("", row["paper"]) for row in found)
 
 
 @cache
-def _verdicts(folder: str, what: str) -> list[dict[str, str]]:
-    """Rows of the verdicts; of a printed number that of its best reading, as in the ledger."""
+def verdict_rows(folder: str, what: str) -> list[dict[str, str]]:
+    """Return the verdicts; on a printed number that of its best reading, as in the ledger."""
     name = "claims.csv" if what == "claims" else "comparison.csv"
     rows = [
         row

@@ -10,6 +10,7 @@ A quoted number is named by words with semicolons between them, as a row of
 - ``near; GROUP; FILTER``: the problems on which it is within 10 % of the best
 - ``twice; GROUP; FILTER``: the problems on which it is within a factor of two
 - ``fails; GROUP; FILTER``: the problems on which it fails
+- ``gray; GROUP; FILTER``: the problems on which it cannot be run
 - ``problems; GROUP``: their number
 """
 
@@ -117,6 +118,7 @@ def suite_number(source: str, name: str = "standard") -> float:
         "near": lambda score: score.has_error and score.limited_ratio <= NEAR,
         "twice": lambda score: score.has_error and score.limited_ratio <= 2.0,
         "fails": fails,
+        "gray": lambda score: score.is_left_out,
     }
     mine = [score for score in group.of_role(FILTER) if score.label == label]
     return sum(counted[kind](score) for score in mine)

@@ -1,5 +1,6 @@
 """What stands on the pages is so: commands run, configs are good, programs run, links lead somewhere."""
 
+import csv
 import re
 from pathlib import Path
 
@@ -61,6 +62,17 @@ def test_the_tutorial_says_what_comes_out(
         else:
             sandbox.follow(block)
     verdicts = _rows((tmp_path / "results" / "turn" / "comparison.md").read_text())
+    pairs = csv.DictReader((tmp_path / "results" / "turn" / "paired.csv").read_text().splitlines())
+    (pair,) = [
+        row
+        for row in pairs
+        if (row["filter_a"], row["filter_b"]) == ("EKF (tuned)", "IMM")
+        and row["metric"] == "rms(rmse_position)"
+    ]
+    difference, stderr, z = (float(pair[key]) for key in ("difference", "stderr", "z"))
+    words = " ".join(page.split())
+    assert f"the tuned EKF's error is {difference:.2f} ± {stderr:.2f} m larger" in words
+    assert f"from {difference / stderr:.0f} to {z:.1f}" in words
     shown = _rows(page)
     assert [row for row in shown if len(row) == 4] == [row for row in tables if len(row) == 4]
     # The last column is the CPU time of a machine.

@@ -9,8 +9,19 @@ import pytest
 from docs.site import numbers
 from docs.site.numbers import LINK, Row, UnclearError
 from tests.conftest import EXPERIMENT_FILES
-from tests.prose import FINDINGS, HERE, TEXTS, count, like, tied, untied, values, without_tied
-from trackbench.statistics.rules import CLAIM_WORDS, NUMBER_WORDS
+from tests.prose import (
+    FINDINGS,
+    HERE,
+    TEXTS,
+    count,
+    like,
+    tied,
+    untied,
+    values,
+    verdict_rows,
+    without_tied,
+)
+from trackbench.statistics.rules import CLAIM_WORDS, NUMBER_WORDS, UNDECIDED
 
 
 @pytest.mark.parametrize("path", TEXTS, ids=lambda path: path.stem)
@@ -86,6 +97,13 @@ def test_every_count_of_verdicts_is_tied() -> None:
     assert not missing
     rest = without_tied(TEXTS[-1])
     assert not re.search(r"\d+ +(of them|agree|are|differ|hold|fail|claims|numbers|printed)", rest)
+
+
+def test_every_inconclusive_number_is_one_that_a_setting_was_chosen_for() -> None:
+    """The README says so below its table."""
+    inconclusive = [row for row in verdict_rows("", "numbers") if row["verdict"] == UNDECIDED]
+    assert inconclusive
+    assert all("chosen for this number" in row["note"] for row in inconclusive)
 
 
 def test_a_count_is_of_the_ledger() -> None:

@@ -8,6 +8,7 @@ from tests.conftest import ROOT
 from tests.suite_scores import score_of, scores_of_class, stored_suite, suite_number
 from trackbench.report.suite.scores import FILTER, typical_ratios
 from trackbench.report.suite.tables import fails
+from trackbench.statistics.rules import ALIKE
 
 PAGE = (ROOT / "docs" / "which-filter.md").read_text(encoding="utf-8")
 BOOTSTRAP = ("PF 200", "PF 2000")
@@ -51,6 +52,13 @@ def test_mildly_nonlinear() -> None:
 
 def test_bearings() -> None:
     assert all(score.ratio_to_best.value < 1.05 for score in scores_of_class("bearings", "CKF"))
+    assert score_of("two-bearings", "PF 2000").word == ALIKE
+
+
+def test_gray_cells() -> None:
+    for score in stored_suite()["known"].of_role(FILTER):
+        if score.label in ("EPF", "UPF") and score.is_left_out:
+            assert "density of the process noise" in score.reason
 
 
 def test_multimodal() -> None:
@@ -66,6 +74,10 @@ def test_multimodal() -> None:
     assert max(score.ratio_to_best.value for score in jittered) == ratio("two-places", "PF, jitter")
     for label in ("CKF", "UKF", "GHKF", "IPLF", "UKF, small alpha"):
         assert ratio("ungm", "EnKF") < ratio("ungm", label)
+    assert score_of("two-places", "GPF").word == ALIKE
+    others = (label for label in stored_suite()["known"].labels(FILTER) if label != "PF, jitter")
+    near = suite_number("near; known; PF, jitter")
+    assert near > max(suite_number(f"near; known; {label}") for label in others)
 
 
 def test_unusual_noise() -> None:
@@ -108,6 +120,7 @@ def test_slow_parameter() -> None:
     for problem in ("reentry", "falling-body"):
         for label in BOOTSTRAP:
             assert fails(score_of(problem, label))
+        assert fails(score_of("reentry", "PF, jitter"))
         for label in ("CKF", "UKF", "EKF, order 2"):
             assert ratio(problem, label) <= ratio("falling-body", "UKF")
 
@@ -121,6 +134,13 @@ def test_chaotic() -> None:
         assert best_on(problem) == "PF, jitter"
     for label in ("EKF", *BOOTSTRAP):
         assert all(map(fails, scores_of_class("chaotic", label)))
+    assert score_of("lorenz96-40", "PF, jitter").collapsed == 1
+    gain = {
+        problem: score_of(problem, "EnKF", "settings").ratio_to_best.value
+        / score_of(problem, "EnKF, inflated", "settings").ratio_to_best.value
+        for problem in stored_suite("settings")["chaotic"].problems
+    }
+    assert max(gain, key=lambda problem: gain[problem]) == "lorenz96"
     inflated = score_of("lorenz96", "EnKF, inflated", "settings")
     assert inflated.word == "best"
 
@@ -172,6 +192,8 @@ def test_the_advice_holds_at_other_seeds(seed: int) -> None:
         assert min(typical, key=lambda other: typical[other]) == label
     for score in scores_of_class("multimodal", "PF, jitter", name):
         assert score.ratio_to_best.value < 1.1
+    bootstrap = score_of("banana", "PF 2000", name).ratio_to_best.value
+    assert bootstrap > 2.0 * score_of("banana", "PF, jitter", name).ratio_to_best.value
     for problem in stored_suite(name)["late"].problems:
         assert score_of(problem, "EKF, refilter", name).ratio_to_best.value < 1.001
     chaotic = scores_of_class("chaotic", "EnKF", name)
