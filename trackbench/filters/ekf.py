@@ -277,7 +277,7 @@ def _regress_measurement(
 ) -> _Line:
     """Return the linear regression of the measurement on the state over the Gaussian ``state``, N(m, P).
 
-    ``rule`` has the points over which it is computed (eqs. 5-9).
+    ``rule`` has the points over which it is computed (Garcia-Fernandez et al. 2015, eqs. 5-9).
     """
     # Step 1: measurements of the points relative to that of the mean, so that angles are averaged away
     # from their jump by 2 pi.
