@@ -408,6 +408,7 @@ class AcceptedNis:
         """Return mean and variance of an accepted measurement's NIS over its n components."""
         from scipy.special import chdtr, chdtri
 
+        # A chi-square of n degrees below its quantile, over n.
         quantile = chdtri(n, 1.0 - self.gate)
         mean = chdtr(n + 2, quantile) / self.gate
         square = (n + 2.0) / n * chdtr(n + 4, quantile) / self.gate

@@ -247,13 +247,13 @@ class VariableDimension(Filter[AdaptiveState]):
 def _run_filters(
     p: Parameters, state: AdaptiveState, z: Array, sampling: Sampling
 ) -> tuple[AdaptiveState, Array]:
-    """Predict and update both filters (section 3.2), and compare them while both are on.
+    """Predict and update both filters, and compare them while both are on.
 
-    Return the new state, and the NIS (M,) of the NMF, which is zero without a measurement.
+    They are the paper's non-maneuvering filter (NMF) and maneuvering filter (MF). Return the new state, and the NIS (M,) of the NMF, which is zero without a measurement.
     """
     T, R = sampling
     on = state.mode.on
-    # Eqs. 8-12: the NMF in every run, the MF if any run has it on.
+    # The NMF in every run, the MF if any run has it on.
     nmf, of_nmf = axis_step(state.nmf, p.nmf.axis(T), z, R)
     mf = state.mf
     of_mf = None

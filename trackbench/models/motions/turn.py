@@ -36,7 +36,7 @@ class CoordinatedTurn(Motion):
         w = np.deg2rad(self.turn_rate_deg_s)
         if abs(w * T) < _STRAIGHT:
             return straight
-        # Equations 11.7.1-4, with c = cos(w T) and s = sin(w T).
+        # Bar-Shalom, Li & Kirubarajan 2001, eqs. 11.7.1-4, with c = cos(w T) and s = sin(w T).
         c, s = cos_sin(w * T)
         F = np.array(
             [
