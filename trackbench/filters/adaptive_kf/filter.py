@@ -249,7 +249,8 @@ def _run_filters(
 ) -> tuple[AdaptiveState, Array]:
     """Predict and update both filters, and compare them while both are on.
 
-    They are the paper's non-maneuvering filter (NMF) and maneuvering filter (MF). Return the new state, and the NIS (M,) of the NMF, which is zero without a measurement.
+    They are the paper's non-maneuvering filter (NMF) and maneuvering filter (MF). Return the new state,
+    and the NIS (M,) of the NMF, which is zero without a measurement.
     """
     T, R = sampling
     on = state.mode.on
