@@ -140,6 +140,11 @@ def test_an_edited_plugin_never_meets_an_old_block(
             PLUGIN.replace('"filters"', '"filter"'),
             "half.py:13: ValueError: 'filter' is not a group of kinds: filters, scenarios, targets",
         ),
+        (
+            "half.py",
+            PLUGIN.replace("    scale:", "    summed_diagnostics = 'mine'\n    scale:"),
+            "half.py:13: Half: summed_diagnostics is a word, not a set of words",
+        ),
     ],
 )
 def test_plugins_with_mistakes(config: Path, name: str, content: str | None, expected: str) -> None:

@@ -5,11 +5,11 @@ import pytest
 from scipy import stats
 
 from trackbench.statistics import over_runs as st
+from trackbench.statistics.collapsed_runs import collapsed_in_words
 from trackbench.statistics.comparison import Comparison, as_family
 from trackbench.statistics.estimates import (
     RunEstimate,
     Share,
-    collapsed_in_words,
     linear_combination,
 )
 from trackbench.statistics.intervals import (

@@ -404,6 +404,7 @@ def _difference_from_ekf(tracker: AnyFilter, scenario: Scenario, runs: int) -> s
         N = tracker.particle_count if tracker.particle_count > 1 else 100
         return _describe_bias(error, sigma, N)
     deviation = float((np.abs(error) / np.maximum(sigma, np.finfo(float).tiny)).max())
+    # What rounding leaves is far below 1e-6.
     if deviation > 1e-6:
         return f"the mean is off by up to {deviation:.2g} standard deviations"
     relative_difference = np.abs(tested.cov / exact.cov - 1.0)

@@ -184,7 +184,7 @@ def _limits(name: str, reference: Array, margin: float) -> tuple[Array, Array]:
     """Return the least and the largest score of each run (M,) that a correct filter may have.
 
     ``reference`` (M,) are a reference's scores of this name. ``margin`` is 1 for a filter that draws,
-    and less for others.
+    and less for others. The limits leave room for the approximations by which correct filters differ.
     """
     if name == "squared_distance":
         # No distance is too small: the least is below zero.

@@ -251,7 +251,7 @@ def _arctan2_anywhere(y: Array, x: Array, result: Array) -> None:
     ay = np.abs(y)
     large = np.maximum(ax, ay)
     small = np.minimum(ax, ay)
-    rounded = small / large * SLOPES + _ROUND
+    rounded = small / large * SLOPES + _ROUND  # has the whole number in its last bits
     index = rounded.view(np.int64) & (2 * SLOPES - 1)
     slope = (rounded - _ROUND) * (1.0 / SLOPES)
     # Step 2: arctan c from the table, the rest by r - r^3 / 3 + r^5 / 5.

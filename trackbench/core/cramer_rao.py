@@ -11,8 +11,8 @@ from trackbench.core.arrays import Array, with_axes_of
 def posterior_cramer_rao(initial: Array, F: Array, Q: Array, information: Iterable[Array]) -> Array:
     """Bound the mean squared error matrix of a linear motion with Gaussian noise from below.
 
-    ``J_{k+1} = (Q + F J_k^-1 F')^-1 + E[H' R^-1 H]``, which is their eq. 21 with D11 = F' Q^-1 F in a
-    form that also accepts a singular Q.
+    ``J_{k+1} = (Q + F J_k^-1 F')^-1 + E[H' R^-1 H]``, eq. 21 of Tichavsky et al. 1998 with
+    D11 = F' Q^-1 F in a form that also accepts a singular Q.
 
     Parameters
     ----------

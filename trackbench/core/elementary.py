@@ -204,7 +204,7 @@ def _piecewise(kernel: Elementwise, x: ArrayLike, result: Array | None) -> Array
     values = np.empty(flat.shape)
     _call_kernel(kernel, flat, values)
     if result is None:
-        return values.reshape(x.shape)[()]
+        return values.reshape(x.shape)[()]  # a number if x is one
     result[...] = values.reshape(x.shape)
     return result
 

@@ -154,6 +154,7 @@ def condition(
         columns = np.flatnonzero(is_likely.any(axis=0))
         first = np.maximum([rows[0] - _MARGIN, columns[0] - _MARGIN], 0)
         last = np.minimum([rows[-1] + _MARGIN, columns[-1] + _MARGIN], np.array(box.shape) - 1)
+        # Another search is worth it if less than 80 % of the nodes along an axis are left.
         is_small = ((last - first + 1) < 0.8 * np.array(box.shape)).any()
         searches_on = is_small and search < _SEARCHES - 1
         box = box.part(first, last, n // 2 if searches_on else n)
@@ -305,6 +306,7 @@ def _origins(old: Plane, motion: Map, target: Array) -> tuple[Array, Array]:
     for _ in range(_ITERATIONS):
         change = linalg.matvec(_inverse(motion.jacobian(x)), target - motion.f(x))
         x = x + change
+        # Places are in cells of the box.
         if np.abs(old.box.places(x + change) - old.box.places(x)).max() < 1e-9:
             break
     return x, motion.jacobian(x)

@@ -341,7 +341,7 @@ class PlanePosterior(Posterior):
         """Sum the mass below each component of x (n, M), of cells taken as normal: (n, M)."""
         columns = []
         for plane, point in zip(self.planes, x.T, strict=True):
-            # The standard deviation of a cell, uniform along both of its sides.
+            # The standard deviation of a cell, uniform along both of its sides: side / sqrt(12) each.
             n = len(point)
             sides = plane.box.basis * plane.box.step
             sd = np.sqrt(total(sides * sides) / 12.0)[:n]

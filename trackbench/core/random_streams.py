@@ -268,7 +268,7 @@ class NoiseGenerator(Generator):
             return super().standard_normal(size, *args, **kwargs)
         shape = _shape(size)
         # Variates come in fours, from a Hadamard transform of four table entries.
-        quads = -(-prod(shape) // 4)
+        quads = -(-prod(shape) // 4)  # rounded up
         out = np.empty(4 * quads)
         if compiled.kernels:
             words = self.bit_generator.random_raw(quads)
@@ -288,6 +288,7 @@ class NoiseGenerator(Generator):
         out = np.empty(count)
         step = 4 * _QUADS
         if compiled.kernels:
+            # A word gives four exponentials, and a variate is the sum of ``whole`` of them.
             words = self.bit_generator.random_raw(-(-whole * count // 4))
             compiled.kernels.erlang(exponentials(), words, out, whole)
             return out.reshape(_shape(size))[()]

@@ -306,6 +306,7 @@ def _decibels(log_ratio: Array) -> Array:
 
 
 def _covered(within: Array, level: float) -> Array:
+    """Test whether truths at these probabilities (M,) are in the region of a level; NaN stays NaN."""
     return np.where(np.isnan(within), np.nan, within <= level + _ROUNDING)
 
 
@@ -321,6 +322,6 @@ def in_tenths(pit: Array, places: int = 0) -> Array:
         # A rank fills its place: its share in a tenth is the part of the place between both edges.
         edges = np.arange(TENTHS + 1)[:, None] * (places / TENTHS)
         below = np.clip(edges - (pit * places - 0.5), 0.0, 1.0)
-        return np.round(below[1:] - below[:-1], 9)
+        return np.round(below[1:] - below[:-1], 9)  # without rounding errors
     tenth = np.clip(np.floor(pit * TENTHS), 0, TENTHS - 1)
     return np.where(np.isnan(pit), np.nan, tenth == np.arange(TENTHS)[:, None])

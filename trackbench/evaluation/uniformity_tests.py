@@ -107,7 +107,10 @@ def over_steps(shares: Array) -> Histogram:
 
 
 def number_of_places(pit: Array) -> int:
-    """Find N + 1, the number of places with the values (M,) as middles; 0 if they are no such ranks."""
+    """Find how many places the values (M,) are ranks of: they are middles (i + 0.5) / places.
+
+    A truth among N particles has N + 1 places. The number is 0 if the values are no ranks.
+    """
     if len(pit) < TENTHS:
         return 0
     sizes = np.arange(3, _MOST_PLACES)
@@ -120,7 +123,7 @@ def number_of_places(pit: Array) -> int:
 
 
 def _are_middles(pit: Array, sizes: Index) -> Mask:
-    """Test which values are the middle of a place, if there are so many places."""
+    """Test which values ``pit`` are the middle of a place, if there are so many places."""
     # u = (i + 0.5) / N is the middle of place i, so that u N - 0.5 is whole.
     i = pit * sizes - 0.5
     return np.abs(i - np.rint(i)) < _OFF_A_PLACE
@@ -163,6 +166,6 @@ def kolmogorov_p(distance: float, M: int) -> float:
 
 
 def _stephens(M: int) -> float:
-    """Return the factor that makes the distance of M values comparable with the limit distribution."""
+    """Return the factor (Stephens 1970) by which a distance of M values has the limit distribution."""
     root = np.sqrt(M)
     return root + 0.12 + 0.11 / root

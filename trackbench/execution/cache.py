@@ -258,6 +258,7 @@ def clear_cache(root: Path, old_only: bool = False) -> None:
         )
         raise UserError(Problem(Mark(f"{root}/"), "", what))
     now = code_digest()[:_CODE_DIGITS]
+    # Figures and CPU times are not kept by version.
     folders = [root / "figures", root / "times"]
     for version in _versions(root):
         if not (old_only and version.name == now):

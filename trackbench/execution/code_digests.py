@@ -103,7 +103,7 @@ def own_arithmetic() -> str:
     square = x[:64].reshape(8, 8)
     runs = RunStreams(1, range(3))
     stream = block_stream(1, 0)
-    # Elementary functions, sums, matrices, then random variates.
+    # Elementary functions, sums, matrices, then random variates; of long tables every 97th number.
     results: list[NDArray[np.floating[Any]]] = [
         elementary.exp(40.0 * x - 30.0),
         elementary.log(x),

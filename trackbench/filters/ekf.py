@@ -184,7 +184,7 @@ class MCAEKF(NonlinearFilter):
         sensor = cast(RangeAzimuth, model.sensor)
         expected = self.assumed.measurement(model, predicted.mean, k)
         nu = sensor.innovation(z, expected.mean)
-        # R11 <- R11 + (D / kappa)^2 with the sagitta D (eq. 11)
+        # R11 <- R11 + (D / kappa)^2 with the sagitta D
         D = self._sagitta(polar_moments(sensor, predicted, k), nu[1], expected.cov[1, 1])
         R = np.broadcast_to(with_trailing(expected.cov, 1, leading=2), (2, 2, len(D))).copy()
         R[0, 0] += np.where(np.isnan(D), 0.0, np.square(D / self.kappa))
@@ -192,15 +192,17 @@ class MCAEKF(NonlinearFilter):
         return kalman.update(predicted, nu, H, R)
 
     def _sagitta(self, predicted: Polar, nu: Array, variance: float) -> Array:
-        """Return the sagitta D = r (1 / cos d - 1) for the largest likely change d of azimuth (eq. 11).
+        """Return the sagitta D = r (1 / cos d - 1) for the largest likely change d of azimuth, m.
 
+        Banana paper, eq. 11; Tian & Bar-Shalom 2009.
         ``predicted`` are range and azimuth of the prediction, ``nu`` (M,) is the innovation of the
         azimuth, and ``variance`` that of the azimuth's noise.
         """
         gain = predicted.azimuth_variance / (predicted.azimuth_variance + variance)
         spread = np.sqrt(predicted.azimuth_variance * (1.0 - gain))
         turn = np.abs(gain * nu) + self.n_sigma * spread
-        return predicted.r * (1.0 / cos_sin(np.minimum(turn, 1.5))[0] - 1.0)
+        less_than_right_angle = np.minimum(turn, 1.5)
+        return predicted.r * (1.0 / cos_sin(less_than_right_angle)[0] - 1.0)
 
 
 @register("filters", "iplf")
@@ -275,7 +277,7 @@ def _regress_measurement(
 ) -> _Line:
     """Return the linear regression of the measurement on the state over the Gaussian ``state``, N(m, P).
 
-    ``rule`` has the points over which it is computed (eqs. 5-9).
+    ``rule`` has the points over which it is computed (Garcia-Fernandez et al. 2015, eqs. 5-9).
     """
     # Step 1: measurements of the points relative to that of the mean, so that angles are averaged away
     # from their jump by 2 pi.

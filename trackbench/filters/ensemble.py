@@ -247,7 +247,7 @@ def _transformed(dx: Array, dz: Array, S: Array, R: Array) -> Array:
     are the deviations of the members and of their predicted measurements. S is the covariance of the
     innovation, and R that of the measurement.
     """
-    # E = I - W W' = L^-1 R L'^-1 = V diag(w) V'.
+    # E = I - W W' = L^-1 R L'^-1 = V diag(w) V',  W = L^-1 dz / sqrt(N - 1),  L L' = S
     L = linalg.cholesky(S)
     whitened = linalg.solve_lower(L[..., None], dz)
     if dz.shape[-1] <= len(dz):
@@ -258,6 +258,7 @@ def _transformed(dx: Array, dz: Array, S: Array, R: Array) -> Array:
         T = linalg.matmul(V * np.sqrt(np.maximum(w, 0.0)), linalg.transpose(V))
         transformed = linalg.matmul(np.ascontiguousarray(np.moveaxis(dx, 2, 1)), T)
         return np.ascontiguousarray(np.moveaxis(transformed, 1, 2))
+    # Otherwise T = I - W' G W,  G = (I + E^1/2)^-1: matrices (n_z, n_z) are smaller.
     E = linalg.solve_lower(L[:, :, None], R)
     E = linalg.symmetrize(linalg.solve_lower(L[:, :, None], linalg.transpose(E)))
     w, V = linalg.eigen(E)

@@ -256,7 +256,7 @@ def _propagate(models: list[Model], x: Array, mode: Index, k: int, rng: Streams)
 def _spreads(models: list[Model], x: Array, mode: Index, w: Array) -> list[Spread]:
     """Return, for each motion, the share of the weight and the covariance of its particles.
 
-    ``x`` are the particles, ``mode`` (M, N) are their motions and ``w`` (M, N) their weights.
+    ``x`` (n, M, N) are the particles, ``mode`` (M, N) their motions and ``w`` (M, N) their weights.
     """
     spreads = []
     for j, rows in enumerate(_rows_of_motions(models)):

@@ -29,7 +29,7 @@ class KF(GaussianFilter):
     is_linear: ClassVar[bool] = True
 
     def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
-        """Predict with F and Q, update with H and R (eqs. 8-12)."""
+        """Predict with F and Q, update with H and R."""
         # A cast, because isinstance of a Protocol at every step takes as long as the step.
         motion, sensor = cast(Differentiable, model)
         # Step 1: m^- = F m, P^- = F P F' + Q.

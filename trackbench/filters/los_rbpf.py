@@ -82,6 +82,7 @@ def split_by_cross_speed_sign(frame: Particles) -> CrossSpeedModes | None:
     for side in (up, ~up):
         w = np.where(side, frame.w, 0.0)
         share_of_side = total(w)
+        # All weights stay zero in a run without a particle on this side.
         normalized = w / np.maximum(share_of_side, 1e-300)[:, None]
         shares.append(share_of_side)
         moments.append(Particles(frame.x, normalized).moments())

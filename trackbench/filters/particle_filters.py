@@ -38,11 +38,11 @@ class PF(SimulatingSmoother):
     diagnostic_names = ParticleFilter.diagnostic_names | {"distinct_particles"}
 
     def step(self, model: Model, state: PFState, z: Array, k: int, rng: Generator) -> PFState:
-        """Predict, weigh (eq. 7 with the prior as q), resample, move."""
+        """Predict, weigh, resample, move."""
         # Step 1: draw each particle from the transition, x_k ~ p(x_k | x_{k-1}).
         parents = state.particles.x
         x = model.motion.transition(parents, k).sample(rng)
-        # Step 2: weigh by the likelihood, w_k = w_{k-1} p(z_k | x_k) (eq. 7).
+        # Step 2: weigh by the likelihood, w_k = w_{k-1} p(z_k | x_k): the transition is the proposal.
         if self.ess_threshold < 1.0:
             # Runs that were not resampled carry their weights on.
             state = state._replace(log_w=elementary.log(state.particles.w))

@@ -31,6 +31,7 @@ class SimulatingSmoother(SmoothingFilter[PFState], ParticleFilter):
             return conflicts
         motion = scenario.model.motion
         n = len(motion.components)
+        # An arbitrary state, not at zero, where a Q may vanish.
         x = np.linspace(0.3, 1.7, n)[:, None]
         transition = motion.transition(x, int(scenario.steps[0]) + 1)
         if isinstance(transition, Gaussian) and linalg.is_singular(transition.cov.reshape(n, n)):

@@ -44,7 +44,7 @@ def groups_with_counts() -> str:
     for group, group_names in known.items():
         number = len(group_names)
         if group == "metrics":
-            number = len(METRICS)
+            number = len(METRICS)  # the names are the common ones alone
         first_names = ", ".join([*group_names[:5], "..."][:number])
         rows.append((group, f"{number:>3}", first_names))
     return "\n".join(["groups (trackbench list GROUP):", *columns(rows)])

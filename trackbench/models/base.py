@@ -577,6 +577,7 @@ def measured_angle_rows(sensor: Sensor) -> tuple[int, ...]:
     """Return the rows of the measured angles: a whole turn changes nothing in their innovation."""
     n = len(sensor.components)
     zero = np.zeros((n, n))
+    # The innovation of a component that differs by a whole turn, and by a tenth of a radian.
     of_turn = np.diagonal(sensor.innovation(2.0 * np.pi * np.eye(n), zero))
     of_tenth = np.diagonal(sensor.innovation(0.1 * np.eye(n), zero))
     is_angle = np.isclose(of_turn, 0.0, atol=1e-9) & np.isclose(of_tenth, 0.1)

@@ -485,6 +485,7 @@ def rounded(value: float, stderr: float, digits: int) -> str:
         second_place = first_place + 1
         decimals = min(max(decimals, first_place), second_place) if value else second_place
     decimals = max(decimals, 0)
+    # A longer number would be hard to read.
     needs_exponent = decimals > max(7, digits + 3) or abs(value) >= 1e6
     if needs_exponent and not has_error:
         return f"{value:.{_exact_places(digits)}e}"

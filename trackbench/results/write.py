@@ -255,6 +255,7 @@ class CsvFiles:
             for name in settings.exact:
                 if name not in point.filters:
                     continue
+                # One run of fixed numbers in place of noise: the seed has no effect.
                 task = BlockTask(
                     scenario=scenario,
                     filter=point.filters[name],

@@ -238,6 +238,7 @@ class Outliers(LargerNoise):
         # Student's t is a normal over the root of a gamma variate of mean one.
         half = 0.5 * self.density.df
         gamma = stretch.streams().standard_gamma(half, z.shape[1:]) / half
+        # The normal noise is in z already.
         return np.asarray(z + (self.density.scale / np.sqrt(gamma) - 1.0) * stretch.noise)
 
 

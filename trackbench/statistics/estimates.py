@@ -27,7 +27,7 @@ def in_words(events: int, runs: int, noun: str = " runs lost") -> str:
     """Return ``3 of 800 runs lost (0.077 to 1.1 %)``, the number of runs with an event."""
     ends = []
     for end in inference.share_interval(events, runs):
-        digits = 3 if end > 0.995 else 2
+        digits = 3 if end > 0.995 else 2  # 100 %, not 1e+02 %
         ends.append(f"{100 * end:.{digits}g}")
     return f"{events} of {runs}{noun} ({ends[0]} to {ends[1]} %)"
 

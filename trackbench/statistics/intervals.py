@@ -408,6 +408,7 @@ class AcceptedNis:
         """Return mean and variance of an accepted measurement's NIS over its n components."""
         from scipy.special import chdtr, chdtri
 
+        # A chi-square of n degrees below its quantile, over n.
         quantile = chdtri(n, 1.0 - self.gate)
         mean = chdtr(n + 2, quantile) / self.gate
         square = (n + 2.0) / n * chdtr(n + 4, quantile) / self.gate
@@ -466,7 +467,8 @@ def spread(influences: Array, other: float = 0.0) -> Spread:
     share = stderr / whole
     if not share**4 > 0.0:  # all of the error is the other's, which is normal
         return Spread(whole, 0.0, np.inf)
-    # Hall's a and Satterthwaite's degrees of freedom, from the third and fourth moment.
+    # Hall's a and Satterthwaite's degrees of freedom, from the third and fourth moment. A kurtosis of 1
+    # is that of two values alone.
     kurtosis = float(total(np.square(squares))) / M
     a = float(total(squares * unit)) / M / np.sqrt(M) * share**3
     freedom = min(M - 1.0, 2.0 * M / max(kurtosis - 1.0, 1e-9))
@@ -503,7 +505,7 @@ def tail_index(influences: Array) -> tuple[float, int]:
 def _inverse(y: float, a: float) -> float:
     """Return the T for which Hall's g(T) is y: ``(1 + a T / 3)^3 = 1 + a (y - a / 6)``."""
     if abs(a) < 1e-6:
-        return y
+        return y  # its limit, without a division by zero
     # T = 3 / a ((1 + a (y - a / 6))^(1/3) - 1)
     cube = 1.0 + a * (y - a / 6.0)
     return 3.0 / a * (float(np.copysign(power(abs(cube), 1.0 / 3.0), cube)) - 1.0)

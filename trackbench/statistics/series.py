@@ -96,6 +96,7 @@ class ErrorDistribution(NamedTuple):
 
     def half_width(self, z: float) -> float:
         """Return the error of the mean whose normal deviate is ``z``, by bisection."""
+        # Step 1: bracket it. Step 2: halve the bracket to eight digits.
         low = 0.0
         high = float(self.scales.max())
         while self.z(high) < z:

@@ -178,6 +178,7 @@ def tail(eta: float, gamma: float) -> float:
     if eta <= 0.0:
         return 1.0
     with localcontext() as context:
+        # More digits than the largest term has, and 50 for the sum.
         context.prec = 50 + int(2.5 / (1.0 - gamma))
         g = Decimal(gamma)
         half = Decimal(eta) / 2

@@ -228,8 +228,8 @@ class VariableDimension(Filter[AdaptiveState]):
 
         ``mode``: 1 in the MF. ``alarm``: 1 where the first decision has just found a maneuver.
         ``alarm_age_s``: time since its onset. If the onset is the argmax of zeta: ``zeta`` of the
-        window's oldest onset (eq. 5: chi-square with two degrees of freedom in straight flight),
-        and ``zeta_beyond``: 1 above the 10 % point of that law.
+        window's oldest onset (adaptive-kf paper, eq. 5: chi-square with two degrees of freedom in
+        straight flight), and ``zeta_beyond``: 1 above the 10 % point of that law.
         """
         record = state.record
         values = {
@@ -247,13 +247,14 @@ class VariableDimension(Filter[AdaptiveState]):
 def _run_filters(
     p: Parameters, state: AdaptiveState, z: Array, sampling: Sampling
 ) -> tuple[AdaptiveState, Array]:
-    """Predict and update both filters (section 3.2), and compare them while both are on.
+    """Predict and update both filters, and compare them while both are on.
 
-    Return the new state, and the NIS (M,) of the NMF, which is zero without a measurement.
+    They are the paper's non-maneuvering filter (NMF) and maneuvering filter (MF). Return the new state,
+    and the NIS (M,) of the NMF, which is zero without a measurement.
     """
     T, R = sampling
     on = state.mode.on
-    # Eqs. 8-12: the NMF in every run, the MF if any run has it on.
+    # The NMF in every run, the MF if any run has it on.
     nmf, of_nmf = axis_step(state.nmf, p.nmf.axis(T), z, R)
     mf = state.mf
     of_mf = None
@@ -302,7 +303,7 @@ def _update_statistics(
 def _first_decision(
     p: Parameters, state: AdaptiveState, k: int, sampling: Sampling
 ) -> tuple[AdaptiveState, Mask, Index]:
-    """Raise the alarms (eqs. 5, 6) and find the onset of each run's maneuver (eq. 7).
+    """Raise the alarms, and find the onset of each run's maneuver (adaptive-kf paper, eqs. 5 to 7).
 
     Return the state with the record of the alarms, the runs (M,) with an alarm, and the slots (M,) of
     the onsets in the window.
@@ -311,7 +312,7 @@ def _first_decision(
     rho, inputs, past, _ = state.detector
     runs = np.arange(len(rho))
     oldest_zeta = state.record.zeta
-    # Onset t*: argmax of zeta over the window (eq. 7), or a fixed age.
+    # Onset t*: argmax of zeta over the window, or a fixed age.
     if detector.onset_rule == "argmax":
         zeta = inputs.significance()
         slot = zeta.argmax(axis=0)
@@ -322,7 +323,7 @@ def _first_decision(
         slot = inputs.slot_of(age, k)
         max_zeta = inputs.significance().max(axis=0) if detector.kind == "ie" else rho
     onset = inputs.onset(slot, k)
-    # Alarm: the statistic exceeds eta (eq. 6) while the NMF is on alone.
+    # Alarm: the statistic exceeds eta while the NMF (filter of straight flight) is on alone.
     statistic = max_zeta if detector.kind == "ie" else rho
     alarm = (statistic > detector.threshold) & (state.mode.on == NMF) & (k >= detector.start)
     # An onset within the minimum window xi_min postpones the decision.

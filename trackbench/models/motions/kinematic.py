@@ -248,7 +248,7 @@ class Singer(PerAxis):
 
         The closed form would lose its digits for T much shorter than tau.
         """
-        # Step 1: F and Q of a short interval h by their series.
+        # Step 1: F and Q by their series, of an interval h so short that few terms give all digits.
         halvings = 0
         h = T
         while h > self.tau / 32.0:

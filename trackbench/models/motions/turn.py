@@ -36,7 +36,7 @@ class CoordinatedTurn(Motion):
         w = np.deg2rad(self.turn_rate_deg_s)
         if abs(w * T) < _STRAIGHT:
             return straight
-        # Equations 11.7.1-4, with c = cos(w T) and s = sin(w T).
+        # Bar-Shalom, Li & Kirubarajan 2001, eqs. 11.7.1-4, with c = cos(w T) and s = sin(w T).
         c, s = cos_sin(w * T)
         F = np.array(
             [
@@ -119,7 +119,10 @@ class Turning:
 
 
 def turn_state(x: Array, w: Array, T: Array | float) -> list[Array]:
-    """Turn states x (4, *batch) for T seconds at w rad/s: (px, vx, py, vy) (eq. 11.7.1-4)."""
+    """Turn states x (4, *batch), (px, vx, py, vy), for T seconds at w rad/s.
+
+    Bar-Shalom, Li & Kirubarajan 2001, eq. 11.7.1-4.
+    """
     px, vx, py, vy = x
     along, across, c, s = arc(w, T)
     return [
@@ -148,6 +151,7 @@ def _sinc(u: Array) -> Array:
 
 def _sinc_slope(u: Array) -> Array:
     """Return the derivative of ``sin(u) / u``: its series near zero, else (cos u - sin(u) / u) / u."""
+    # Where cos u and sin(u) / u have equal digits, which their difference would lose.
     near_zero = np.abs(u) < 0.1
     square = u * u
     # -u / 3 + u^3 / 30 - u^5 / 840 + u^7 / 45360

@@ -111,6 +111,7 @@ class Noise:
             return (self.df + 1.0) / (self.df + 3.0) / (self.scale * self.scale)
         share, factor = self._mixture
         # Integral of p'(e)^2 / p(e), by the trapezoidal rule over e = sinh(s) in both tails.
+        # The nodes are dense within the narrowest sigma, and reach to 40 of the widest.
         widest = max(factor, 1.0)
         narrowest = min(factor, 1.0)
         s = np.linspace(-1.0, 1.0, _RADII) * float(log(80.0 * widest / narrowest))
@@ -151,7 +152,7 @@ def draw_poisson(rate: Array, u: Array) -> Array:
     count = np.maximum(np.floor(rate - reach), 0.0)
     probability = exp(log_poisson(count, rate))
     below = probability.copy()
-    last = rate + reach + 40.0
+    last = rate + reach + 40.0  # of a small rate the upper tail is longer than nine deviations
     # Step 2: add probabilities until their sum exceeds u.
     while True:
         goes_on = (below <= u) & (count < last)

@@ -105,7 +105,7 @@ def range_quantile(level: float, k: int) -> float:
     """
     from scipy.special import ndtr
 
-    # The integral over z from -9 to 9.
+    # Pr(range <= q) = k int phi(z) (Phi(z) - Phi(z - q))^(k - 1) dz, from -9 to 9.
     nodes, weights = np.polynomial.legendre.leggauss(200)
     z = 9.0 * nodes
     density = 9.0 * weights * np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi)

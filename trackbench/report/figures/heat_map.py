@@ -180,7 +180,7 @@ class HeatMap(FigureKind):
             return LogNorm(finite[finite > 0.0].min(), finite.max(), clip=True)
         if len(finite):
             return Normalize(finite.min(), finite.max())
-        return Normalize(1, 2)
+        return Normalize(1, 2)  # no cell has a color
 
     def _draw_pairs(self, results: Results) -> Figure:
         """Draw the paired z of every two filters."""

@@ -107,7 +107,7 @@ def multiple(ratio: float, width: float) -> str:
         return f"{ratio:.1e}"
     if not 0.0 < width < inf:
         return rounded(ratio, 3)
-    decimals = ceil(log10(3.0 / width))
+    decimals = ceil(log10(3.0 / width))  # the interval is at least three units of the last one
     return f"{ratio:.{min(3, max(0, decimals))}f}"
 
 

@@ -1,6 +1,7 @@
 """Lines of filters: bands and bars of errors, gaps, gray lines, lines that leave the axis."""
 
 from collections.abc import Mapping, Sequence
+from math import ceil
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
@@ -115,7 +116,7 @@ def draw_gray_line(ax: Axes, x: Array, value: Array, steps: int = 1) -> None:
     """
     if not len(x):
         return
-    length = -(-len(x) // _GRAY_POINTS)  # values in a window
+    length = ceil(len(x) / _GRAY_POINTS)  # values in a window
     starts = np.arange(0, len(x), length)
     lengths = np.diff([*starts, len(x)])
     mean_x = np.add.reduceat(x, starts) / lengths

@@ -9,6 +9,7 @@ import textwrap
 import warnings
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from math import ceil
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 from trackbench.report.plotting import svg_file
@@ -195,7 +196,7 @@ def legend_outside(figure: Figure, without: Collection[str] = ()) -> None:
     if not handles:
         return
     columns = _count_legend_columns(list(handles), figure.get_figwidth())
-    rows = -(-len(handles) // columns)
+    rows = ceil(len(handles) / columns)
     text_lines = rows * (1 + max(label.count("\n") for label in handles))
     figure.set_figheight(figure.get_figheight() + _LINE_IN * text_lines + 0.1)
     figure.legend(
@@ -227,7 +228,7 @@ def _count_legend_columns(labels: Sequence[str], width_in: float) -> int:
         columns = [widths[first : first + rows] for first in range(0, len(labels), rows)]
         if sum(max(column) for column in columns) <= width_in:
             break
-    return -(-len(labels) // rows)
+    return ceil(len(labels) / rows)
 
 
 def _handles_by_label(figure: Figure, without: Collection[str]) -> dict[str, Any]:
@@ -260,9 +261,9 @@ def make_panels(
     ``balanced`` draws 6 panels as 3 and 3, not as 4 and 2.
     """
     across = min(number, sheet().across)
-    blocks = -(-number // across)
+    blocks = ceil(number / across)
     if balanced:
-        across = -(-number // blocks)
+        across = ceil(number / blocks)
     figure, axes = subplots(rows * blocks, across, height_in * blocks, squeeze=False, **kwargs)
     panels = axes.reshape(blocks, rows, across).swapaxes(1, 2).reshape(-1, rows)
     for ax in panels[number:].flat:
@@ -280,7 +281,7 @@ def panel_grid(
     """
     shown = max(number, 1)
     across = min(shown, MOSAIC)
-    rows = -(-shown // across)
+    rows = ceil(shown / across)
     figure, axes = subplots(rows, across, extra_in + row_in * rows, squeeze=False, **layout)
     for ax in axes.flat[number:]:
         ax.set_axis_off()

@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterator
 from html import escape
 from itertools import count
+from math import ceil
 from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
@@ -222,7 +223,7 @@ def _curve_data(ax: "Axes", labels: list[str]) -> Iterator[dict[str, Any]]:
         if line.get_rasterized():
             continue
         x, y = (np.asarray(values, dtype=float) for values in line.get_data(orig=False))
-        period = -(-len(x) // _MOST_POINTS)
+        period = ceil(len(x) / _MOST_POINTS)
         places = np.arange(0, len(x), period)
         stored = places[np.isfinite(x[places]) & np.isfinite(y[places])]
         curve: dict[str, Any] = {"of": labels.index(label), "color": to_hex(line.get_color())}

@@ -311,7 +311,7 @@ def _score_candidate(
 
 
 def _ratio_to_best(ranking: Ranking, candidate: Candidate) -> Ratio:
-    """Divide the error by that of the best filter."""
+    """Divide the error by that of the best filter; NaN if they cannot be compared."""
     if not ranking.order:
         return Ratio()
     best = ranking.order[0]

@@ -349,7 +349,8 @@ def _guess_separator(lines: Sequence[str]) -> str:
     if without_first:
         return without_first
     unquoted = re.sub('"[^"]*"', "", lines[0].strip())
-    most_frequent = max(_SEPARATORS[:4], key=unquoted.count)
+    other_than_space = _SEPARATORS[:-1]
+    most_frequent = max(other_than_space, key=unquoted.count)
     return most_frequent if most_frequent in unquoted else " "
 
 

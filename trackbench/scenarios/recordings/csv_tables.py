@@ -361,6 +361,7 @@ class _Reading:
         values = np.array(
             [codes.setdefault(cell.strip(), len(codes)) for cell in cells], dtype=np.int32
         )
+        # A word may be empty; a label, such as a target's, may not.
         if "" not in codes or self.contents[name] == "word":
             return values, []
         missing = np.flatnonzero(values == codes[""]).tolist()

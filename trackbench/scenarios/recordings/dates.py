@@ -72,7 +72,8 @@ def is_instant(cell: str) -> bool:
 def dates_quickly(cells: Sequence[str], form: str) -> Array | None:
     """Return dates (R,) as microseconds since 1970 by pandas, which is faster than cell by cell.
 
-    None for few cells, for a form with a zone, and if a cell is no date of this form.
+    None for few cells, for a form with a zone, and if a cell is no date of this form. None also for a
+    form of minutes and seconds, as there may be more than 59 minutes.
     """
     if len(cells) < _MANY or "%z" in form or form.startswith("%M"):
         return None

@@ -288,13 +288,14 @@ def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[Sens
 
 
 def _input_sigmas(path: str, naming: Naming) -> dict[str, float]:
-    """Estimate the standard deviations of a robot's measured speed and turn rate."""
+    """Estimate the standard deviations of a robot's measured speed and turn rate, in the longest run."""
+    # These are no sensor's: names of sensors in the file are not looked for.
     without_sensor = replace(naming, columns=naming.columns | {"sensor": ""})
     gathered = Gathered(without_sensor, refuses_far_rows=False)
     (rows,) = read_rows(gathered, [path], [_ODOMETRY])
-    is_first_run = rows.run == np.bincount(rows.run).argmax()
+    is_longest_run = rows.run == np.bincount(rows.run).argmax()
     has_all = np.isfinite(rows.values).all(axis=0)
-    rows = in_order(gathered, rows.at(np.flatnonzero(has_all & is_first_run)))
+    rows = in_order(gathered, rows.at(np.flatnonzero(has_all & is_longest_run)))
     sigmas = {}
     for name, values in zip(_ODOMETRY, rows.values, strict=True):
         sigmas[name] = scatter(rows.time, values)

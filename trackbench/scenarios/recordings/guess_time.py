@@ -198,7 +198,7 @@ def unit_by_size(times: Array) -> str | None:
 def unit_by_speed(times: Array, speed: float) -> str | None:
     """Guess the unit of times that would give a usual speed, where seconds would not."""
     if speed > _FAST and times.min() > 2e4 and times.max() < 8e5:
-        return "d"  # as spreadsheets count them
+        return "d"  # as spreadsheets count them: from 1900, or MATLAB, from the year 0
     if speed >= _SLOW or usual_interval(times) < _LONG or (times % 1.0).any():
         return None
     for unit in ("ms", "us", "ns"):

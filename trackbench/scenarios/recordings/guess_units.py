@@ -219,6 +219,7 @@ def _whole_seconds_of_days(times: Array) -> bool:
 
     Times in seconds with so many digits behind the point would not be whole seconds as days.
     """
+    # Without a fourth digit behind the point the days are no whole seconds.
     if not len(times) or not (np.abs(times * 1e3 % 1.0 - 0.5) < 0.49).any():
         return False
     seconds = times * 86400.0
@@ -360,6 +361,7 @@ class _Moves:
         duration = time[lag:] - time[:-lag]
         later = duration > 0.0
         speeds = sizes[later] / duration[later]
+        # The longest ways must be more than errors of position.
         is_sure = later.any() and float(np.quantile(sizes, 0.9)) > 3.0 * sigma
         usual = float(np.median(speeds)) if is_sure else np.nan
         return cls(rows[:-lag][later], rows[lag:][later], duration[later], ways[:, later], usual)
@@ -394,10 +396,12 @@ def _points_of_interval(times: Array, is_gps: bool) -> float:
         return 0.0
     usual = usual_interval(finite)
     points = 0.0
+    # More than 500 rows a second are rare; so are more than 67, or of GPS more than 25.
     if usual < 0.002:
         points += 3.0 if is_gps else 2.0
     elif usual < (0.039 if is_gps else 0.015):
         points += 1.0
+    # Intervals that differ say nothing more.
     if (np.abs(apart - usual) > 0.02 * usual).mean() > 1.0 - _REGULAR:
         return points
     if usual >= 20.0:

@@ -58,6 +58,7 @@ _TARGETS = _word_set(
 
 def role_of(name: str) -> Literal["quality", "sensor", "place", "target", ""]:
     """Return what the words of a column's name say that it names; empty if they say nothing."""
+    # The words without and with their digits, and all words as one.
     words = {word.rstrip("0123456789") for word in words_of(name)} | {*words_of(name)}
     words.add("".join(words_of(name)))
     if words & _QUALITY:
@@ -151,6 +152,7 @@ def is_regular(codes: Index, time: Array) -> bool:
     fewest_changes = 1.2 * (len(codes) - counts.max())
     if changes < fewest_changes:
         return False
+    # Seven of ten intervals of each part are within 20 % of the usual one.
     for code in np.unique(codes).tolist():
         apart = np.diff(time[codes == code])
         if (

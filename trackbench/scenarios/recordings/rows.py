@@ -597,6 +597,7 @@ def _origin_at(places: Geodetic, row: int) -> tuple[float, ...]:
 
 def _distances(places: Geodetic, rows: Numbers, origin: tuple[float, ...]) -> Array:
     """Return the distances (R,) of the R rows with these indices from an origin, m, along the Earth."""
+    # Both at the height 0; the place of the frame is the origin, once for each row.
     on_ground = Geodetic(places.latitude[rows], places.longitude[rows], np.zeros(len(rows)))
     origin_on_ground = Frame((*origin[:2], 0.0), np.asarray(rows, dtype=np.intp)).place
     chord = np.sqrt(np.square(east_north_up(on_ground, origin_on_ground)).sum(axis=0))
