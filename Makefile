@@ -98,8 +98,8 @@ lint: $(VENV)/.dev
 types: $(VENV)/.dev
 	$(BIN)/mypy
 
-# A file's tests share what they compute, so a worker takes a file whole.
-PYTEST := pytest -n auto --dist loadfile
+# A file's tests share what they compute, so a worker takes a file whole, in the order of tests/conftest.py.
+PYTEST := pytest -n auto --dist loadfile --no-loadscope-reorder
 
 unit: $(VENV)/.dev
 	$(BIN)/$(PYTEST)

@@ -1,5 +1,6 @@
 """Shared by every test: one way to run a filter on a scenario, and where the shipped files are."""
 
+import gc
 import os
 import sys
 from collections import Counter
@@ -59,7 +60,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """With ``--fast``, leave out the tests that were slow when they last ran."""
+    """Run the files of tests/ first; with ``--fast``, leave out the tests that were slow.
+
+    These files take longest: a long file at the end would leave the other processors idle.
+    """
+    items.sort(key=lambda item: len(item.path.parts))
     if not config.getoption("--fast"):
         return
     assert config.cache is not None
@@ -67,6 +72,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     slow = [i for i in items if durations.get(i.nodeid.partition("[")[0], 0.0) > SLOW]
     config.hook.pytest_deselected(items=slow)
     items[:] = [item for item in items if item not in slow]
+
+
+def pytest_collection_finish() -> None:
+    """Leave what exists before the first test out of garbage collection: an eighth of all CPU time."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(50_000)
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:

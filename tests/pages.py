@@ -27,7 +27,7 @@ from docs.site.blocks import Block, blocks
 from tests.conftest import ROOT
 from trackbench import api
 from trackbench.__main__ import main
-from trackbench.commands import run_experiment
+from trackbench.commands import prepare, run_experiment
 from trackbench.config.experiment import Settings
 from trackbench.config.load import load
 from trackbench.config.suite import load_suite
@@ -48,6 +48,7 @@ LONG = {
     "experiments/beyond/ais.yaml": "an hour of radio",
     "experiments/beyond/uav-radar.yaml": "900 steps of seven filters",
     "trackbench suite": "filters on 42 problems",
+    "run robot.yaml": "runs in test_robot_page.py",
 }
 """What is validated and not run, and why."""
 _DONE: set[str] = set()
@@ -68,7 +69,10 @@ _DATA = {
 
 @contextmanager
 def quickly(*keys: str) -> Iterator[None]:
-    """Let every run have few runs, in this process, with these keys, such as `BARE`."""
+    """Let every run have few runs, in this process, with these keys, such as `BARE`.
+
+    No CPU time is measured, as with ``--quick``, and a dry run tries no filter to estimate its time.
+    """
     original = run_experiment.run_each
 
     def run_each(configs: Any, options: Any, *more: Any, **other: Any) -> Any:
@@ -77,10 +81,11 @@ def quickly(*keys: str) -> Iterator[None]:
         recorded = of_files or options.measurements is not None
         few = replace(options, set=("block=fit", *keys, *options.set))
         few = replace(few, runs=None if recorded else RUNS)
-        few = replace(few, engine="serial", workers=1, formats=())
+        few = replace(few, engine="serial", workers=1, formats=(), times=False)
         yield from original(configs, few, *more, **other)
 
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(prepare, "_MOST_TRIALS", 0)
         for module in (run_experiment, api):
             patch.setattr(module, "run_each", run_each)
         yield
@@ -142,6 +147,9 @@ class Sandbox:
             return
         for path in [w for w in words if w.endswith(".yaml") and not glob.glob(w)]:
             Path(path).write_text(self.base)
+        if "--on" in words:
+            at = words.index("--on") + 1
+            words[at] = _shortened(words[at])
         name = " ".join(words[1:3])
         long = name in _DONE or any(what in line for what in LONG)
         if words[1] == "run" and not words[2].endswith(".yaml"):
@@ -253,6 +261,14 @@ def _run(program: CodeType, names: dict[str, Any]) -> None:
     except ModuleNotFoundError as error:
         if error.name not in ELSEWHERE:
             raise
+
+
+def _shortened(config: str) -> str:
+    """Write the config with at most 50 steps beside it, for checks of filters in Python."""
+    text = re.sub(r"\blast: (?:[5-9]\d|\d{3,})\b", "last: 50", Path(config).read_text())
+    path = Path(config).with_suffix(".short.yaml")
+    path.write_text(text)
+    return str(path)
 
 
 def _exit_code(words: list[str]) -> int:

@@ -56,6 +56,12 @@ def _least(name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Module
         monkeypatch.setattr(
             module, "CONFIG", module.CONFIG.replace("N: 10000", "N: 20") + "figures: {}\n"
         )
+    if name == "w8_startup":
+        monkeypatch.setattr(module, "TINY", module.TINY + "figures: {}\n")
+    if name == "w10_recordings":
+        monkeypatch.setattr(
+            module, "CONFIG", module.CONFIG.partition("figures:")[0] + "figures: {}\n"
+        )
     if name == "w3_kalman":
         monkeypatch.setattr(module, "workloads", lambda: [module._workload(2)])
     if name == "w7_process":

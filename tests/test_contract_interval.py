@@ -5,9 +5,11 @@ from pathlib import Path
 import pytest
 
 from trackbench.config.load import load
-from trackbench.contract import check_file, run_check
+from trackbench.config.plugin_checks import load_file
+from trackbench.contract import run_check
 from trackbench.contract.checks import CHECKS
 from trackbench.contract.problems import ModelDraws
+from trackbench.registry import kinds
 
 FILTER = '''
 import numpy as np
@@ -76,8 +78,9 @@ def test_a_filter_of_the_first_interval_is_found(
     text = FILTER.replace("WHEN", f"self.FQ is None or ({when})").replace("THEN", then)
     (tmp_path / "mine.py").write_text(text)
     (tmp_path / "on.yaml").write_text(f"{ON}  KF: {{kind: kf}}\n")
-    (findings,) = check_file(tmp_path / "mine.py", on=tmp_path / "on.yaml").values()
-    (found,) = [f for f in findings if f.check == CHECKS["interval"][0]]
+    load_file(tmp_path / "mine.py")
+    problem = ModelDraws(base=load(tmp_path / "on.yaml").points[0].scenario)
+    found = run_check(*CHECKS["interval"], kinds("filters")["constants"](), problem)
     assert found.verdict == ("bad" if why else "good")
     assert found.why.startswith(why)
 

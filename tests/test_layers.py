@@ -6,6 +6,7 @@ import json
 import re
 import subprocess
 import sys
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -40,9 +41,16 @@ FREE = {"core", "metrics", "extension_points", "field_types", "errors", "duratio
 LAYER = {name: i for i, layer in enumerate(LAYERS) for name in layer}
 
 
+@cache
+def _nodes(path: Path) -> list[ast.AST]:
+    """The nodes of a file that import."""
+    tree = ast.parse(path.read_text())
+    return [node for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom)]
+
+
 def _imports(path: Path) -> set[str]:
     found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in _nodes(path):
         if isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path} imports relative to its folder"
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("trackbench."):
@@ -98,7 +106,7 @@ def _name(path: Path) -> str:
 def _imported(path: Path, names: set[str]) -> set[str]:
     """The modules among these that a file imports, at its top or within a function."""
     found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in _nodes(path):
         if isinstance(node, ast.ImportFrom):
             found |= {f"{node.module}.{a.name}" for a in node.names} | {str(node.module)}
         if isinstance(node, ast.Import):

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.commands import spawned
+from tests.commands import BARE, spawned
 from tests.conftest import plugins_forgotten
 from tests.papers import merwe_text
 from trackbench import api
@@ -59,6 +59,8 @@ filters:
   Half: {kind: half}
   UKF: {kind: ukf}
 """.replace("MERWE", merwe_text(T=4))
+RUN = ("run", "own.yaml", "--allow-plugins", "--workers", "1", *BARE)
+"""Words of a program of its own, for which `no_report` does nothing."""
 EDITS: dict[str, tuple[str, str, str, str]] = {
     "a module beside it": ("import helper", "helper.FACTOR", "helper.py", "FACTOR = {}"),
     "a module that this imports": (
@@ -228,7 +230,7 @@ def test_what_a_plugin_reads_undeclared_is_named_in_a_note(
     found = []
     for gain in ("1", "3"):
         monkeypatch.setenv("GAIN", gain)
-        done = spawned("run", "own.yaml", "--allow-plugins", "--workers", "1", cwd=tmp_path)
+        done = spawned(*RUN, cwd=tmp_path)
         assert done.returncode == 0, done.stderr
         notes = [line for line in done.stderr.splitlines() if line.startswith("note: half.py")]
         assert [note.split(" while ")[0] for note in notes] == [
@@ -238,7 +240,7 @@ def test_what_a_plugin_reads_undeclared_is_named_in_a_note(
         found.append((tmp_path / "results" / "own" / "per_run.csv").read_bytes())
     assert found[0] != found[1]
     written(reads, "W", "files: [w.txt]\nenvironment: [GAIN]\n")
-    done = spawned("run", "own.yaml", "--allow-plugins", "--workers", "1", cwd=tmp_path)
+    done = spawned(*RUN, cwd=tmp_path)
     assert "note: half.py read" not in done.stderr
 
 
@@ -416,10 +418,7 @@ def test_a_module_with_the_old_content_of_a_file_is_imported_again(
         (tmp_path / "w.txt").write_text(value)
         errors.append(_run(tmp_path)[1])
     assert errors[0] != errors[1]
-    done = spawned(
-        *("run", "own.yaml", "--allow-plugins", "--workers", "1", "--out", "fresh", "--fresh"),
-        cwd=tmp_path,
-    )
+    done = spawned(*RUN, "--out", "fresh", "--fresh", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "fresh" / "per_run.csv").read_bytes() == (
         tmp_path / "out" / "per_run.csv"

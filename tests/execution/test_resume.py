@@ -32,6 +32,7 @@ filters:
   HDEPF: {kind: hdepf, G: 40}
 tables:
   errors: {kind: metrics, columns: {RMSE: mean(rmse)}}
+figures: {}
 """.replace("MERWE", merwe_text(T=20))
 
 

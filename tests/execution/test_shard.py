@@ -21,6 +21,7 @@ runs: 24
 block: 4
 scenario: MERWE
 filters: {PF: {kind: pf, N: 5}, UKF: {kind: ukf}}
+figures: {}
 """.replace("MERWE", merwe_text(T=5))
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import trackbench
+from tests.commands import BARE
 from tests.papers import merwe_text
 from tests.simulated import ended
 from trackbench.commands.run_experiment import Report
@@ -111,7 +112,7 @@ def test_the_progress_bar_says_how_far_it_is(tmp_path: Path) -> None:
     (tmp_path / "u.yaml").write_text(TEXT.format(runs=300, more=UNTIL))
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 150, 0, 0))
-    words = ["run", "u.yaml", "--out", "out", "--workers", "1", "--format", "svg"]
+    words = ["run", "u.yaml", "--out", "out", "--workers", "1", *BARE]
     command, shown = [sys.executable, "-m", "trackbench", *words], b""
     with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=theirs) as done:
         os.close(theirs)

@@ -71,7 +71,7 @@ def estimates(scenario: Scenario, data: Simulation, kind: str, **keys: Any) -> F
 
 def exact(f: Function, h: Function, z: np.ndarray, lag: int = T) -> np.ndarray:
     """Return means and variances (2, T + 1) given z (T,), by both passes on a lattice of states."""
-    x = np.linspace(-40.0, 40.0, 1601)
+    x = np.linspace(-40.0, 40.0, 801)
     moves = [np.exp(-0.5 * (x[:, None] - f(x, k + 1)) ** 2) for k in range(T)]
     seen = [np.exp(-0.5 * (z[k] - h(x)) ** 2) for k in range(T)]
     forward = [np.exp(-0.5 * (x - 0.1) ** 2)]

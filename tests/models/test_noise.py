@@ -200,9 +200,9 @@ LATTICE: list[tuple[str, Density]] = [
 
 @pytest.mark.parametrize(("sensor", "density"), LATTICE)
 def test_the_grid_is_a_sum_over_a_lattice(sensor: str, density: Density, tmp_path: Path) -> None:
-    """Point masses from -14 to 14 at a spacing of 0.02, and particles within their own errors."""
+    """Point masses from -14 to 14 at a spacing of 0.05, and particles within their own errors."""
     data, (exact, pf) = outputs(tmp_path, sensor, PF, "Exact", "Other")
-    x = np.linspace(-14.0, 14.0, 1401)
+    x = np.linspace(-14.0, 14.0, 561)
     kernel = stats.norm.pdf(x[:, None], 0.9 * x, np.sqrt(0.3)) * (x[1] - x[0])
     p = np.tile(stats.norm.pdf(x)[:, None] * (x[1] - x[0]), 20)
     scores = np.empty((11, 20))
