@@ -43,7 +43,7 @@ static int any_nan(const double *a, Size n) {
 
 /* ---- arguments ---- */
 
-typedef struct { Py_buffer views[20]; int count; } Buffers;
+typedef struct { Py_buffer views[24]; int count; } Buffers;
 
 static void release(Buffers *b) { while (b->count) PyBuffer_Release(&b->views[--b->count]); }
 
@@ -1000,16 +1000,18 @@ static void combine(double (*w)[CHUNK], const Matrix *m, const Matrix *P, Size r
   for (Size i = 0; i < r; i++) mix(w[i], &m[i], &P[i], mean, cov, from, n);
 }
 
-/* interact(F, Q, H, R, transition, z, powers, exp constants, means, covs, weights, predicted means, covs and weights, nu,
-   S, nis, mean, cov, r, n, n_z, M): the IMM of constant models over all steps, `interact` of mixtures.py. Axes of steps and
-   runs come last; means, covs and weights begin with those before the first step. False if a likelihood is not finite. */
+/* interact(F, Q, H, R, transition, z, powers, exp constants, rows, place, arctangents, pi, means, covs, weights, predicted
+   means, covs and weights, nu, S, nis, mean, cov, is_radar, r, n, n_z, M): the IMM of constant motions and a constant sensor,
+   or a radar without H, over all steps, `interact` of mixtures.py. Axes of steps and runs come last; means, covs and weights
+   begin with those before the first step. False if a likelihood is not finite. */
 KERNEL(c_interact) {
-  OPEN(19, 8);
-  Size r = WHOLE(19), n = WHOLE(20), n_z = WHOLE(21), M = WHOLE(22), batch = LENGTH(5) / n_z, longer = batch + M;
+  OPEN(23, 12);
+  Size r = WHOLE(24), n = WHOLE(25), n_z = WHOLE(26), M = WHOLE(27), batch = LENGTH(5) / n_z, longer = batch + M;
+  const Sensor sensor = {n_z, WHOLE(23) != 0, INTS(8), DOUBLES(9), DOUBLES(10), DOUBLES(11)[0]};
   const double *change = DOUBLES(4), *powers = DOUBLES(6), *c = DOUBLES(7);
   static double mixed_memory[MOST * CHUNK], mixed_cov_memory[MOST * CHUNK], gain_memory[MOST * CHUNK], memory[MOST * CHUNK];
-  static double root_memory[4 * CHUNK], known_memory[2 * CHUNK], rows_memory[MOST], share[MODELS][CHUNK], nis[MODELS][CHUNK];
-  static double scale[MODELS][CHUNK], weight[MODELS][CHUNK];
+  static double root_memory[4 * CHUNK], known_memory[2 * CHUNK], rows_memory[MOST * CHUNK], share[MODELS][CHUNK];
+  static double nis[MODELS][CHUNK], scale[MODELS][CHUNK], weight[MODELS][CHUNK];
   static int exponent[MODELS][CHUNK];
   int finite = 1;
   for (Size k = 0; k < batch && finite; k += M) {
@@ -1020,7 +1022,7 @@ KERNEL(c_interact) {
     Matrix H = {DOUBLES(2), n_z, n, n, 1, 1, 1}, R = {DOUBLES(3), n_z, n_z, n_z, 1, 1, 1};
     Matrix rows = {rows_memory, n_z, n, n, 1, 1, 1}, noise = {noise_memory, n_z, n_z, n_z, 1, 1, 1};
     for (Size i = 0; i < n_z; i++) {
-      for (Size j = 0; j < n; j++) rows_memory[i * n + j] = missing[i] ? 0.0 : H.at[i * n + j];
+      for (Size j = 0; j < n && !sensor.is_radar; j++) rows_memory[i * n + j] = missing[i] ? 0.0 : H.at[i * n + j];
       for (Size j = 0; j < n_z; j++)
         noise_memory[i * n_z + j] = missing[i] || missing[j] ? i == j : R.at[i * n_z + j];
     }
@@ -1028,16 +1030,16 @@ KERNEL(c_interact) {
       Size count = M - from < CHUNK ? M - from : CHUNK;
       Matrix m[MODELS], P[MODELS], m_after[MODELS], P_after[MODELS];
       for (Size j = 0; j < r; j++) {
-        m[j] = (Matrix){DOUBLES(8) + j * n * longer + k, n, 1, longer, 0, longer, 0};
-        P[j] = (Matrix){DOUBLES(9) + j * n * n * longer + k, n, n, n * longer, longer, longer, 0};
+        m[j] = (Matrix){DOUBLES(12) + j * n * longer + k, n, 1, longer, 0, longer, 0};
+        P[j] = (Matrix){DOUBLES(13) + j * n * n * longer + k, n, n, n * longer, longer, longer, 0};
         m_after[j] = m[j], m_after[j].at += M;
         P_after[j] = P[j], P_after[j].at += M;
       }
       for (Size j = 0; j < r; j++) {
         /* Step 1: c_j = sum_i p_ij mu_i, mu_i|j = p_ij mu_i / c_j. */
-        double *restrict predicted = DOUBLES(13) + j * batch + k + from;
+        double *restrict predicted = DOUBLES(17) + j * batch + k + from;
         for (Size i = 0; i < r; i++) {
-          const double *before = DOUBLES(10) + i * longer + k + from;
+          const double *before = DOUBLES(14) + i * longer + k + from;
           for (Size l = 0; l < count; l++) {
             share[i][l] = change[i * r + j] * before[l];
             predicted[l] = i ? predicted[l] + share[i][l] : share[i][l];
@@ -1051,21 +1053,28 @@ KERNEL(c_interact) {
         combine(share, m, P, r, &mixed, &mixed_cov, from, count);
         /* Step 3: predict, F m and F P F' + Q. */
         Matrix F = {DOUBLES(0) + j * n * n, n, n, n, 1, 1, 1}, Q = {DOUBLES(1) + j * n * n, n, n, n, 1, 1, 1};
-        Matrix m_p = {DOUBLES(11) + j * n * batch + k, n, 1, batch, 0, batch, 0};
-        Matrix P_p = {DOUBLES(12) + j * n * n * batch + k, n, n, n * batch, batch, batch, 0};
+        Matrix m_p = {DOUBLES(15) + j * n * batch + k, n, 1, batch, 0, batch, 0};
+        Matrix P_p = {DOUBLES(16) + j * n * n * batch + k, n, n, n * batch, batch, batch, 0};
         multiply(&F, &mixed, &m_p, from, count);
         sandwich(&F, &mixed_cov, &P_p, from, count);
         add(&P_p, &Q, from, count);
-        /* Step 4: the innovation, which is 0 for the update where z is missing. */
-        product_in(memory, &H, &m_p, from, count);
+        /* Step 4: the innovation, which is 0 for the update where z is missing. A radar has H of each run. */
+        if (sensor.is_radar) {
+          Matrix z_pred = {memory - from, n_z, 1, CHUNK, 0, 0, 0};
+          measure(&sensor, &m_p, &z_pred, from, count);
+          rows = (Matrix){rows_memory - from, n_z, n, n * CHUNK, CHUNK, 0, 0};
+          polar_jacobian(&sensor, &m_p, &rows, from, count);
+          for (Size i = 0; i < n_z * n; i++)
+            if (missing[i / n]) memset(rows_memory + i * CHUNK, 0, sizeof(double) * count);
+        } else product_in(memory, &H, &m_p, from, count);
         for (Size i = 0; i < n_z; i++)
           for (Size l = 0; l < count; l++) {
-            double innovation = z[i * batch + from + l] - memory[i * CHUNK + l];
-            DOUBLES(14)[(j * n_z + i) * batch + k + from + l] = innovation;
+            double innovation = innovation_of(&sensor, i, z[i * batch + from + l], memory[i * CHUNK + l]);
+            DOUBLES(18)[(j * n_z + i) * batch + k + from + l] = innovation;
             known_memory[i * CHUNK + l] = missing[i] ? 0.0 : innovation;
           }
         /* Step 5: update. */
-        Matrix S = {DOUBLES(15) + j * n_z * n_z * batch + k, n_z, n_z, n_z * batch, batch, batch, 0};
+        Matrix S = {DOUBLES(19) + j * n_z * n_z * batch + k, n_z, n_z, n_z * batch, batch, batch, 0};
         Matrix K = {gain_memory - from, n, n_z, n_z * CHUNK, CHUNK, 0, 0}, nu = {known_memory - from, n_z, 1, CHUNK, 0, 0, 0};
         gain(&P_p, &rows, &noise, &S, &K, from, count);
         multiply(&K, &nu, &m_after[j], from, count);
@@ -1087,16 +1096,16 @@ KERNEL(c_interact) {
         }
       }
       /* Step 7: mu_j ~ c_j N(nu_j; 0, S_j), `update_weights`, and the mean NIS. */
-      double *mean_nis = DOUBLES(16) + k + from;
+      double *mean_nis = DOUBLES(20) + k + from;
       for (Size l = 0; l < count; l++) {
         double least = INFINITY, sum = 0.0, mean = 0.0;
         int lowest = exponent[0][l];
         for (Size j = 0; j < r; j++) {
-          if (DOUBLES(13)[j * batch + k + from + l] > 0.0 && nis[j][l] < least) least = nis[j][l];
+          if (DOUBLES(17)[j * batch + k + from + l] > 0.0 && nis[j][l] < least) least = nis[j][l];
           if (exponent[j][l] < lowest) lowest = exponent[j][l];
         }
         for (Size j = 0; j < r; j++) {
-          double predicted = DOUBLES(13)[j * batch + k + from + l];
+          double predicted = DOUBLES(17)[j * batch + k + from + l];
           double density = exp_of(-0.5 * (predicted > 0.0 ? nis[j][l] - least : 0.0), powers, c);
           double w = predicted / ldexp(scale[j][l], exponent[j][l] - lowest) * density, part = predicted * nis[j][l];
           weight[j][l] = w;
@@ -1104,14 +1113,14 @@ KERNEL(c_interact) {
           mean = j ? mean + part : part;
         }
         for (Size j = 0; j < r; j++) {
-          weight[j][l] = nothing ? DOUBLES(13)[j * batch + k + from + l] : weight[j][l] / sum;
-          DOUBLES(10)[j * longer + M + k + from + l] = weight[j][l];
+          weight[j][l] = nothing ? DOUBLES(17)[j * batch + k + from + l] : weight[j][l] / sum;
+          DOUBLES(14)[j * longer + M + k + from + l] = weight[j][l];
           finite &= fabs(weight[j][l]) < INFINITY;
         }
         mean_nis[l] = nothing ? NAN : mean;
       }
       /* Step 8: the moments of the mixture. */
-      Matrix mean = {DOUBLES(17) + k, n, 1, batch, 0, batch, 0}, cov = {DOUBLES(18) + k, n, n, n * batch, batch, batch, 0};
+      Matrix mean = {DOUBLES(21) + k, n, 1, batch, 0, batch, 0}, cov = {DOUBLES(22) + k, n, n, n * batch, batch, batch, 0};
       combine(weight, m_after, P_after, r, &mean, &cov, from, count);
     }
   }

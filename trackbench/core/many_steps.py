@@ -17,7 +17,7 @@ _MOST_MEASURED = 2
 
 
 class MeasuredByKernel(NamedTuple):
-    """What a sensor measures, as the C kernels compute it: components of the state, or a radar's angle.
+    """Sensor of the C kernels, which measures components of the state, or is a radar.
 
     A radar measures range and azimuth of the positions, which are the components 0 and 2.
     """
@@ -28,6 +28,11 @@ class MeasuredByKernel(NamedTuple):
     """measured components of the state, unless this is a radar"""
     place: tuple[float, ...] | None = None
     """position of the radar, m; None if the sensor is none"""
+
+    @property
+    def is_radar(self) -> bool:
+        """True if the sensor is a radar."""
+        return self.place is not None
 
     def arguments(self) -> tuple[Index, Array, Array, Array]:
         """Return the arrays that the kernels take: rows, place, and the tables of the arctangent."""
@@ -104,7 +109,7 @@ def filter_steps(
         *(*matrices, weights, cov_weights, *measured.arguments()),
         np.ascontiguousarray(z, dtype=np.float64),
         *(means, covs, predicted.mean, predicted.cov, nu, S, nis),
-        *(scale, measured.place is not None, n, n_z, M),
+        *(scale, measured.is_radar, n, n_z, M),
     )
     # A NaN that is no missing measurement is that of a run that diverges.
     missing = np.isnan(z)

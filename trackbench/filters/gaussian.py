@@ -527,7 +527,7 @@ def nonlinear_steps(
     if not isinstance(motion, Linear) or motion.rows_of_angles or len(motion.F) == 1:
         return None
     measured = measured_by_kernel(sensor, len(motion.F))
-    if measured is None or (rule is None and measured.place is None):
+    if measured is None or (rule is None and not measured.is_radar):
         return None
     filtered = filter_steps(state.posterior, motion.F, motion.Q, measured, z, rule)
     if filtered is None:
