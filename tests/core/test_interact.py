@@ -1,4 +1,4 @@
-"""The IMM of constant linear models in one call: the bytes of its steps."""
+"""The IMM of constant linear motions, also with a radar, in one call: the bytes of its steps."""
 
 from collections.abc import Iterator
 
@@ -17,6 +17,7 @@ from trackbench.models.motions.kinematic import (
     WhiteAcceleration,
 )
 from trackbench.models.sensors.position import PositionSensor, ScalarSensor
+from trackbench.models.sensors.range_azimuth import RangeAzimuth
 
 pytestmark = pytest.mark.skipif(compiled.kernels is None, reason="there are no C kernels")
 RNG = np.random.default_rng(0)
@@ -76,6 +77,29 @@ def test_states_have_the_bytes_of_single_steps(name: str, runs: int) -> None:
             state = tracker.step(model, state, z[:, i], i + 1, RNG)
             assert list(bytes_of(tracker, steps.state(i))) == list(bytes_of(tracker, state))
         assert list(bytes_of(tracker, steps.state(-1))) == list(bytes_of(tracker, state))
+
+
+@pytest.mark.parametrize("name", IMMS)
+@pytest.mark.parametrize("runs", [1, 50, 700])
+def test_a_radar_has_the_bytes_of_single_steps(name: str, runs: int) -> None:
+    tracker = IMMS[name]
+    radar = RangeAzimuth(sigma_range=20.0, sigma_azimuth_mrad=30.0, at=(300.0, 5.0))
+    model = Model(WhiteAcceleration(q=1.0).sampled(0.7), radar)
+    # Targets on both sides of the jump of the azimuth by 2 pi.
+    x = np.random.default_rng(runs).normal(scale=20.0, size=(4, 12, runs))
+    z = radar.measurement(x, 1).mean
+    assert runs == 1 or np.ptp(z[1]) > 6.0
+    z[:, [0, 7, 11]] = np.nan  # steps without a measurement, the last among them
+    z[0, 4] = np.nan
+    z[1, 5] = np.nan
+    for cov in (9.0 * np.eye(4), np.diag([4.0, 0.0, 1e-9, 0.0])):
+        first = first_state(tracker, model, runs, cov)
+        steps = tracker.all_steps(model, first, z, 1)
+        assert steps is not None
+        state = first
+        for i in range(z.shape[1]):
+            state = tracker.step(model, state, z[:, i], i + 1, RNG)
+            assert list(bytes_of(tracker, steps.state(i))) == list(bytes_of(tracker, state))
 
 
 def test_one_measured_component() -> None:

@@ -43,7 +43,7 @@ static int any_nan(const double *a, Size n) {
 
 /* ---- arguments ---- */
 
-typedef struct { Py_buffer views[20]; int count; } Buffers;
+typedef struct { Py_buffer views[24]; int count; } Buffers;
 
 static void release(Buffers *b) { while (b->count) PyBuffer_Release(&b->views[--b->count]); }
 
@@ -178,38 +178,40 @@ KERNEL(c_cos_sin) {
   DONE;
 }
 
+/* The angle of (x, y); table has the arctangents. */
+static inline double arctan2_of(double y, double x, const double *table, double pi) {
+  double t = y / x, ax = fabs(x), ay = fabs(y);
+  if (fabs(t) <= 1.0 / 32.0 && x > 0.0) { /* Gregory's series */
+    double square = t * t, series = square * (1.0 / 9.0);
+    series -= 1.0 / 7.0;
+    series *= square;
+    series += 1.0 / 5.0;
+    series *= square;
+    series -= 1.0 / 3.0;
+    series *= square;
+    series *= t;
+    return t + series;
+  }
+  double large = ax > ay ? ax : ay, small = ax > ay ? ay : ax, angle = NAN;
+  if (ax == ax && ay == ay) {
+    double rounded = small / large * SLOPES + ROUND;
+    int64_t index = bits_of(rounded) & (2 * SLOPES - 1);
+    double slope = (rounded - ROUND) * (1.0 / SLOPES);
+    double r = (small - slope * large) / (large + slope * small), square = r * r;
+    angle = table[index > SLOPES ? SLOPES : index] + (r + r * square * (square * (1.0 / 5.0) - 1.0 / 3.0));
+    if (large == 0.0) angle = 0.0;
+    if (ay > ax) angle = 0.5 * pi - angle;
+    if (x < 0.0) angle = pi - angle;
+  }
+  return copysign(angle, y);
+}
+
 /* arctan2(arctangents, constants, y, x, out); constants = pi. */
 KERNEL(c_arctan2) {
   OPEN(5, 4);
   const double *table = DOUBLES(0), pi = DOUBLES(1)[0], *y = DOUBLES(2), *x = DOUBLES(3);
   double *out = DOUBLES(4);
-  for (Size i = 0; i < LENGTH(2); i++) {
-    double t = y[i] / x[i], ax = fabs(x[i]), ay = fabs(y[i]);
-    if (fabs(t) <= 1.0 / 32.0 && x[i] > 0.0) { /* Gregory's series */
-      double square = t * t, series = square * (1.0 / 9.0);
-      series -= 1.0 / 7.0;
-      series *= square;
-      series += 1.0 / 5.0;
-      series *= square;
-      series -= 1.0 / 3.0;
-      series *= square;
-      series *= t;
-      out[i] = t + series;
-      continue;
-    }
-    double large = ax > ay ? ax : ay, small = ax > ay ? ay : ax, angle = NAN;
-    if (ax == ax && ay == ay) {
-      double rounded = small / large * SLOPES + ROUND;
-      int64_t index = bits_of(rounded) & (2 * SLOPES - 1);
-      double slope = (rounded - ROUND) * (1.0 / SLOPES);
-      double r = (small - slope * large) / (large + slope * small), square = r * r;
-      angle = table[index > SLOPES ? SLOPES : index] + (r + r * square * (square * (1.0 / 5.0) - 1.0 / 3.0));
-      if (large == 0.0) angle = 0.0;
-      if (ay > ax) angle = 0.5 * pi - angle;
-      if (x[i] < 0.0) angle = pi - angle;
-    }
-    out[i] = copysign(angle, y[i]);
-  }
+  for (Size i = 0; i < LENGTH(2); i++) out[i] = arctan2_of(y[i], x[i], table, pi);
   DONE;
 }
 
@@ -875,6 +877,44 @@ KERNEL(c_track) {
   DONE;
 }
 
+/* What is measured of a state: its components `rows`, or the range and azimuth from a place; `MeasuredByKernel`. */
+typedef struct { Size n_z; int is_radar; const int64_t *rows; const double *place, *arctangents; double pi; } Sensor;
+
+/* The measurements z (n_z) of n states x; the azimuth is in (-pi, pi]. */
+static void measure(const Sensor *sensor, const Matrix *x, const Matrix *z, Size from, Size n) {
+  if (!sensor->is_radar) {
+    for (Size i = 0; i < sensor->n_z; i++)
+      memcpy(z->at + i * z->row + from, x->at + sensor->rows[i] * x->row + from, sizeof(double) * n);
+    return;
+  }
+  for (Size l = from; l < from + n; l++) {
+    double px = x->at[l] - sensor->place[0], py = x->at[2 * x->row + l] - sensor->place[1];
+    z->at[l] = sqrt(px * px + py * py);
+    z->at[z->row + l] = arctan2_of(py, px, sensor->arctangents, sensor->pi);
+  }
+}
+
+/* z - z_pred, the azimuth wrapped to (-pi, pi], `wrap_angle`. */
+static inline double innovation_of(const Sensor *sensor, Size component, double z, double z_pred) {
+  double difference = z - z_pred, turn = 2.0 * sensor->pi;
+  if (!sensor->is_radar || component == 0 || (difference < sensor->pi && difference > -sensor->pi)) return difference;
+  return difference - turn * ceil(difference / turn - 0.5);
+}
+
+/* The Jacobian H (2, n) of range and azimuth, `polar_jacobian`. */
+static void polar_jacobian(const Sensor *sensor, const Matrix *x, const Matrix *H, Size from, Size n) {
+  for (Size i = 0; i < 2; i++)
+    for (Size j = 0; j < H->columns; j++) memset(H->at + i * H->row + j * H->column + from, 0, sizeof(double) * n);
+  for (Size l = from; l < from + n; l++) {
+    double px = x->at[l] - sensor->place[0], py = x->at[2 * x->row + l] - sensor->place[1];
+    double square = px * px + py * py, r = sqrt(square);
+    H->at[l] = px / r;
+    H->at[2 * H->column + l] = py / r;
+    H->at[H->row + l] = -py / square;
+    H->at[H->row + 2 * H->column + l] = px / square;
+  }
+}
+
 /* log_prob(logs, L, e, out, n log(2 pi) / 2): log N(e; 0, L L'), `zero_mean_log_prob`. */
 KERNEL(c_log_prob) {
   OPEN_STRIDED(4, 3);
@@ -960,16 +1000,18 @@ static void combine(double (*w)[CHUNK], const Matrix *m, const Matrix *P, Size r
   for (Size i = 0; i < r; i++) mix(w[i], &m[i], &P[i], mean, cov, from, n);
 }
 
-/* interact(F, Q, H, R, transition, z, powers, exp constants, means, covs, weights, predicted means, covs and weights, nu,
-   S, nis, mean, cov, r, n, n_z, M): the IMM of constant models over all steps, `interact` of mixtures.py. Axes of steps and
-   runs come last; means, covs and weights begin with those before the first step. False if a likelihood is not finite. */
+/* interact(F, Q, H, R, transition, z, powers, exp constants, rows, place, arctangents, pi, means, covs, weights, predicted
+   means, covs and weights, nu, S, nis, mean, cov, is_radar, r, n, n_z, M): the IMM of constant motions and a constant sensor,
+   or a radar without H, over all steps, `interact` of mixtures.py. Axes of steps and runs come last; means, covs and weights
+   begin with those before the first step. False if a likelihood is not finite. */
 KERNEL(c_interact) {
-  OPEN(19, 8);
-  Size r = WHOLE(19), n = WHOLE(20), n_z = WHOLE(21), M = WHOLE(22), batch = LENGTH(5) / n_z, longer = batch + M;
+  OPEN(23, 12);
+  Size r = WHOLE(24), n = WHOLE(25), n_z = WHOLE(26), M = WHOLE(27), batch = LENGTH(5) / n_z, longer = batch + M;
+  const Sensor sensor = {n_z, WHOLE(23) != 0, INTS(8), DOUBLES(9), DOUBLES(10), DOUBLES(11)[0]};
   const double *change = DOUBLES(4), *powers = DOUBLES(6), *c = DOUBLES(7);
   static double mixed_memory[MOST * CHUNK], mixed_cov_memory[MOST * CHUNK], gain_memory[MOST * CHUNK], memory[MOST * CHUNK];
-  static double root_memory[4 * CHUNK], known_memory[2 * CHUNK], rows_memory[MOST], share[MODELS][CHUNK], nis[MODELS][CHUNK];
-  static double scale[MODELS][CHUNK], weight[MODELS][CHUNK];
+  static double root_memory[4 * CHUNK], known_memory[2 * CHUNK], rows_memory[MOST * CHUNK], share[MODELS][CHUNK];
+  static double nis[MODELS][CHUNK], scale[MODELS][CHUNK], weight[MODELS][CHUNK];
   static int exponent[MODELS][CHUNK];
   int finite = 1;
   for (Size k = 0; k < batch && finite; k += M) {
@@ -980,7 +1022,7 @@ KERNEL(c_interact) {
     Matrix H = {DOUBLES(2), n_z, n, n, 1, 1, 1}, R = {DOUBLES(3), n_z, n_z, n_z, 1, 1, 1};
     Matrix rows = {rows_memory, n_z, n, n, 1, 1, 1}, noise = {noise_memory, n_z, n_z, n_z, 1, 1, 1};
     for (Size i = 0; i < n_z; i++) {
-      for (Size j = 0; j < n; j++) rows_memory[i * n + j] = missing[i] ? 0.0 : H.at[i * n + j];
+      for (Size j = 0; j < n && !sensor.is_radar; j++) rows_memory[i * n + j] = missing[i] ? 0.0 : H.at[i * n + j];
       for (Size j = 0; j < n_z; j++)
         noise_memory[i * n_z + j] = missing[i] || missing[j] ? i == j : R.at[i * n_z + j];
     }
@@ -988,16 +1030,16 @@ KERNEL(c_interact) {
       Size count = M - from < CHUNK ? M - from : CHUNK;
       Matrix m[MODELS], P[MODELS], m_after[MODELS], P_after[MODELS];
       for (Size j = 0; j < r; j++) {
-        m[j] = (Matrix){DOUBLES(8) + j * n * longer + k, n, 1, longer, 0, longer, 0};
-        P[j] = (Matrix){DOUBLES(9) + j * n * n * longer + k, n, n, n * longer, longer, longer, 0};
+        m[j] = (Matrix){DOUBLES(12) + j * n * longer + k, n, 1, longer, 0, longer, 0};
+        P[j] = (Matrix){DOUBLES(13) + j * n * n * longer + k, n, n, n * longer, longer, longer, 0};
         m_after[j] = m[j], m_after[j].at += M;
         P_after[j] = P[j], P_after[j].at += M;
       }
       for (Size j = 0; j < r; j++) {
         /* Step 1: c_j = sum_i p_ij mu_i, mu_i|j = p_ij mu_i / c_j. */
-        double *restrict predicted = DOUBLES(13) + j * batch + k + from;
+        double *restrict predicted = DOUBLES(17) + j * batch + k + from;
         for (Size i = 0; i < r; i++) {
-          const double *before = DOUBLES(10) + i * longer + k + from;
+          const double *before = DOUBLES(14) + i * longer + k + from;
           for (Size l = 0; l < count; l++) {
             share[i][l] = change[i * r + j] * before[l];
             predicted[l] = i ? predicted[l] + share[i][l] : share[i][l];
@@ -1011,21 +1053,28 @@ KERNEL(c_interact) {
         combine(share, m, P, r, &mixed, &mixed_cov, from, count);
         /* Step 3: predict, F m and F P F' + Q. */
         Matrix F = {DOUBLES(0) + j * n * n, n, n, n, 1, 1, 1}, Q = {DOUBLES(1) + j * n * n, n, n, n, 1, 1, 1};
-        Matrix m_p = {DOUBLES(11) + j * n * batch + k, n, 1, batch, 0, batch, 0};
-        Matrix P_p = {DOUBLES(12) + j * n * n * batch + k, n, n, n * batch, batch, batch, 0};
+        Matrix m_p = {DOUBLES(15) + j * n * batch + k, n, 1, batch, 0, batch, 0};
+        Matrix P_p = {DOUBLES(16) + j * n * n * batch + k, n, n, n * batch, batch, batch, 0};
         multiply(&F, &mixed, &m_p, from, count);
         sandwich(&F, &mixed_cov, &P_p, from, count);
         add(&P_p, &Q, from, count);
-        /* Step 4: the innovation, which is 0 for the update where z is missing. */
-        product_in(memory, &H, &m_p, from, count);
+        /* Step 4: the innovation, which is 0 for the update where z is missing. A radar has H of each run. */
+        if (sensor.is_radar) {
+          Matrix z_pred = {memory - from, n_z, 1, CHUNK, 0, 0, 0};
+          measure(&sensor, &m_p, &z_pred, from, count);
+          rows = (Matrix){rows_memory - from, n_z, n, n * CHUNK, CHUNK, 0, 0};
+          polar_jacobian(&sensor, &m_p, &rows, from, count);
+          for (Size i = 0; i < n_z * n; i++)
+            if (missing[i / n]) memset(rows_memory + i * CHUNK, 0, sizeof(double) * count);
+        } else product_in(memory, &H, &m_p, from, count);
         for (Size i = 0; i < n_z; i++)
           for (Size l = 0; l < count; l++) {
-            double innovation = z[i * batch + from + l] - memory[i * CHUNK + l];
-            DOUBLES(14)[(j * n_z + i) * batch + k + from + l] = innovation;
+            double innovation = innovation_of(&sensor, i, z[i * batch + from + l], memory[i * CHUNK + l]);
+            DOUBLES(18)[(j * n_z + i) * batch + k + from + l] = innovation;
             known_memory[i * CHUNK + l] = missing[i] ? 0.0 : innovation;
           }
         /* Step 5: update. */
-        Matrix S = {DOUBLES(15) + j * n_z * n_z * batch + k, n_z, n_z, n_z * batch, batch, batch, 0};
+        Matrix S = {DOUBLES(19) + j * n_z * n_z * batch + k, n_z, n_z, n_z * batch, batch, batch, 0};
         Matrix K = {gain_memory - from, n, n_z, n_z * CHUNK, CHUNK, 0, 0}, nu = {known_memory - from, n_z, 1, CHUNK, 0, 0, 0};
         gain(&P_p, &rows, &noise, &S, &K, from, count);
         multiply(&K, &nu, &m_after[j], from, count);
@@ -1047,16 +1096,16 @@ KERNEL(c_interact) {
         }
       }
       /* Step 7: mu_j ~ c_j N(nu_j; 0, S_j), `update_weights`, and the mean NIS. */
-      double *mean_nis = DOUBLES(16) + k + from;
+      double *mean_nis = DOUBLES(20) + k + from;
       for (Size l = 0; l < count; l++) {
         double least = INFINITY, sum = 0.0, mean = 0.0;
         int lowest = exponent[0][l];
         for (Size j = 0; j < r; j++) {
-          if (DOUBLES(13)[j * batch + k + from + l] > 0.0 && nis[j][l] < least) least = nis[j][l];
+          if (DOUBLES(17)[j * batch + k + from + l] > 0.0 && nis[j][l] < least) least = nis[j][l];
           if (exponent[j][l] < lowest) lowest = exponent[j][l];
         }
         for (Size j = 0; j < r; j++) {
-          double predicted = DOUBLES(13)[j * batch + k + from + l];
+          double predicted = DOUBLES(17)[j * batch + k + from + l];
           double density = exp_of(-0.5 * (predicted > 0.0 ? nis[j][l] - least : 0.0), powers, c);
           double w = predicted / ldexp(scale[j][l], exponent[j][l] - lowest) * density, part = predicted * nis[j][l];
           weight[j][l] = w;
@@ -1064,14 +1113,14 @@ KERNEL(c_interact) {
           mean = j ? mean + part : part;
         }
         for (Size j = 0; j < r; j++) {
-          weight[j][l] = nothing ? DOUBLES(13)[j * batch + k + from + l] : weight[j][l] / sum;
-          DOUBLES(10)[j * longer + M + k + from + l] = weight[j][l];
+          weight[j][l] = nothing ? DOUBLES(17)[j * batch + k + from + l] : weight[j][l] / sum;
+          DOUBLES(14)[j * longer + M + k + from + l] = weight[j][l];
           finite &= fabs(weight[j][l]) < INFINITY;
         }
         mean_nis[l] = nothing ? NAN : mean;
       }
       /* Step 8: the moments of the mixture. */
-      Matrix mean = {DOUBLES(17) + k, n, 1, batch, 0, batch, 0}, cov = {DOUBLES(18) + k, n, n, n * batch, batch, batch, 0};
+      Matrix mean = {DOUBLES(21) + k, n, 1, batch, 0, batch, 0}, cov = {DOUBLES(22) + k, n, n, n * batch, batch, batch, 0};
       combine(weight, m_after, P_after, r, &mean, &cov, from, count);
     }
   }
@@ -1213,21 +1262,44 @@ KERNEL(c_eigen) {
   DONE;
 }
 
+/* Sums over P points of values (m, P, batch), one for each row of out. */
+static void weighted(const double *weights, const double *values, Size P, Size batch, const Matrix *out) {
+  for (Size i = 0; i < out->rows; i++) {
+    double *restrict sum = out->at + i * out->row;
+    for (Size from = 0; from < batch; from += CHUNK)
+      for (Size p = 0; p < P; p++) {
+        const double *x = values + (i * P + p) * batch, w = weights[p];
+        Size to = batch - from < CHUNK ? batch : from + CHUNK;
+        if (p) for (Size l = from; l < to; l++) sum[l] += w * x[l];
+        else for (Size l = from; l < to; l++) sum[l] = w * x[l];
+      }
+  }
+}
+
 /* weighted(weights, values, out): sums over points of values (m, P, batch). */
 KERNEL(c_weighted) {
   OPEN(3, 2);
   Size P = LENGTH(0), m = WHOLE(3), batch = m > 0 ? LENGTH(2) / m : 0;
-  for (Size i = 0; i < m; i++) {
-    double *restrict out = DOUBLES(2) + i * batch;
-    for (Size from = 0; from < batch; from += CHUNK)
-      for (Size p = 0; p < P; p++) {
-        const double *x = DOUBLES(1) + (i * P + p) * batch, w = DOUBLES(0)[p];
-        Size to = batch - from < CHUNK ? batch : from + CHUNK;
-        if (p) for (Size l = from; l < to; l++) out[l] += w * x[l];
-        else for (Size l = from; l < to; l++) out[l] = w * x[l];
-      }
-  }
+  Matrix out = {DOUBLES(2), m, 1, batch, 0, batch, 0};
+  weighted(DOUBLES(0), DOUBLES(1), P, batch, &out);
   DONE;
+}
+
+/* Weighted sums of (a - a_mean) (c - c_mean)' over P points of a (rows of out, P, batch) and c (columns, P, batch). */
+static void cross(const double *weights, const double *a, const Matrix *a_mean, const double *c, const Matrix *c_mean, Size P,
+                  Size batch, const Matrix *out) {
+  for (Size i = 0; i < out->rows; i++)
+    for (Size j = 0; j < out->columns; j++) {
+      double *restrict sum = out->at + i * out->row + j * out->column;
+      const double *A = a_mean->at + i * a_mean->row, *C = c_mean->at + j * c_mean->row;
+      for (Size from = 0; from < batch; from += CHUNK)
+        for (Size p = 0; p < P; p++) {
+          const double *x = a + (i * P + p) * batch, *y = c + (j * P + p) * batch, w = weights[p];
+          Size to = batch - from < CHUNK ? batch : from + CHUNK;
+          if (p) for (Size l = from; l < to; l++) sum[l] += w * ((x[l] - A[l]) * (y[l] - C[l]));
+          else for (Size l = from; l < to; l++) sum[l] = w * ((x[l] - A[l]) * (y[l] - C[l]));
+        }
+    }
 }
 
 /* cross(weights, a, a_mean, c, c_mean, out, r, s): weighted sums of (a - a_mean) (c - c_mean)' over points;
@@ -1235,18 +1307,9 @@ KERNEL(c_weighted) {
 KERNEL(c_cross) {
   OPEN(6, 5);
   Size P = LENGTH(0), r = WHOLE(6), s = WHOLE(7), batch = P && r > 0 ? LENGTH(1) / (r * P) : 0;
-  for (Size i = 0; i < r; i++)
-    for (Size j = 0; j < s; j++) {
-      double *restrict out = DOUBLES(5) + (i * s + j) * batch;
-      const double *A = DOUBLES(2) + i * batch, *C = DOUBLES(4) + j * batch;
-      for (Size from = 0; from < batch; from += CHUNK)
-        for (Size p = 0; p < P; p++) {
-          const double *a = DOUBLES(1) + (i * P + p) * batch, *c = DOUBLES(3) + (j * P + p) * batch, w = DOUBLES(0)[p];
-          Size to = batch - from < CHUNK ? batch : from + CHUNK;
-          if (p) for (Size l = from; l < to; l++) out[l] += w * ((a[l] - A[l]) * (c[l] - C[l]));
-          else for (Size l = from; l < to; l++) out[l] = w * ((a[l] - A[l]) * (c[l] - C[l]));
-        }
-    }
+  Matrix a_mean = {DOUBLES(2), r, 1, batch, 0, batch, 0}, c_mean = {DOUBLES(4), s, 1, batch, 0, batch, 0};
+  Matrix out = {DOUBLES(5), r, s, s * batch, batch, batch, 0};
+  cross(DOUBLES(0), DOUBLES(1), &a_mean, DOUBLES(3), &c_mean, P, batch, &out);
   DONE;
 }
 
@@ -1356,7 +1419,25 @@ WIDE KERNEL(c_scalar_update) {
   ANSWER(known);
 }
 
-/* condition(m, P, nu, C, S, mean, cov): m + K nu and P - K S K' with K = C S^-1, of one or two measurements. */
+/* m + K nu and P - K S K' with K = C S^-1, of one or two measurements. */
+static void condition(const Matrix *m, const Matrix *P, const Matrix *nu, const Matrix *C, const Matrix *S, const Matrix *mean,
+                      const Matrix *cov, Size from, Size n) {
+  static double gain[MOST * CHUNK], inverse_memory[4 * CHUNK];
+  Matrix inverse = {inverse_memory - from, S->rows, S->rows, S->rows * CHUNK, CHUNK, 0, 0};
+  invert(S, &inverse, from, n);
+  Matrix K = product_in(gain, C, &inverse, from, n);
+  multiply(&K, nu, mean, from, n);
+  add(mean, m, from, n);
+  sandwich(&K, S, cov, from, n);
+  for (Size i = 0; i < P->rows; i++)
+    for (Size k = 0; k < P->rows; k++) {
+      double *restrict out = cov->at + i * cov->row + k * cov->column + from;
+      const double *p = P->at + i * P->row + k * P->column + from;
+      for (Size l = 0; l < n; l++) out[l] = p[l] - out[l];
+    }
+}
+
+/* condition(m, P, nu, C, S, mean, cov): `condition` of kalman.py. */
 KERNEL(c_condition) {
   OPEN_STRIDED(7, 5);
   Matrix M[7];
@@ -1370,23 +1451,213 @@ KERNEL(c_condition) {
   if (S.rows > 2 || S.columns != S.rows || C.columns != S.rows || nu.rows != S.rows || C.rows != m.rows
       || P.rows != m.rows || P.columns != m.rows)
     ANSWER(0);
-  static double gain[MOST * CHUNK], inverse_memory[4 * CHUNK];
-  for (Size from = 0; from < m.batch; from += CHUNK) {
-    Size n = m.batch - from < CHUNK ? m.batch - from : CHUNK;
-    Matrix inverse = {inverse_memory - from, S.rows, S.rows, S.rows * CHUNK, CHUNK, 0, 0};
-    invert(&S, &inverse, from, n);
-    Matrix K = product_in(gain, &C, &inverse, from, n);
-    multiply(&K, &nu, &mean, from, n);
-    add(&mean, &m, from, n);
-    sandwich(&K, &S, &cov, from, n);
-    for (Size i = 0; i < P.rows; i++)
-      for (Size k = 0; k < P.rows; k++) {
-        double *restrict out = cov.at + i * cov.row + k * cov.column + from;
-        const double *p = P.at + i * P.row + k * P.column + from;
-        for (Size l = 0; l < n; l++) out[l] = p[l] - out[l];
+  for (Size from = 0; from < m.batch; from += CHUNK)
+    condition(&m, &P, &nu, &C, &S, &mean, &cov, from, m.batch - from < CHUNK ? m.batch - from : CHUNK);
+  ANSWER(1);
+}
+
+/* ---- all steps of a filter of few runs: many_steps.py ---- */
+
+enum { FEW = 64, MOST_AUGMENTED = 14, MOST_POINTS = 29 }; /* runs; components of state and noises; their sigma points */
+
+/* The arrays of `filter_steps`. Axes of steps and runs come last; means and covs begin with those before the first step. */
+typedef struct {
+  Matrix F, Q, R;
+  Sensor sensor;
+  const double *z;
+  double *means, *covs, *predicted_means, *predicted_covs, *nu, *S, *nis;
+  Size n, n_z, M, batch;
+} Arrays;
+
+/* One step of the arrays: Gaussians of n components and measurements of n_z, in M runs. */
+typedef struct { Matrix before, cov_before, mean, cov, predicted, predicted_cov, nu, S; const double *z; double *nis; } Single;
+
+static Single single_step(const Arrays *a, Size k) {
+  Size n = a->n, n_z = a->n_z, batch = a->batch, longer = batch + a->M;
+  Single s = {
+    .before = {a->means + k, n, 1, longer, 0, a->M, 0}, .cov_before = {a->covs + k, n, n, n * longer, longer, a->M, 0},
+    .mean = {a->means + k + a->M, n, 1, longer, 0, a->M, 0},
+    .cov = {a->covs + k + a->M, n, n, n * longer, longer, a->M, 0},
+    .predicted = {a->predicted_means + k, n, 1, batch, 0, a->M, 0},
+    .predicted_cov = {a->predicted_covs + k, n, n, n * batch, batch, a->M, 0},
+    .nu = {a->nu + k, n_z, 1, batch, 0, a->M, 0}, .S = {a->S + k, n_z, n_z, n_z * batch, batch, a->M, 0},
+    .z = a->z + k, .nis = a->nis + k};
+  return s;
+}
+
+static int is_finite(const Matrix *A, Size n) {
+  int finite = 1;
+  for (Size i = 0; i < A->rows; i++)
+    for (Size j = 0; j < A->columns; j++) {
+      const double *at = A->at + i * A->row + j * A->column;
+      for (Size l = 0; l < n; l++) finite &= fabs(at[l]) < INFINITY;
+    }
+  return finite;
+}
+
+/* nu = z - z_pred, NaN where z is missing, and what the update takes of it, 0 there. */
+static void innovate(const Arrays *a, const Single *s, const Matrix *z_pred, const Matrix *known) {
+  for (Size i = 0; i < a->n_z; i++)
+    for (Size l = 0; l < a->M; l++) {
+      double nu = innovation_of(&a->sensor, i, s->z[i * a->batch + l], z_pred->at[i * z_pred->row + l]);
+      s->nu.at[i * s->nu.row + l] = nu;
+      known->at[i * known->row + l] = nu == nu ? nu : 0.0;
+    }
+}
+
+/* NIS of the known innovations, NaN where all components are missing; `Innovation.nis`. */
+static void score(const Arrays *a, const Single *s, const Matrix *known) {
+  static double memory[4 * FEW];
+  Size M = a->M;
+  if (a->n_z == 1)
+    for (Size l = 0; l < M; l++) s->nis[l] = known->at[l] * known->at[l] / (s->S.at[l] > 0.0 ? s->S.at[l] : NAN);
+  else {
+    Matrix L = {memory, 2, 2, 2 * M, M, M, 0};
+    memset(memory, 0, sizeof memory);
+    factor(&s->S, &L, 0.0, 0, M);
+    mahalanobis(&L, known, s->nis, 0, M);
+  }
+  for (Size l = 0; l < M; l++) {
+    int missing = 1;
+    for (Size i = 0; i < a->n_z; i++) missing &= isnan(s->nu.at[i * s->nu.row + l]);
+    if (missing) s->nis[l] = NAN;
+  }
+}
+
+/* A step of the UKF, `augmented_step`; false if a state is not finite, or a covariance has lost its digits. */
+static int unscented_step(const Arrays *a, const Single *s, const double *w, const double *w_cov, double scale) {
+  static double P_memory[MOST_AUGMENTED * MOST_AUGMENTED * FEW], L_memory[MOST_AUGMENTED * MOST_AUGMENTED * FEW];
+  static double points[MOST_AUGMENTED * MOST_POINTS * FEW], moved_memory[6 * MOST_POINTS * FEW], z_memory[2 * MOST_POINTS * FEW];
+  static double mean_memory[2 * FEW], pred_memory[2 * FEW], known_memory[2 * FEW], C_memory[12 * FEW];
+  Size n = a->n, n_z = a->n_z, M = a->M, size = 2 * n + n_z, P = 2 * size + 1;
+  /* Step 1: points of (x, v, n), of mean (m, 0, 0) and covariance diag(P, Q, R). */
+  Matrix augmented = {P_memory, size, size, size * M, M, M, 0}, L = {L_memory, size, size, size * M, M, M, 0};
+  memset(P_memory, 0, sizeof(double) * size * size * M);
+  for (Size i = 0; i < n; i++)
+    for (Size j = 0; j < n; j++) {
+      double *of_state = P_memory + (i * size + j) * M, *of_noise = P_memory + ((n + i) * size + n + j) * M;
+      memcpy(of_state, s->cov_before.at + i * s->cov_before.row + j * s->cov_before.column, sizeof(double) * M);
+      for (Size l = 0; l < M; l++) of_noise[l] = a->Q.at[i * n + j];
+    }
+  for (Size i = 0; i < n_z; i++)
+    for (Size j = 0; j < n_z; j++)
+      for (Size l = 0; l < M; l++) P_memory[((2 * n + i) * size + 2 * n + j) * M + l] = a->R.at[i * n_z + j];
+  for (int singular = 0; singular < 2; singular++) {
+    memset(L_memory, 0, sizeof(double) * size * size * M);
+    factor(&augmented, &L, singular ? 1e-14 : 0.0, 0, M);
+    if (is_finite(&L, M)) break;
+    if (singular) return 0;
+  }
+  for (Size i = 0; i < size; i++) {
+    double *center = points + i * P * M;
+    if (i < n) memcpy(center, s->before.at + i * s->before.row, sizeof(double) * M);
+    else memset(center, 0, sizeof(double) * M);
+    for (Size k = 0; k < size; k++)
+      for (Size l = 0; l < M; l++) {
+        double step = scale * L_memory[(i * size + k) * M + l];
+        center[(1 + k) * M + l] = center[l] + step;
+        center[(1 + size + k) * M + l] = center[l] - step;
       }
   }
-  ANSWER(1);
+  /* Step 2: f(x) + v, and its moments. */
+  Matrix x = {points, n, 1, P * M, 0, P * M, 0}, moved = {moved_memory, n, 1, P * M, 0, P * M, 0};
+  multiply(&a->F, &x, &moved, 0, P * M);
+  for (Size i = 0; i < n * P * M; i++) moved_memory[i] += points[n * P * M + i];
+  weighted(w, moved_memory, P, M, &s->predicted);
+  cross(w_cov, moved_memory, &s->predicted, moved_memory, &s->predicted, P, M, &s->predicted_cov);
+  if (!is_finite(&s->predicted, M) || !is_finite(&s->predicted_cov, M)) return 0;
+  /* Step 3: h(f(x) + v) + n relative to the center, and its moments. */
+  Matrix z = {z_memory, n_z, 1, P * M, 0, P * M, 0}, z_mean = {mean_memory, n_z, 1, M, 0, M, 0};
+  Matrix z_pred = {pred_memory, n_z, 1, M, 0, M, 0}, known = {known_memory, n_z, 1, M, 0, M, 0};
+  Matrix C = {C_memory, n, n_z, n_z * M, M, M, 0};
+  measure(&a->sensor, &moved, &z, 0, P * M);
+  for (Size i = 0; i < n_z; i++) {
+    double *row = z_memory + i * P * M;
+    memcpy(pred_memory + i * M, row, sizeof(double) * M);
+    for (Size p = 0; p < P; p++)
+      for (Size l = 0; l < M; l++)
+        row[p * M + l] = innovation_of(&a->sensor, i, row[p * M + l], pred_memory[i * M + l])
+                         + points[((2 * n + i) * P + p) * M + l];
+  }
+  weighted(w, z_memory, P, M, &z_mean);
+  cross(w_cov, z_memory, &z_mean, z_memory, &z_mean, P, M, &s->S);
+  cross(w_cov, moved_memory, &s->predicted, z_memory, &z_mean, P, M, &C);
+  for (Size i = 0; i < n_z * M; i++) pred_memory[i] += mean_memory[i];
+  innovate(a, s, &z_pred, &known);
+  /* Step 4: leave missing components out of S and C, `drop_missing`; condition. */
+  for (Size i = 0; i < n_z; i++)
+    for (Size l = 0; l < M; l++) {
+      if (!isnan(s->nu.at[i * s->nu.row + l])) continue;
+      for (Size j = 0; j < n; j++) C_memory[(j * n_z + i) * M + l] = 0.0;
+      for (Size j = 0; j < n_z; j++)
+        s->S.at[i * s->S.row + j * s->S.column + l] = s->S.at[j * s->S.row + i * s->S.column + l] = i == j;
+    }
+  condition(&s->predicted, &s->predicted_cov, &known, &C, &s->S, &s->mean, &s->cov, 0, M);
+  score(a, s, &known);
+  /* Step 5: a difference of covariances that has lost its digits is left to numpy. */
+  Matrix root = {L_memory, n, n, n * M, M, M, 0};
+  memset(L_memory, 0, sizeof(double) * n * n * M);
+  factor(&s->cov, &root, 0.0, 0, M);
+  if (!is_finite(&root, M)) return 0;
+  for (Size i = 0; i < n; i++)
+    for (Size l = 0; l < M; l++) {
+      double variance = s->predicted_cov.at[i * (s->predicted_cov.row + s->predicted_cov.column) + l];
+      double left = s->cov.at[i * (s->cov.row + s->cov.column) + l], pivot = L_memory[(i * n + i) * M + l];
+      if (left < 1e-10 * variance || !(pivot * pivot >= 1e-12 * variance)) return 0;
+    }
+  return is_finite(&s->mean, M) && is_finite(&s->cov, M);
+}
+
+/* A step of the EKF of a radar, `extended_step`; false if a state is not finite. */
+static int extended_step(const Arrays *a, const Single *s) {
+  static double z_memory[2 * FEW], known_memory[2 * FEW], H_memory[12 * FEW], R_memory[4 * FEW], K_memory[12 * FEW];
+  Size n = a->n, n_z = a->n_z, M = a->M;
+  /* Step 1: F m, F P F' + Q. */
+  multiply(&a->F, &s->before, &s->predicted, 0, M);
+  sandwich(&a->F, &s->cov_before, &s->predicted_cov, 0, M);
+  add(&s->predicted_cov, &a->Q, 0, M);
+  if (!is_finite(&s->predicted, M) || !is_finite(&s->predicted_cov, M)) return 0;
+  /* Step 2: nu = z - h(m), and H; missing components are left out, `drop_missing`. */
+  Matrix z_pred = {z_memory, n_z, 1, M, 0, M, 0}, known = {known_memory, n_z, 1, M, 0, M, 0};
+  Matrix H = {H_memory, n_z, n, n * M, M, M, 0}, R = {R_memory, n_z, n_z, n_z * M, M, M, 0};
+  measure(&a->sensor, &s->predicted, &z_pred, 0, M);
+  innovate(a, s, &z_pred, &known);
+  polar_jacobian(&a->sensor, &s->predicted, &H, 0, M);
+  for (Size i = 0; i < n_z; i++)
+    for (Size l = 0; l < M; l++) {
+      int missing = isnan(s->nu.at[i * s->nu.row + l]);
+      for (Size j = 0; j < n && missing; j++) H_memory[(i * n + j) * M + l] = 0.0;
+      for (Size j = 0; j < n_z; j++)
+        R_memory[(i * n_z + j) * M + l] = missing || isnan(s->nu.at[j * s->nu.row + l]) ? i == j : a->R.at[i * n_z + j];
+    }
+  /* Step 3: update. */
+  Matrix K = {K_memory, n, n_z, n_z * M, M, M, 0};
+  gain(&s->predicted_cov, &H, &R, &s->S, &K, 0, M);
+  multiply(&K, &known, &s->mean, 0, M);
+  add(&s->mean, &s->predicted, 0, M);
+  joseph(&s->predicted_cov, &H, &R, &K, &s->cov, 0, M);
+  score(a, s, &known);
+  return is_finite(&s->mean, M) && is_finite(&s->cov, M);
+}
+
+/* filter_steps(F, Q, R, weights, cov_weights, rows, place, arctangents, pi, z, means, covs, predicted means and covs, nu, S,
+   nis, scale, is_radar, n, n_z, M): the UKF, or without weights the EKF of a radar, over all steps; `filter_steps` of
+   many_steps.py. False if a step is left to numpy. */
+KERNEL(c_filter_steps) {
+  OPEN(17, 10);
+  double scale = PyFloat_AsDouble(args[17]);
+  Size n = WHOLE(19), n_z = WHOLE(20), M = WHOLE(21);
+  int done = 1, has_points = LENGTH(3) > 0;
+  Arrays a = {
+    .F = {DOUBLES(0), n, n, n, 1, 1, 1}, .Q = {DOUBLES(1), n, n, n, 1, 1, 1}, .R = {DOUBLES(2), n_z, n_z, n_z, 1, 1, 1},
+    .sensor = {n_z, WHOLE(18) != 0, INTS(5), DOUBLES(6), DOUBLES(7), DOUBLES(8)[0]}, .z = DOUBLES(9), .means = DOUBLES(10),
+    .covs = DOUBLES(11), .predicted_means = DOUBLES(12), .predicted_covs = DOUBLES(13), .nu = DOUBLES(14), .S = DOUBLES(15),
+    .nis = DOUBLES(16), .n = n, .n_z = n_z, .M = M, .batch = LENGTH(9) / n_z};
+  for (Size k = 0; k < a.batch && done; k += M) {
+    Single s = single_step(&a, k);
+    done = has_points ? unscented_step(&a, &s, DOUBLES(3), DOUBLES(4), scale) : extended_step(&a, &s);
+  }
+  ANSWER(done);
 }
 
 /* ---- text: results/write.py ---- */
@@ -1451,7 +1722,8 @@ static PyMethodDef methods[] = {
   METHOD(product), METHOD(sandwich), METHOD(gain), METHOD(joseph), METHOD(factor), METHOD(eigen), METHOD(whiten),
   METHOD(mahalanobis), METHOD(track), METHOD(mix), METHOD(interact), METHOD(any_nan), METHOD(any_not_finite),
   METHOD(displaced), METHOD(epanechnikov), METHOD(move), METHOD(weighted), METHOD(cross), METHOD(sigma_points),
-  METHOD(scalar_points), METHOD(scalar_noise), METHOD(scalar_update), METHOD(condition), METHOD(numbered_rows), {NULL}};
+  METHOD(scalar_points), METHOD(scalar_noise), METHOD(scalar_update), METHOD(condition), METHOD(filter_steps),
+  METHOD(numbered_rows), {NULL}};
 static struct PyModuleDef module = {PyModuleDef_HEAD_INIT, "_compiled", "Kernels of core/ in C.", -1, methods};
 PyMODINIT_FUNC PyInit__compiled(void) {
   PyObject *m = PyModule_Create(&module);

@@ -210,7 +210,7 @@ def cos_sin(a: Array, c: Array, s: Array) -> None:
 def arctan2(y: Array, x: Array, result: Array) -> None:
     """Write the angle of (x, y) to ``result``."""
     if compiled.kernels:
-        compiled.kernels.arctan2(arctangents(), _pi(), y, x, result)
+        compiled.kernels.arctan2(*arctangent_tables(), y, x, result)
         return
     with np.errstate(divide="ignore", invalid="ignore"):
         t = y / x
@@ -352,6 +352,11 @@ def circle() -> tuple[Array, Array]:
     half = quarter[:-1] + quarter[:0:-1]
     wave = _round_entries(half + [-s for s in half])
     return fixed(np.roll(wave, -TURNS // 4)), wave
+
+
+def arctangent_tables() -> tuple[Array, Array]:
+    """Return the arctangents and pi, with which the C kernels compute `arctan2`."""
+    return arctangents(), _pi()
 
 
 @cache

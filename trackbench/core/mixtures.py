@@ -13,6 +13,7 @@ from trackbench.core.angles import mean_direction, near
 from trackbench.core.arrays import Array, Index, all_finite, note, with_trailing
 from trackbench.core.distributions import Gaussian, Symmetric
 from trackbench.core.kalman import Innovation
+from trackbench.core.many_steps import MeasuredByKernel
 from trackbench.core.random_streams import Streams
 from trackbench.core.sums import total
 
@@ -238,11 +239,13 @@ def interact(
     models: Sequence[LinearModel],
     transition: Array,
     z: Array,
+    radar: MeasuredByKernel | None = None,
 ) -> Interacting | None:
     """Filter all steps of interacting linear models with constant matrices (Blom & Bar-Shalom 1988).
 
-    The bytes are those of `predict_weights`, `combine`, `kalman.predict`, `kalman.update` and
-    `update_weights` step by step, in a small part of the time for few runs.
+    The sensor may be a radar, whose Jacobian takes the place of H. The bytes are those of
+    `predict_weights`, `combine`, `kalman.predict`, `kalman.update` and `update_weights` step by step, in
+    a small part of the time for few runs.
 
     Parameters
     ----------
@@ -256,6 +259,8 @@ def interact(
         Probabilities p_ij of a switch from model i to model j.
     z : array (n_z, T, M)
         Measurements.
+    radar : MeasuredByKernel, optional
+        The sensor, if it is a radar.
 
     Returns
     -------
@@ -295,12 +300,14 @@ def interact(
         transition,
         z,
     ]
+    sensor = radar or MeasuredByKernel(R=models[0].R)
     is_finite = compiled.kernels.interact(
         *[np.ascontiguousarray(matrix, dtype=np.float64) for matrix in matrices],
         *elementary.exp_tables(),
+        *sensor.arguments(),
         *(means, covs, all_weights, predicted_means, predicted_covs, predicted_weights),
         *(nu, S, nis, estimate.mean, estimate.cov),
-        *(r, n, n_z, M),
+        *(sensor.is_radar, r, n, n_z, M),
     )
     # A NaN that is no missing measurement is that of a run that diverges.
     has_nu = (np.isnan(nu) == missing).all()

@@ -90,6 +90,10 @@ class Unscented:
             return None
         return ScalarPoints(x, scale, *_weights(self, 3))
 
+    def weights(self, n: int) -> tuple[Array, Array]:
+        """Return the weights (2 n + 1,) of the mean and of the covariance."""
+        return _weights(self, n)
+
     def spread(self, n: int) -> float:
         """Return n + lambda = alpha^2 (n + kappa): the square of the points' distance in deviations."""
         return self.alpha * self.alpha * (n + self.kappa)

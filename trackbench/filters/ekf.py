@@ -27,6 +27,7 @@ from trackbench.filters.gaussian import (
     Tracked,
     extended_prediction,
     extended_transition,
+    nonlinear_steps,
     with_curvature,
 )
 from trackbench.filters.kf import constant_steps
@@ -38,6 +39,7 @@ from trackbench.filters.ukf import (
     relative_measurements,
 )
 from trackbench.models.base import Differentiable, DifferentiableSensor, Model, Scene, jacobian_at
+from trackbench.models.sensors.position import LinearSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.registry import register
 
@@ -112,12 +114,16 @@ class EKF(NonlinearFilter):
         return idle
 
     def all_steps(self, model: Model, state: Tracked, z: Array, k: int) -> Steps | None:
-        """Filter all measurements z (n_z, T, M) in one call as a Kalman filter, with the bits of `step`.
+        """Filter all measurements z (n_z, T, M) in one call, with the bits of `step`.
 
-        None unless this is a plain EKF, motion and sensor are linear, and all runs have one covariance.
+        A linear model is filtered as by a Kalman filter. None unless this is a plain EKF, and motion and
+        sensor are linear and all runs have one covariance, or they are of `nonlinear_steps`.
         """
-        if type(self) is not EKF or self != EKF(smooth=self.smooth):
+        plain = EKF(smooth=self.smooth, start=self.start, P0=self.P0)
+        if type(self) is not EKF or self != plain:
             return None
+        if not isinstance(model.sensor, LinearSensor):
+            return nonlinear_steps(model, state, z, not self.smooths)
         cov = with_trailing(state.posterior.cov, 1, leading=2)
         if (cov != cov[..., :1]).any():
             return None

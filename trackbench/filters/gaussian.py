@@ -12,7 +12,7 @@ from annotated_types import Ge, Interval
 from numpy.random import Generator
 
 from trackbench.core import kalman, linalg
-from trackbench.core.arrays import Array, Mask, with_axes_of
+from trackbench.core.arrays import Array, Index, Mask, with_axes_of
 from trackbench.core.conversions import Conversion
 from trackbench.core.distributions import (
     Distribution,
@@ -22,9 +22,11 @@ from trackbench.core.distributions import (
     root_of,
 )
 from trackbench.core.kalman import Innovation, Updated
+from trackbench.core.many_steps import filter_steps
 from trackbench.core.smoothing import Transition, smooth
+from trackbench.core.unscented import Unscented
 from trackbench.field_types import NonNegative, OpenShare, Positive
-from trackbench.filters.base import FixedLag, InnovationFilter, SmoothingFilter
+from trackbench.filters.base import FixedLag, InnovationFilter, SmoothingFilter, Steps
 from trackbench.filters.gate import (
     GateScope,
     count_refused,
@@ -43,7 +45,9 @@ from trackbench.models.base import (
     has_density,
     jacobian_at,
 )
+from trackbench.models.motions.kinematic import Linear
 from trackbench.models.priors import Convertible
+from trackbench.models.sensors.many_steps import measured_by_kernel
 
 MERWE_DEMO: dict[str, object] = {"Q": 0.75, "R": 1e-5, "P0": 0.75, "noise_mean": False}
 """Noise that van der Merwe's public demo gives its Kalman filters."""
@@ -492,6 +496,77 @@ def with_curvature(
     return Gaussian(
         linear.mean + with_axes_of(linear.mean, bias),
         with_axes_of(cov, linear.cov) + with_axes_of(linear.cov, cov),
+    )
+
+
+def nonlinear_steps(
+    model: Model, state: Tracked, z: Array, keeps_predictions: bool, rule: Unscented | None = None
+) -> Steps | None:
+    """Return all steps of a UKF, or of the EKF of a radar, with the same bytes.
+
+    Parameters
+    ----------
+    model : Model
+        Motion and sensor.
+    state : Tracked
+        State before the steps.
+    z : array (n_z, T, M)
+        Measurements of the steps.
+    keeps_predictions : bool
+        Whether the states have the predictions.
+    rule : Unscented, optional
+        Sigma points of state and noises; default: none, for the EKF.
+
+    Returns
+    -------
+    Steps or None
+        None unless the motion is linear and constant, the sensor is one of `measured_by_kernel` (for
+        the EKF a radar), and `filter_steps` can filter.
+    """
+    motion, sensor = model
+    if not isinstance(motion, Linear) or motion.rows_of_angles or len(motion.F) == 1:
+        return None
+    measured = measured_by_kernel(sensor, len(motion.F))
+    if measured is None or (rule is None and not measured.is_radar):
+        return None
+    filtered = filter_steps(state.posterior, motion.F, motion.Q, measured, z, rule)
+    if filtered is None:
+        return None
+    states = filtered.states
+    innovations = filtered.innovation
+    posteriors = Gaussian(states.mean[:, 1:], states.cov[:, :, 1:])
+
+    def state_after(steps: int | slice) -> Tracked:
+        """Return the state after the measurement of this index, or of several as one batch."""
+        predicted = None
+        if keeps_predictions and innovations.predicted is not None:
+            mean = innovations.predicted.mean[:, steps]
+            predicted = Gaussian(mean, innovations.predicted.cov[:, :, steps])
+        return Tracked(
+            posterior=Gaussian(posteriors.mean[:, steps], posteriors.cov[:, :, steps]),
+            nis=filtered.nis[steps],
+            innovation=Innovation(
+                nu=innovations.nu[:, steps], S=innovations.S[:, :, steps], predicted=predicted
+            ),
+        )
+
+    def state_of_all_steps() -> Tracked:
+        """Return one state whose batch (T, M) is all steps, with their predictions."""
+        return state_after(slice(None))
+
+    def state_before(steps: Index) -> Tracked:
+        """Return one state before the steps of these indices, whose batch is each step's runs."""
+        n = len(states.mean)
+        mean = states.mean[:, steps].reshape(n, -1)
+        posterior = Gaussian(mean, states.cov[:, :, steps].reshape(n, n, -1))
+        return Tracked(posterior=posterior, nis=np.full(mean.shape[1], np.nan))
+
+    return Steps(
+        estimate=posteriors,
+        diagnostics={"nis": filtered.nis},
+        state=state_after,
+        together=state_of_all_steps,
+        before=state_before,
     )
 
 

@@ -34,6 +34,7 @@ from trackbench.filters.jump_markov import JumpMarkov, shared_components
 from trackbench.models.base import Model, Scene, angle_rows, extra_std
 from trackbench.models.motions.kinematic import Linear
 from trackbench.models.priors import augment_gaussian
+from trackbench.models.sensors.many_steps import measured_by_kernel
 from trackbench.models.sensors.position import LinearSensor
 from trackbench.registry import register
 
@@ -229,7 +230,8 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
     def all_steps(self, model: Model, state: ModelBank, z: Array, k: int) -> Steps | None:
         """Filter all measurements z (n_z, T, M) in one call; None unless the models allow it.
 
-        They must be linear and constant with the same components, and filtered by a plain EKF.
+        They must be linear and constant with the same components, and filtered by a plain EKF. The
+        sensor may also be a radar of `measured_by_kernel`.
         """
         if type(self) is not IMM or self.filter != _EKF or type(self.filter) is not EKF:
             return None
@@ -238,7 +240,9 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         if matrices is None:
             return None
         transition = np.array(self.transition)
-        interacting = interact(state.states, state.weights, matrices, transition, z)
+        measured = measured_by_kernel(model.sensor, len(matrices[0].F))
+        radar = measured if measured is not None and measured.is_radar else None
+        interacting = interact(state.states, state.weights, matrices, transition, z, radar)
         if interacting is None:
             return None
         return _steps_of(interacting, state, z, keeps_predictions=not self.smooths)
@@ -456,20 +460,25 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
 
 
 def _constant_matrices(models: list[Model]) -> list[LinearModel] | None:
-    """Return the matrices F, Q, H, R of each model, for `interact`.
+    """Return the matrices F, Q, H, R of each model, for `interact`; a radar has no H.
 
-    None unless all models are linear and constant, and their states have the same components and no
-    angles.
+    None unless all models are linear and constant, but for a radar, and their states have the same
+    components and no angles.
     """
     matrices = []
     components = models[0].motion.components
     for motion, sensor in models:
-        if not (isinstance(motion, Linear) and isinstance(sensor, LinearSensor)):
+        if not isinstance(motion, Linear) or motion.components != components or angle_rows(motion):
             return None
-        if motion.components != components or angle_rows(motion):
+        n = len(motion.F)
+        if isinstance(sensor, LinearSensor):
+            matrices.append(LinearModel(F=motion.F, Q=motion.Q, H=sensor.H(n), R=sensor.R))
+            continue
+        measured = measured_by_kernel(sensor, n)
+        if measured is None:
             return None
-        H = sensor.H(len(motion.F))
-        matrices.append(LinearModel(F=motion.F, Q=motion.Q, H=H, R=sensor.R))
+        no_matrix = np.zeros((len(measured.R), n))
+        matrices.append(LinearModel(F=motion.F, Q=motion.Q, H=no_matrix, R=measured.R))
     return matrices
 
 

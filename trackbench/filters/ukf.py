@@ -19,7 +19,15 @@ from trackbench.core.kalman import Innovation, Updated
 from trackbench.core.smoothing import Transition
 from trackbench.core.unscented import PointRule, SigmaPoints, Unscented, gauss_hermite
 from trackbench.field_types import Finite, Positive
-from trackbench.filters.gaussian import MERWE_DEMO, MODEL_NOISE, AssumedNoise, NonlinearFilter
+from trackbench.filters.base import Steps
+from trackbench.filters.gaussian import (
+    MERWE_DEMO,
+    MODEL_NOISE,
+    AssumedNoise,
+    NonlinearFilter,
+    Tracked,
+    nonlinear_steps,
+)
 from trackbench.models.base import Model, Scene, angle_rows
 from trackbench.models.sensors.base import SensorBase
 from trackbench.registry import register
@@ -88,13 +96,31 @@ class UKF(SigmaPointFilter):
                 conflicts["form"] = "square-root needs a center weight >= 0; enlarge kappa or beta"
         return conflicts
 
+    def all_steps(self, model: Model, state: Tracked, z: Array, k: int) -> Steps | None:
+        """Filter all measurements z (n_z, T, M) in one call, with the bits of `step`.
+
+        None unless this is a plain UKF of augmented points, and motion and sensor are of
+        `nonlinear_steps`.
+        """
+        plain = UKF(
+            alpha=self.alpha,
+            beta=self.beta,
+            kappa=self.kappa,
+            smooth=self.smooth,
+            start=self.start,
+            P0=self.P0,
+        )
+        if type(self) is not UKF or self != plain:
+            return None
+        return nonlinear_steps(model, state, z, not self.smooths, self.rule)
+
     @property
     def augmented(self) -> bool:
         """True if the points are of state and noise together."""
         return self.noise == "augmented"
 
     @property
-    def rule(self) -> PointRule:
+    def rule(self) -> Unscented:
         """Scaled unscented transform."""
         return Unscented(self.alpha, self.beta, self.kappa)
 

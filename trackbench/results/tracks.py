@@ -13,9 +13,9 @@ from trackbench.evaluation.block import Tracks
 from trackbench.evaluation.summary import FilterResult
 from trackbench.execution.plan import Key
 from trackbench.models.sensors.angular import AngularSensor
-from trackbench.models.sensors.base import Sensors, sensors_of
+from trackbench.models.sensors.base import SensorBase, Sensors, sensors_of
 from trackbench.models.sensors.landmark import Landmark
-from trackbench.models.sensors.position import LinearSensor
+from trackbench.models.sensors.many_steps import is_equal_at_every_step
 from trackbench.results.number_arrays import is_long, write_arrays
 from trackbench.results.point_facts import array_prefix
 from trackbench.scenarios.base import Scenario
@@ -148,8 +148,11 @@ def measured_positions(scenario: Scenario, z: Array) -> Array | None:
     if sensor_and_rows is None:
         return None
     locating_sensor, rows = sensor_and_rows
-    if isinstance(locating_sensor, LinearSensor):
-        return locating_sensor.located(z[rows], 0).mean  # equal at every step
+    if is_equal_at_every_step(cast(SensorBase, locating_sensor)):
+        # All steps in one call: their axis and that of the runs become one.
+        measured = z[rows]
+        located = locating_sensor.located(measured.reshape(len(measured), -1), 0).mean
+        return located.reshape(-1, *z.shape[1:])
     positions = []
     for i, k in enumerate(scenario.steps[1:]):
         positions.append(locating_sensor.located(z[rows, i], int(k)).mean)

@@ -1,4 +1,4 @@
-"""Sensor that measures the states of many steps in one call, for the scores of predictions."""
+"""Sensors over many steps in one call: for the scores of predictions, and in the C kernels."""
 
 from collections.abc import Sequence
 
@@ -6,8 +6,40 @@ import numpy as np
 
 from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
+from trackbench.core.many_steps import MeasuredByKernel
+from trackbench.extension_points import foreign_parts
 from trackbench.models.base import Sensor
+from trackbench.models.sensors.angular import AngularSensor
+from trackbench.models.sensors.base import SensorBase
+from trackbench.models.sensors.landmark import Landmark
 from trackbench.models.sensors.position import LinearSensor
+from trackbench.models.sensors.range_azimuth import RangeAzimuth
+
+
+def is_equal_at_every_step(sensor: Sensor) -> bool:
+    """Return whether a sensor is known to measure a state alike at every step.
+
+    Moving sensors do not, and nothing is known of joined sensors, equations and plugins.
+    """
+    if type(sensor).measurement is LinearSensor.measurement:
+        return True
+    if foreign_parts(sensor):
+        return False
+    if isinstance(sensor, AngularSensor):
+        return sensor.platform is None
+    return isinstance(sensor, Landmark)
+
+
+def measured_by_kernel(sensor: Sensor, n: int) -> MeasuredByKernel | None:
+    """Return what the C kernels need of a sensor for states of n components; None if they lack it."""
+    if type(sensor) is RangeAzimuth and sensor.platform is None:
+        return MeasuredByKernel(R=sensor.R, place=sensor.at or (0.0, 0.0))
+    if not isinstance(sensor, LinearSensor):
+        return None
+    cls = type(sensor)
+    if cls.measurement is LinearSensor.measurement and cls.innovation is SensorBase.innovation:
+        return MeasuredByKernel(R=sensor.R, rows=tuple(range(n)[sensor.places]))
+    return None
 
 
 class SensorOfSteps:
@@ -18,11 +50,12 @@ class SensorOfSteps:
         self.innovation = sensor.innovation
         self._sensor = sensor
         self._steps = steps
+        self._is_equal_at_every_step = is_equal_at_every_step(sensor)
 
     def measurement(self, x: Array, k: int) -> Gaussian:
         """Return the distribution of the measurements of states x (n_x, *points, T M)."""
-        if type(self._sensor).measurement is LinearSensor.measurement:
-            return self._sensor.measurement(x, k)  # which is equal at every step
+        if self._is_equal_at_every_step:
+            return self._sensor.measurement(x, k)
         means = []
         covs = []
         states_of_steps = np.split(x, len(self._steps), axis=-1)
