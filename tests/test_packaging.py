@@ -67,7 +67,7 @@ def test_the_wheel_runs_in_an_empty_folder(wheel: Path, tmp_path: Path) -> None:
     assert "merwe2000" in run("-m", "trackbench", "list", "experiments")
     listed = run("-m", "trackbench", "list", "problems").splitlines()
     assert ["bearings-two", "v1"] in [line.split()[:2] for line in listed]
-    run("-m", "trackbench", "run", "hdepf", "--quick", "--only", "PF")
+    run("-m", "trackbench", "run", "hdepf", "--quick", "--only", "PF", "--format", "svg")
     results = here / "results" / "hdepf"
     assert (results / "report.html").is_file()
     assert str(target) not in (results / "config.yaml").read_text()
