@@ -1,4 +1,4 @@
-"""W10: a long recording: how long the whole command takes."""
+"""W10: long recordings of positions and of a radar: how long the whole command takes."""
 
 import sys
 import tempfile
@@ -6,17 +6,26 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.harness import Limit, Workload
+from benchmarks.harness import Bar, Workload
 from benchmarks.processes import FRESH, command, processes
+from trackbench.core.arrays import Array
 
 EVERY_CORE = True
 STEPS = 50_000
+IMPORT_S = 0.09  # of numpy, on the machine for which the seconds are
+SECONDS = {"KF": 2.0, "EKF": 4.0, "UKF": 4.0, "IMM": 7.0}
+SENSORS = {
+    "positions": "{kind: position, sigma: 5}",
+    "radar": "{kind: range-azimuth, sigma_range: 20, sigma_azimuth_mrad: 5}",
+}
+LINEAR = "  KF: {kind: kf}\n"
+BARE = "python that imports numpy"
 CONFIG = """name: long
 seed: 1
 scenario:
   kind: tracking
-  target: {kind: measured, measurements: rows.csv}
-  sensor: {kind: position, sigma: 5}
+  target: {kind: measured, measurements: FILE}
+  sensor: SENSOR
   start: {kind: one-scan, sigma_velocity: 18}
   assume: {motion: {kind: cwna, q: 0.2}}
 filters:
@@ -36,25 +45,48 @@ figures:
 
 
 def workloads() -> list[Workload]:
-    """A filter each on positions of a turning target, with the scores that `--from` asks for.
+    """A filter each on a turning target that positions or a radar measure, scored as by `--from`.
 
-    The limits are seconds of a machine on which Python imports numpy in 0.09 s: the last row says how
-    much slower this one is at the moment.
+    Every command may take as many times the import of numpy as the `SECONDS` are of `IMPORT_S`.
     """
     folder = Path(tempfile.mkdtemp(prefix="bench-"))
     rng = np.random.default_rng(1)
     t = 0.1 * np.arange(STEPS)
     heading = np.cumsum(0.005 * (np.sin(t / 50.0) > 0.5))
     x, y = np.cumsum(2.0 * np.array([np.cos(heading), np.sin(heading)]), axis=1)
-    z = np.array([x, y]) + rng.normal(0.0, 5.0, (2, STEPS))
-    rows = [f"{time:.1f},{a:.2f},{b:.2f}\n" for time, a, b in zip(t, *z, strict=True)]
-    (folder / "rows.csv").write_text("time,x,y\n" + "".join(rows))
-    (folder / "long.yaml").write_text(CONFIG)
+    error = rng.normal(0.0, 5.0, (2, STEPS))
+    # The radar stands 30 km off, so that the target never passes it.
+    px = x + 30_000.0
+    polar = np.array([np.hypot(px, y), np.arctan2(y, px)])
+    polar += np.array([[4.0], [0.001]]) * error
+    measured = {"positions": np.array([x, y]) + error, "radar": polar}
+    tables = []
+    for name, z in measured.items():
+        columns = "time,x,y" if name == "positions" else "time,range,azimuth"
+        _write_recording(folder / f"{name}.csv", columns, t, z)
+        config = CONFIG.replace("FILE", f"{name}.csv").replace("SENSOR", SENSORS[name])
+        labels = list(SECONDS)
+        if name == "radar":  # no Kalman filter takes its measurements
+            config = config.replace(LINEAR, "")
+            labels.remove("KF")
+        (folder / f"{name}.yaml").write_text(config)
+        tables.append(_workload(name, folder, labels))
+    return tables
+
+
+def _write_recording(path: Path, columns: str, t: Array, z: Array) -> None:
+    rows = [f"{time:.1f},{a:.3f},{b:.7f}\n" for time, a, b in zip(t, *z, strict=True)]
+    path.write_text(columns + "\n" + "".join(rows))
+
+
+def _workload(name: str, folder: Path, labels: list[str]) -> Workload:
+    """The table of one recording, with a bar for each filter."""
     entrants = {}
-    for label in ("KF", "EKF", "UKF", "IMM"):
-        words = ("--only", label, "--out", str(folder / label), *FRESH)
-        entrants[label] = command("run", str(folder / "long.yaml"), *words)
-    entrants["python that imports numpy"] = processes([(sys.executable, "-c", "import numpy")])
-    limits = [Limit("KF", 2.0), Limit("EKF", 4.0), Limit("UKF", 4.0), Limit("IMM", 7.0)]
-    title = f"A recording of {STEPS} rows: `trackbench run`, one filter"
-    return [Workload("W10", title, "process", entrants, limits=limits)]
+    bars = []
+    for label in labels:
+        words = ("--only", label, "--out", str(folder / name / label), *FRESH)
+        entrants[label] = command("run", str(folder / f"{name}.yaml"), *words)
+        bars.append(Bar(label, BARE, round(SECONDS[label] / IMPORT_S), at_most=True))
+    entrants[BARE] = processes([(sys.executable, "-c", "import numpy")])
+    title = f"{STEPS} rows of {name}: `trackbench run`, one filter"
+    return Workload("W10", title, "process", entrants, bars=bars)

@@ -91,7 +91,7 @@ def bytes_of(tracker: GaussianFilter, state: Tracked) -> Iterator[bytes]:
 
 
 @pytest.mark.parametrize("name", CASES)
-@pytest.mark.parametrize("runs", [1, 50])
+@pytest.mark.parametrize("runs", [1, 50, 512])
 def test_states_have_the_bytes_of_single_steps(name: str, runs: int) -> None:
     tracker, motion, sensor = CASES[name]
     model = model_of(motion, sensor)
@@ -150,8 +150,8 @@ def test_what_is_left_to_single_steps(tracker: GaussianFilter) -> None:
         assert tracker.all_steps(exact, first, z, 1) is None
     moving = RangeAzimuth(**ERRORS, platform=Platform(steps=(0, 9), x=(0.0, 9.0), y=(0.0, 0.0)))
     assert tracker.all_steps(Model(model.motion, moving), first, z, 1) is None
-    many = first_state(tracker, model, 65, 30.0)
-    assert tracker.all_steps(model, many, measurements(model, 9, 65), 1) is None
+    many = first_state(tracker, model, 513, 30.0)
+    assert tracker.all_steps(model, many, measurements(model, 9, 513), 1) is None
     for keys in ({"gate": 0.99}, {"fading": 1.1}, {"form": "square-root"}):
         changed = type(tracker)(**keys)
         assert changed.all_steps(model, first, z, 1) is None

@@ -1456,9 +1456,9 @@ KERNEL(c_condition) {
   ANSWER(1);
 }
 
-/* ---- all steps of a filter of few runs: many_steps.py ---- */
+/* ---- all steps of a nonlinear filter: many_steps.py ---- */
 
-enum { FEW = 64, MOST_AUGMENTED = 14, MOST_POINTS = 29 }; /* runs; components of state and noises; their sigma points */
+enum { FEW = 512, MOST_AUGMENTED = 14, MOST_POINTS = 29 }; /* runs; components of state and noises; their sigma points */
 
 /* The arrays of `filter_steps`. Axes of steps and runs come last; means and covs begin with those before the first step. */
 typedef struct {

@@ -1,4 +1,4 @@
-"""All steps of a nonlinear Kalman filter of few runs in one call: UKF, and EKF of a radar."""
+"""All steps of a nonlinear Kalman filter in one call: the UKF, and the EKF of a radar."""
 
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.kalman import Innovation
 from trackbench.core.unscented import Unscented
 
-_MOST_RUNS = 64
+_MOST_RUNS = 512
 _MOST_COMPONENTS = 6
 _MOST_MEASURED = 2
 """Runs, and components of states and measurements, up to which the C kernel filters."""

@@ -20,7 +20,7 @@ from trackbench.models.inputs import KnownInputs
 from trackbench.registry import register
 
 NoiseGain = Literal["standard", "printed"]
-_CACHED = 64  # motions, because a filter needs its matrices at every step
+_CACHED = 4096  # motions: a filter needs its matrices at every step, and recorded intervals differ
 _TERMS = 10  # of exp(-h / tau), h at most a 32nd of tau
 
 
