@@ -291,7 +291,9 @@ class ResultsFolder:
         steps = self.manifest.get("steps")
         i = self.index_of(point) or 0
         # A list has the numbers of all points, where they differ.
-        number = steps[i] if isinstance(steps, list) and i < len(steps) else steps
+        number = steps
+        if isinstance(steps, list) and i < len(steps):
+            number = steps[i]
         if not isinstance(number, int) or number < 1:
             what = "does not say how many steps a run has"
             raise UserError(f"{self.folder / 'manifest.json'}: {what}: {RUN_AGAIN}")
@@ -423,8 +425,9 @@ class ResultsFolder:
         """Return the value at a dotted path of the config; None if the config lacks it."""
         value: Any = self.config
         for key in split_path(self.source, path):
-            children = value if isinstance(value, dict) else dict(enumerate(value or ()))
-            value = children.get(key)
+            if not isinstance(value, dict):  # a list, by the numbers of its items
+                value = dict(enumerate(value or ()))
+            value = value.get(key)
         return value
 
 
@@ -438,4 +441,6 @@ def same_point(point: GridPoint, read_back: dict[str, Any]) -> bool:
 
 def _cell(value: Any) -> str:
     """Return the text of a grid's value in a CSV file."""
-    return "" if value is None else str(value)
+    if value is None:
+        return ""
+    return str(value)

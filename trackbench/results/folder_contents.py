@@ -313,7 +313,9 @@ def _holder(descriptor: int) -> str:
     link) is left alone.
     """
     status = os.fstat(descriptor)
-    text = os.read(descriptor, _DIGITS + 1) if stat.S_ISREG(status.st_mode) else b"not a file"
+    text = b"not a file"
+    if stat.S_ISREG(status.st_mode):
+        text = os.read(descriptor, _DIGITS + 1)
     if status.st_nlink > 1 or len(text) > _DIGITS or not (text.isdigit() or not text):
         raise OSError(errno.EEXIST, "is not a lock of trackbench; remove it by hand")
     return text.decode() or "?"
