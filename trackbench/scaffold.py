@@ -174,12 +174,9 @@ def write_config_for(
     # Step 2: the template's lines for the data's columns and units.
     relative = quoted(os.path.relpath(data, folder))
     relative_truth = "" if truth is None else quoted(os.path.relpath(truth, folder))
-    parts = {
-        "@FILE@": relative,
-        "@SOURCE@": in_line(data.name),
-        **config_parts(guess, truth_guess, relative_truth),
-    }
-    text = _filled("recording.yaml", words, parts)
+    marks = {"@FILE@": relative, "@SOURCE@": in_line(data.name)}
+    parts = config_parts(guess, truth_guess, relative_truth)
+    text = _filled("recording.yaml", words, {**marks, **parts})
     # Step 3: try the config, with some numbers in place of those that the user must write.
     unknown = unknown_places(guess, truth_guess)
     tried_text = text
@@ -190,12 +187,15 @@ def write_config_for(
         tried_text = _with_some_places(text, origin)
     write_text(path, tried_text)
     try:
-        load(path)
+        config = load(path)
     except UserError as error:
         raise UserError(*(_reported(problem, path, data) for problem in error.problems)) from None
     finally:
         path.unlink()
-    write_text(path, text)
+    # The time of the first state is known by now.
+    begin = float(config.points[0].scenario.times[0])
+    parts = config_parts(guess, truth_guess, relative_truth, begin)
+    write_text(path, _filled("recording.yaml", words, {**marks, **parts}))
     return WrittenConfig(
         paths=[path],
         unknown=unknown,

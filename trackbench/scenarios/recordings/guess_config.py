@@ -24,26 +24,40 @@ _NO_WORDS = ("null", "true", "false")
 
 
 def config_parts(
-    guess: Guess, truth: TruthGuess | None = None, truth_path: str = ""
+    guess: Guess,
+    truth: TruthGuess | None = None,
+    truth_path: str = "",
+    begin: float | None = None,
 ) -> dict[str, str]:
     """Return the parts of a config that are guessed, as lines of YAML by their place in the template.
 
-    ``truth`` is the guess at a table of the true path, which the config names ``truth_path``.
+    ``truth`` is the guess at a table of the true path, which the config names ``truth_path``. The first
+    state of the filters is that at the time ``begin``, s or steps, if that is known.
     """
-    parts = _robot_parts(guess) if guess.inputs else _target_parts(guess)
+    when = _begin_in_words(guess, begin)
+    parts = _robot_parts(guess, when) if guess.inputs else _target_parts(guess, when)
     target_lines = [*_target_lines(guess, truth)]
     if truth is not None:
         target_lines += _truth_lines(truth, truth_path)
     return {
         "@TARGET@": "\n".join(f"    {line}" for line in target_lines),
         "@SENSOR@": "\n".join(f"    {line}" for line in _sensor_lines(guess)),
-        "@START@": f"  start: {parts.start}{_last_line(guess)}",
+        "@START@": f"  start: {parts.start}{_score_line(guess, truth)}{_last_line(guess)}",
         "@ASSUME@": parts.assume,
         "@GRID@": _grid_line(guess),
         "@FILTERS@": "\n".join(parts.filters),
         "@TABLES@": "\n".join(_table_lines(guess, truth)),
         "@SHOWN@": parts.shown,
     }
+
+
+def _score_line(guess: Guess, truth: TruthGuess | None) -> str:
+    """Return the key `score` if a truth has positions alone; else empty."""
+    if truth is None or truth.has_velocity or guess.inputs:
+        return ""
+    return (
+        "\n  score: {marginals: [position]}  # adds anees_position, as the truth has no velocities"
+    )
 
 
 def _truth_lines(truth: TruthGuess, path: str) -> Iterator[str]:
@@ -99,6 +113,8 @@ def _table_lines(guess: Guess, truth: TruthGuess | None) -> Iterator[str]:
             title = "Errors, m and rad"
         elif truth.has_velocity:
             columns += ", ANEES: anees"
+        else:
+            columns += ", ANEES: anees_position"
         yield "  errors:"
         yield "    kind: metrics"
         yield f"    title: {title}"
@@ -120,8 +136,22 @@ class _ModelParts(NamedTuple):
     """labels of the filters in the figures"""
 
 
-def _target_parts(guess: Guess) -> _ModelParts:
-    """Return the start, model and filters of a target that is tracked."""
+def _begin_in_words(guess: Guess, begin: float | None) -> str:
+    """Return the time of the first state after "at", s or steps; "the start" if it is unknown."""
+    if begin is None:
+        return "the start"
+    if "step" in guess.naming.columns:
+        return f"step {begin:g}"
+    if guess.is_dated:
+        return f"the first row, {begin:+.6g} s" if begin else "the first row"
+    return f"t = {begin:.9g} s"
+
+
+def _target_parts(guess: Guess, when: str) -> _ModelParts:
+    """Return the start, model and filters of a target that is tracked.
+
+    It starts at the time ``when``.
+    """
     kinds = {sensor.kind for sensor in guess.sensors}
     speed = guess.speed
     start = f"{{kind: one-scan, sigma_velocity: {2 * speed:g}}}  # guess"
@@ -129,7 +159,7 @@ def _target_parts(guess: Guess) -> _ModelParts:
         start = (
             f"{{kind: given, mean: [X, 0, Y, 0], sigma: [100, {2 * speed:g}, 100, {2 * speed:g}]}}"
         )
-        start += "  # write x and y of the first position, m, and how well they are known"
+        start += f"  # write x and y at {when}, m, and how well they are known"
     # Process noise from the usual speed; the IMM's motions have a tenth of it and ten times it.
     q = float(f"{max(0.0025 * speed * speed, 1e-3):.1g}")
     motions = f"[{{kind: cwna, q: {q / 10:g}}}, {{kind: cwna, q: {q * 10:g}}}]"
@@ -150,10 +180,13 @@ def _target_parts(guess: Guess) -> _ModelParts:
     )
 
 
-def _robot_parts(guess: Guess) -> _ModelParts:
-    """Return the start, model and filters of a robot that locates itself by landmarks."""
+def _robot_parts(guess: Guess, when: str) -> _ModelParts:
+    """Return the start, model and filters of a robot that locates itself by landmarks.
+
+    It starts at the time ``when``.
+    """
     start = "{kind: given, mean: [X, Y, HEADING], sigma: [0.1, 0.1, 0.1]}"
-    start += "  # write where the robot begins, m and rad, and how well that is known"
+    start += f"  # write the pose at {when}, m and rad, and how well it is known"
     start += "\n  score: {errors: {position: [px, py], heading: [heading]}}  # with a `truth`"
     return _ModelParts(
         start=start,

@@ -155,6 +155,8 @@ class Guess:
     """usual interval of the longest run's rows, s, or steps"""
     origin: tuple[float, ...] = ()
     """latitude and longitude of the first position, deg; empty without one"""
+    is_dated: bool = False
+    """True if times are dates"""
     outliers: float = 0.0
     """largest share of a sensor's rows that lie far from the line between their neighbors"""
 
@@ -371,6 +373,7 @@ def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[Sens
         inputs=_input_sigmas(path, naming) if is_robot else {},
         interval=usual_interval(np.concatenate([rows.time for rows in longest])),
         origin=(gathered.origin or ())[:2],
+        is_dated=bool(gathered.dated),
         outliers=max(outliers),
     )
 
