@@ -21,6 +21,7 @@ from trackbench.registry import GROUPS, kinds
 from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.guess_config import (
     config_parts,
+    guessed_units,
     idle_keys,
     left_out_filters,
     quoted,
@@ -119,7 +120,8 @@ class WrittenConfig(NamedTuple):
     """Files of an experiment on recorded data, and what is left to the user.
 
     ``unknown`` are sensors whose place must be written, ``unused`` columns that are not read, and
-    ``quantities`` what they may hold. ``left_out`` says which filters are comments only.
+    ``quantities`` what they may hold. ``left_out`` says which filters are comments only, and
+    ``units`` which units were guessed.
     """
 
     paths: list[Path]
@@ -127,6 +129,7 @@ class WrittenConfig(NamedTuple):
     unused: list[str]
     quantities: list[str]
     left_out: list[str]
+    units: list[str]
 
 
 def write_config_for(
@@ -202,6 +205,7 @@ def write_config_for(
         unused=unused_columns(guess),
         quantities=usable_quantities(guess),
         left_out=left_out_filters(guess),
+        units=guessed_units(guess),
     )
 
 

@@ -42,7 +42,13 @@ TABLES = {
 def test_what_it_writes_runs(tmp_path: Path, what: str) -> None:
     table(tmp_path / "My data.csv", *TABLES[what])
     made = trackbench("new", "experiment", "--from", "My data.csv", cwd=tmp_path)
-    assert made.stdout == "wrote my_data.yaml\nrun it: trackbench run my_data.yaml\n", made.stderr
+    units = ""
+    if what == "a radar":
+        units = "read range in m (no unit is named; the usual speed is 22 m/s)\n"
+        units += "read bearing in deg (there are angles beyond 2 pi); another unit: --set "
+        units += "units.NAME=UNIT\n"
+    run = "run it: trackbench run my_data.yaml\n"
+    assert made.stdout == f"wrote my_data.yaml\n{units}{run}", made.stderr
     done = trackbench("run", "my_data.yaml", "--workers", "1", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "results" / "my-data" / "figures" / "track.png").exists()

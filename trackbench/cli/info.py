@@ -179,6 +179,7 @@ def new(
     unplaced_sensors: list[str] = []
     unused_columns: list[str] = []
     quantities: list[str] = []
+    guessed_units: list[str] = []
     left_out_filters: list[str] = []
     if data is not None:
         data_name = name or re.sub("[^A-Za-z0-9]+", "-", data.stem).strip("-")
@@ -187,6 +188,7 @@ def new(
         unplaced_sensors = written.unknown
         unused_columns = written.unused
         quantities = written.quantities
+        guessed_units = written.units
         left_out_filters = written.left_out
     elif name is None:
         raise typer.BadParameter("is required without --from", param_hint="NAME")
@@ -204,7 +206,7 @@ def new(
         typer.echo(f"wrote {path}")
     if unused_columns:
         _echo_unused_columns(unused_columns, quantities)
-    for line in left_out_filters:
+    for line in [*guessed_units, *left_out_filters]:
         typer.echo(line)
     config = next(path for path in paths if path.suffix == ".yaml")
     if language:

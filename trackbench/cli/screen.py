@@ -23,7 +23,7 @@ _PAGE_WIDTH = 100
 _BEST_STYLE = "bold green"
 _NOTE_ON_BEST = (
     "* the best, and what is not significantly worse and with 95 % confidence near it: an error at most "
-    "twice as large, a log score at most 0.69 nats lower. Without any * the runs decide nothing."
+    "twice as large, a log score at most 0.69 nats lower. Where no * stands, the runs decide nothing."
 )
 _COLORS = {
     "equal": "green",

@@ -267,4 +267,5 @@ def words_of(name: str) -> list[str]:
 
 def _without_units(words: list[str]) -> list[str]:
     """Return the words without units; the first word stays."""
-    return [word for i, word in enumerate(words) if i == 0 or word not in _UNITS]
+    units = _OTHER_UNITS.union(_UNITS)
+    return [word for i, word in enumerate(words) if i == 0 or word not in units]

@@ -286,6 +286,20 @@ def _last_line(guess: Guess) -> str:
     return f"\n  last: {_LAST}  # {many}"
 
 
+def guessed_units(guess: Guess) -> list[str]:
+    """Return a line on each unit of a range or an angle that no name has, with the reason."""
+    lines = []
+    for name in ("range", "azimuth", "bearing", "v", "w"):
+        reason = guess.why.get(name, "")
+        if name in guess.naming.units and reason.startswith("guess"):
+            column = quoted(guess.naming.columns[name])
+            unit = guess.naming.units[name]
+            lines.append(f"read {column} in {unit} ({reason.partition(': ')[2]})")
+    if lines:
+        lines[-1] += "; another unit: --set units.NAME=UNIT"
+    return lines
+
+
 def usable_quantities(guess: Guess) -> list[str]:
     """Name quantities that an unused column may hold: those that the config does not read."""
     used = _used_columns(guess)

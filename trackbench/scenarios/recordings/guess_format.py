@@ -957,9 +957,14 @@ class _Reading:
             clocks = self._clocks()
         known = self._known_units(sensor)
         first, *others = likely_units(numbers, known, clocks)
-        if others:
-            raise DataError(*self._questions([first, *others], numbers))
-        self._check_length(first, numbers, known)
+        questions = self._questions([first, *others], numbers) if others else []
+        for candidate in (first, *others):
+            question = self._question_on_length(candidate, numbers, known)
+            if question is not None:
+                questions.append(question)
+                break
+        if questions:
+            raise DataError(*questions)
         self._write(first, numbers, known)
         if has_velocity and not first.same_way:
             for name in {*_VELOCITY, *COURSE} & self._columns.keys():
@@ -996,31 +1001,36 @@ class _Reading:
         self._units["azimuth"] = "rad"
         self._why["azimuth"] = "guess: there is no angle beyond 2 pi"
 
-    def _check_length(self, chosen: Candidate, numbers: Numbers, known: dict[str, str]) -> None:
-        """Raise DataError if lengths without a unit are meters, and the speed is then unusual."""
+    def _question_on_length(
+        self, chosen: Candidate, numbers: Numbers, known: dict[str, str]
+    ) -> Place | None:
+        """Ask for the unit of lengths if none is named, and in meters the speed would be unusual."""
         names = [name for name in ("x", "y", "range", "1.range") if name in self._columns]
         is_named = not {"x", "range"}.isdisjoint(known)
         if chosen.as_angle or numbers.is_angle or not names or is_named or chosen.agrees:
-            return
+            return None
         speed = chosen.usual_speed
         if not np.isfinite(speed) or is_usual_speed(speed):
-            return
+            if names == ["range"]:
+                self._units["range"] = "m"
+                self._why["range"] = f"guess: no unit is named; {self._reason(chosen)}"
+            return None
         # What is measured once an hour may well be slow; and azimuths of unknown unit tell no speed.
         seconds = 1.0 if numbers.dated else UNITS[chosen.time or "s"]
         if usual_interval(numbers.time[np.isfinite(numbers.time)]) * seconds > _LONG_INTERVAL:
-            return
+            return None
         azimuth = self._values("azimuth") if "azimuth" in self._columns else np.zeros(1)
         if "azimuth" not in self._units and np.nanmax(np.abs(azimuth), initial=0.0) > 360.0:
-            return
+            return None
         fitting = [unit for unit in LENGTH_UNITS if is_usual_speed(speed * UNITS[unit])]
         if not fitting:
-            return
+            return None
         units = [*fitting, "m"]
         options = " ".join(f"--set units.{name}={units[0]}" for name in names)
         columns = ", ".join(self._columns[name] for name in names)
         what = f"{columns}: no unit is named, and in m the usual speed would be {speed:.2g} m/s"
         way = f"say {options}, or with another unit: {', '.join(units[1:])}"
-        raise DataError(Place(self._path, self._sample.line, 1, f"{what}: {way}"))
+        return Place(self._path, self._sample.line, 1, f"{what}: {way}")
 
     def _numbers(self, sensor: SensorGuess, names: list[str]) -> Numbers:
         """Return the numbers of the rows of one target and sensor, as `likely_units` compares them."""

@@ -376,9 +376,13 @@ def truth_at(
         truth[:, :, m] = _interpolate(row_times, rows.values[:, first:end], times, gap, angles)
     has_truth = np.isfinite(truth).any(axis=(0, 1))
     if not has_truth.any():
-        hint = ""
-        if gap is None:
-            hint = ": name a `truth_gap` within which it is interpolated"
+        hint = ": name a `truth_gap` within which it is interpolated"
+        if gap is not None and len(rows.time):
+            unit = " s"
+            if gathered.stepped:
+                unit = ""
+            hint = f": its rows are from {rows.time.min():.9g} to {rows.time.max():.9g}{unit}"
+            hint += f" of the clock, the steps from {times[0]:.9g} to {times[-1]:.9g}{unit}"
         raise DataError(Place(gathered.files[0], 1, 1, f"has no truth at any step{hint}"))
     without = [name for name, has in zip(runs, has_truth, strict=True) if not has]
     if without:
