@@ -16,7 +16,7 @@ from trackbench.config.build import build
 from trackbench.config.includes import assignment, override
 from trackbench.config.load import load
 from trackbench.errors import Mark, Problem, UserError, in_line
-from trackbench.field_types import DataError
+from trackbench.field_types import DataError, Place
 from trackbench.registry import GROUPS, kinds
 from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.guess_config import (
@@ -34,6 +34,8 @@ from trackbench.scenarios.recordings.guess_truth import recognized_truth
 from trackbench.yaml_source import MarkedMapping, Source
 
 _TRUTH_PREFIX = "truth_naming."
+_OPTION_OF_TABLE = re.compile(r"--set '?(?!truth_naming\.)")
+"""Beginning of an option that answers a question on a table."""
 _FORM_OF = {
     "per_run": "filter",
     "per_run_nonlinear": "filter",
@@ -161,14 +163,21 @@ def write_config_for(
     given_of_truth = _given_naming(
         mark, [change.removeprefix(_TRUTH_PREFIX) for change in of_truth]
     )
-    truth_guess = None
     try:
         guess = recognized(str(data), given)
-        if truth is not None:
-            truth_guess = recognized_truth(str(truth), guess, given_of_truth)
     except DataError as error:
-        problems = [Problem(Mark(p.file, p.line, p.column), "", p.what) for p in error.places]
-        raise UserError(*problems) from None
+        raise UserError(*map(_problem_at, error.places)) from None
+    truth_guess = None
+    if truth is not None:
+        try:
+            truth_guess = recognized_truth(str(truth), guess, given_of_truth)
+        except DataError as error:
+            # The answers to its questions are keys of the truth.
+            problems = []
+            for place in error.places:
+                what = _OPTION_OF_TABLE.sub(rf"\g<0>{_TRUTH_PREFIX}", place.what)
+                problems.append(_problem_at(place._replace(what=what)))
+            raise UserError(*problems) from None
     idle = idle_keys(guess, given.columns)
     if idle:
         kinds_of_sensors = " and ".join(dict.fromkeys(s.kind for s in guess.sensors))
@@ -207,6 +216,11 @@ def write_config_for(
         left_out=left_out_filters(guess),
         units=guessed_units(guess),
     )
+
+
+def _problem_at(place: Place) -> Problem:
+    """Return the mistake of a table as a problem of the command."""
+    return Problem(Mark(place.file, place.line, place.column), "", place.what)
 
 
 def _given_naming(mark: Mark, changes: Sequence[str]) -> Naming:

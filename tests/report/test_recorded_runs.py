@@ -30,16 +30,18 @@ filters:
   Stiff: {kind: kf, assume: {motion: {kind: cwna, q: 1e-9}}}
   Lost: {kind: prior-mean}
 tables:
-  errors: {kind: metrics, columns: {RMSE: rms(rmse_position)}}
+  errors: {kind: metrics, columns: {RMSE: rms(rmse_position), ANEES: anees}}
 figures:
   track: {kind: track, filters: [Stiff, Lost]}
 """
 
 
-def ran(folder: Path, runs: str = "axes: 2", grid: str = "") -> Any:
+def ran(
+    folder: Path, runs: str = "axes: 2", grid: str = "", truth_names: str = "px,py,vx,vy"
+) -> Any:
     """Run the config on two circles of different speed; return its results."""
     rng = np.random.default_rng(2)
-    lines, truth = ["run,time,x,y"], ["run,time,px,py,vx,vy"]
+    lines, truth = ["run,time,x,y"], [f"run,time,{truth_names}"]
     for name, turn in (("a", FAST), ("b", SLOW)):
         for k in range(STEPS):
             x, y = 100 * np.cos(turn * k), 100 * np.sin(turn * k)
@@ -118,6 +120,14 @@ def test_the_truth_lies_below_the_estimates_of_one_run(one: Any) -> None:
     labels = {line.get_label(): line for line in ax.lines}
     assert same_color(labels["KF"].get_color(), others[0].get_color())
     style.close(figure)
+
+
+def test_an_empty_anees_says_why(tmp_path: Path, one: Any) -> None:
+    assert not any("ANEES" in note for note in one.tables["errors"].notes)
+    results = ran(tmp_path, "runs: [b]", truth_names="px,py,speed_x,speed_y")
+    (note,) = [note for note in results.tables["errors"].notes if "ANEES" in note]
+    assert "is empty, as it needs a truth of the whole state" in note
+    assert "`score: {marginals: [position]}` adds anees_position" in note
 
 
 def test_a_held_out_score_names_its_key(tmp_path: Path) -> None:

@@ -175,8 +175,6 @@ def test_a_truth_is_guessed_and_the_place_of_the_radar_asked_for(tmp_path: Path)
     file.write_text(file.read_text().replace("LATITUDE, LONGITUDE", "54.18, 12.09"))
     scenario: Any = load(file).points[0].scenario
     assert not any("beyond" in note for note in scenario.cautions)
-    (note,) = [note for note in scenario.cautions if "vx, vy" in note]
-    assert "`score: {marginals: [position]}` adds anees_position" in note
 
 
 def test_a_truth_of_another_time_is_a_mistake_that_names_both(tmp_path: Path) -> None:
@@ -189,6 +187,18 @@ def test_a_truth_of_another_time_is_a_mistake_that_names_both(tmp_path: Path) ->
     assert "a truth has positions, x and y or latitude and longitude" in asked(path, truth=other)
     assert "there is no truth; name it, --truth FILE" in asked(path, "truth_naming.columns.x=x")
     assert "--truth FILE" in asked(path, "truth=gps.csv")
+
+
+def test_questions_on_a_truth_are_answered_by_keys_of_the_truth(tmp_path: Path) -> None:
+    path = table(tmp_path / "m.csv", "t,x,y", T, X, Y)
+    truth = table(tmp_path / "gps.csv", "t,a,b", T, X, Y)
+    message = asked(path, truth=truth)
+    assert "--set 'truth_naming.columns.x=t' --set 'truth_naming.columns.y=b'" in message
+    changes = ["truth_naming.columns.x=a", "truth_naming.columns.y=b"]
+    _, content = written(path, *changes, truth=truth)
+    assert content["scenario"]["target"]["truth_naming"] == {
+        "columns": {"time": "t", "x": "a", "y": "b"}
+    }
 
 
 def test_outliers_add_a_filter_with_a_gate(tmp_path: Path) -> None:

@@ -465,16 +465,6 @@ class Measured(FromFiles, Naming, Target):
         gathered.largest_distance = gathered_truth.largest_distance
         angles = [i for i, name in enumerate(self.components) if name in self.angles]
         truth = truth_at(gathered_truth, rows, clock, gathered.runs, self.truth_gap, angles)
-        unknown = [
-            name
-            for name, values in zip(self.components, truth, strict=True)
-            if np.isnan(values).all()
-        ]
-        if unknown:
-            what = f"truth: it has no {', '.join(unknown)}, so that ANEES and errors of these are empty"
-            if {"vx", "vy"} & {*unknown}:
-                what += "; `score: {marginals: [position]}` adds anees_position"
-            gathered.notices.append(what)
         gathered.notices += [f"truth: {notice}" for notice in gathered_truth.notices]
         return truth
 
