@@ -106,7 +106,7 @@ class Metrics(TableKind):
             table.notes.append("One run has no standard deviation or variance over the runs.")
         for column, head in enumerate(self.columns):
             metric, quantity = measures[column].family
-            if metric.name == "nees" and not quantity and column not in filled_columns:
+            if metric.name in ("nees", "anees") and not quantity and column not in filled_columns:
                 table.notes.append(f"{head} {_WHY_NO_NEES}")
         slow = [label for label in labels if label in results.loops_over_runs]
         if slow and any("cpu_s" in str(m) for m in measures):
