@@ -9,16 +9,20 @@ from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple
 
+import yaml
+
 from trackbench.atomic_files import write_text
 from trackbench.config.build import build
 from trackbench.config.includes import assignment, override
 from trackbench.config.load import load
 from trackbench.errors import Mark, Problem, UserError, in_line
-from trackbench.field_types import DataError
+from trackbench.field_types import DataError, Place
 from trackbench.registry import GROUPS, kinds
 from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.guess_config import (
     config_parts,
+    guessed_units,
+    idle_keys,
     left_out_filters,
     quoted,
     unknown_places,
@@ -26,8 +30,12 @@ from trackbench.scenarios.recordings.guess_config import (
     usable_quantities,
 )
 from trackbench.scenarios.recordings.guess_format import recognized
+from trackbench.scenarios.recordings.guess_truth import recognized_truth
 from trackbench.yaml_source import MarkedMapping, Source
 
+_TRUTH_PREFIX = "truth_naming."
+_OPTION_OF_TABLE = re.compile(r"--set '?(?!truth_naming\.)")
+"""Beginning of an option that answers a question on a table."""
 _FORM_OF = {
     "per_run": "filter",
     "per_run_nonlinear": "filter",
@@ -114,7 +122,8 @@ class WrittenConfig(NamedTuple):
     """Files of an experiment on recorded data, and what is left to the user.
 
     ``unknown`` are sensors whose place must be written, ``unused`` columns that are not read, and
-    ``quantities`` what they may hold. ``left_out`` says which filters are comments only.
+    ``quantities`` what they may hold. ``left_out`` says which filters are comments only, and
+    ``units`` which units were guessed.
     """
 
     paths: list[Path]
@@ -122,53 +131,128 @@ class WrittenConfig(NamedTuple):
     unused: list[str]
     quantities: list[str]
     left_out: list[str]
+    units: list[str]
 
 
 def write_config_for(
-    data: Path, name: str, folder: Path, changes: Sequence[str] = ()
+    data: Path,
+    name: str,
+    folder: Path,
+    changes: Sequence[str] = (),
+    truth: Path | None = None,
 ) -> WrittenConfig:
     """Write an experiment on recorded data with guessed columns and units; existing files stay.
 
-    ``changes``, such as ``columns.time=Zeit``, are keys of the recording that need no guess. A config
-    that would not run is not left: UserError says why.
+    ``changes``, such as ``columns.time=Zeit``, are keys of the recording that need no guess; those of
+    the ``truth``, a table of the true path, begin with ``truth_naming``. A config that would not run is
+    not left: UserError says why. Places that the user must write are then any numbers.
     """
     words = _words_of_name("experiment", name)
     path = folder / f"{'_'.join(words)}.yaml"
     mark = Mark(f"new experiment {name}")
     if path.exists():
-        raise UserError(Problem(mark, "", f"there is a file {path}"))
-    # Read the given keys as those of a config.
-    source = Source(MarkedMapping(), mark)
-    for change in changes:
-        override(source, *assignment(source, change))
-    given = build(Naming, source, ())
-    if given is None:
-        raise UserError(*source.problems)
+        way = f"remove it, or write another one: trackbench new experiment NAME --from {data}"
+        raise UserError(Problem(mark, "", f"there is a file {path}: {way}"))
+    # Step 1: read the given keys as those of a config, and guess the others.
+    of_truth = [change for change in changes if change.startswith(_TRUTH_PREFIX)]
+    if of_truth and truth is None:
+        raise UserError(
+            Problem(mark, "", f"{of_truth[0]}: there is no truth; name it, --truth FILE")
+        )
+    given = _given_naming(mark, [change for change in changes if change not in of_truth])
+    given_of_truth = _given_naming(
+        mark, [change.removeprefix(_TRUTH_PREFIX) for change in of_truth]
+    )
     try:
         guess = recognized(str(data), given)
     except DataError as error:
-        problems = [Problem(Mark(p.file, p.line, p.column), "", p.what) for p in error.places]
-        raise UserError(*problems) from None
-    # The template's lines for the data's columns and units.
-    relative = quoted(os.path.relpath(data, folder))
-    parts = {"@FILE@": relative, "@SOURCE@": in_line(data.name), **config_parts(guess)}
-    write_text(path, _filled("recording.yaml", words, parts))
-    unknown = unknown_places(guess)
-    if not unknown:
+        raise UserError(*map(_problem_at, error.places)) from None
+    truth_guess = None
+    if truth is not None:
         try:
-            load(path)
-        except UserError as error:
-            path.unlink()
-            raise UserError(
-                *(_reported(problem, path, data) for problem in error.problems)
-            ) from None
+            truth_guess = recognized_truth(str(truth), guess, given_of_truth)
+        except DataError as error:
+            # The answers to its questions are keys of the truth.
+            problems = []
+            for place in error.places:
+                what = _OPTION_OF_TABLE.sub(rf"\g<0>{_TRUTH_PREFIX}", place.what)
+                problems.append(_problem_at(place._replace(what=what)))
+            raise UserError(*problems) from None
+    idle = idle_keys(guess, given.columns)
+    if idle:
+        kinds_of_sensors = " and ".join(dict.fromkeys(s.kind for s in guess.sensors))
+        what = f"the config would not read it, as it is one of {kinds_of_sensors}; leave it out"
+        raise UserError(Problem(mark, f"columns.{idle[0]}", what))
+    # Step 2: the template's lines for the data's columns and units.
+    relative = quoted(os.path.relpath(data, folder))
+    relative_truth = "" if truth is None else quoted(os.path.relpath(truth, folder))
+    marks = {"@FILE@": relative, "@SOURCE@": in_line(data.name)}
+    parts = config_parts(guess, truth_guess, relative_truth)
+    text = _filled("recording.yaml", words, {**marks, **parts})
+    # Step 3: try the config, with some numbers in place of those that the user must write.
+    unknown = unknown_places(guess, truth_guess)
+    tried_text = text
+    if unknown:
+        origin = guess.origin
+        if not origin and truth_guess is not None:
+            origin = truth_guess.origin
+        tried_text = _with_some_places(text, origin)
+    write_text(path, tried_text)
+    try:
+        config = load(path)
+    except UserError as error:
+        raise UserError(*(_reported(problem, path, data) for problem in error.problems)) from None
+    finally:
+        path.unlink()
+    # The time of the first state is known by now.
+    begin = float(config.points[0].scenario.times[0])
+    parts = config_parts(guess, truth_guess, relative_truth, begin)
+    write_text(path, _filled("recording.yaml", words, {**marks, **parts}))
     return WrittenConfig(
         paths=[path],
         unknown=unknown,
         unused=unused_columns(guess),
         quantities=usable_quantities(guess),
         left_out=left_out_filters(guess),
+        units=guessed_units(guess),
     )
+
+
+def _problem_at(place: Place) -> Problem:
+    """Return the mistake of a table as a problem of the command."""
+    return Problem(Mark(place.file, place.line, place.column), "", place.what)
+
+
+def _given_naming(mark: Mark, changes: Sequence[str]) -> Naming:
+    """Build the naming of columns and units from the user's answers."""
+    source = Source(MarkedMapping(), mark)
+    for change in changes:
+        if change.partition("=")[0] in ("truth", "truth_gap"):
+            raise UserError(Problem(mark, change, "a truth has an option of its own, --truth FILE"))
+        override(source, *assignment(source, change))
+    given = build(Naming, source, ())
+    if given is None:
+        raise UserError(*source.problems)
+    return given
+
+
+def _with_some_places(text: str, origin: Sequence[float]) -> str:
+    """Return a config's text with numbers in place of the words that the user must replace.
+
+    ``origin`` is the latitude and longitude of some position, deg; empty if there is none.
+    """
+    config = yaml.safe_load(text)
+    scenario = config["scenario"]
+    for number, sensor in enumerate(scenario["sensor"]):
+        if "at" in sensor:
+            sensor["at"] = [1000.0 * number, 1000.0]
+    mean = scenario["start"].get("mean")
+    if mean:
+        scenario["start"]["mean"] = [value if value == 0 else 1.0 for value in mean]
+    target = scenario["target"]
+    if target.get("origin") == ["LATITUDE", "LONGITUDE"]:
+        target["origin"] = [*origin]
+    return str(yaml.safe_dump(config, sort_keys=False))
 
 
 def _reported(problem: Problem | str, path: Path, data: Path) -> Problem | str:

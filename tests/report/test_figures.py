@@ -235,5 +235,13 @@ def test_an_experiment_that_asks_for_nothing_shows_its_errors(tmp_path):
 )
 def test_a_caption_names_component_run_and_filters(tmp_path, figure, caption):
     filters = "filters: {KF: {kind: kf}, Prior: {kind: prior-mean}}\n"
-    results = ran(tmp_path, f"name: c\nruns: 6\n{PLANE}{filters}", formats=()).results
+    # A target of one path for all runs; of another kind the figure `track` shows the first run.
+    target = "{kind: driven, motion: {kind: cv, q: 1}, launch"
+    plane = PLANE.replace(target, "{kind: legs, launch")
+    plane = plane.replace("  last: 8", "  last: 8\n  assume: {motion: {kind: cv, q: 1}}")
+    assert plane != PLANE
+    results = ran(tmp_path, f"name: c\nruns: 6\n{plane}{filters}", formats=()).results
     assert figure.default_caption(results) == caption
+    if isinstance(figure, Track):
+        other = ran(tmp_path, f"name: c\nruns: 6\n{PLANE}{filters}", formats=()).results
+        assert figure.default_caption(other) == caption.replace("first 3 runs", "first run")

@@ -423,7 +423,8 @@ def test_a_grid_of_scenarios_and_where_it_is_shown(tmp_path, capsys) -> None:
     summary, numbers = report.ranking(numbers=True)
     assert summary.title.startswith("Ranking over 2 values of R by RMSE")
     assert [row[0].text for row in summary.rows] == ["PF (N=60)", "PF"]
-    assert summary.rows[0][1:3] == [Text("at 2 of 2", 2), Text("1 x")]
+    assert summary.rows[0][1] == Text("at 2 of 2", 2)
+    assert summary.rows[0][3] == Text("1 x")
     rms = report.summary.query("metric == 'rms(rmse)'").set_index(["scenario.sensor.R", "filter"])
     for R, row in zip((0.1, 1.0), numbers.rows, strict=True):
         assert row[0].text == f"{R:g}"
@@ -431,6 +432,10 @@ def test_a_grid_of_scenarios_and_where_it_is_shown(tmp_path, capsys) -> None:
             [rms["value"][R, label] for label in ("PF", "PF (N=60)")], rel=1e-6
         )
         assert [c.best for c in row[1:]] == [False, True]
+    # The summary has the errors of both scenes, too.
+    assert summary.heads[2] == "RMSE"
+    best = [float(f"{rms['value'][R, 'PF (N=60)']:.4g}") for R in (0.1, 1.0)]
+    assert summary.rows[0][2].text == f"{min(best):g} to {max(best):g}"
     assert summary.title in (report.folder / "report.html").read_text()
 
 

@@ -170,7 +170,7 @@ def test_ranges_to_anchors(tmp_path: Path) -> None:
     rows = [(f"{t}", f"A{t % 3}", ranges[t]) for t in T]
     (tmp_path / "m.csv").write_text(text(*rows, head="t,anchor,distance"))
     made = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
-    assert "write into it where these are: A0, A1, A2\n" in made.stdout
+    assert "write into it where these are: A0, A1, A2, the start\n" in made.stdout
     unknown = trackbench("check", "m.yaml", cwd=tmp_path)
     assert unknown.returncode == 2
     assert "scenario.sensor.0.at.0: 'X_A0' is not a number" in unknown.stderr

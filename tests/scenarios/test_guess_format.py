@@ -9,6 +9,7 @@ import pytest
 from tests.commands import trackbench
 from tests.conftest import EXPERIMENTS
 from trackbench.config.load import load
+from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.guess_config import config_parts, left_out_filters
 from trackbench.scenarios.recordings.guess_format import recognized
 
@@ -41,7 +42,13 @@ TABLES = {
 def test_what_it_writes_runs(tmp_path: Path, what: str) -> None:
     table(tmp_path / "My data.csv", *TABLES[what])
     made = trackbench("new", "experiment", "--from", "My data.csv", cwd=tmp_path)
-    assert made.stdout == "wrote my_data.yaml\nrun it: trackbench run my_data.yaml\n", made.stderr
+    units = ""
+    if what == "a radar":
+        units = "read range in m (no unit is named; the usual speed is 22 m/s)\n"
+        units += "read bearing in deg (there are angles beyond 2 pi); another unit: --set "
+        units += "units.NAME=UNIT\n"
+    run = "run it: trackbench run my_data.yaml\n"
+    assert made.stdout == f"wrote my_data.yaml\n{units}{run}", made.stderr
     done = trackbench("run", "my_data.yaml", "--workers", "1", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "results" / "my-data" / "figures" / "track.png").exists()
@@ -76,8 +83,8 @@ def test_columns_that_are_not_used_are_named(tmp_path: Path) -> None:
     columns = (T, np.hypot(X + 9e3, Y), azimuth, *[np.round(azimuth, 2)] * 2)
     table(tmp_path / "m.csv", "time,range,azimuth_deg,elevation,Sea state", *columns)
     done = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
-    way = "to use one as speed, course, run, sensor, altitude or received"
-    line = f"columns not used: elevation, \"Sea state\" ({way}: --set 'columns.speed=ITS NAME')"
+    way = "to use one as run, sensor or received"
+    line = f"columns not used: elevation, \"Sea state\" ({way}: --set 'columns.run=ITS NAME')"
     assert done.stdout.splitlines()[1] == line
     assert '      # not used: elevation, "Sea state"\n' in (tmp_path / "m.yaml").read_text()
     # Twelve names are counted on the screen, and written into the file.
@@ -103,7 +110,9 @@ def test_errors_are_not_smaller_than_the_last_digit(
     # Every second row repeats the one before: each is half a digit from the line of its neighbors.
     rows = [f"{i};{x.format(i // 2)};{y.format(i // 2)}" for i in range(20)]
     (tmp_path / "m.csv").write_text("\n".join([names, *rows]) + "\n")
-    assert recognized(str(tmp_path / "m.csv")).sensors[0].sigmas[1] == digit
+    # Such slow things are asked about, unless a unit is named.
+    given = Naming(units={"x": "m", "y": "m"}) if names == "t;x;y" else None
+    assert recognized(str(tmp_path / "m.csv"), given).sensors[0].sigmas[1] == digit
 
 
 def test_the_ferries(tmp_path: Path) -> None:

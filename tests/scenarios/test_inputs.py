@@ -71,6 +71,8 @@ def scalar_filter(log: str, first_interval: float = 1.0) -> list[float]:
     """A Kalman filter of one component, which reads the log itself."""
     rows = list(csv.DictReader(log.splitlines()))
     before = float(rows[0]["time"]) - first_interval
+    if not rows[0]["z"]:  # the first state is that at the first row
+        before = float(rows.pop(0)["time"])
     x, P = START
     means = [x]
     for row in rows:
@@ -99,7 +101,8 @@ def test_a_prediction_with_inputs_is_exact(tmp_path: Path) -> None:
 def test_without_measurements_the_position_is_the_sum_of_the_inputs(tmp_path: Path) -> None:
     log = "time,speed,z\n" + "".join(f"{k},{k},{3.0 if k == 9 else ''}\n" for k in range(1, 10))
     means = estimates(tmp_path, with_keys(), {"log.csv": log})
-    expected = 1.0 + np.cumsum(np.arange(9.0))
+    # The first row has no measurement, and the first state is that at its time.
+    expected = 1.0 + np.cumsum([0.0, *np.arange(2.0, 9.0)])
     np.testing.assert_allclose(means["KF"][:-1], expected, rtol=1e-14)
 
 
@@ -256,9 +259,8 @@ def test_inputs_of_a_file_of_their_own_make_steps(tmp_path: Path) -> None:
 def test_longer_steps_have_the_mean_of_their_inputs(tmp_path: Path) -> None:
     log = "time,speed,z\n" + "".join(f"{k},{k},{5.0 if k == 6 else ''}\n" for k in range(1, 7))
     means = estimates(tmp_path, with_keys("resample: 2"), {"log.csv": log})
-    # Steps from -1 to 1, 3 and 5 s: before the first interval there are no inputs.
-    assert means["KF"][1] - means["KF"][0] != 0.0
-    np.testing.assert_allclose(np.diff(means["KF"][1:3]), [2 + 3], rtol=1e-12)
+    # Steps from 1 to 3, 5 and 7 s: the first state is that at the first row, without a measurement.
+    np.testing.assert_allclose(np.diff(means["KF"][:2]), [2 + 3], rtol=1e-12)
 
 
 def test_inputs_have_units(tmp_path: Path) -> None:

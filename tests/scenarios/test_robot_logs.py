@@ -58,13 +58,14 @@ def test_the_config_asks_for_places_and_start_and_guesses_the_rest(tmp_path: Pat
     text = path.read_text()
     for name, (x, y) in SIMULATION["LANDMARKS"].items():
         text = text.replace(f"X_{name}, Y_{name}", f"{x}, {y}")
+    assert "# write the pose at t = 0.1 s, m and rad," in text
     path.write_text(text.replace("X, Y, HEADING", "0, 0, 0.2"))
     (point,) = load(path).points
     target, motion = point.scenario.target, point.scenario.model.motion
     assert target.input == {"v": "v [m/s]", "w": "omega [deg/s]"}
     assert target.units == {"time": "s", "v": "m/s", "w": "deg/s", "range": "m", "bearing": "deg"}
-    # The second row: 0.579 m/s and 23.23 deg/s.
-    assert motion.known_inputs.at(2) == pytest.approx((0.579, 23.23 * 3.141592653589793 / 180))
+    # The first step ends at the second row: 0.579 m/s and 23.23 deg/s.
+    assert motion.known_inputs.at(1) == pytest.approx((0.579, 23.23 * 3.141592653589793 / 180))
     parameters = point.scenario.assume.motion.parameters
     assert parameters["sv"] == pytest.approx(SIMULATION["SIGMA_V"], rel=0.2)
     assert parameters["sw"] == pytest.approx(SIMULATION["SIGMA_W"], rel=0.2)

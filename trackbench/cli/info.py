@@ -121,6 +121,10 @@ def new(
         Path | None,
         typer.Option("--from", metavar="FILE", help="an experiment's table of data"),
     ] = None,
+    truth: Annotated[
+        Path | None,
+        typer.Option("--truth", metavar="FILE", help="a table of the true path, beside --from"),
+    ] = None,
     per_run: Annotated[
         bool, typer.Option("--per-run", help="a filter that is written for one run, without arrays")
     ] = False,
@@ -167,20 +171,24 @@ def new(
         raise UserError(f"new {noun} {name}: {' and '.join(chosen_options)} exclude each other")
     if data is not None and noun != "experiment":
         raise typer.BadParameter(f"a {noun} is not made from data", param_hint="--from")
+    if truth is not None and data is None:
+        raise typer.BadParameter("is of --from", param_hint="--truth")
     if sets and data is None:
         raise typer.BadParameter("is of --from", param_hint="--set")
     # Step 2: write the files.
     unplaced_sensors: list[str] = []
     unused_columns: list[str] = []
     quantities: list[str] = []
+    guessed_units: list[str] = []
     left_out_filters: list[str] = []
     if data is not None:
         data_name = name or re.sub("[^A-Za-z0-9]+", "-", data.stem).strip("-")
-        written = write_config_for(data, data_name, Path(), sets or ())
+        written = write_config_for(data, data_name, Path(), sets or (), truth)
         paths = written.paths
         unplaced_sensors = written.unknown
         unused_columns = written.unused
         quantities = written.quantities
+        guessed_units = written.units
         left_out_filters = written.left_out
     elif name is None:
         raise typer.BadParameter("is required without --from", param_hint="NAME")
@@ -198,7 +206,7 @@ def new(
         typer.echo(f"wrote {path}")
     if unused_columns:
         _echo_unused_columns(unused_columns, quantities)
-    for line in left_out_filters:
+    for line in [*guessed_units, *left_out_filters]:
         typer.echo(line)
     config = next(path for path in paths if path.suffix == ".yaml")
     if language:

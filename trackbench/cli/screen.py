@@ -22,8 +22,8 @@ _PAGE_WIDTH = 100
 """Width where stdout is no terminal."""
 _BEST_STYLE = "bold green"
 _NOTE_ON_BEST = (
-    "* best, or not significantly worse and at most twice as large, of a log score 0.69 nats below "
-    "(95 %); none if undecided"
+    "* the best, and what is not significantly worse and with 95 % confidence near it: an error at most "
+    "twice as large, a log score at most 0.69 nats lower. Where no * stands, the runs decide nothing."
 )
 _COLORS = {
     "equal": "green",

@@ -46,6 +46,7 @@ _ADDED_BY = {
     "accepted_bad": "`faults` of the scenario",
     "arrived_late": "`delay` of a sensor",
     "late_dropped": "`delay` of a sensor",
+    "held_log_score": "`hold_out`",
 }
 """Keys that add metrics, by metric."""
 
@@ -209,6 +210,9 @@ def _why_unknown(request: MetricRequest, names: Names, settings: Settings) -> st
     # Step 3: unknown names, with a hint.
     if needs_truth and quantity in names.components:
         hint = f"`score: {{errors: {{{quantity}: [{quantity}]}}}}` of the scenario adds it"
+        return f"{word!r} is no metric here; {hint}"
+    if metric.name in ("nees", "anees") and quantity in ("position", "velocity"):
+        hint = f"`score: {{marginals: [{quantity}]}}` of the scenario adds it"
         return f"{word!r} is no metric here; {hint}"
     has_metric = any(measured(name).family[0] is metric for name in known)
     if metric.name in _ADDED_BY and not has_metric:

@@ -15,7 +15,7 @@ have without showing it. ``docs/statistics.md`` has the levels and the power tha
 """
 
 from functools import lru_cache
-from math import ceil, copysign, inf, isfinite, log, pi, sqrt
+from math import copysign, inf, isfinite, log, pi, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -163,10 +163,7 @@ def _refused_autocorrelation(d: Array) -> str:
     most = min(r + 2.0 * sqrt(max(1.0 - r * r, 0.0) / T), 1.0)
     if most < MOST_CORRELATED:
         return ""
-    most = ceil(1000.0 * most) / 1000.0  # never rounded to the limit
-    return (
-        f"autocorrelation of the steps up to {most:g}, and less than {MOST_CORRELATED:g} is needed"
-    )
+    return f"the autocorrelation of neighboring steps may be {MOST_CORRELATED:g} or more"
 
 
 class _Models(NamedTuple):

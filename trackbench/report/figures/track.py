@@ -13,6 +13,7 @@ from trackbench.field_types import Count, Natural
 from trackbench.models.base import position_velocity_names, rows_in_plane
 from trackbench.registry import register
 from trackbench.report.figures import captions
+from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import listed, named
 from trackbench.report.findings.ranking import rankings
 from trackbench.report.kinds import FigureKind
@@ -21,13 +22,15 @@ from trackbench.report.plotting.page_formats import sheet
 from trackbench.report.plotting.scales import length_unit
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.results import Results
-from trackbench.results.point_facts import PointFacts
+from trackbench.results.point_facts import GridPoint, PointFacts
 from trackbench.results.tracks import measured_positions, sensor_paths
 from trackbench.scenarios.base import Scenario
 
 _AXES = ("x", "y")
 _HEADINGS = ("heading", "theta", "yaw", "psi", "course", "direction", "orientation")
 """Names of a state's component that is drawn as arrows, if it is an angle."""
+_CHANGING_TARGETS = ("measured", "driven", "random-legs")
+"""Targets that take another path in every run, while the figure has that of the first run."""
 _ARROWS = 16
 _ARROW_LENGTH = 0.06
 """Number of arrows, and their length as a share of the path's extent."""
@@ -40,7 +43,9 @@ _FAR = 4.0
 class Track(FigureKind):
     """The true track in the plane, its sensors and, one panel per filter, estimates of the first runs.
 
-    Unless it names filters, one panel shows the first run's estimates of the best ones.
+    Unless it names filters, one panel shows the first run's estimates of the best ones. If the target
+    takes another path in every run, as in recordings, it is the first run alone. Of a grid it is the
+    first point.
     """
 
     filters: tuple[str, ...] = ()
@@ -111,13 +116,22 @@ class Track(FigureKind):
         """True if the figure needs the measured positions of the first run."""
         return self.measurements
 
+    def with_best(self, results: Results) -> "Track":
+        """Return the figure with the filters that it names, a panel each."""
+        return self
+
     def default_caption(self, results: Results) -> str:
-        """Return whose estimates one panel shows, and of how many runs."""
+        """Return whose estimates one panel shows, of how many runs, and at which point of a grid."""
         runs = min(self.shown_runs, results.config["runs"])
+        point = _first_point(results)
+        if _paths_differ(results.facts(point)):
+            runs = 1
         which_runs = f"the first {runs} runs"
         if runs == 1:
             which_runs = "the first run"
         labels = [named(label) for label in self.filters or self._best_filters(results)]
+        if len(results.grid_points) > 1:
+            which_runs += f" at {phrases.heading(point)}"
         if len(self.filters) > 1:
             return f"The target in the plane in {which_runs}, a panel for each of {listed(labels)}."
         caption = f"The target in the plane in {which_runs}"
@@ -127,8 +141,7 @@ class Track(FigureKind):
 
     def draw(self, results: Results) -> Figure:
         """Return a panel per filter, equal scales."""
-        # The first point where not every filter failed.
-        point = next(filter(results.tracks, results.grid_points))
+        point = _first_point(results)
         facts = results.facts(point)
         scene = self._read_scene(results, results.tracks(point), facts)
         # All positions that are drawn set the unit and the size of the figure.
@@ -149,7 +162,10 @@ class Track(FigureKind):
             ax.locator_params(nbins=5)
             ax.set_title(style.wrap_label(label))
         axes[0][0].set_ylabel(f"y ({unit})")
-        return style.add_title_and_legend(figure, self.title)
+        title = self.title
+        if len(results.grid_points) > 1:
+            title = f"{title} ({phrases.heading(point)})".strip()
+        return style.add_title_and_legend(figure, title)
 
     def _read_scene(
         self, results: Results, tracks: dict[str, Array], facts: PointFacts
@@ -164,10 +180,11 @@ class Track(FigureKind):
         components = list(rows)
         is_position = rows == rows_in_plane(facts.components, errors)
         truth = tracks["truth"][components, :, 0]
+        runs = 1 if _paths_differ(facts) else self.runs
         estimates: dict[str, Array] = {}
         for label in self.filters or self._best_filters(results):
             if f"mean/{label}" in tracks:
-                estimates[label] = tracks[f"mean/{label}"][components, :, : self.runs]
+                estimates[label] = tracks[f"mean/{label}"][components, :, :runs]
         measured = np.empty((2, 0))
         sensors: dict[str, Array] = {}
         landmarks: dict[str, Array] = {}
@@ -233,11 +250,12 @@ class Track(FigureKind):
             )
         if label in scene.estimates:
             color = results.line_styles(self.filters)[label]["color"]
-            self._draw_runs(ax, scene.estimates[label] / metres, color)
+            _draw_runs(ax, scene.estimates[label] / metres, label, color)
         if not self.filters:
             _draw_best(ax, results, scene.estimates, metres)
         truth = scene.truth / metres
-        draw_truth(ax, truth, scene.times, turning, is_thin=bool(scene.estimates))
+        most_runs = max((each.shape[-1] for each in scene.estimates.values()), default=0)
+        draw_truth(ax, truth, scene.times, turning, estimated_runs=most_runs)
         for number, path in scene.sensors.items():
             name = f"Sensor {number}" if scene.has_many_sensors else "Sensor"
             draw_sensor(ax, path / metres, name)
@@ -253,16 +271,31 @@ class Track(FigureKind):
             labels = [contender.label for contender in all_rankings[0].order]
         return (labels or results.filters)[: self.best]
 
-    def _draw_runs(self, ax: Axes, estimates: Array, color: str) -> None:
-        """Draw a filter's estimates (2, T, runs) over each other."""
-        x, y = estimates
-        runs = x.shape[1]
-        # The more runs, the fainter each, as they overlap.
-        opacity = min(1.0, max(0.15, 2.0 / runs))
-        ax.plot(x, y, color=color, linewidth=0.6, alpha=opacity, rasterized=True)
-        name = f"Estimates, {runs} runs" if runs > 1 else "Estimate"
-        legend_color = color if len(self.filters) == 1 else style.ANY
-        ax.plot([], [], color=legend_color, linewidth=1.0, label=name)
+
+def _first_point(results: Results) -> GridPoint:
+    """Return the first point of the grid at which not every filter failed."""
+    return next(filter(results.tracks, results.grid_points))
+
+
+def _paths_differ(facts: PointFacts) -> bool:
+    """Test whether the target takes another path in every run."""
+    target = facts.scenario.get("target") or {}
+    return target.get("kind") in _CHANGING_TARGETS
+
+
+def _draw_runs(ax: Axes, estimates: Array, label: str, color: str) -> None:
+    """Draw a filter's estimates (2, T, runs) over each other."""
+    x, y = estimates
+    runs = x.shape[1]
+    name = label
+    width = 1.0
+    if runs > 1:
+        name = f"{label}, {runs} runs"
+        width = 0.6
+    # The more runs, the fainter each, as they overlap.
+    opacity = min(1.0, max(0.15, 2.0 / runs))
+    ax.plot(x, y, color=color, linewidth=width, alpha=opacity, rasterized=True)
+    ax.plot([], [], color=color, linewidth=1.0, label=style.wrap_label(name))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -354,6 +387,7 @@ def _draw_landmarks(ax: Axes, places: Mapping[str, Array], metres: float) -> Non
     """Draw landmarks (2,) with their names."""
     for name, place in places.items():
         x, y = place / metres
+        ax.margins(0.1)  # for the names beside the outermost landmarks
         ax.plot([x], [y], "s", color="#777777", markersize=5, label="Landmarks")
         ax.annotate(name, (x, y), (4, 4), textcoords="offset points", fontsize=7)
 
@@ -399,21 +433,36 @@ def _fit_figure(panels: int, *tracks: Array) -> tuple[float, float]:
 
 
 def draw_truth(
-    ax: Axes, path: Array, times: Array, turning: Iterable[Sequence[float]], is_thin: bool
+    ax: Axes,
+    path: Array,
+    times: Array,
+    turning: Iterable[Sequence[float]],
+    estimated_runs: int,
 ) -> None:
     """Draw the true path (2, T), its start, and the spans in which it turns.
 
-    ``times`` (T,) are those of the path, and ``turning`` has first and last time of each span.
+    ``times`` (T,) are those of the path, and ``turning`` has first and last time of each span. The
+    path is a broad light line below the estimates of one run, and a thin line above those of several
+    (``estimated_runs``).
     """
-    is_known = np.isfinite(path).all(axis=0)
+    is_known = np.asarray(np.isfinite(path).all(axis=0))
     if not is_known.any():
         return
     x, y = path
-    look = style.TRUTH | {"linewidth": 0.7 if is_thin else 1.4}
-    if not is_known.all():
-        # A known point between unknown ones makes no line.
-        look |= {"marker": ".", "markersize": 2.0}
+    look = style.TRUTH
+    if estimated_runs == 1:
+        look = style.TRUTH_BELOW
+    elif estimated_runs > 1:
+        look = style.TRUTH | {"linewidth": 0.7}
     ax.plot(x, y, label="Truth", **look)
+    # A known point between unknown ones makes no line.
+    is_beside_known = np.zeros_like(is_known)
+    is_beside_known[1:] |= is_known[:-1]
+    is_beside_known[:-1] |= is_known[1:]
+    is_alone = is_known & ~is_beside_known
+    if is_alone.any():
+        point_look = look | {"linestyle": "", "marker": ".", "markersize": 2.0}
+        ax.plot(x[is_alone], y[is_alone], **point_look)
     for start, end in turning:
         during = (times >= start) & (times <= end)
         maneuver_look: LineStyle = {"color": style.MANEUVER, "linewidth": 6, "zorder": 0.5}
@@ -548,7 +597,7 @@ def _draw_scene_in_plane(scenario: Scenario, truth: Array, measurements: Array) 
         }
         plane.plot(*(measured[:2, :, 0] / metres), ".", zorder=0.2, **look)
     first_path = paths[..., 0] / metres
-    draw_truth(plane, first_path, times, scenario.spans, is_thin=False)
+    draw_truth(plane, first_path, times, scenario.spans, estimated_runs=0)
     # Step 2: times along the path.
     for place in np.linspace(0, len(times) - 1, _MARKS).astype(int):
         x, y = first_path[:, place]

@@ -32,6 +32,8 @@ _FULL_BLOCK = 100
 """Runs that share the calls of a block so that a run's CPU time hardly depends on their number."""
 _FAR = 1000.0
 """Ratio to the best beyond which an error shows that the filter has left the target."""
+_SAYS_NOTHING = ("", "undecided")
+"""Words on the consistency of a filter that may have diverged."""
 _MOST_SETTINGS = 20
 """Longer tables of a filter's settings are cut to the best."""
 
@@ -107,14 +109,28 @@ def _ranking_table(results: Results, ranking: Ranking, of_settings: bool) -> Tex
     ratios = " ".join(row[2].text for row in table.rows)
     if "n.s." in ratios:
         table.notes.append(
-            f"n.s.: not significant at {100 * rules.LEVEL:g} % over all pairs of filters (an interval "
-            f"is of its pair alone, and left out where it would show a difference)"
+            f"n.s.: not significant at {100 * rules.LEVEL:g} % over all pairs of filters"
             f"{_runs_needed(ranking)}."
+        )
+        if any(row[2].text.endswith("x n.s.") for row in table.rows):
+            table.notes.append(
+                "An interval is of its pair alone, and left out where it contradicts n.s."
+            )
+    if rules.UNTESTED in ratios:
+        table.notes.append(
+            f"{rules.UNTESTED}: the difference from the best has no standard error, so that it may be "
+            "by chance."
         )
     if "tiny" in ratios:
         table.notes.append(f"tiny: significant, but at most {phrases.percent(matters)}.")
     if any("collapsed" in row[4].text for row in table.rows):
         table.notes.append(COLLAPSED_NOTE)
+    diverged_texts = _diverged_runs(results, candidates, consistency_words)
+    if diverged_texts:
+        table.notes.append(
+            f"Diverged: {phrases.listed(diverged_texts)}. The last ten estimates of these runs are "
+            "outside their own confidence regions."
+        )
     has_times = any(row[-1].text != "–" for row in table.rows)
     if 1 < ranking.runs < _FULL_BLOCK and has_times:
         table.notes.append("CPU times: a run takes less in blocks of more runs.")
@@ -125,7 +141,25 @@ def _ranking_table(results: Results, ranking: Ranking, of_settings: bool) -> Tex
             "counts as lost: `lost_beyond` under `score` sets the error from which a run does."
         )
     # A title that says "no lost runs" would mislead where filters are far from the target.
-    return _finish_table(results, table, names_losses=not far_labels)
+    names_losses = not far_labels and not diverged_texts
+    return _finish_table(results, table, names_losses=names_losses)
+
+
+def _diverged_runs(
+    results: Results,
+    candidates: Sequence[Candidate],
+    consistency_words: Mapping[Candidate, str],
+) -> list[str]:
+    """Count the diverged runs of each filter about whose consistency the table has no word."""
+    texts = []
+    for candidate in candidates:
+        values = results.runs(candidate.point).get((candidate.label, "diverged"))
+        if values is None or consistency_words[candidate] not in _SAYS_NOTHING:
+            continue
+        number = int(np.nansum(values))
+        if number:
+            texts.append(f"{candidate.name} in {number} of {counted(len(values), 'run')}")
+    return texts
 
 
 def _far_from_best(ranking: Ranking) -> list[str]:
@@ -484,9 +518,12 @@ def _table_over_scenes(results: Results, scene_rankings: Sequence[Ranking]) -> T
     if first.chosen:
         title += ", each filter at its best of the grid"
     ratio_head = "Below the best (nats)" if is_score else "Ratio to the best"
-    table = TextTable(title, ["Filter", "Among the best", ratio_head, _LOST, _ANEES, _TIME])
+    number_head = head_of(statistic, first.metric)
+    heads = ["Filter", "Among the best", number_head, ratio_head, _LOST, _ANEES, _TIME]
+    table = TextTable(title, heads)
     # Step 2: each filter over the scenarios.
     times_best = Counter[str]()
+    values: dict[str, list[float]] = {}
     candidates: dict[str, list[Candidate]] = {}
     ratios: dict[str, list[float]] = {}
     for ranking in scene_rankings:
@@ -494,6 +531,7 @@ def _table_over_scenes(results: Results, scene_rankings: Sequence[Ranking]) -> T
         for candidate in (*ranking.order, *ranking.losing):
             candidates.setdefault(candidate.label, []).append(candidate)
             ratios.setdefault(candidate.label, []).append(_multiple_of_best(ranking, candidate))
+            values.setdefault(candidate.label, []).append(candidate.overall.value)
     sorted_ratios = {label: sorted(filter(isfinite, ratios[label])) for label in ratios}
     consistency_words = consistency(results, [*chain.from_iterable(candidates.values())])
     # Step 3: a row per filter; those that are among the best most often come first.
@@ -507,10 +545,15 @@ def _table_over_scenes(results: Results, scene_rankings: Sequence[Ranking]) -> T
             ratio = _span([f"{x:.3g}" for x in sorted_ratios[label]])
             if not is_score:
                 ratio += " x"
-        cells = [Text(label), Text(f"at {number} of {len(scene_rankings)}", number), Text(ratio)]
+        numbers = [phrases.rounded(x, 4) for x in sorted(filter(isfinite, values[label]))]
+        cells = [Text(label), Text(f"at {number} of {len(scene_rankings)}", number)]
+        cells += [Text(_span(numbers) or "–"), Text(ratio)]
         cells += _cells_over_scenes(results, candidates[label], consistency_words)
         table.rows.append(cells)
-    table.notes = ["Among the best: the lowest error, or no significant difference from it."]
+    extreme = "highest score" if is_score else "lowest error"
+    table.notes = [
+        f"Among the best: the {extreme}, or no significant difference from it, however large."
+    ]
     return _finish_table(results, table)
 
 

@@ -1,7 +1,7 @@
 """Sentences on a ranking: which filter is best, or why none is; tuning, other metrics."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from trackbench.config.tuning import tuned_label
 from trackbench.errors import counted
@@ -61,7 +61,9 @@ def answer(results: Results) -> list[str]:
     if len(scene_rankings) != 1:
         return []
     (ranking,) = scene_rankings
-    lines = [_explain_undecided(ranking)]
+    target = (results.config.get("scenario") or {}).get("target") or {}
+    is_recorded = isinstance(target, Mapping) and target.get("kind") == "measured"
+    lines = [_explain_undecided(ranking, is_recorded)]
     if ranking.best is not None:
         lines += [_tuned(results, ranking), _other_metrics(results, ranking)]
         if ranking.runs == 1 and any(rival.comparison.is_tested for rival in ranking.rivals):
@@ -70,11 +72,13 @@ def answer(results: Results) -> list[str]:
     return [line for line in lines if line]
 
 
-def _explain_undecided(ranking: Ranking) -> str:
-    """Explain why no filter is best, or why a comparison with the best is undecided; else empty."""
+def _explain_undecided(ranking: Ranking, is_recorded: bool) -> str:
+    """Explain why no filter is best, or why a comparison with the best is undecided; else empty.
+
+    ``is_recorded`` if the runs are recordings of one target.
+    """
     if ranking.best is not None:
-        reasons = dict.fromkeys(rival.difference.why for rival in ranking.undecided)
-        return " ".join(f"Undecided: {why}." for why in reasons if why)
+        return " ".join(_undecided_pairs(ranking))
     if ranking.conflict is not None:
         leader = ranking.conflict.leader.name
         rival = ranking.conflict.rival.name
@@ -90,7 +94,29 @@ def _explain_undecided(ranking: Ranking) -> str:
     if len(ranking.order) < 2:
         return ""
     needed = f"at least {rules.FEWEST_RUNS} are needed"
-    return f"{counted(ranking.runs, 'run')} cannot decide which filter is best; {needed}."
+    sentence = f"{counted(ranking.runs, 'run')} cannot decide which filter is best; {needed}."
+    if is_recorded:
+        sentence += " A recorded run alone is decided by its steps: make the runs a grid, "
+        sentence += "`grid: {scenario.target.runs: [[NAME], [NAME]]}`."
+    return sentence
+
+
+def _undecided_pairs(ranking: Ranking) -> Iterator[str]:
+    """Yield a sentence for each reason why filters are not compared with the best, with their names."""
+    assert ranking.best is not None
+    names_by_reason: dict[str, list[str]] = {}
+    for rival in ranking.undecided:
+        if rival.difference.why:
+            names_by_reason.setdefault(rival.difference.why, []).append(rival.filter.name)
+    for reason, names in names_by_reason.items():
+        yield f"Undecided between {ranking.best.name} and {listed(names)}: {reason}."
+    is_score = ranking.metric.family[0].is_score
+    is_correlated = any("autocorrelation" in reason for reason in names_by_reason)
+    if ranking.runs == 1 and is_correlated and not is_score:
+        yield (
+            f"{rules.FEWEST_RUNS} recordings may decide, or the log score: filters are ranked by "
+            "the first column of the first table."
+        )
 
 
 def _tuned(results: Results, ranking: Ranking) -> str:

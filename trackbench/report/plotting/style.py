@@ -58,6 +58,8 @@ _FAULTS = ("#f4cccc", "#c9daf8", "#d9ead3", "#fff2cc")
 BAND: LineStyle = {"color": "black", "alpha": 0.15, "lw": 0}
 """Look of the region in which a consistent filter is found."""
 TRUTH: LineStyle = {"color": "black", "linewidth": 1.4, "linestyle": "-"}
+TRUTH_BELOW: LineStyle = {"color": "#b3b3b3", "linewidth": 3.0, "linestyle": "-", "zorder": 0.8}
+"""Look of a true path below the estimates of one run."""
 SPREAD = "± 2 standard errors"
 """Text of bands and bars in a legend."""
 

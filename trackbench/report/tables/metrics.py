@@ -25,6 +25,11 @@ from trackbench.statistics.comparison import Sample
 from trackbench.statistics.intervals import has_heavy_tail
 from trackbench.statistics.over_runs import STATISTICS, influence, interval
 
+_WHY_NO_NEES = (
+    "is empty, as it needs a truth of the whole state, velocities included. "
+    "`score: {marginals: [position]}` adds anees_position."
+)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Gain(Labeled):
@@ -71,6 +76,7 @@ class Metrics(TableKind):
         # Bounds, the reference and exact errors are not marked as best.
         not_ranked = {results.config.get("bound"), results.config.get("reference"), *results.exact}
         ranked = [label for label in labels if label not in not_ranked]
+        filled_columns = set()
         for point in results.points():
             evaluator = Evaluator(results, point)
             point_keys = [str(value) for value in point.values()]
@@ -81,6 +87,9 @@ class Metrics(TableKind):
             for label in labels:
                 cells = [_cell(evaluator, m.of(label)) for m in measures]
                 table.add([*point_keys, label], cells)
+                for column, cell in enumerate(cells):
+                    if isfinite(cell.estimate.value):
+                        filled_columns.add(column)
             # Last row: the gain over another filter in each column.
             if self.gain is not None:
                 head = f"{self.gain.of} below {self.gain.over} (%)"
@@ -95,6 +104,10 @@ class Metrics(TableKind):
         statistics = {m.statistic or m.family[0].over_runs for m in measures}
         if results.config["runs"] == 1 and statistics & {"std", "variance"}:
             table.notes.append("One run has no standard deviation or variance over the runs.")
+        for column, head in enumerate(self.columns):
+            metric, quantity = measures[column].family
+            if metric.name in ("nees", "anees") and not quantity and column not in filled_columns:
+                table.notes.append(f"{head} {_WHY_NO_NEES}")
         slow = [label for label in labels if label in results.loops_over_runs]
         if slow and any("cpu_s" in str(m) for m in measures):
             table.notes.append(f"Time of {', '.join(slow)}: one run after the other.")

@@ -247,7 +247,9 @@ _DIMENSION_OF = {
     **dict.fromkeys(("time", "subsecond"), "time"),
     **dict.fromkeys(("x", "y", "z", "altitude", "range"), "length"),
     **dict.fromkeys(("vx", "vy", "vz", "speed", "range_rate"), "speed"),
-    **dict.fromkeys(("latitude", "longitude", "course", "azimuth", "elevation"), "angle"),
+    **dict.fromkeys(
+        ("latitude", "longitude", "course", "azimuth", "elevation", "bearing"), "angle"
+    ),
 }
 """Dimension of each quantity; that of a plugin's own quantities may be any."""
 KEYS = (

@@ -11,13 +11,14 @@ _WORDS: dict[str, str] = {
     "time": "stamp time timestamp t timesec datetime datetimeutc basedatetime utctime timeutc utc "
     "tst czas seconds secs sec elapsed secondselapsed elapsedseconds elapsedtime millis ms "
     "epoch unixtime gpstime systime timeofday tod tow gpstow itow gpst measurementtime "
-    "tvsec gms sow secondsofweek updatetime hours jd juliandate mjd filetime "
+    "tvsec gms sow secondsofweek updatetime hours jd juliandate mjd filetime when measuredat "
     "zeit zeitstempel uhrzeit temps heure hora tiempo tempo ora tid tijd klokkeslett",
     "date": "date dateutc utcdate datum fecha data dato jour",
     "step": "step k frame scan frameid",
     "received": "received",
     "sensor": "sensor sensorid anchor anchorid beacon beaconid radar radarid station stationid "
-    "sensorname anchorname device deviceid source sourceid sensortype type node nodeid",
+    "sensorname anchorname device deviceid source sourceid sensortype type node nodeid stn stnid site "
+    "siteid",
     "run": "run mmsi sourcemmsi icao24 icao trackid track vessel vesselid objectid object vehicleid "
     "callsign individuallocalidentifier id",
     "latitude": "latitude lat latn latituden breite breitengrad breddegrad latitud latitudine "
@@ -28,15 +29,17 @@ _WORDS: dict[str, str] = {
     "y": "y py posy ypos ty zy my north northing n ym hochwert ynorth nordlig",
     "vx": "vx velx vxm xvelocity velocityx speedx eastspeed veast ve vele",
     "vy": "vy vely vym yvelocity velocityy speedy northspeed vnorth vn veln",
-    "range": "range rmsd rho distance dist slantrange entfernung abstand",
+    "range": "range rng rmsd rho distance dist slantrange slantrng rangeto entfernung abstand r",
     "azimuth": "azimuth az bearing theta azimut truebearing bearingtrue trueazimuth azimuthtrue brg "
-    "peilung relevement",
+    "peilung relevement angle phi",
     "speed": "speed spd sog speedoverground groundspeed gs velocity vel geschwindigkeit vitesse "
     "velocidad kts kt knots gspeed hspeed",
     "course": "course track trk gcrs cog courseoverground trackangle heading hdg direction bearing kurs "
     "cap rumbo headmot",
 }
 """Names of each quantity's columns, without accents and white space, the surest first."""
+_PARTNERS = {"range": ("azimuth", ("r",)), "azimuth": ("range", ("angle", "phi"))}
+"""Quantity that must have a column, too, if a range or azimuth is called by such a short name."""
 _FILLERS = (
     "boot gmt cest cet field fields msg data header pose position positions pos loc location gps gnss "
     "gpsfix fix navsatfix trkpt wpt local global map world odom odometry p z rs r s meas measured "
@@ -51,6 +54,8 @@ _UNITS = {
     **{"meters": "m", "metres": "m", "kilometers": "km", "kilometres": "km"},
     **{"degree": "deg", "degrees": "deg", "grad": "deg", "radians": "rad", "radian": "rad"},
     **{"knots": "kn", "knot": "kn", "kt": "kn", "kts": "kn", "kmh": "km/h", "kph": "km/h"},
+    **{"kmph": "km/h", "fps": "ft/s", "cmps": "cm/s", "mmps": "mm/s", "dps": "deg/s"},
+    **{"degps": "deg/s", "radps": "rad/s"},
     **{"mps": "m/s", "e7": "degE7", "dege7": "degE7", "1e7": "degE7"},
     **{"semicircles": "semicircle", "e6": "degE6", "dege6": "degE6", "1e6": "degE6"},
     **{"sec": "s", "secs": "s", "second": "s", "seconds": "s", "sek": "s"},
@@ -58,6 +63,11 @@ _UNITS = {
     **{"usec": "us", "micros": "us", "microseconds": "us", "nsec": "ns", "nanos": "ns"},
     **{"nanoseconds": "ns", "nanosecond": "ns", "hours": "h", "minutes": "min"},
 }
+_OTHER_UNITS = frozenset(
+    {"yd", "yds", "yard", "yards", "kyd", "fathom", "fathoms", "dm", "hm", "kft"}
+    | {"gon", "gons", "mil", "mils", "arcmin", "arcsec", "fpm"}
+)
+"""Words that are units of lengths, angles and speeds, and none that a recording may have."""
 _SUBSECONDS: dict[str, str] = {
     **dict.fromkeys(("nanosec", "nanosecs", "nsec", "nsecs", "nanos", "ns"), "ns"),
     **dict.fromkeys(("nanosecond", "nanoseconds"), "ns"),
@@ -75,7 +85,11 @@ _ODOMETRY = {
     "w": "w omega yawrate turnrate angularvelocity angularz angular wz gyroz",
 }
 """Names of the columns of a robot's speed and turn rate, the surest first."""
+_HEADINGS = ("heading", "theta", "yaw", "psi", "phi", "orientation", "hdg")
 _ODOMETRY_UNITS = {"v": ("m/s", "km/h", "cm/s", "mm/s"), "w": ("rad/s", "deg/s")}
+_PER_SECOND = re.compile(
+    r"(?<![a-z])(km|m|cm|mm|ft|deg|rad)(?:[_ ]per[_ ]|[_ .]?(?=[sh]\^?-1)|_)(s|h)(?:\^?-1)?(?![a-z0-9])"
+)
 _LETTERS = str.maketrans({"µ": "u", "μ": "u", "ø": "o", "ß": "s", "æ": "e"})
 
 
@@ -112,11 +126,12 @@ def columns_of(names: Iterable[str]) -> dict[str, NamedColumn]:
                 ranks.append((is_late, has_fillers, rank_of_word[known[0]], place, name))
         if ranks:
             *_, name = min(ranks)
-            words = words_by_name[name]
-            # If all words together are the quantity's name, none is a unit: the D of ToD is no day.
-            is_whole = len(words) > 1 and spellings[name][0] in rank_of_word
-            unit = None if is_whole else unit_in(words, quantity)
-            columns[quantity] = NamedColumn(column=name, unit=unit)
+            columns[quantity] = NamedColumn(column=name, unit=unit_of(name, quantity))
+    for quantity, (partner, short_names) in _PARTNERS.items():
+        if quantity in columns and partner not in columns:
+            name = columns[quantity].column
+            if not {*spellings[name]}.isdisjoint(short_names):
+                del columns[quantity]
     return columns
 
 
@@ -189,11 +204,46 @@ def odometry_of(names: Iterable[str]) -> dict[str, NamedColumn]:
                 found.append((min(ranks), place, name))
         if found:
             *_, name = min(found)
-            unit = next(
-                (word for word in words_of(name)[1:] if word in _ODOMETRY_UNITS[quantity]), None
-            )
-            columns[quantity] = NamedColumn(column=name, unit=unit)
+            columns[quantity] = NamedColumn(column=name, unit=unit_of(name, quantity))
     return columns
+
+
+def unit_of(name: str, quantity: str) -> str | None:
+    """Return the unit that the name of a quantity's column contains; None without one."""
+    words = words_of(name)
+    if quantity in _ODOMETRY_UNITS:
+        units = [_UNITS[word] for word in words[1:] if word in _UNITS]
+        return next((unit for unit in units if unit in _ODOMETRY_UNITS[quantity]), None)
+    # If all words together are the quantity's name, none is a unit: the D of ToD is no day.
+    if len(words) > 1 and "".join(words) in _WORDS.get(quantity, "").split():
+        return None
+    return unit_in(words, quantity)
+
+
+def heading_of(names: Iterable[str]) -> NamedColumn | None:
+    """Find the column of a robot's heading, anticlockwise from x; None without one."""
+    fillers = _FILLERS.split()
+    for name in names:
+        words = _without_units(words_of(name))
+        spellings = ("".join(words), "".join(word for word in words if word not in fillers))
+        if any(spelling in _HEADINGS for spelling in spellings):
+            return NamedColumn(column=name, unit=unit_of(name, "course"))
+    return None
+
+
+def looks_like(name: str, quantity: str) -> bool:
+    """Test whether a column's name has a word or a unit of a range or an azimuth."""
+    words = words_of(name)
+    known = [word for word in _WORDS[quantity].split() if len(word) > 2]
+    return not {*words}.isdisjoint(known) or unit_in(words[1:], quantity) is not None
+
+
+def other_unit_of(name: str) -> str | None:
+    """Return the last word of a column's name if it is a unit that a recording cannot have."""
+    words = words_of(name)
+    if len(words) > 1 and words[-1] in _OTHER_UNITS:
+        return words[-1]
+    return None
 
 
 def unit_in(words: Collection[str], quantity: str) -> str | None:
@@ -210,9 +260,12 @@ def words_of(name: str) -> list[str]:
     name = re.sub(r"\\dot\s*\{?\s*(\w)\s*\}?", r"v\1", name).translate(_LETTERS)
     name = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
     name = re.sub(r"([a-z])([A-Z])", r"\1 \2", name.replace("°", " deg")).lower()
+    # m_s, m per s and m s^-1 are m/s.
+    name = _PER_SECOND.sub(r"\1/\2", name)
     return re.findall(r"rad/s|deg/s|km/h|cm/s|mm/s|m/s|ft/s|[a-z0-9]+", name)
 
 
 def _without_units(words: list[str]) -> list[str]:
     """Return the words without units; the first word stays."""
-    return [word for i, word in enumerate(words) if i == 0 or word not in _UNITS]
+    units = _OTHER_UNITS.union(_UNITS)
+    return [word for i, word in enumerate(words) if i == 0 or word not in units]

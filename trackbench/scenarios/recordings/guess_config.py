@@ -10,27 +10,119 @@ from trackbench.field_types import MOST_STEPS
 from trackbench.scenarios.recordings.column_mapping import STAMP_PARTS
 from trackbench.scenarios.recordings.csv_lines import TextFormat
 from trackbench.scenarios.recordings.guess_format import Guess, SensorGuess
+from trackbench.scenarios.recordings.guess_truth import TruthGuess
 
+_LOCATING = {"position", "range-azimuth"}
+"""Types of sensors by which a filter can start."""
 _LABELS = ("run", "sensor")
 _MOST_NAMES = 7  # of further runs
+_LEAST_OUTLIERS = 0.005  # share of the rows from which on a filter with a gate is written
 _LAST = 20_000  # step of a long recording, which all filters reach within minutes
 _MOST_PARTICLE_STEPS = 20_000  # beyond which a particle filter takes longer than all other filters
 _NO_WORDS = ("null", "true", "false")
 """Words that YAML reads as something else."""
 
 
-def config_parts(guess: Guess) -> dict[str, str]:
-    """Return the parts of a config that are guessed, as lines of YAML by their place in the template."""
-    parts = _robot_parts(guess) if guess.inputs else _target_parts(guess)
+def config_parts(
+    guess: Guess,
+    truth: TruthGuess | None = None,
+    truth_path: str = "",
+    begin: float | None = None,
+) -> dict[str, str]:
+    """Return the parts of a config that are guessed, as lines of YAML by their place in the template.
+
+    ``truth`` is the guess at a table of the true path, which the config names ``truth_path``. The first
+    state of the filters is that at the time ``begin``, s or steps, if that is known.
+    """
+    when = _begin_in_words(guess, begin)
+    parts = _robot_parts(guess, when) if guess.inputs else _target_parts(guess, when)
+    target_lines = [*_target_lines(guess, truth)]
+    if truth is not None:
+        target_lines += _truth_lines(truth, truth_path)
     return {
-        "@TARGET@": "\n".join(f"    {line}" for line in _target_lines(guess)),
+        "@TARGET@": "\n".join(f"    {line}" for line in target_lines),
         "@SENSOR@": "\n".join(f"    {line}" for line in _sensor_lines(guess)),
-        "@START@": f"  start: {parts.start}{_last_line(guess)}",
+        "@START@": f"  start: {parts.start}{_score_line(guess, truth)}{_last_line(guess)}",
         "@ASSUME@": parts.assume,
-        "@HOLD@": f"{max(2, min(5, guess.runs[0][1] // 2))}",
+        "@GRID@": _grid_line(guess),
         "@FILTERS@": "\n".join(parts.filters),
+        "@TABLES@": "\n".join(_table_lines(guess, truth)),
         "@SHOWN@": parts.shown,
     }
+
+
+def _score_line(guess: Guess, truth: TruthGuess | None) -> str:
+    """Return the key `score` if a truth has positions alone; else empty."""
+    if truth is None or truth.has_velocity or guess.inputs:
+        return ""
+    return (
+        "\n  score: {marginals: [position]}  # adds anees_position, as the truth has no velocities"
+    )
+
+
+def _truth_lines(truth: TruthGuess, path: str) -> Iterator[str]:
+    """Yield the lines of the target's keys of the truth."""
+    naming = truth.naming
+    keys = []
+    for name in ("columns", "units"):
+        entries = getattr(naming, name)
+        if entries:
+            pairs = ", ".join(f"{key}: {quoted(value)}" for key, value in entries.items())
+            keys.append(f"{name}: {{{pairs}}}")
+    if naming.format is not None:
+        keys.append(f"format: {_format_in_braces(naming.format)}")
+    if naming.time_format:
+        keys.append(f"time_format: {json.dumps(naming.time_format)}")
+    if naming.missing:
+        keys.append(f"missing: [{', '.join(f'{value:.9g}' for value in naming.missing)}]")
+    if naming.same_time is not None:
+        keys.append(f"same_time: {naming.same_time}")
+    yield f"truth: {path}"
+    yield f"truth_naming: {{{', '.join(keys)}}}  # guess, from the names of its columns"
+    unit = "steps" if "step" in naming.columns else "s"
+    yield f"truth_gap: {truth.gap:g}  # {unit}; guess: 1.5 usual intervals of its rows"
+
+
+def _grid_line(guess: Guess) -> str:
+    """Return a comment with the grid over all runs; empty for one run or very many."""
+    names = [quoted(name) for name, _ in guess.runs]
+    if not 1 < len(names) <= _MOST_NAMES + 1:
+        return ""
+    values = ", ".join(f"[{name}]" for name in names)
+    what = "all runs, each on a clock of its own"
+    return f"# grid: {{scenario.target.runs: [{values}]}}  # {what}\n"
+
+
+def _table_lines(guess: Guess, truth: TruthGuess | None) -> Iterator[str]:
+    """Yield the lines of `hold_out` and of the tables: of errors with a truth, else of predictions."""
+    if truth is None:
+        every = max(2, min(5, guess.runs[0][1] // 2))
+        what = "every n-th measurement is not given to the filters, and predicted instead"
+        yield f"hold_out: {every}  # {what}; without this key leave out the column Held out"
+    yield "tables:"
+    held = ""
+    what = "log score (higher is better); squared innovations (1 is right)"
+    if truth is None:
+        held = "Held out: mean(held_log_score), "
+        what = "log score (higher is better), of what is held out, too; squared innovations (1 is right)"
+    else:
+        columns = "RMSE: rms(rmse_position), Largest: mean(peak_position)"
+        title = "Errors of the position, m"
+        if guess.inputs:
+            columns = "Position: rms(rmse_position), Heading: rms(rmse_heading), ANEES: anees"
+            title = "Errors, m and rad"
+        elif truth.has_velocity:
+            columns += ", ANEES: anees"
+        else:
+            columns += ", ANEES: anees_position"
+        yield "  errors:"
+        yield "    kind: metrics"
+        yield f"    title: {title}"
+        yield f"    columns: {{{columns}}}"
+    yield "  prediction:"
+    yield "    kind: metrics"
+    yield f'    title: "Prediction: {what}"'
+    yield f"    columns: {{Log score: mean(log_score), {held}Innovations: mean(anis)}}"
 
 
 class _ModelParts(NamedTuple):
@@ -44,16 +136,30 @@ class _ModelParts(NamedTuple):
     """labels of the filters in the figures"""
 
 
-def _target_parts(guess: Guess) -> _ModelParts:
-    """Return the start, model and filters of a target that is tracked."""
+def _begin_in_words(guess: Guess, begin: float | None) -> str:
+    """Return the time of the first state after "at", s or steps; "the start" if it is unknown."""
+    if begin is None:
+        return "the start"
+    if "step" in guess.naming.columns:
+        return f"step {begin:g}"
+    if guess.is_dated:
+        return f"the first row, {begin:+.6g} s" if begin else "the first row"
+    return f"t = {begin:.9g} s"
+
+
+def _target_parts(guess: Guess, when: str) -> _ModelParts:
+    """Return the start, model and filters of a target that is tracked.
+
+    It starts at the time ``when``.
+    """
     kinds = {sensor.kind for sensor in guess.sensors}
     speed = guess.speed
     start = f"{{kind: one-scan, sigma_velocity: {2 * speed:g}}}  # guess"
-    if not kinds & {"position", "range-azimuth"}:
+    if not kinds & _LOCATING:
         start = (
             f"{{kind: given, mean: [X, 0, Y, 0], sigma: [100, {2 * speed:g}, 100, {2 * speed:g}]}}"
         )
-        start += "  # write x and y of the first position, m, and how well they are known"
+        start += f"  # write x and y at {when}, m, and how well they are known"
     # Process noise from the usual speed; the IMM's motions have a tenth of it and ten times it.
     q = float(f"{max(0.0025 * speed * speed, 1e-3):.1g}")
     motions = f"[{{kind: cwna, q: {q / 10:g}}}, {{kind: cwna, q: {q * 10:g}}}]"
@@ -66,6 +172,7 @@ def _target_parts(guess: Guess) -> _ModelParts:
         assume=assume,
         filters=[
             *[f"  {kind.upper()}: {{kind: {kind}}}" for kind in filter_kinds],
+            *_gated_filter_lines(guess, filter_kinds[0]),
             f"  IMM: {{kind: imm, motions: {motions}, transition: {chances}}}",
             _particle_filter_line(guess),
         ],
@@ -73,10 +180,13 @@ def _target_parts(guess: Guess) -> _ModelParts:
     )
 
 
-def _robot_parts(guess: Guess) -> _ModelParts:
-    """Return the start, model and filters of a robot that locates itself by landmarks."""
+def _robot_parts(guess: Guess, when: str) -> _ModelParts:
+    """Return the start, model and filters of a robot that locates itself by landmarks.
+
+    It starts at the time ``when``.
+    """
     start = "{kind: given, mean: [X, Y, HEADING], sigma: [0.1, 0.1, 0.1]}"
-    start += "  # write where the robot begins, m and rad, and how well that is known"
+    start += f"  # write the pose at {when}, m and rad, and how well it is known"
     start += "\n  score: {errors: {position: [px, py], heading: [heading]}}  # with a `truth`"
     return _ModelParts(
         start=start,
@@ -84,11 +194,23 @@ def _robot_parts(guess: Guess) -> _ModelParts:
         filters=[
             "  EKF: {kind: ekf}",
             "  UKF: {kind: ukf}",
+            *_gated_filter_lines(guess, "ekf"),
             _particle_filter_line(guess),
             "  Odometry: {kind: prior-mean}  # without the landmarks",
         ],
         shown="EKF, Odometry",
     )
+
+
+def _gated_filter_lines(guess: Guess, kind: str) -> list[str]:
+    """Return the line of a filter that rejects outliers, if the recording seems to have some."""
+    if guess.outliers < _LEAST_OUTLIERS:
+        return []
+    percent = float(f"{100.0 * guess.outliers:.1g}")
+    why = f"some {percent:g} % of the rows are far from the line between their neighbors"
+    return [
+        f"  {kind.upper()} with gate: {{kind: {kind}, gate: 0.999}}  # guess: {why}",
+    ]
 
 
 def _late_key(guess: Guess) -> str:
@@ -164,13 +286,29 @@ def _last_line(guess: Guess) -> str:
     return f"\n  last: {_LAST}  # {many}"
 
 
+def guessed_units(guess: Guess) -> list[str]:
+    """Return a line on each unit of a range or an angle that no name has, with the reason."""
+    lines = []
+    for name in ("range", "azimuth", "bearing", "v", "w"):
+        reason = guess.why.get(name, "")
+        if name in guess.naming.units and reason.startswith("guess"):
+            column = quoted(guess.naming.columns[name])
+            unit = guess.naming.units[name]
+            lines.append(f"read {column} in {unit} ({reason.partition(': ')[2]})")
+    if lines:
+        lines[-1] += "; another unit: --set units.NAME=UNIT"
+    return lines
+
+
 def usable_quantities(guess: Guess) -> list[str]:
     """Name quantities that an unused column may hold: those that the config does not read."""
     used = _used_columns(guess)
     names = ["speed", "course"]
     if "speed" in guess.naming.columns:
         names.reverse()
-    names += ["run", "sensor", "altitude", "received"]
+    if not used.keys() & {"x", "latitude"}:
+        names = ["range", "azimuth"]
+    names += ["run", "sensor", "received"]
     return [name for name in names if name not in used]
 
 
@@ -180,15 +318,21 @@ def unused_columns(guess: Guess) -> list[str]:
     return [quoted(" ".join(name.split())) for name in guess.names if name not in used]
 
 
-def unknown_places(guess: Guess) -> list[str]:
-    """Name the sensors whose place must be written into the config."""
+def unknown_places(guess: Guess, truth: TruthGuess | None = None) -> list[str]:
+    """Name the sensors and other places that must be written into the config."""
     unnamed = "the landmark" if guess.inputs else "the sensor"
     names = [s.name or unnamed for s in guess.sensors if _lacks_place(guess, s)]
-    if guess.inputs:
+    if guess.inputs or not {sensor.kind for sensor in guess.sensors} & _LOCATING:
         names.append("the start")
-    if _lacks_origin(guess):
-        names.append("the origin")
+    if _lacks_origin(guess, truth):
+        names.append(_origin_name(guess))
     return names
+
+
+def _origin_name(guess: Guess) -> str:
+    """Name the point from which x and y count: the radar, if there is one alone."""
+    kinds = [sensor.kind for sensor in guess.sensors]
+    return "the radar" if kinds == ["range-azimuth"] else "the origin"
 
 
 def _lacks_place(guess: Guess, sensor: SensorGuess) -> bool:
@@ -199,15 +343,29 @@ def _lacks_place(guess: Guess, sensor: SensorGuess) -> bool:
     return sensor.kind == "range-azimuth" and len(radars) > 1
 
 
-def _lacks_origin(guess: Guess) -> bool:
+def _lacks_origin(guess: Guess, truth: TruthGuess | None) -> bool:
     """Test whether the user must write the origin, from which sensors besides the positions count.
 
-    Latitudes and longitudes do not show where other sensors have x = y = 0.
+    Latitudes and longitudes, which may be those of the truth, do not show where other sensors have
+    x = y = 0.
     """
+    if guess.naming.origin:
+        return False
     columns = guess.naming.columns
     kinds = {sensor.kind for sensor in guess.sensors}
     is_geodetic = "latitude" in columns and not {"x", "y"} <= columns.keys()
-    return is_geodetic and len(kinds) > 1 and "position" in kinds and not guess.naming.origin
+    has_geodetic = is_geodetic and "position" in kinds
+    has_planar = len(kinds) > 1 or not has_geodetic
+    if truth is not None:
+        has_geodetic = has_geodetic or truth.is_geodetic
+        has_planar = has_planar or not truth.is_geodetic
+    return has_geodetic and has_planar
+
+
+def idle_keys(guess: Guess, given: Mapping[str, str]) -> list[str]:
+    """Return the quantities of ``given`` columns that the config does not read."""
+    used = _used_columns(guess)
+    return [key for key, column in given.items() if column and key not in used]
 
 
 def _used_columns(guess: Guess) -> dict[str, str]:
@@ -227,7 +385,7 @@ def _used_columns(guess: Guess) -> dict[str, str]:
     return {name: column for name, column in naming.columns.items() if name in read}
 
 
-def _target_lines(guess: Guess) -> Iterator[str]:
+def _target_lines(guess: Guess, truth: TruthGuess | None) -> Iterator[str]:
     """Yield the lines of the target's keys: how the table is read, with the reasons as comments."""
     naming = guess.naming
     why = guess.why
@@ -239,6 +397,8 @@ def _target_lines(guess: Guess) -> Iterator[str]:
         line = f"  {name}: {quoted(column)}"
         if name in _LABELS:
             line += _comment(why, name)
+        if name == "time":
+            line += _comment(why, "time_column")
         yield line
     unused = unused_columns(guess)
     if unused:
@@ -268,8 +428,11 @@ def _target_lines(guess: Guess) -> Iterator[str]:
         yield f"sensors: [{', '.join(quoted(sensor.name) for sensor in guess.sensors)}]"
     if naming.origin:
         yield f"origin: [{', '.join(map(repr, naming.origin))}]"
-    elif _lacks_origin(guess):
-        yield "origin: [LATITUDE, LONGITUDE]  # write where x = y = 0 of the sensors is, deg"
+    elif _lacks_origin(guess, truth):
+        where = "x = y = 0 of the sensors"
+        if _origin_name(guess) == "the radar":
+            where = "the radar, x = y = 0,"
+        yield f"origin: [LATITUDE, LONGITUDE]  # write where {where} is, deg"
     elif "latitude" in columns:
         yield "# x and y are meters east and north of the first position, or of `origin: [lat, lon]`"
     if "velocity" in why:

@@ -24,6 +24,7 @@ SENSORS = {
 A ``bearing`` counts from the heading of what moves, an ``azimuth`` from the axis x or from north.
 """
 ANGLES = ("azimuth", "bearing")
+_FAR_SIGMAS = 8.0
 _ONE_SIGMA = 0.683  # of a normal law's values are within its standard deviation
 
 
@@ -33,14 +34,8 @@ def levels_of(rows: Rows, kind: str, in_degrees: bool) -> tuple[tuple[float, ...
     Return the standard deviations and the speed, m/s, which is 0 for a sensor that shows none. ``kind``
     is a key of `SENSORS`. ``in_degrees`` if angles are in degrees.
     """
-    # Rows of the values below those of the sensor's quantities are measured velocities.
     time = rows.time
-    values = [*rows.values[: len(SENSORS[kind])]]
-    if SENSORS[kind][-1] in ANGLES:
-        azimuth = values[-1]
-        if in_degrees:
-            azimuth = azimuth * UNITS["deg"]
-        values[-1] = np.unwrap(azimuth)
+    values = _unwrapped_values(rows, kind, in_degrees)
     sigmas = tuple(scatter(time, value) for value in values)
     if kind == "bearing" or kind.startswith("landmark"):
         return sigmas, 0.0
@@ -48,6 +43,18 @@ def levels_of(rows: Rows, kind: str, in_degrees: bool) -> tuple[tuple[float, ...
         r, a = values
         values = [r * np.cos(a), r * np.sin(a)]
     return sigmas, _speed(time, *values)
+
+
+def _unwrapped_values(rows: Rows, kind: str, in_degrees: bool) -> list[Array]:
+    """Return the values (R,) of a sensor's quantities, angles without jumps; as for `levels_of`."""
+    # Rows of the values below those of the sensor's quantities are measured velocities.
+    values = [*rows.values[: len(SENSORS[kind])]]
+    if SENSORS[kind][-1] in ANGLES:
+        azimuth = values[-1]
+        if in_degrees:
+            azimuth = azimuth * UNITS["deg"]
+        values[-1] = np.unwrap(azimuth)
+    return values
 
 
 def not_finer(
@@ -85,23 +92,53 @@ def scatter(time: Array, value: Array) -> float:
     return 1.0
 
 
+def share_of_outliers(rows: Rows, kind: str, in_degrees: bool) -> float:
+    """Return the share of complete rows, in order, that lie far from the line between their neighbors.
+
+    Far is more than `_FAR_SIGMAS` standard deviations of the other rows. ``kind`` is a key of `SENSORS`,
+    and ``in_degrees`` is that of `levels_of`.
+    """
+    shares = [0.0]
+    for value in _unwrapped_values(rows, kind, in_degrees):
+        sizes = _distances_from_line(rows.time, value)
+        sigma = error_of_line(rows.time, value)
+        if sigma <= 1e-12 * np.nanmax(np.abs(value), initial=0.0):
+            continue
+        is_far = sizes > _FAR_SIGMAS * sigma
+        # An outlier also moves the lines of both of its neighbors.
+        is_peak = is_far.copy()
+        is_peak[1:] &= ~(is_far[:-1] & (sizes[:-1] > sizes[1:]))
+        is_peak[:-1] &= ~(is_far[1:] & (sizes[1:] > sizes[:-1]))
+        shares.append(float(is_peak.mean()))
+    return max(shares)
+
+
 def error_of_line(time: Array, value: Array) -> float:
     """Estimate the standard deviation of errors of values (R,) from the line between neighbors.
 
     Each value is compared with the line through those before and after it in time.
     0 for fewer than three rows, or without intervals.
     """
+    sizes = _distances_from_line(time, value)
+    if not np.isfinite(sizes).any():
+        return 0.0
+    # 68.3 % of the scaled |e| are below sigma.
+    return float(np.nanquantile(sizes, _ONE_SIGMA))
+
+
+def _distances_from_line(time: Array, value: Array) -> Array:
+    """Return the distances (R - 2,) of values from the lines between their neighbors.
+
+    They are scaled to the standard deviation of one value; NaN without an interval.
+    """
     wide = time[2:] - time[:-2]
     if len(value) < 3 or not (wide > 0.0).any():
-        return 0.0
+        return np.full(max(len(value) - 2, 0), np.nan)
     share = (time[1:-1] - time[:-2]) / np.where(wide > 0.0, wide, np.nan)
     # e = z_1 - (1 - s) z_0 - s z_2 has the variance sigma^2 (1 + s^2 + (1 - s)^2).
     off = value[1:-1] - (1.0 - share) * value[:-2] - share * value[2:]
-    size = np.abs(off) / np.sqrt(1.0 + np.square(share) + np.square(1.0 - share))
-    # 68.3 % of the scaled |e| are below sigma.
-    if not np.isfinite(size).any():
-        return 0.0
-    return float(np.nanquantile(size, _ONE_SIGMA))
+    size: Array = np.abs(off) / np.sqrt(1.0 + np.square(share) + np.square(1.0 - share))
+    return size
 
 
 def _speed(time: Array, *place: Array) -> float:

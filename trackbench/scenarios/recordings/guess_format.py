@@ -9,12 +9,13 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, Mask
 from trackbench.field_types import DataError, Place, decimals
 from trackbench.scenarios.recordings.column_mapping import (
     COURSE,
     GEODETIC,
     HEMISPHERES,
+    KEYS,
     UNITS,
     Naming,
     no_fix,
@@ -22,10 +23,13 @@ from trackbench.scenarios.recordings.column_mapping import (
 )
 from trackbench.scenarios.recordings.column_names import (
     columns_of,
+    looks_like,
     odometry_of,
+    other_unit_of,
     ranges_of,
     rest_of_stamp,
     unit_in,
+    unit_of,
     words_of,
 )
 from trackbench.scenarios.recordings.csv_lines import (
@@ -50,10 +54,17 @@ from trackbench.scenarios.recordings.guess_errors import (
     levels_of,
     not_finer,
     scatter,
+    share_of_outliers,
 )
 from trackbench.scenarios.recordings.guess_time import DateForm, date_form
-from trackbench.scenarios.recordings.guess_units import Candidate, Numbers, likely_units
-from trackbench.scenarios.recordings.mixtures import role_of
+from trackbench.scenarios.recordings.guess_units import (
+    LENGTH_UNITS,
+    Candidate,
+    Numbers,
+    is_usual_speed,
+    likely_units,
+)
+from trackbench.scenarios.recordings.mixtures import is_word_column, role_of
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import (
     Gathered,
@@ -62,6 +73,7 @@ from trackbench.scenarios.recordings.rows import (
     check_turns,
     chosen_runs,
     read_rows,
+    usual_interval,
 )
 
 _TURN = 2.0 * np.pi
@@ -74,6 +86,32 @@ _PLACE = ("x", "y")
 _VELOCITY = ("vx", "vy")
 _MEASURED = ("x", "y", "latitude", "longitude", "range", "azimuth", "bearing")
 _ODOMETRY = ("v", "w")
+_LARGEST_OF_ROBOT = {"v": 20.0, "w": 3.5, "range": 100.0}
+"""m/s, rad/s and m that nearly all of a robot's measurements are below, if no unit is named"""
+_UNITS_OF_ROBOT = {
+    "v": ("m/s", "km/h", "cm/s", "mm/s"),
+    "w": ("rad/s", "deg/s"),
+    "range": ("m", "cm", "mm", "ft"),
+}
+_LANDMARK_WORDS = frozenset(
+    {"tag", "tagid", "id", "marker", "markerid", "feature", "featureid", "lm", "code", "signature"}
+    | {"subject", "target", "object"}
+)
+"""Words in the name of a column that names landmarks, if the table is the log of a robot."""
+_GIVEN_KEYS = (
+    *KEYS,
+    *GEODETIC,
+    *COURSE,
+    *_MEASURED,
+    *_VELOCITY,
+    *_ODOMETRY,
+)
+"""Keys of `columns` that a guess may be given."""
+_SENSOR_KEYS = ("landmark", "landmarks", "tag", "id", "marker", "station", "radar", "anchor")
+"""Words that a user may take for the key `sensor`."""
+_LONG_INTERVAL = 600.0  # s
+_MOST_TANGENTIAL = 20.0
+"""ratio of the ways across and along the line of sight, beyond which azimuths may have another unit"""
 _WEEK = 604800.0  # s
 _TIME_OF_WEEK = {"tow", "itow", "gms", "sow", "gpst", "secondsofweek"}
 _ELAPSED = {"elapsed", "duration", "split", "lap", "laptime", "elapsedtime"}
@@ -113,6 +151,14 @@ class Guess:
     """different times of the longest run"""
     inputs: dict[str, float] = field(default_factory=dict)
     """standard deviations of a robot's measured speed v and turn rate w, if it is one"""
+    interval: float = 0.0
+    """usual interval of the longest run's rows, s, or steps"""
+    origin: tuple[float, ...] = ()
+    """latitude and longitude of the first position, deg; empty without one"""
+    is_dated: bool = False
+    """True if times are dates"""
+    outliers: float = 0.0
+    """largest share of a sensor's rows that lie far from the line between their neighbors"""
 
     @property
     def moves(self) -> bool:
@@ -127,6 +173,7 @@ def recognized(path: str, given: Naming | None = None) -> Guess:
     Raises DataError if no column is a time, or none is measured.
     """
     given = given or Naming()
+    _check_given_keys(path, given)
     found: dict[str, str] = {}
     # A column whose words split the rows names runs or sensors. There may be one of each, so that the
     # guess is repeated with each such column.
@@ -139,10 +186,41 @@ def recognized(path: str, given: Naming | None = None) -> Guess:
                 raise
             found[key] = error.column
             continue
+        except DataError as error:
+            if not found:
+                raise
+            raise DataError(*error.places, *_found_labels(path, found)) from None
         guess.why.update(
             dict.fromkeys(found, "guess: rows of one of its words agree with each other")
         )
         return guess
+
+
+def _check_given_keys(path: str, given: Naming) -> None:
+    """Raise DataError for a column of an unknown quantity."""
+    for key, column in given.columns.items():
+        if key in _GIVEN_KEYS or key.rpartition(".")[2] in _MEASURED:
+            continue
+        what = f"there is no columns.{key}; known: {', '.join(_GIVEN_KEYS)}"
+        if key.lower() in _SENSOR_KEYS:
+            name = json.dumps(column)[1:-1]
+            what = f"there is no columns.{key}: a column that names landmarks or sensors is"
+            what += f" `--set 'columns.sensor={name}'`"
+        raise DataError(Place(path, 1, 1, what))
+
+
+def _found_labels(path: str, found: dict[str, str]) -> list[Place]:
+    """Say how to change the meaning of the columns that were taken to name runs or sensors."""
+    places = []
+    for key, column in found.items():
+        name = json.dumps(column)[1:-1]
+        other = "sensor" if key == "run" else "run"
+        meaning = {"run": "targets", "sensor": "sensors or landmarks"}
+        what = f"column {name} was taken to name {meaning[key]}, as its words split the rows"
+        way = f"if it names {meaning[other]}, say --set 'columns.{other}={name}'"
+        none = f"if neither, say --set 'columns.{key}=\"\"'"
+        places.append(Place(path, 1, 1, f"{what}: {way}; {none}"))
+    return places
 
 
 def _key_of_labels(error: MixedRowsError) -> str:
@@ -178,14 +256,18 @@ def _recognized_columns(path: str, given: Naming) -> Guess:
     sample = _Sample(path, names, form)
     columns, units = _columns(names, sample, given, why)
     if "time" not in columns and "step" not in columns:
+        _find_dates(sample, columns, why)
+    if "time" not in columns and "step" not in columns:
         raise DataError(Place(path, 1, 1, _no_time(names)))
     if not sample and any(name in columns for name in _MEASURED):
         read_table(path, {names[0]: "label"}, form=form)  # which reports why no row can be read
     # Step 2: find the sensors, and the form of dates.
-    sensors = _sensors(path, sample, columns, names, units)
+    sensors = _sensors(path, sample, columns, names, units, given)
+    _check_unused(sample, columns, sensors, given)
     if form.thousands and not (given.format or TextFormat()).thousands and form.decimal is None:
         _check_thousands(path, sample, columns, form.thousands)
     measured = set(chain.from_iterable(sensor.quantities for sensor in sensors))
+    _check_named_units(sample, columns, units, measured)
     clock = DateForm(given.time_format, bool(given.time_format))
     if "time" in columns and not clock.form:
         times = sample.cells(columns["time"])
@@ -205,6 +287,7 @@ def _recognized_columns(path: str, given: Naming) -> Guess:
     is_one_position = sensors[0].quantities == _PLACE and len(sensors) == 1
     has_velocity = is_one_position and _has_velocity(columns)
     reading = _Reading(path, sample, columns, units, clock, missing, why)
+    reading.check_azimuths(sensors)
     clock = reading.choose_units(sensors[0], names, has_velocity)
     naming = replace(
         given,
@@ -271,6 +354,10 @@ def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[Sens
         levels_of(rows, sensor.kind, in_degrees)
         for sensor, rows in zip(sensors, longest, strict=True)
     ]
+    outliers = [
+        share_of_outliers(rows, sensor.kind, in_degrees)
+        for sensor, rows in zip(sensors, longest, strict=True)
+    ]
     speed = next((speed for _, speed in levels if speed), 0.0)
     naming = _with_clockwise(naming, wanted, every, why)
     guesses = []
@@ -284,6 +371,10 @@ def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[Sens
         speed=float(f"{speed:.1g}") or 1.0,
         steps=len(np.unique(np.concatenate([rows.ticks for rows in longest]))),
         inputs=_input_sigmas(path, naming) if is_robot else {},
+        interval=usual_interval(np.concatenate([rows.time for rows in longest])),
+        origin=(gathered.origin or ())[:2],
+        is_dated=bool(gathered.dated),
+        outliers=max(outliers),
     )
 
 
@@ -443,9 +534,10 @@ def _columns(
 
     Reasons are added to ``why``.
     """
-    recognized_columns = columns_of(names)
-    columns = {name: named.column for name, named in recognized_columns.items()}
+    columns = {name: named.column for name, named in columns_of(names).items()}
     columns = {n: c for n, c in columns.items() if c not in given.columns.values()} | given.columns
+    # An empty name means that no column is this quantity; of runs and sensors that their rows are mixed.
+    columns = {n: c for n, c in columns.items() if c or n in ("run", "sensor")}
     for key, column in _hemispheres(names, sample, columns).items():
         columns = {n: c for n, c in columns.items() if c != column} | {key: column}
     if columns.keys() >= {*_VELOCITY}:
@@ -462,20 +554,97 @@ def _columns(
             words.discard("")  # of rows with odometry alone
         if key not in given.columns and ("" in words or not least <= len(words) <= most):
             columns.pop(key, None)
-    if is_robot:
-        recognized_columns = recognized_columns | odometry_of(names)
-        if "azimuth" in recognized_columns:
-            recognized_columns["bearing"] = recognized_columns["azimuth"]
-    units = {
-        n: c.unit for n, c in recognized_columns.items() if c.unit and columns.get(n) == c.column
-    }
+    units = {}
+    for name, column in columns.items():
+        unit = unit_of(column, name)
+        if unit is not None:
+            units[name] = unit
     why |= dict.fromkeys(units, "as the column's name says")
     for name, column in columns.items():
         unit = sample.unit(column, name)
         if unit is not None:
             units[name] = unit
             why[name] = "as the line of units says"
-    return columns, units | given.units
+    units |= given.units
+    if is_robot:
+        _guess_units_of_robot(sample, columns, units, why)
+    return columns, units
+
+
+def _find_dates(sample: "_Sample", columns: dict[str, str], why: dict[str, str]) -> None:
+    """Add the time to the columns if it is the only column whose cells are dates."""
+    dated = []
+    for name in sample.names:
+        cells = sample.cells(name)
+        has_digits = all(re.search(r"\d\D+\d", cell) for cell in cells)
+        if cells and has_digits and not parse_cells(instant, cells)[1]:
+            dated.append(name)
+    if len(dated) == 1:
+        columns["time"] = dated[0]
+        why["time_column"] = "guess: its cells are dates"
+
+
+def _guess_units_of_robot(
+    sample: "_Sample", columns: dict[str, str], units: dict[str, str], why: dict[str, str]
+) -> None:
+    """Add the units of a robot's measurements that the names of their columns do not have.
+
+    Raises DataError if the numbers are too large for SI units.
+    """
+    for name, (si, *others) in _UNITS_OF_ROBOT.items():
+        if name in units or name not in columns:
+            continue
+        numbers = np.abs(sample.numbers(columns[name]))
+        size = float(np.nanquantile(numbers, 0.9)) if np.isfinite(numbers).any() else 0.0
+        if size > _LARGEST_OF_ROBOT[name]:
+            options = " or ".join(f"--set units.{name}={unit}" for unit in (*others, si))
+            what = f"{columns[name]}: no unit is named, and {size:.3g} {si} is unusual for a robot"
+            raise DataError(Place(sample.path, 1, 1, f"{what}: say {options}"))
+        units[name] = si
+        why[name] = f"guess: nine of ten are below {size:.2g}"
+
+
+def _check_named_units(
+    sample: "_Sample", columns: dict[str, str], units: dict[str, str], measured: set[str]
+) -> None:
+    """Raise DataError for a column whose name has a unit that no recording may have."""
+    for name in columns.keys() & {*measured, *_VELOCITY, *COURSE, *_ODOMETRY}:
+        other = other_unit_of(columns[name])
+        if other is not None and name not in units:
+            what = f"{columns[name]}: the unit {other} is unknown here"
+            way = f"write the numbers in a known unit, and say it, such as --set units.{name}="
+            usual = "deg" if name in ANGLES or name == "course" else "m"
+            raise DataError(Place(sample.path, 1, 1, f"{what}: {way}{usual}"))
+
+
+def _check_unused(
+    sample: "_Sample", columns: dict[str, str], sensors: list[SensorGuess], given: Naming
+) -> None:
+    """Raise DataError if only angles or only ranges are read, and another column may be the other part.
+
+    The name of such a column has a word or a unit of a range or of an angle.
+    """
+    kinds = {sensor.kind for sensor in sensors}
+    wanted = {"bearing": "range", "range": "azimuth", "landmark-bearing": "range"}
+    if len(kinds) != 1 or not kinds <= wanted.keys() or len(sensors) > 1:
+        return
+    (kind,) = kinds
+    quantity = wanted[kind]
+    if quantity in given.columns:
+        return
+    candidates = []
+    for name in sample.names:
+        has_numbers = np.isfinite(sample.numbers(name)).any()
+        if name in columns.values() or not has_numbers or role_of(name) == "quality":
+            continue
+        if looks_like(name, quantity):
+            candidates.append(json.dumps(name)[1:-1])
+    if candidates:
+        measured = columns[sensors[0].quantities[-1]]
+        ways = " or ".join(f"--set 'columns.{quantity}={name}'" for name in candidates)
+        what = f"only {measured} is recognized as measured; is {' or '.join(candidates)} the {quantity}?"
+        way = f"Say {ways}, or --set 'columns.{quantity}=\"\"' if none is"
+        raise DataError(Place(sample.path, 1, 1, f"{what} {way}"))
 
 
 def _hemispheres(names: list[str], sample: "_Sample", columns: dict[str, str]) -> dict[str, str]:
@@ -515,10 +684,11 @@ def _settle_landmarks(sample: "_Sample", columns: dict[str, str], given: Naming)
     The columns of such a log are changed in place. Raises DataError with the possible answers if the
     user must say so, as a table does not show from where bearings count.
     """
-    place = next((name for name in sample.names if role_of(name) == "place"), None)
+    odometry = odometry_of(sample.names)
+    is_like_robot = "bearing" in columns or odometry.keys() >= {*_ODOMETRY}
+    place = _landmark_column(sample, columns, given, is_like_robot)
     is_split = place is not None and given.columns.get("sensor", place) == place
     angle = columns.get("azimuth")
-    odometry = odometry_of(sample.names)
     if "bearing" not in columns:
         may_be_robot = is_split or odometry.keys() >= {*_ODOMETRY}
         if not may_be_robot or angle is None or "azimuth" in given.columns:
@@ -536,6 +706,8 @@ def _settle_landmarks(sample: "_Sample", columns: dict[str, str], given: Naming)
     # A robot's log: its own motion comes from odometry.
     if place is not None and is_split:
         columns["sensor"] = place
+        if columns.get("run") == place:
+            columns.pop("run")
     for name in ("azimuth", *COURSE, *_VELOCITY):
         columns.pop(name, None)
     for name, named in odometry.items():
@@ -552,6 +724,41 @@ def _settle_landmarks(sample: "_Sample", columns: dict[str, str], given: Naming)
     return True
 
 
+def _landmark_column(
+    sample: "_Sample", columns: dict[str, str], given: Naming, is_like_robot: bool
+) -> str | None:
+    """Return the column that names landmarks; None without one.
+
+    Its name says so. In the log of a robot it may also have another name, such as tag or id, if its
+    cells are empty just where nothing was measured.
+    """
+    for name in sample.names:
+        if role_of(name) == "place":
+            return name
+    if not is_like_robot or "sensor" in given.columns:
+        return None
+    measured = np.zeros(len(sample), dtype=np.bool_)
+    for quantity in ("range", "azimuth", "bearing"):
+        if quantity in columns:
+            measured |= np.isfinite(sample.numbers(columns[quantity]))
+    quantities = {name: c for name, c in columns.items() if name not in ("run", "sensor")}
+    free = [name for name in sample.names if name not in quantities.values()]
+    fitting = []
+    for name in free:
+        cells = sample.cells(name)
+        is_named = np.array([cell != "" for cell in cells], dtype=np.bool_)
+        if np.array_equal(is_named, measured) and is_word_column(cells):
+            fitting.append(name)
+    for name in fitting:
+        words = {*words_of(name), "".join(words_of(name))}
+        if words & _LANDMARK_WORDS and name not in given.columns.values():
+            return name
+    # Without such a word the empty cells must show it.
+    if len(fitting) == 1 and not measured.all() and fitting[0] not in given.columns.values():
+        return fitting[0]
+    return None
+
+
 def _no_time(names: list[str]) -> str:
     """Return the message and the advice for a table in which no column looks like a time."""
     what = f"no column looks like a time or a step; there are {', '.join(names)[:200]}"
@@ -566,9 +773,14 @@ def _no_time(names: list[str]) -> str:
 
 
 def _sensors(
-    path: str, sample: "_Sample", columns: dict[str, str], names: list[str], units: dict[str, str]
+    path: str,
+    sample: "_Sample",
+    columns: dict[str, str],
+    names: list[str],
+    units: dict[str, str],
+    given: Naming,
 ) -> list[SensorGuess]:
-    """Return the guessed sensors of a table.
+    """Return the guessed sensors of a table, those first whose columns are ``given``.
 
     Columns of ranges to several places are added to ``columns``, and their units to ``units``. Raises
     DataError if a sensor measures nothing that is known.
@@ -579,11 +791,18 @@ def _sensors(
         if not {"x", "y"} <= numbers.keys() and {"latitude", "longitude"} <= numbers.keys():
             numbers[part] = numbers[other]
     words = sample.words(columns["sensor"]) if columns.get("sensor") else [""]
+    # The most telling type of sensor counts, but one whose columns the user names comes first.
+    answered = {*given.columns}
+    if answered & {*GEODETIC[:2]}:
+        answered |= {*_PLACE}
+    kinds = sorted(SENSORS.items(), key=lambda kind: -len(answered.intersection(kind[1])))
     sensors = []
     for word in words:
         cells = sample.cells(columns.get("sensor", ""))
         rows = np.array([cell == word or not word for cell in cells], dtype=np.bool_)
-        for kind, quantities in SENSORS.items():
+        if answered.isdisjoint((*_PLACE, "range", "azimuth", "bearing")):
+            _check_one_kind(path, columns, numbers, rows)
+        for kind, quantities in kinds:
             if all(name in numbers and (numbers[name] & rows).any() for name in quantities):
                 sensors.append(SensorGuess(name=word, kind=kind, quantities=quantities))
                 break
@@ -609,6 +828,31 @@ def _sensors(
             raise DataError(Place(path, 1, 1, f"{what}; {way}"))
         raise DataError(Place(path, 1, 1, _no_position(columns, sample, names)))
     return sensors
+
+
+def _check_one_kind(
+    path: str, columns: dict[str, str], numbers: dict[str, Mask], rows: Mask
+) -> None:
+    """Raise DataError if rows have a position as well as a range and an azimuth.
+
+    One of them may be the truth of the other. ``numbers`` has the rows (R,) in which each quantity is a
+    number, and ``rows`` (R,) are those of one sensor.
+    """
+    radar = ("range", "azimuth")
+    for names in (_PLACE, radar):
+        if not all(name in numbers and (numbers[name] & rows).any() for name in names):
+            return
+    positions = ("x", "y") if columns.keys() >= {*_PLACE} else GEODETIC[:2]
+    ways = []
+    for names in (radar, positions):
+        options = (f"--set 'columns.{n}={json.dumps(columns[n])[1:-1]}'" for n in names)
+        ways.append(" ".join(options))
+    what = f"the rows have {columns['range']} and {columns['azimuth']}, and also"
+    what += f" {columns[positions[0]]} and {columns[positions[1]]}: which ones were measured?"
+    raise DataError(
+        Place(path, 1, 1, f"{what} Say {ways[0]}"),
+        Place(path, 1, 1, f"or say {ways[1]}; the others may be a truth in a file of their own"),
+    )
 
 
 def _no_position(columns: dict[str, str], sample: "_Sample", names: list[str]) -> str:
@@ -714,8 +958,14 @@ class _Reading:
             clocks = self._clocks()
         known = self._known_units(sensor)
         first, *others = likely_units(numbers, known, clocks)
-        if others:
-            raise DataError(*self._questions([first, *others], numbers))
+        questions = self._questions([first, *others], numbers) if others else []
+        for candidate in (first, *others):
+            question = self._question_on_length(candidate, numbers, known)
+            if question is not None:
+                questions.append(question)
+                break
+        if questions:
+            raise DataError(*questions)
         self._write(first, numbers, known)
         if has_velocity and not first.same_way:
             for name in {*_VELOCITY, *COURSE} & self._columns.keys():
@@ -726,6 +976,62 @@ class _Reading:
             self._why["time_format"] = f"guess: {self._reason(first)}"
             return self._clock._replace(form=first.time)
         return self._clock
+
+    def check_azimuths(self, sensors: list[SensorGuess]) -> None:
+        """Raise DataError if azimuths without a unit may be in radians as well as in degrees.
+
+        Numbers within a turn are taken for radians. Then a target that moves nearly always across the
+        line of sight may rather have azimuths in degrees.
+        """
+        is_radar = [sensor.kind for sensor in sensors] == ["range-azimuth"]
+        if not is_radar or "azimuth" in self._units:
+            return
+        azimuth = self._values("azimuth")
+        ranges = self._values("range")
+        known = np.flatnonzero(np.isfinite(azimuth) & np.isfinite(ranges))
+        azimuth = azimuth[known]
+        if len(known) < 3 or (np.abs(azimuth) > _TURN).any():
+            return
+        ranges = ranges[known]
+        across = np.median(np.abs(np.diff(azimuth)) * ranges[1:])
+        along = np.median(np.abs(np.diff(ranges)))
+        if across > _MOST_TANGENTIAL * along:
+            what = f"{self._columns['azimuth']}: no unit is named, and its numbers may be degrees"
+            way = "say --set units.azimuth=deg or --set units.azimuth=rad"
+            raise DataError(Place(self._path, 1, 1, f"{what} or radians: {way}"))
+        self._units["azimuth"] = "rad"
+        self._why["azimuth"] = "guess: there is no angle beyond 2 pi"
+
+    def _question_on_length(
+        self, chosen: Candidate, numbers: Numbers, known: dict[str, str]
+    ) -> Place | None:
+        """Ask for the unit of lengths if none is named, and in meters the speed would be unusual."""
+        names = [name for name in ("x", "y", "range", "1.range") if name in self._columns]
+        is_named = not {"x", "range"}.isdisjoint(known)
+        if chosen.as_angle or numbers.is_angle or not names or is_named or chosen.agrees:
+            return None
+        speed = chosen.usual_speed
+        if not np.isfinite(speed) or is_usual_speed(speed):
+            if names == ["range"]:
+                self._units["range"] = "m"
+                self._why["range"] = f"guess: no unit is named; {self._reason(chosen)}"
+            return None
+        # What is measured once an hour may well be slow; and azimuths of unknown unit tell no speed.
+        seconds = 1.0 if numbers.dated else UNITS[chosen.time or "s"]
+        if usual_interval(numbers.time[np.isfinite(numbers.time)]) * seconds > _LONG_INTERVAL:
+            return None
+        azimuth = self._values("azimuth") if "azimuth" in self._columns else np.zeros(1)
+        if "azimuth" not in self._units and np.nanmax(np.abs(azimuth), initial=0.0) > 360.0:
+            return None
+        fitting = [unit for unit in LENGTH_UNITS if is_usual_speed(speed * UNITS[unit])]
+        if not fitting:
+            return None
+        units = [*fitting, "m"]
+        options = " ".join(f"--set units.{name}={units[0]}" for name in names)
+        columns = ", ".join(self._columns[name] for name in names)
+        what = f"{columns}: no unit is named, and in m the usual speed would be {speed:.2g} m/s"
+        way = f"say {options}, or with another unit: {', '.join(units[1:])}"
+        return Place(self._path, self._sample.line, 1, f"{what}: {way}")
 
     def _numbers(self, sensor: SensorGuess, names: list[str]) -> Numbers:
         """Return the numbers of the rows of one target and sensor, as `likely_units` compares them."""

@@ -176,6 +176,12 @@ def likely_units(
     return [candidate for candidate in ranked if candidate.points < limit]
 
 
+def is_usual_speed(speed: float) -> bool:
+    """Test whether most things that are tracked may have this usual speed, m/s."""
+    least, largest, _ = _USUAL_SPEEDS[0]
+    return least <= speed <= largest
+
+
 def _times(
     numbers: Numbers, given: Mapping[str, str], clocks: Mapping[str, tuple[float, float]]
 ) -> Iterator[tuple[str, float, float]]:

@@ -46,7 +46,9 @@ _SENSORS = _word_set(
     "sensor source src provider device radar station receiver tracker camera lidar antenna instrument "
     "quelle fuente fonte bron kilde capteur sensore geber"
 )
-_PLACES = _word_set("anchor beacon landmark marker tower reflector")
+_PLACES = _word_set(
+    "anchor beacon landmark landmarks marker tower reflector fiducial aruco apriltag"
+)
 """Words for things at places of their own."""
 _TARGETS = _word_set(
     "mmsi icao icao24 hex callsign flight tail vessel ship boat vehicle car truck bus drone uav "
@@ -89,6 +91,14 @@ def may_split(name: str, cells: Sequence[str]) -> bool:
     if not 2 <= len(words) <= _MOST_WORDS or len(cells) < 2 * len(words):
         return False
     return len(words) <= _MOST_NUMBERS or not all(map(is_value, words))
+
+
+def is_word_column(cells: Sequence[str]) -> bool:
+    """Test whether the cells of a column are a few repeated words, which are no measured numbers."""
+    words = {cell for cell in cells if cell}
+    has_decimals = any(re.fullmatch(r"[-+]?\d*[.,]\d+([eE][-+]?\d+)?", word) for word in words)
+    filled = sum(cell != "" for cell in cells)
+    return not has_decimals and 0 < len(words) <= _MOST_WORDS and filled >= 2 * len(words)
 
 
 def split_by(codes: Index, time: Array, values: Array) -> Split:

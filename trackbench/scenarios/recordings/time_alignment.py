@@ -17,6 +17,8 @@ _MOST_NAMES = 8
 _MOST_CELLS = 200_000_000
 _MOST_RECORDED = 5_000_000
 """steps of a recording that are read, of which a scenario takes those up to its `last`"""
+_MANY_STEPS = 1.2
+"""steps of all runs together, in those of the first, from which on a note says that a clock is shared"""
 _EQUAL = 1e-6  # of an interval: a clock that strays by less has equal steps
 
 
@@ -72,20 +74,23 @@ def common_clock(
     start: Opened | None,
     T: float,
     resample: float | None,
+    first_measured: float,
 ) -> Clock:
     """Choose the steps that all runs share.
 
     If the file numbers its steps, these are all steps from the first to the last, T s apart. If
     ``resample`` is given, the steps are so many seconds apart. Otherwise there is a step at every time
-    at which any run measured. ``start`` has the first states from scans; the runs are shifted so that
-    these coincide. Without scans (None) the first state is one step, or an interval of the usual
-    length, before the first row.
+    at which any run measured. ``first_measured`` is the first of these times. ``start`` has the first
+    states from scans; the runs are shifted so that these coincide. Without scans (None) the first state
+    is that at the first row, if no sensor measured anything then, as in a log of wheels. Otherwise it
+    is one step, or an interval of the usual length, before the first row.
     """
     # Step 1: time of the first state; scans shift the runs so that their first states coincide.
     if start is None:
         shift = np.zeros(len(gathered.runs))
         begin = min(float(rows.time.min()) for rows in sensors)
-        begin -= _interval_before_first(gathered, sensors, resample)
+        if begin > first_measured - TICK:
+            begin -= _interval_before_first(gathered, sensors, resample)
     else:
         shift = start.time[0] - start.time
         begin = float(start.time[0])
@@ -163,6 +168,27 @@ def _equal_distance(times: Array) -> float | None:
     if np.abs(apart - T).max() <= _EQUAL * T:
         return float(f"{T:.12g}")
     return None
+
+
+def note_on_shared_clock(runs: Sequence[str], sensors: Sequence[Rows], clock: Clock) -> list[str]:
+    """Return a note if runs with different times share the clock's steps; else nothing.
+
+    ``sensors`` are the rows of each sensor.
+    """
+    if len(runs) < 2:
+        return []
+    ticks = [np.unique(rows.ticks[rows.run == 0]) for rows in sensors]
+    own_steps = len(np.unique(np.concatenate(ticks)))
+    steps = len(clock.steps)
+    if steps <= _MANY_STEPS * own_steps:
+        return []
+    names = ", ".join(f"{m} is {name}" for m, name in enumerate(runs[:_MOST_NAMES]))
+    if len(runs) > _MOST_NAMES:
+        names += ", ..."
+    what = f"{len(runs)} runs share {steps} steps, of which run {runs[0]} measured at {own_steps}"
+    why = "each run is also judged at the times of the others"
+    way = "a grid over `runs` gives each a clock of its own"
+    return [f"{what}: {why}; {way} (numbers of the runs: {names})"]
 
 
 def measurement_array(
@@ -350,9 +376,13 @@ def truth_at(
         truth[:, :, m] = _interpolate(row_times, rows.values[:, first:end], times, gap, angles)
     has_truth = np.isfinite(truth).any(axis=(0, 1))
     if not has_truth.any():
-        hint = ""
-        if gap is None:
-            hint = ": name a `truth_gap` within which it is interpolated"
+        hint = ": name a `truth_gap` within which it is interpolated"
+        if gap is not None and len(rows.time):
+            unit = " s"
+            if gathered.stepped:
+                unit = ""
+            hint = f": its rows are from {rows.time.min():.9g} to {rows.time.max():.9g}{unit}"
+            hint += f" of the clock, the steps from {times[0]:.9g} to {times[-1]:.9g}{unit}"
         raise DataError(Place(gathered.files[0], 1, 1, f"has no truth at any step{hint}"))
     without = [name for name, has in zip(runs, has_truth, strict=True) if not has]
     if without:

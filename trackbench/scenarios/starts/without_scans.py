@@ -147,7 +147,11 @@ class GaussianStart(NormalStart):
 @register("starts", "given")
 @dataclass(frozen=True, kw_only=True)
 class GivenStart(_Located, NormalStart, FixedStart):
-    """Every filter starts from the same normal distribution, wherever the target really is."""
+    """Every filter starts from the same normal distribution, wherever the target really is.
+
+    In a recording it is the state one step before the first row. If the first row has no measurement, as
+    in a log of wheels, it is the state at the first row.
+    """
 
     draws_truth: ClassVar[bool] = False
 

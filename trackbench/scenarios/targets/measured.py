@@ -34,6 +34,7 @@ from trackbench.scenarios.recordings.rows import (
     TICK,
     FromFiles,
     Gathered,
+    Rows,
     check_turns,
     chosen_runs,
     read_rows,
@@ -45,6 +46,7 @@ from trackbench.scenarios.recordings.time_alignment import (
     common_clock,
     initial_scans,
     measurement_array,
+    note_on_shared_clock,
     truth_at,
     with_scans,
 )
@@ -71,6 +73,12 @@ class Recording(NamedTuple):
     """steps (S, K, M) at which measurements of S sensors were received, if that is known"""
     inputs: KnownInputs | None
     """inputs of motions"""
+
+
+def _first_measurement(rows: Rows) -> float:
+    """Return the time of the first row with any value, s or steps; infinite if there is none."""
+    is_measured = np.isfinite(rows.values).any(axis=0)
+    return float(rows.time[is_measured].min(initial=np.inf))
 
 
 def _angles(sensor: SensorBase) -> dict[str, int]:
@@ -300,8 +308,11 @@ class Measured(FromFiles, Naming, Target):
             # There is a step at every row of the inputs. The earliest rows give the usual interval.
             timed_rows = [inputs.measured, *rows]
             timed_rows.sort(key=lambda each: float(each.time.min()))
-        clock = common_clock(gathered, timed_rows, start, T, self.resample)
+        first_measured = min(map(_first_measurement, rows))
+        clock = common_clock(gathered, timed_rows, start, T, self.resample, first_measured)
         resampled = self.resample is not None
+        if not resampled and not gathered.stepped:
+            gathered.notices += note_on_shared_clock(gathered.runs, rows, clock)
         measurements, arrivals = measurement_array(gathered, rows, clock, resampled)
         # Step 4: add the scans of the start and the truth.
         runs = len(gathered.runs)

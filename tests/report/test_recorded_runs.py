@@ -1,0 +1,141 @@
+"""What the ranking, its sentences and the figure `track` say of one recording, and of several."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.colors import same_color
+
+from trackbench import api
+from trackbench.report.figures.track import Track
+from trackbench.report.findings.ranking_table import ranking_tables
+from trackbench.report.findings.sentences import answer
+from trackbench.report.plotting import style
+
+STEPS = 120
+FAST, SLOW = 0.08, 0.05
+CONFIG = """
+name: two
+seed: 1
+scenario:
+  kind: tracking
+  target: {kind: measured, measurements: m.csv, truth: truth.csv, RUNS}
+  sensor: {kind: position, sigma: 1}
+  start: {kind: one-scan, sigma_velocity: 10}
+  assume: {motion: {kind: cwna, q: 1}}
+GRID
+filters:
+  KF: {kind: kf}
+  Stiff: {kind: kf, assume: {motion: {kind: cwna, q: 1e-9}}}
+  Lost: {kind: prior-mean}
+tables:
+  errors: {kind: metrics, columns: {RMSE: rms(rmse_position), ANEES: anees}}
+figures:
+  track: {kind: track, filters: [Stiff, Lost]}
+"""
+
+
+def ran(
+    folder: Path, runs: str = "axes: 2", grid: str = "", truth_names: str = "px,py,vx,vy"
+) -> Any:
+    """Run the config on two circles of different speed; return its results."""
+    rng = np.random.default_rng(2)
+    lines, truth = ["run,time,x,y"], [f"run,time,{truth_names}"]
+    for name, turn in (("a", FAST), ("b", SLOW)):
+        for k in range(STEPS):
+            x, y = 100 * np.cos(turn * k), 100 * np.sin(turn * k)
+            dx, dy = rng.normal(size=2)
+            lines.append(f"{name},{k},{x + dx:.4f},{y + dy:.4f}")
+            truth.append(f"{name},{k},{x:.4f},{y:.4f},{-turn * y:.4f},{turn * x:.4f}")
+    (folder / "m.csv").write_text("\n".join(lines) + "\n")
+    (folder / "truth.csv").write_text("\n".join(truth) + "\n")
+    text = CONFIG.replace("RUNS", runs).replace("GRID", grid)
+    (folder / "two.yaml").write_text(text)
+    out = folder / "out"
+    return api.run(folder / "two.yaml", out=out, engine="serial", quiet=True, formats=()).results
+
+
+@pytest.fixture(scope="module")
+def one(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    return ran(tmp_path_factory.mktemp("one"), "runs: [b]")
+
+
+def test_a_diverged_run_is_named_where_no_run_is_lost(one: Any) -> None:
+    (table,) = ranking_tables(one)
+    assert not table.title.endswith("no lost runs")
+    (note,) = [note for note in table.notes if note.startswith("Diverged: ")]
+    assert "Stiff in 1 of 1 run" in note
+    assert "KF in" not in note
+
+
+def test_what_is_undecided_is_said_once_with_names_and_a_way(one: Any) -> None:
+    text = " ".join(answer(one))
+    assert text.count("Undecided between KF and Stiff and Lost: ") == 1
+    assert text.count("autocorrelation of neighboring steps may be 0.97 or more") == 1
+    assert "5 recordings may decide, or the log score: filters are ranked by" in text
+    (table,) = ranking_tables(one)
+    assert any(note.startswith("untested: ") for note in table.notes)
+
+
+def test_two_recordings_are_told_of_the_grid(tmp_path: Path) -> None:
+    results = ran(tmp_path)
+    (sentence,) = [line for line in answer(results) if "cannot decide" in line]
+    assert "`grid: {scenario.target.runs: [[NAME], [NAME]]}`" in sentence
+    # Runs of other paths are not drawn over the truth of the first one.
+    spec = results.parts("figures")["track"]
+    figure = spec.draw(results)
+    for ax in figure.axes:
+        tracks = [line for line in ax.lines if len(line.get_xdata()) > 10]
+        assert len(tracks) == 3  # measurements, truth and one estimate
+    assert spec.default_caption(results).startswith("The target in the plane in the first run,")
+    style.close(figure)
+
+
+def test_a_grid_names_its_errors_and_the_point_that_is_drawn(tmp_path: Path) -> None:
+    results = ran(tmp_path, grid="grid: {scenario.target.runs: [[b], [a]]}")
+    table, _ = ranking_tables(results, numbers=True)
+    assert table.heads[2] == "Position RMSE (m)"
+    low, high = (float(word) for word in table.rows[0][2].text.split(" to "))
+    assert 0.0 < low <= high < 3.0
+    spec = results.parts("figures")["track"]
+    figure = spec.draw(results)
+    assert "['b']" in figure.get_suptitle()
+    assert "['b']" in spec.default_caption(results)
+    # A panel for each filter that is named, and none for the best one.
+    assert [ax.get_title() for ax in figure.axes] == ["Stiff", "Lost"]
+    style.close(figure)
+
+
+def test_the_truth_lies_below_the_estimates_of_one_run(one: Any) -> None:
+    figure = Track(filters=("KF",)).draw(one)
+    (ax,) = figure.axes
+    lines = {line.get_label(): line for line in ax.lines if len(line.get_xdata()) > 10}
+    truth = lines["Truth"]
+    assert truth.get_marker() in ("", "None", None)
+    others = [line for label, line in lines.items() if str(label).startswith("_")]
+    assert all(truth.get_zorder() < line.get_zorder() for line in others)
+    assert not same_color(truth.get_color(), "black")
+    # The legend has the color of the filter.
+    labels = {line.get_label(): line for line in ax.lines}
+    assert same_color(labels["KF"].get_color(), others[0].get_color())
+    style.close(figure)
+
+
+def test_an_empty_anees_says_why(tmp_path: Path, one: Any) -> None:
+    assert not any("ANEES" in note for note in one.tables["errors"].notes)
+    results = ran(tmp_path, "runs: [b]", truth_names="px,py,speed_x,speed_y")
+    (note,) = [note for note in results.tables["errors"].notes if "ANEES" in note]
+    assert "is empty, as it needs a truth of the whole state" in note
+    assert "`score: {marginals: [position]}` adds anees_position" in note
+
+
+def test_a_held_out_score_names_its_key(tmp_path: Path) -> None:
+    from trackbench.errors import UserError
+
+    (tmp_path / "m.csv").write_text("time,x,y\n" + "".join(f"{k},{k},0\n" for k in range(9)))
+    text = CONFIG.replace(", truth: truth.csv, RUNS", "").replace("GRID\n", "")
+    text = text.replace("rms(rmse_position)", "mean(held_log_score)").partition("figures:")[0]
+    (tmp_path / "m.yaml").write_text(text)
+    with pytest.raises(UserError, match=r"no metric here; the key `hold_out` adds it"):
+        api.run(tmp_path / "m.yaml", quiet=True)

@@ -1,0 +1,233 @@
+"""`new experiment --from` reads units, columns and truths that a table leaves open right, or asks."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from trackbench.config.load import load
+from trackbench.errors import UserError
+from trackbench.scaffold import WrittenConfig, write_config_for
+
+pytestmark = pytest.mark.usefixtures("no_report")
+
+RNG = np.random.default_rng(4)
+T = np.arange(0.0, 120.0, 2.0)
+X = 2500.0 - 12.0 * T
+Y = 1500.0 + 9.0 * T
+RANGE = np.hypot(X, Y) + 5.0 * RNG.normal(size=len(T))
+NORTH = (np.degrees(np.arctan2(X, Y)) + 0.1 * RNG.normal(size=len(T))) % 360.0
+DATES = [f"2024-06-03T08:{int(t // 60):02}:{t % 60:06.3f}Z" for t in T]
+
+
+def table(path: Path, names: str, *columns: Any) -> Path:
+    rows = (",".join(map(str, row)) for row in zip(*columns, strict=True))
+    path.write_text("\n".join([names, *rows]) + "\n")
+    return path
+
+
+def written(
+    path: Path, *changes: str, truth: Path | None = None, name: str = "g"
+) -> tuple[WrittenConfig, Any]:
+    """Write a config for a table; return what was written, and the config's content."""
+    config = write_config_for(path, name, path.parent, changes, truth)
+    return config, yaml.safe_load(config.paths[0].read_text())
+
+
+def asked(path: Path, *changes: str, truth: Path | None = None) -> str:
+    """Return the question that a table raises; no config may be left."""
+    with pytest.raises(UserError) as error:
+        write_config_for(path, "g", path.parent, changes, truth)
+    assert not list(path.parent.glob("*.yaml"))
+    return str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "per_meter"),
+    [("rng_km", 1e-3), ("dist_ft", 1 / 0.3048), ("slant range [nmi]", 1 / 1852)],
+)
+@pytest.mark.parametrize("is_named", [False, True])
+def test_the_unit_in_a_name_is_read(
+    tmp_path: Path, name: str, per_meter: float, is_named: bool
+) -> None:
+    """Also if the user names the column, or its name is an abbreviation."""
+    path = table(tmp_path / "m.csv", f"when,{name},brg_deg", DATES, RANGE * per_meter, NORTH)
+    changes = ["columns.time=when", f"columns.range={name}"] if is_named else []
+    _, config = written(path, *changes)
+    (sensor,) = config["scenario"]["sensor"]
+    assert 2.0 <= sensor["sigma_range"] <= 10.0
+    assert config["scenario"]["target"]["clockwise"] == ["azimuth"]
+
+
+def test_units_that_no_recording_has_are_asked_for(tmp_path: Path) -> None:
+    path = table(tmp_path / "m.csv", "t,range_yd,az_deg", T, RANGE / 0.9144, NORTH)
+    assert "range_yd: the unit yd is unknown here: write the numbers in a known unit" in asked(path)
+    written(path, "units.range=ft")
+
+
+def test_a_range_without_a_unit_and_with_an_odd_speed_is_asked_about(tmp_path: Path) -> None:
+    path = table(tmp_path / "m.csv", "t,range,azimuth", T, RANGE / 1e3, NORTH)
+    message = asked(path)
+    # Times in ms would explain it, too.
+    assert "the units may be t in ms, with a usual speed of 15 m/s" in message
+    assert "range: no unit is named, and in m the usual speed would be 0.0" in message
+    assert "say --set units.range=km, or with another unit: mi, nmi, m" in message
+    config, content = written(path, "units.range=km")
+    assert content["scenario"]["target"]["units"]["range"] == "km"
+    assert config.units == ["read azimuth in deg (there are angles beyond 2 pi); another unit: --set "
+                            "units.NAME=UNIT"]  # fmt: skip
+
+
+def test_degrees_near_north_are_no_radians_without_a_question(tmp_path: Path) -> None:
+    away = 4000.0 + RNG.normal(size=len(T))
+    azimuth = 2.0 + 0.03 * T + 0.01 * RNG.normal(size=len(T))
+    path = table(tmp_path / "m.csv", "t,range_m,azimuth", T, away, azimuth)
+    message = asked(path)
+    assert "azimuth: no unit is named, and its numbers may be degrees or radians" in message
+    _, content = written(path, "units.azimuth=deg")
+    assert content["scenario"]["sensor"][0]["sigma_azimuth_mrad"] < 5.0
+
+
+def test_a_range_that_is_not_read_is_a_question(tmp_path: Path) -> None:
+    path = table(tmp_path / "m.csv", "t,brg_deg,d_km", T, NORTH, RANGE / 1e3)
+    message = asked(path)
+    assert "only brg_deg is recognized as measured; is d_km the range?" in message
+    _, content = written(path, "columns.range=d_km")
+    assert [s["kind"] for s in content["scenario"]["sensor"]] == ["range-azimuth"]
+    config, content = written(path, 'columns.range=""', name="bearings")
+    assert [s["kind"] for s in content["scenario"]["sensor"]] == ["bearing"]
+    assert config.unknown == ["the sensor", "the start"]
+
+
+def test_a_position_beside_a_radar_is_a_question(tmp_path: Path) -> None:
+    path = table(tmp_path / "m.csv", "t,x,y,range,az_deg", T, X, Y, RANGE, NORTH)
+    message = asked(path)
+    assert "the rows have range and az_deg, and also x and y: which ones were measured?" in message
+    _, content = written(path, "columns.range=range", "columns.azimuth=az_deg")
+    assert [s["kind"] for s in content["scenario"]["sensor"]] == ["range-azimuth"]
+    _, content = written(path, "columns.x=x", "columns.y=y", name="other")
+    assert [s["kind"] for s in content["scenario"]["sensor"]] == ["position"]
+
+
+@pytest.mark.parametrize("names", ["r_mm,theta", "dist_mm,angle"])
+def test_a_lidar_is_a_radar_in_millimeters(tmp_path: Path, names: str) -> None:
+    angle = np.arctan2(Y, X)
+    path = table(tmp_path / "m.csv", f"t,{names}", T, 100.0 * RANGE, angle)
+    _, content = written(path)
+    assert content["scenario"]["target"]["units"] == {"range": "mm", "azimuth": "rad"}
+
+
+def test_a_column_that_would_not_be_read_is_a_mistake(tmp_path: Path) -> None:
+    path = table(tmp_path / "m.csv", "t,x,y,h", T, X, Y, T)
+    message = asked(path, "columns.altitude=h")
+    assert "columns.altitude: the config would not read it" in message
+    assert "there is no columns.height; known: " in asked(path, "columns.height=h")
+
+
+LOG = [
+    "t,vel,yaw_rate,COLUMN,dist_m,brg_deg",
+    *(f"{0.1 * k:.1f},0.5,0.2,{('a1', 'b2')[k % 10 // 5]},{4 + 0.01 * k:.2f},{10 + k % 7}"
+      if k % 5 == 3 else f"{0.1 * k:.1f},0.5,0.2,,," for k in range(100)),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("column", ["tag", "tag_id", "id", "marker", "seen"])
+def test_words_that_stand_beside_measurements_name_landmarks(tmp_path: Path, column: str) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(LOG).replace("COLUMN", column) + "\n")
+    assert f"do the bearings of the landmarks ({column}) count from the robot's" in asked(path)
+    config, content = written(path, "columns.bearing=brg_deg")
+    assert content["scenario"]["target"]["columns"]["sensor"] == column
+    assert config.unknown == ["a1", "b2", "the start"]
+    text = config.paths[0].read_text()
+    assert "# write the pose at t = 0 s, m and rad" in text  # the first row has no measurement
+    assert "w: rad/s  # guess: nine of ten are below 0.2" in text
+    config.paths[0].unlink()
+    message = asked(path, f"columns.landmark={column}")
+    assert f"`--set 'columns.sensor={column}'`" in message
+    fast = "\n".join(LOG).replace("COLUMN", column).replace(",0.2,", ",12,")
+    path.write_text(fast + "\n")
+    message = asked(path, "columns.bearing=brg_deg")
+    assert "yaw_rate: no unit is named, and 12 rad/s is unusual for a robot" in message
+    assert "say --set units.w=deg/s or --set units.w=rad/s" in message
+
+
+def degrees() -> tuple[Any, Any]:
+    """Return latitude and longitude of the path, seen from 54.18 N 12.09 E."""
+    latitude = 54.18 + Y / 111300.0
+    return latitude, 12.09 + X / (111300.0 * np.cos(np.radians(54.18)))
+
+
+def test_a_truth_is_guessed_and_the_place_of_the_radar_asked_for(tmp_path: Path) -> None:
+    path = table(tmp_path / "m.csv", "when,rng_km,brg_deg", DATES, RANGE / 1e3, NORTH)
+    truth = table(tmp_path / "gps.csv", "time,lat,lon,vessel", DATES, *degrees(), ["a"] * len(T))
+    config, content = written(path, truth=truth)
+    assert config.unknown == ["the radar"]
+    target = content["scenario"]["target"]
+    assert target["truth"] == "gps.csv"
+    assert target["truth_gap"] == 3.0
+    assert target["origin"] == ["LATITUDE", "LONGITUDE"]
+    assert "hold_out" not in content
+    assert content["tables"]["errors"]["columns"]["ANEES"] == "anees_position"
+    file = config.paths[0]
+    file.write_text(file.read_text().replace("LATITUDE, LONGITUDE", "54.18, 12.09"))
+    scenario: Any = load(file).points[0].scenario
+    assert not any("beyond" in note for note in scenario.cautions)
+
+
+def test_a_truth_of_another_time_is_a_mistake_that_names_both(tmp_path: Path) -> None:
+    path = table(tmp_path / "m.csv", "t,x,y", T, X, Y)
+    truth = table(tmp_path / "gps.csv", "t,px,py", T + 1e4, X, Y)
+    message = asked(path, truth=truth)
+    assert "has no truth at any step: its rows are from 10000 to 10118 s of" in message
+    assert "the steps from 0 to 118 s" in message
+    other = table(tmp_path / "other.csv", "t,range,azimuth_deg", T, RANGE, NORTH)
+    assert "a truth has positions, x and y or latitude and longitude" in asked(path, truth=other)
+    assert "there is no truth; name it, --truth FILE" in asked(path, "truth_naming.columns.x=x")
+    assert "--truth FILE" in asked(path, "truth=gps.csv")
+
+
+def test_questions_on_a_truth_are_answered_by_keys_of_the_truth(tmp_path: Path) -> None:
+    path = table(tmp_path / "m.csv", "t,x,y", T, X, Y)
+    truth = table(tmp_path / "gps.csv", "t,a,b", T, X, Y)
+    message = asked(path, truth=truth)
+    assert "--set 'truth_naming.columns.x=t' --set 'truth_naming.columns.y=b'" in message
+    changes = ["truth_naming.columns.x=a", "truth_naming.columns.y=b"]
+    _, content = written(path, *changes, truth=truth)
+    assert content["scenario"]["target"]["truth_naming"] == {
+        "columns": {"time": "t", "x": "a", "y": "b"}
+    }
+
+
+def test_outliers_add_a_filter_with_a_gate(tmp_path: Path) -> None:
+    north = NORTH.copy()
+    north[[10, 30, 45]] += 20.0
+    path = table(tmp_path / "m.csv", "t,range_m,az_deg", T, RANGE, north)
+    config, content = written(path)
+    assert content["filters"]["EKF with gate"] == {"kind": "ekf", "gate": 0.999}
+    assert "some 5 % of the rows are far from the line" in config.paths[0].read_text()
+    path = table(tmp_path / "n.csv", "t,range_m,az_deg", T, RANGE, NORTH)
+    _, content = written(path, name="plain")
+    assert "EKF with gate" not in content["filters"]
+
+
+def test_several_runs_are_a_grid_in_a_comment_and_share_a_clock_with_a_note(tmp_path: Path) -> None:
+    runs = ["a", "b"] * (len(T) // 2)
+    x = np.where(np.array(runs) == "a", X, 9e3 - X)
+    path = table(tmp_path / "m.csv", "t,boat,x,y", T, runs, x, Y)
+    config, _ = written(path)
+    file = config.paths[0]
+    text = file.read_text()
+    assert "\n# grid: {scenario.target.runs: [[a], [b]]}  # all runs, each" in text
+    (line,) = [line for line in text.splitlines() if line.startswith("    runs: ")]
+    file.write_text(text.replace(line + "\n", ""))
+    scenario: Any = load(file).points[0].scenario
+    # The starts are shifted onto each other: of alternate rows all times but those are shared.
+    assert not any("share" in note for note in scenario.cautions)
+    late = T + np.where(np.array(runs) == "a", 0.0, 0.7) * (T > 10.0)
+    table(path, "t,boat,x,y", late, runs, x, Y)
+    (note,) = [note for note in load(file).points[0].scenario.cautions if "share" in note]
+    assert "each run is also judged at the times of the others" in note
+    assert "(numbers of the runs: 0 is a, 1 is b)" in note

@@ -1,0 +1,87 @@
+"""Guess of the columns of a truth, which is a table of its own beside that of the measurements."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from trackbench.field_types import DataError, Place
+from trackbench.scenarios.recordings.column_mapping import GEODETIC, UNITS, Naming
+from trackbench.scenarios.recordings.column_names import heading_of
+from trackbench.scenarios.recordings.csv_tables import first_rows, number, parse_cells
+from trackbench.scenarios.recordings.guess_format import Guess, recognized
+
+_MOST_INTERVALS = 1.5
+"""usual intervals between two rows within which the truth is a straight line"""
+_SAMPLE = 10_000  # rows
+
+
+@dataclass(frozen=True)
+class TruthGuess:
+    """Guess at a table with the true path."""
+
+    path: str
+    naming: Naming
+    why: dict[str, str]
+    gap: float
+    """longest time between two rows within which the truth is interpolated, s, or steps"""
+    is_geodetic: bool
+    """True if positions are latitudes and longitudes"""
+    has_velocity: bool
+    origin: tuple[float, ...]
+    """latitude and longitude of its first position, deg; empty without one"""
+
+
+def recognized_truth(path: str, guess: Guess, given: Naming | None = None) -> TruthGuess:
+    """Guess the columns of a truth of the measurements in ``guess``; ``given`` keys are not guessed.
+
+    Raises DataError if the table has no time or no positions.
+    """
+    found = recognized(path, given)
+    if [sensor.quantities for sensor in found.sensors] != [("x", "y")]:
+        measured = ", ".join(dict.fromkeys(sensor.kind for sensor in found.sensors))
+        what = f"a truth has positions, x and y or latitude and longitude, and this file {measured}"
+        way = "say which columns these are, --set 'truth_naming.columns.x=NAME'"
+        raise DataError(Place(path, 1, 1, f"{what}: {way} --set 'truth_naming.columns.y=NAME'"))
+    columns = dict(found.naming.columns)
+    units = dict(found.naming.units)
+    why = dict(found.why)
+    is_geodetic = not {"x", "y"} <= columns.keys()
+    kept = {"time", "date", "step", "week", "subsecond", "run", "north_south", "east_west"}
+    kept |= {*GEODETIC[:2]} if is_geodetic else {"x", "y"}
+    has_velocity = found.moves and not guess.inputs
+    if has_velocity:
+        kept |= {"vx", "vy", "speed", "course"}
+    heading = heading_of(found.names)
+    if guess.inputs:  # whose state is px, py and heading
+        columns = {{"x": "px", "y": "py"}.get(name, name): c for name, c in columns.items()}
+        units = {{"x": "px", "y": "py"}.get(name, name): unit for name, unit in units.items()}
+        kept |= {"px", "py"}
+    columns = {name: column for name, column in columns.items() if name in kept}
+    units = {name: unit for name, unit in units.items() if name in kept}
+    if guess.inputs and heading is not None:
+        columns["heading"] = heading.column
+        units["heading"] = heading.unit or _unit_of_heading(path, found, heading.column)
+        why["heading"] = "guess, anticlockwise from x"
+    # A truth of one run is that of every run, whatever its name.
+    if len(found.runs) == 1:
+        columns.pop("run", None)
+        if "run" in found.names:
+            columns["run"] = ""
+    return TruthGuess(
+        path=path,
+        naming=replace(found.naming, columns=columns, units=units, clockwise=()),
+        why=why,
+        gap=float(f"{_MOST_INTERVALS * found.interval:.3g}"),
+        is_geodetic=is_geodetic,
+        has_velocity=has_velocity,
+        origin=found.origin,
+    )
+
+
+def _unit_of_heading(path: str, found: Guess, column: str) -> str:
+    """Return the unit of headings, degrees if one of them is beyond a turn in radians."""
+    place = found.names.index(column)
+    cells = [row[place] for row in first_rows(path, found.naming.format, _SAMPLE)]
+    values, _ = parse_cells(number, [cell.replace(",", ".") for cell in cells])
+    is_wide = float(np.nanmax(np.abs(values), initial=0.0)) * UNITS["rad"] > 2.0 * np.pi
+    return "deg" if is_wide else "rad"
