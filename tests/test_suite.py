@@ -6,6 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from math import exp, log
 from pathlib import Path
 
@@ -29,9 +30,10 @@ from trackbench.report.suite.scores import (
     nearest_filter,
     profile,
     ratio_matrix,
+    typical_ratio_where_run,
     typical_ratios,
 )
-from trackbench.report.suite.tables import fails
+from trackbench.report.suite.tables import fails, filter_table, roster_table
 
 SUITE = """\
 name: small
@@ -150,13 +152,103 @@ def test_a_filter_in_c_is_the_shipped_one_where_it_fits(tmp_path: Path) -> None:
     assert report.failed == []
     score = of(report, "ungm", "mine")
     assert score.is_left_out
-    assert score.reason == "this filter needs a linear, constant model"
+    assert "this filter needs a linear, constant model" in score.reason
     likeness = nearest_filter(report.groups[0], "mine")
     assert likeness is not None
     assert likeness.label == "EKF"
     assert list(likeness.differences) == ["linear", "position"]
     assert max(likeness.differences.values()) < 1e-9
     assert any("It is the EKF: the errors" in line for line in report.sentences())
+
+
+OWN = """\
+name: own
+runs: 2
+groups:
+  known:
+    title: Known
+    filters: {EKF: {kind: ekf}, CKF: {kind: ckf}}
+    problems:
+      ungm: {class: a, score: rms(rmse), set: {scenario.last: 20}}
+      turns: {class: b, use: coordinated-turn, score: rms(rmse_position)}
+  late:
+    title: Late
+    filters: {EKF: {kind: ekf, late: drop}, CKF: {kind: ckf, late: drop}}
+    problems:
+      late-turns:
+        {class: c, use: coordinated-turn, score: rms(rmse_position), set: {scenario.sensor.delay: 2}}
+"""
+
+
+@pytest.fixture(scope="module")
+def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder with a suite, and a program of fixed gain that measures positions."""
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if compiler is None:
+        pytest.skip("no C compiler")
+    folder = tmp_path_factory.mktemp("own")
+    source = Path(__file__).parent / "programs" / "fixed_gain.c"
+    warn = ["-Wall", "-Wextra", "-Werror"]
+    program = folder / "mine"
+    subprocess.run([compiler, "-O2", *warn, source, "-o", program, "-lm"], check=True)
+    (folder / "own.yaml").write_text(OWN)
+    return folder
+
+
+def test_a_program_is_asked_before_anything_runs(own: Path) -> None:
+    done = trackbench("suite", "own.yaml", "--filter", "./mine", "--dry-run", cwd=own)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert lines[0] == "mine runs on 1 of 3 problems"
+    assert lines[1].startswith("2 problems on which no filter of yours runs are not computed")
+    refusal = "needs the state px py vx vy (state: x; measurement: y)"
+    assert lines[2] == f"mine is left out of ungm: the program refuses this problem: {refusal}"
+    assert lines[3].endswith("write --set filters.mine.late=drop")
+    assert [line.partition(":")[0] for line in lines[4:]] == ["turns"]
+    done = trackbench("run", "ungm", "--filter", "./mine", cwd=own)
+    assert done.returncode == 2
+    assert refusal in done.stderr
+    assert not (own / "results").exists()
+
+
+def test_problems_without_the_users_filter_are_not_computed(own: Path) -> None:
+    options = Options(
+        quiet=True, engine="serial", formats=("svg",), times=False, filters=[own / "mine"],
+        out=own / "out",
+    )  # fmt: skip
+    report = run_suite(own / "own.yaml", options)
+    assert report is not None
+    assert {path.name for path in (own / "out").iterdir() if path.is_dir()} == {"figures", "turns"}
+    known, late = report.groups
+    assert known.problems == ["turns"]
+    assert [score.problem for score in known.not_computed] == ["ungm"]
+    assert late.scores == []
+    with (own / "out" / "scores.csv").open() as file:
+        reasons = {row["problem"]: row["reason"] for row in csv.DictReader(file)}
+    assert "the program refuses" in reasons["ungm"]
+    assert "arrive late" in reasons["late-turns"]
+    sentences = report.sentences()
+    assert any("mine ran on 1 of 2 problems" in line for line in sentences)
+    assert any("--language c" in line for line in sentences)
+    assert not any("--per-run" in line for line in sentences)
+    # A problem that is chosen is computed, also without the user's filter.
+    part = run_suite(own / "own.yaml", replace(options, out=own / "part"), ["ungm", "turns"])
+    assert part is not None
+    assert part.groups[0].problems == ["ungm", "turns"]
+    rows = {row[0].text: row for row in part.tables()[0].rows}
+    assert rows["ungm"][3].text == "–"
+
+
+def test_keys_of_the_users_filter_are_set_where_they_have_an_effect(own: Path) -> None:
+    words = ("suite", "own.yaml", "--filter", "./mine", "--dry-run")
+    done = trackbench(*words, "--set", "filters.mine.late=drop", cwd=own)
+    assert "mine runs on 2 of 3 problems" in done.stdout
+    done = trackbench(*words, "--set", "filters.mine.late=drop", "--problem", "turns", cwd=own)
+    assert done.returncode == 2
+    assert "filters.mine.late: has no effect on any problem" in done.stderr
+    done = trackbench(*words, "--set", "filters.min.late=drop", cwd=own)
+    assert done.returncode == 2
+    assert "no filter of --filter is called 'min'" in done.stderr
 
 
 def test_a_filter_that_does_not_fit_has_the_reason_of_check(small: SuiteReport) -> None:
@@ -321,6 +413,24 @@ def test_typical_ratios_and_profiles_by_hand() -> None:
     areas = profile(ratios, factors)[:, :-1].mean(axis=1)
     for label, area in zip(labels, areas, strict=True):
         assert exp((1.0 - area) * log(WORST)) == pytest.approx(typical[label], rel=1e-3)
+
+
+def test_words_of_the_users_table_are_explained() -> None:
+    words = {"word": "untested", "consistency": "undecided", "anees": 16.74, "anees_stderr": 3.4}
+    scores = [score("p", "x", "A", 1.2, **words), score("q", "x", "A", 1.0, reason="does not fit")]
+    table = filter_table([SuiteScores(group="g", title="G", scores=scores, runs={})], "A")
+    assert [cell.text for cell in table.rows[0][3:]] == ["0", "16.7 ± 3.4", "undecided"]
+    assert [cell.text for cell in table.rows[1][3:]] == ["–", "–", "–"]
+    assert [note.partition(":")[0] for note in table.notes] == ["untested", "ANEES", "undecided"]
+
+
+def test_the_typical_ratio_where_a_filter_ran_by_hand() -> None:
+    group = by_hand({"A": (1.0, 1.0, 30.0), "C": (1.5, np.nan, 6.0)}, ("x", "x", "y"))
+    assert typical_ratio_where_run(group, "C") == pytest.approx(3.0)
+    assert typical_ratio_where_run(group, "A") == pytest.approx(10.0 ** (1 / 3))
+    table = roster_table(group)
+    assert table.heads[1:3] == ["Typical ratio", "Where it ran"]
+    assert [row[2].text for row in table.rows] == ["2.15", "3.00"]
 
 
 def test_a_leader_that_depends_on_a_class_is_said() -> None:

@@ -107,6 +107,70 @@ def test_it_passes_the_contract(compiled: Path) -> None:
     assert {f.verdict for f in by_kind["0"]} == {"good", "left out"}
 
 
+FIXED_GAIN = """name: steady
+scenario:
+  kind: tracking
+  last: 60
+  target: {kind: driven, motion: {kind: cwna, q: 0.2}, launch: {x: 100, vx: 3, vy: -2}}
+  sensor: {kind: position, sigma: 1.5}
+  start: two-scan
+  score: {steps: [SCORED, null]}
+filters:
+  KF: {kind: kf}
+"""
+
+
+@pytest.fixture(scope="module")
+def fixed_gain(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A program of constant gain, that of the Kalman filter of `FIXED_GAIN` after many steps."""
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if compiler is None:
+        pytest.skip("no C compiler is here")
+    folder = tmp_path_factory.mktemp("fixed-gain")
+    (folder / "steady.yaml").write_text(FIXED_GAIN.replace("SCORED", "30"))
+    # Step 1: the covariance of position and velocity after many steps, and the gain.
+    F = np.array([[1.0, 1.0], [0.0, 1.0]])
+    Q = 0.2 * np.array([[1 / 3, 1 / 2], [1 / 2, 1.0]])
+    R = 1.5**2
+    P = np.eye(2)
+    for _ in range(200):
+        predicted = F @ P @ F.T + Q
+        gain = predicted[:, 0] / (predicted[0, 0] + R)
+        P = predicted - np.outer(gain, predicted[0])
+    # Step 2: the program with these constants.
+    constants = {
+        "0.5 * innovation": f"{gain[0]:.17g} * innovation",
+        "0.2 * innovation": f"{gain[1]:.17g} * innovation",
+        "{{12.5, 5}, {5, 5}}": f"{{{{{P[0, 0]}, {P[0, 1]}}}, {{{P[0, 1]}, {P[1, 1]}}}}}",
+    }
+    source = (SOURCE.parent / "fixed_gain.c").read_text()
+    for constant, value in constants.items():
+        assert constant in source
+        source = source.replace(constant, value)
+    (folder / "mine.c").write_text(source)
+    command = [compiler, "-O1", "-Wall", "-Werror", "mine.c", "-o", "mine", "-lm"]
+    subprocess.run(command, cwd=folder, check=True)
+    return folder
+
+
+def test_a_constant_covariance_passes_the_contract(fixed_gain: Path) -> None:
+    (findings,) = check_file(fixed_gain / "mine").values()
+    assert [str(finding) for finding in findings if finding.verdict == "bad"] == []
+    assert ("predicts over a missing measurement", "good") in {f[:2] for f in findings}
+
+
+def test_the_contract_scores_the_steps_that_the_config_scores(fixed_gain: Path) -> None:
+    (findings,) = check_file(fixed_gain / "mine", fixed_gain / "steady.yaml").values()
+    assert [str(finding) for finding in findings if finding.verdict == "bad"] == []
+    assert findings[-1][1] == "good"
+    (fixed_gain / "whole.yaml").write_text(FIXED_GAIN.replace("SCORED", "1"))
+    (findings,) = check_file(fixed_gain / "mine", fixed_gain / "whole.yaml").values()
+    assert findings[-1].verdict == "bad"
+    assert "of its standard deviations" in findings[-1].why
+    assert "times that of the reference" in findings[-1].why
+    assert "the covariance is constant: is the start scored" in findings[-1].why
+
+
 @pytest.mark.parametrize("fault", FAULTS)
 def test_planted_faults_are_found(compiled: Path, fault: str) -> None:
     path = compiled / str([*FAULTS].index(fault) + 1)

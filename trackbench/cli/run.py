@@ -167,7 +167,7 @@ def execute_suite(file: Path, problems: list[str], given: dict[str, Any]) -> Non
         return
     if given["json"]:
         for group in report.groups:
-            for score in group.scores:
+            for score in [*group.scores, *group.not_computed]:
                 echo_line(asdict(score))
     else:
         from trackbench.cli.screen import print_lines, print_tables

@@ -23,9 +23,8 @@ from trackbench.commands.stored_results import Report
 from trackbench.config.shipped_experiments import suite_names, suite_times
 from trackbench.config.suite import Suite, load_suite
 from trackbench.durations import expected_time_in_words
-from trackbench.errors import Mark, Problem, UserError
+from trackbench.errors import Mark, Problem, UserError, counted
 from trackbench.execution.engines import begin
-from trackbench.filters.program import REFUSAL
 from trackbench.report import DRAWER
 from trackbench.report.html.suite_page import write_suite_page
 from trackbench.report.plotting import style
@@ -35,10 +34,12 @@ from trackbench.report.suite.scores import (
     ProblemRuns,
     Score,
     SuiteScores,
+    left_out_scores,
     score_problem,
     write_scores,
 )
 from trackbench.report.suite.tables import (
+    few_problems_sentence,
     filter_sentences,
     filter_table,
     leader_sentence,
@@ -74,9 +75,12 @@ class SuiteReport:
         lines = []
         for group in self.groups:
             for label in self.suite.added:
-                if label in group.labels(FILTER):
-                    lines.append(" ".join(filter_sentences(group, label)))
+                lines.append(" ".join(filter_sentences(group, label)))
             lines.append(leader_sentence(group))
+        lines += [
+            few_problems_sentence(self.groups, label, label in self.suite.programs)
+            for label in self.suite.added
+        ]
         return [line for line in lines if line]
 
     def smoothers(self) -> list[TextTable]:
@@ -143,7 +147,7 @@ def preview_suite(file: Path, options: Options, problems: Sequence[str] = ()) ->
         lines.append(f"{job.line}; {time}")
     if all_seconds:
         lines.append(f"in all about {expected_time_in_words(all_seconds)} on {workers} workers")
-    return [*lines, *_left_out_lines(_misfits(suite))]
+    return [*_left_out_lines(suite), *lines]
 
 
 @with_known_keywords(*OPTION_NAMES)
@@ -176,7 +180,7 @@ def run_suite(
     if suite.too_long:
         names = ", ".join(suite.too_long)
         say(f"note: --quick leaves out {names}, which takes long; --problem NAME runs it", options)
-    for line in _left_out_notes(_misfits(suite)):
+    for line in _left_out_notes(suite):
         say(f"note: {line}", options)
     scores: dict[str, list[Score]] = {name: [] for name in suite.settings.groups}
     runs: dict[str, dict[str, ProblemRuns]] = {name: {} for name in suite.settings.groups}
@@ -192,6 +196,9 @@ def run_suite(
             runs[problem.group][problem.name] = problem_runs
     if options.shard:
         return None
+    not_computed: dict[str, list[Score]] = {name: [] for name in suite.settings.groups}
+    for problem in suite.without_added:
+        not_computed[problem.group] += left_out_scores(problem, suite.added)
     groups = [
         SuiteScores(
             group=name,
@@ -199,13 +206,12 @@ def run_suite(
             scores=scores[name],
             runs=runs[name],
             is_tuned=bool(group.tune),
+            added=suite.added,
+            not_computed=tuple(not_computed[name]),
         )
         for name, group in suite.settings.groups.items()
-        if scores[name]
+        if scores[name] or not_computed[name]
     ]
-    refusals = _refusals(suite, groups)
-    for line in _left_out_notes(refusals):
-        say(f"note: {line}", options)
     result = SuiteReport(suite=suite, folder=folder, groups=groups, failed=failed)
     ensure_folder(folder)
     write_scores(folder, groups)
@@ -219,7 +225,7 @@ def run_suite(
         tables=result.tables(),
         smoothers=result.smoothers(),
         figures=figures,
-        left_out=[*_left_out_lines([*_misfits(suite), *refusals])],
+        left_out=_left_out_lines(suite),
     )
     return result
 
@@ -254,26 +260,47 @@ class _LeftOut(NamedTuple):
 
 
 def _misfits(suite: Suite) -> list[_LeftOut]:
-    """List the filters that are left out of a problem as its scenario does not fit them."""
-    misfits = []
-    for problem in suite.problems:
+    """List the filters that are left out of a problem, the user's own first.
+
+    The scenario of the problem does not fit them, or a program refuses it. Filters of the roster are
+    listed for the problems that are computed.
+    """
+    misfits_of_added = []
+    misfits_of_roster = []
+    not_computed = {problem.name for problem in suite.without_added}
+    for problem in [*suite.problems, *suite.without_added]:
         for label, why in problem.left_out.items():
-            misfits.append(_LeftOut(label, problem.name, why))
-    return misfits
+            left = _LeftOut(label, problem.name, why)
+            if label in suite.added:
+                misfits_of_added.append(left)
+            elif problem.name not in not_computed:
+                misfits_of_roster.append(left)
+    return misfits_of_added + misfits_of_roster
 
 
-def _refusals(suite: Suite, groups: Sequence[SuiteScores]) -> list[_LeftOut]:
-    """List the user's programs that refused a problem when they were started."""
-    known = {(left.label, left.problem) for left in _misfits(suite)}
-    refusals = []
-    for group in groups:
-        for score in group.of_role(FILTER):
-            if score.is_left_out and (score.label, score.problem) not in known:
-                refusals.append(_LeftOut(score.label, score.problem, score.reason))
-    return refusals
+def _left_out_lines(suite: Suite) -> list[str]:
+    """Return a line for each filter and reason why it is left out of problems.
+
+    Lines on the problems that are not computed, and that the user's own filters run on, come first.
+    """
+    return [*_own_filter_lines(suite), *_reason_lines(_misfits(suite))]
 
 
-def _left_out_lines(misfits: Sequence[_LeftOut]) -> Iterator[str]:
+def _own_filter_lines(suite: Suite) -> Iterator[str]:
+    """Yield how many problems each of the user's own filters runs on, and what is not computed."""
+    problems = [*suite.problems, *suite.without_added]
+    for label in suite.added:
+        number = sum(label not in problem.left_out for problem in problems)
+        if number < len(problems):
+            yield f"{label} runs on {number} of {len(problems)} problems"
+    if suite.without_added:
+        yield (
+            f"{counted(len(suite.without_added), 'problem')} on which no filter of yours runs are not "
+            "computed; `--problem NAME` computes one"
+        )
+
+
+def _reason_lines(misfits: Sequence[_LeftOut]) -> Iterator[str]:
     """Yield a line for each filter and reason why it is left out of problems."""
     problems: dict[tuple[str, str], list[str]] = {}
     for left in misfits:
@@ -286,11 +313,13 @@ _MOST_REASONS = 3
 """Number of reasons that are printed for one filter; if it has more, an example is printed."""
 
 
-def _left_out_notes(misfits: Sequence[_LeftOut]) -> Iterator[str]:
+def _left_out_notes(suite: Suite) -> Iterator[str]:
     """Yield `_left_out_lines` for the screen: one line for a filter that has many reasons."""
+    yield from _own_filter_lines(suite)
+    misfits = _misfits(suite)
     for label in dict.fromkeys(left.label for left in misfits):
         filter_misfits = [left for left in misfits if left.label == label]
-        lines = [*_left_out_lines(filter_misfits)]
+        lines = [*_reason_lines(filter_misfits)]
         if len(lines) <= _MOST_REASONS:
             yield from lines
         else:
@@ -309,6 +338,6 @@ def _failures(suite: Suite, name: str, report: Report) -> list[str]:
     lines = list(report.results.unmade_lines)
     for line in report.failed_filters:
         is_added = any(line.startswith(f"{label} ") for label in suite.added)
-        if is_added and REFUSAL not in line:
+        if is_added:
             lines.append(line)
     return [f"{name}: {line}" for line in lines]

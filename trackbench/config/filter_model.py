@@ -56,7 +56,11 @@ def check_late(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenari
     try:
         late = scenario.late
     except InvalidKeyError as error:
-        source.add_problem(keys, str(error))
+        what = str(error)
+        is_added = not source.mark(keys).line
+        if is_added:  # the entry of a filter of --filter stands in no file
+            what += f"; write --set {dotted(keys)}.late=drop"
+        source.add_problem(keys, what)
         return
     if late is not None and late.kind == "refilter" and tracker.smooths:
         what = "a smoother goes back through all states at the end; take `drop` or `apply`"

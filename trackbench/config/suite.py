@@ -112,9 +112,11 @@ class FittedProblem:
     config: Assembled
     experiment: Experiment
     left_out: dict[str, str]
-    """filters that the scenario does not fit, with the reasons"""
+    """filters that the scenario does not fit, or that refuse it, with the reasons"""
     tuned: tuple[str, ...]
     """filters of the roster that are shown by their tuned copies"""
+    idle: tuple[str, ...] = ()
+    """keys of the user's own filters, as `filters.LABEL.KEY`, that have no effect on this problem"""
 
 
 @dataclass(frozen=True)
@@ -125,12 +127,16 @@ class Suite:
     problems: list[FittedProblem]
     added: tuple[str, ...]
     """labels of the user's own filters"""
+    programs: tuple[str, ...]
+    """labels of those that are programs"""
     file: str
     """path as the user gave it"""
     is_part: bool = False
     """True if problems are left out by the user"""
     too_long: tuple[str, ...] = ()
     """problems that `--quick` leaves out"""
+    without_added: tuple[FittedProblem, ...] = ()
+    """problems that none of the user's own filters fits; they are not run, as nobody chose them"""
 
 
 def load_suite(
@@ -149,7 +155,8 @@ def load_suite(
     Parameters
     ----------
     file : path of a suite file, or name of a shipped suite
-    overrides : assignments ``PATH=VALUE`` of keys of the suite
+    overrides : assignments ``PATH=VALUE`` of keys of the suite; ``filters.LABEL.KEY=VALUE`` is a key of
+        one of the user's own filters
     only : labels of the filters to run; default: all
     chosen_problems : names of the problems to run; default: all
     filter_files : files or programs with the user's own filters, which join every roster
@@ -163,7 +170,10 @@ def load_suite(
     source = read(path)
     if not isinstance(source.data, dict):
         raise UserError(source.problem((), "a suite is a mapping of keys to values"))
+    filter_overrides = [text for text in overrides if text.startswith("filters.")]
     for text in overrides:
+        if text in filter_overrides:
+            continue  # the user's own filters join each problem below
         keys, value, mark = assignment(source, text)
         override(source, keys, value, mark)
     if runs is not None:
@@ -187,6 +197,7 @@ def load_suite(
         home=path.parent,
         settings=settings,
         filter_files=tuple(filter_files),
+        filter_overrides=tuple(filter_overrides),
         quick=quick,
         runs=runs,
     )
@@ -215,15 +226,23 @@ def load_suite(
     if not problems and not fitted:
         why = [f"{label} fits no problem: {reason}" for label, reason in reasons.items()]
         problems += why or [f"{file}: no problem has these filters; leave out --only or --problem"]
+    problems += _idle_overrides(filter_overrides, fitted)
     if problems:
         raise UserError(*dict.fromkeys(problems))
+    computed = fitted
+    without_added = []
+    if added and not chosen_problems:
+        computed = [problem for problem in fitted if added.keys() - problem.left_out.keys()]
+        without_added = [problem for problem in fitted if added.keys() <= problem.left_out.keys()]
     return Suite(
         settings=settings,
-        problems=fitted,
+        problems=computed,
         added=tuple(added),
+        programs=tuple(file.stem for file in filter_files if file.suffix != ".py"),
         file=str(file),
         is_part=bool(chosen_problems),
         too_long=tuple(too_long),
+        without_added=tuple(without_added),
     )
 
 
@@ -292,6 +311,8 @@ class _Assembler:
     """folder of the suite's file"""
     settings: SuiteSettings
     filter_files: tuple[Path, ...]
+    filter_overrides: tuple[str, ...]
+    """assignments of keys of the user's own filters"""
     quick: bool
     runs: int | None
     """number of runs that the user asks for"""
@@ -313,6 +334,15 @@ class _Assembler:
         self._put_tuning(data, group, problem, mark)
         source = Source(data, mark)
         added = add_filters(source, self.filter_files)
+        for text in self.filter_overrides:
+            filter_keys, value, mark = assignment(source, text)
+            if filter_keys[1] not in added:
+                what = (
+                    f"no filter of --filter is called {filter_keys[1]!r}; the rosters are "
+                    "`groups.GROUP.filters`"
+                )
+                raise UserError(Problem(mark, dotted(filter_keys), what))
+            override(source, filter_keys, value, mark)
         config = Assembled(source=source, allowed=self.filter_files)
         return _AssembledProblem(
             name=name, group=group_name, settings=problem, config=config, added=added
@@ -453,10 +483,17 @@ def _fit_roster(
                 _remove_filter(source, label)
     # Each round removes the filters of which validation complains, until none is left or all fit.
     left_out: dict[str, str] = {}
+    idle: list[str] = []
     while source.data["filters"].keys() - {reference}:
         try:
             experiment = configurations.load(assembled.config, allow_plugins=allow_plugins)
         except UserError as error:
+            idle_keys = _idle_keys(assembled, error)
+            if idle_keys:
+                for keys in idle_keys:
+                    _remove_key(source, keys)
+                idle += map(dotted, idle_keys)
+                continue
             reasons = _misfits(source, error)
             if not reasons:
                 raise
@@ -472,9 +509,49 @@ def _fit_roster(
             experiment=experiment,
             left_out=left_out,
             tuned=tuple(source.data.get("tune") or ()),
+            idle=tuple(idle),
         )
         return fitted, left_out
     return None, left_out
+
+
+def _idle_keys(assembled: _AssembledProblem, error: UserError) -> list[Keys]:
+    """Return the keys that `--set` gives the user's own filters, and that have no effect here.
+
+    `late` has none where all measurements arrive on time.
+    """
+    idle_keys = []
+    for problem in error.problems:
+        if isinstance(problem, Problem) and problem.what.startswith("has no effect"):
+            keys = split_path(assembled.config.source, problem.path)
+            is_added = len(keys) > 2 and keys[:1] == ("filters",) and keys[1] in assembled.added
+            if is_added and problem.mark.file.startswith("--set "):
+                idle_keys.append(keys)
+    return idle_keys
+
+
+def _remove_key(source: Source, keys: Keys) -> None:
+    """Remove a key that exists from the config."""
+    owner = source.at(keys[:-1])
+    assert isinstance(owner, dict)
+    del owner[keys[-1]]
+
+
+def _idle_overrides(overrides: Sequence[str], fitted: Sequence[FittedProblem]) -> list[Problem]:
+    """Return a mistake for each key of the user's own filters that has no effect on any problem."""
+    problems = []
+    for text in overrides:
+        path = text.partition("=")[0]
+        run = [problem for problem in fitted if not _leaves_out_owner(problem, path)]
+        if run and all(path in problem.idle for problem in run):
+            what = "has no effect on any problem of the suite; leave it out"
+            problems.append(Problem(Mark(f"--set {text}"), path, what))
+    return problems
+
+
+def _leaves_out_owner(problem: FittedProblem, path: str) -> bool:
+    """Test whether the filter that the key at ``path`` belongs to is left out of a problem."""
+    return any(path.startswith(f"filters.{label}.") for label in problem.left_out)
 
 
 def _misfits(source: Source, error: UserError) -> dict[str, str]:

@@ -18,6 +18,7 @@ from trackbench.contract.problems import (
     Estimates,
     ModelDraws,
     at_unequal_intervals,
+    has_constant_covariance,
     new_rng,
     planar,
     radar,
@@ -264,9 +265,16 @@ def _check_gaps(tracker: AnyFilter, scenario: Scenario) -> None:
         if np.array_equal(missing.mean, replaced.mean) and not has_gate:
             symbol = "NaN" if tracker.runs_program else "NaN, or None per run"
             raise ContractError(f"a missing measurement ({symbol}) is taken as {name}")
-    if np.allclose(missing.cov, measured.cov, rtol=1e-9, atol=0.0):
+    if not np.allclose(missing.cov, measured.cov, rtol=1e-9, atol=0.0):
+        return
+    if not has_constant_covariance(run_filter(tracker, scenario, data)):
         what = "the covariance is the same with and without a measurement"
-        raise ContractError(f"{what}: does the update reduce it?")
+        what += ": does the update reduce it?"
+        if tracker.runs_program:
+            what += (
+                " A program of constant gain answers one covariance to all lines, or the mean alone"
+            )
+        raise ContractError(what)
 
 
 def _check_interval(tracker: AnyFilter, scenario: Scenario) -> None:
@@ -296,6 +304,8 @@ def _check_unequal_intervals(tracker: AnyFilter, scenario: ModelDraws) -> None:
     two_runs = run_filter(tracker, other, simulate(other, 2))
     if "mode" in two_runs.series:
         raise LeftOutError("has several motions: it reports the diagnostic `mode`")
+    if has_constant_covariance(two_runs):
+        raise LeftOutError("the covariance is constant: its gain is that of one interval")
     # Step 1: its errors, in comparison with reference filters.
     precise_tracker = _with_many_particles(tracker)
     runs = _runs_for(tracker)

@@ -8,6 +8,7 @@ from trackbench.contract.angles import deviation, name_of_unwrapped
 from trackbench.contract.problems import (
     Estimates,
     ModelDraws,
+    has_constant_covariance,
     run_filter,
     simulate,
     why_not,
@@ -35,7 +36,7 @@ _MAX_DEVIATION = 6.0  # standard errors of a paired difference
 
 
 class Scores(NamedTuple):
-    """Means over the steps, per run (M,); squares are per component, in units of a covariance."""
+    """Means over the scored steps, per run (M,); squares are per component, in units of a covariance."""
 
     squared_distance: Array
     """squared distance from the reference's mean, in the reference's covariance"""
@@ -52,31 +53,34 @@ class Scores(NamedTuple):
 
 
 _SCORE_TEXTS = {
-    "squared_distance": "RMSE FROM THE REFERENCE",
-    "spread": "SPREAD",
-    "anees": "ANEES",
-    "anis": "ANIS",
-    "log_likelihood": "LOG LIKELIHOOD",
+    "squared_distance": ("DISTANCE FROM THE REFERENCE", " of its standard deviations"),
+    "spread": ("COVARIANCE", " times that of the reference"),
+    "anees": ("ANEES", ""),
+    "anis": ("ANIS", ""),
+    "log_likelihood": ("LOG LIKELIHOOD", ""),
 }
-"""Scores that are tested, as a report names them."""
+"""Scores that are tested, as a report names them, and their units."""
 
 
 def score(
-    estimates: Estimates, reference: Estimates, data: Simulation, angle_rows: tuple[int, ...] = ()
+    estimates: Estimates, reference: Estimates, data: Simulation, scenario: Scenario
 ) -> Scores:
     """Score the estimates of a filter on simulated data, also in comparison with a reference filter.
 
-    ``angle_rows`` are the rows of the state that are angles, whose differences are wrapped.
+    The steps are those that ``scenario`` scores, without the prior.
     """
     n = len(data.truth)
     n_z = len(data.measurements)
-    # Index 0 of the steps is the prior, which is not scored.
-    cov = estimates.cov[:, :, 1:]
-    reference_cov = reference.cov[:, :, 1:]
+    angle_rows = scenario.angle_rows
+    # Index 0 of the steps is the prior.
+    after_prior = scenario.windows[""][1:]
+    scored = 1 + np.flatnonzero(after_prior if after_prior.any() else ~after_prior)
+    cov = estimates.cov[:, :, scored]
+    reference_cov = reference.cov[:, :, scored]
 
     def mean_square(difference: Array, P: Array, cap: float = _CAP) -> Array:
         """Return the mean over the steps of e' P^-1 e / n, each of at most ``cap``."""
-        squared = np.nan_to_num(distance(difference[:, 1:], P) / n, nan=cap, posinf=cap)
+        squared = np.nan_to_num(distance(difference[:, scored], P) / n, nan=cap, posinf=cap)
         return np.minimum(squared, cap).mean(axis=0)
 
     # Step 1: errors, and distances from the reference.
@@ -86,10 +90,10 @@ def score(
     inverse = linalg.inverse(reference_cov)
     spread = np.einsum("ij...,ji...->...", inverse, cov) / n
     # Step 3: innovations, only where something is measured.
-    is_missing = np.isnan(data.measurements).all(axis=0)
+    is_missing = np.isnan(data.measurements[:, scored - 1]).all(axis=0)
     series = {}
     for name, rows in estimates.series.items():
-        series[name] = np.where(is_missing, np.nan, rows / n_z)
+        series[name] = np.where(is_missing, np.nan, rows[scored - 1] / n_z)
     anis = None
     if "nis" in series:
         anis = np.nanmean(np.minimum(series["nis"], _CAP), axis=0)
@@ -130,16 +134,16 @@ def misfit(tracker: AnyFilter, scenario: Scenario, runs: int, seed: int = 1) -> 
     rows = scenario.angle_rows
     mean_errors = []
     for reference in references:
-        scores = score(reference, references[0], data, rows)
+        scores = score(reference, references[0], data, scenario)
         mean_errors.append(scores.squared_error.mean())
     center = references[int(np.argmin(mean_errors))]
-    tested_scores = score(tested, center, data, rows)
-    reference_scores = [score(reference, center, data, rows) for reference in references]
+    tested_scores = score(tested, center, data, scenario)
+    reference_scores = [score(reference, center, data, scenario) for reference in references]
     # Step 3: differences from all references.
     margin = 1.0 if tested.random else 0.5
     texts = []
     differences = {}
-    for name, title in _SCORE_TEXTS.items():
+    for name, (title, unit) in _SCORE_TEXTS.items():
         tested_score = getattr(tested_scores, name)
         all_scores = [getattr(scores, name) for scores in reference_scores]
         scores_of_name = [values for values in all_scores if values is not None]
@@ -158,14 +162,13 @@ def misfit(tracker: AnyFilter, scenario: Scenario, runs: int, seed: int = 1) -> 
             tested_mean = np.sqrt(tested_mean)
             reference_mean = np.sqrt(max(float(values.mean()) for values in scores_of_name))
         differences[name] = tested_mean - reference_mean
-        texts.append(f"{title} {tested_mean:.3g} (a reference: {reference_mean:.3g})")
+        texts.append(f"{title} {tested_mean:.3g}{unit} (a reference: {reference_mean:.3g})")
     if not texts:
         return ""
     # Step 4: the likely cause.
     text = ", ".join(texts)
     if isinstance(tracker, External):
-        numbers = np.concatenate([tested.mean[:, 1:].ravel(), tested.cov[:, :, 1:].ravel()])
-        digits = few_digits(numbers)
+        digits = few_digits(tested.mean[:, 1:], tested.cov[:, :, 1:])
         if digits:
             return f"{text}; answers have {digits}: {PRINT_ALL_DIGITS}"
     if "squared_distance" in differences:
@@ -177,6 +180,11 @@ def misfit(tracker: AnyFilter, scenario: Scenario, runs: int, seed: int = 1) -> 
             unwrapped_angle = name_of_unwrapped(tracker, scenario, data, center, is_far)
             if unwrapped_angle:
                 return f"{text}; the innovation of {unwrapped_angle} is not wrapped"
+    if isinstance(scenario, ModelDraws) and has_constant_covariance(tested):
+        return (
+            f"{text}; the covariance is constant: is the start scored, before it holds? "
+            "`score: {steps: [K, null]}` of the scenario begins at step K"
+        )
     return text + _guess_cause(tested, center.mean, differences)
 
 

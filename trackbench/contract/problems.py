@@ -57,9 +57,15 @@ class ModelDraws(Scenario):
         return Model(Irregular(drive, base.target.axes, first, np.diff(self.times)), sensor)
 
     @property
+    def _length(self) -> int:
+        """Number of first steps: up to some after the first one that the config scores."""
+        first_scored = int(np.argmax(self.base.windows[""]))
+        return first_scored + _MOST_STEPS + 1
+
+    @property
     def steps(self) -> Index:
         """First steps."""
-        return self.base.steps[: _MOST_STEPS + 1]
+        return self.base.steps[: self._length]
 
     @property
     def times(self) -> Array:
@@ -67,12 +73,12 @@ class ModelDraws(Scenario):
         if self.unequal:
             intervals = cast(Tracking, self.base).T * np.resize(_INTERVALS, len(self.steps) - 1)
             return np.concatenate([[0.0], np.cumsum(intervals)])
-        return self.base.times[: _MOST_STEPS + 1]
+        return self.base.times[: self._length]
 
     @property
     def windows(self) -> dict[str, Mask]:
-        """One window of all steps."""
-        return {"": np.ones(len(self.steps), dtype=bool)}
+        """One window of the steps that the config scores."""
+        return {"": self.base.windows[""][: self._length]}
 
     @property
     def prior_type(self) -> type:
@@ -236,6 +242,14 @@ def depends_on_seed(tracker: AnyFilter, scenario: Scenario) -> bool:
 def has_covariance(tracker: AnyFilter, scenario: Scenario) -> bool:
     """Test whether the estimates have covariances, as a program may answer means alone."""
     return not np.isnan(run_filter(tracker, scenario, simulate(scenario, 1)).cov).all()
+
+
+def has_constant_covariance(estimates: Estimates) -> bool:
+    """Test whether the covariance is the same at all steps, the start included, and in all runs.
+
+    It is that of a filter of constant gain.
+    """
+    return not np.ptp(estimates.cov, axis=(2, 3)).any()
 
 
 def _state_words(rng: Generator) -> list[int]:

@@ -21,6 +21,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, NamedTuple
 
@@ -43,7 +44,13 @@ from trackbench.field_types import (
     require_regular_file,
 )
 from trackbench.filters.base import Filter, Steps, WrongReturnError
-from trackbench.filters.program import PROTOCOL, Program, ProgramError, end_programs
+from trackbench.filters.program import (
+    PROTOCOL,
+    Program,
+    ProgramError,
+    RefusalError,
+    end_programs,
+)
 from trackbench.models.base import Model, Scene, measured_angle_rows
 from trackbench.models.inputs import inputs_of
 from trackbench.models.motions.irregular import step_length
@@ -55,6 +62,7 @@ _ASYMMETRY = 1e-7  # largest difference of two correlations that should be equal
 _LEAST_NUMBERS = 10  # from which digits are counted
 _MOST_DIGITS = 9  # of numbers that are printed short: those of float32 have 9
 _MOST_DECIMALS = 8
+_MOST_NAMES = 10  # of components in a message
 _NEARLY_WHOLE = 1e-6
 _PROBED_STEPS = 30
 _SHORT = 100  # steps that a program repeats, in place of another program
@@ -185,8 +193,17 @@ class External(Filter[ProgramState]):
             steps = self.all_steps(model, state, z[:, :_PROBED_STEPS], k)
         except WrongReturnError:
             return ""
-        estimate = steps.estimate
-        return few_digits(np.concatenate([estimate.mean.ravel(), estimate.cov.ravel()]))
+        return few_digits(steps.estimate.mean, steps.estimate.cov)
+
+    def conflicts(self, scenario: Scene) -> dict[str, str]:
+        """Start the program with the scenario's model, and return the reason if it refuses it."""
+        why = _why_refused(self, self._hello(scenario.model))
+        if not why:
+            return {}
+        motion, sensor = scenario.model
+        state = _few_names(motion.components)
+        measurement = _few_names(sensor.components)
+        return {"": f"{why} (state: {state}; measurement: {measurement})"}
 
     def cautions(self, scenario: Scene) -> list[str]:
         """Note how far its numbers are reproducible."""
@@ -278,6 +295,29 @@ class External(Filter[ProgramState]):
             matrices = {"F": motion.F, "Q": motion.Q, "H": H(n), "R": R}
             facts["model"] = {name: matrix.tolist() for name, matrix in matrices.items()}
         return f"trackbench {PROTOCOL} {json.dumps(facts)}"
+
+
+@lru_cache(maxsize=1024)
+def _why_refused(tracker: External, hello: str) -> str:
+    """Start a program with its first line; return why it refuses the problem, or an empty text.
+
+    A program that fails in another way fails again when it is run, and is reported then.
+    """
+    try:
+        program = Program(tracker.command, hello, tracker.timeout)
+    except RefusalError as error:
+        return str(error)
+    except ProgramError:
+        return ""
+    end_programs([program])
+    return ""
+
+
+def _few_names(names: Sequence[str]) -> str:
+    """Write the names of components; of more than ten the first, the last and their number."""
+    if len(names) <= _MOST_NAMES:
+        return " ".join(names)
+    return f"{names[0]} ... {names[-1]}, {len(names)} components"
 
 
 def _digest(word: str) -> str:
@@ -396,11 +436,13 @@ def _check_symmetric(P: Array) -> None:
         raise ProgramError(what, i)
 
 
-def few_digits(numbers: Array) -> str:
-    """Describe how few digits or decimals numbers have; an empty text if they have many.
+def few_digits(mean: Array, cov: Array) -> str:
+    """Describe how few digits or decimals estimates have; an empty text if they have many.
 
-    A number of 17 digits appears to have few by chance with a probability below 1e-5.
+    A number of 17 digits appears to have few by chance with a probability below 1e-5. Equal numbers of
+    the covariance count once, as a constant covariance may have few digits.
     """
+    numbers = np.concatenate([mean.ravel(), np.unique(cov)])
     x = numbers[np.isfinite(numbers) & (numbers != 0.0)]
     if len(x) < _LEAST_NUMBERS:
         return ""

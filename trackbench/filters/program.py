@@ -22,8 +22,6 @@ _CHUNK = 1 << 16
 _LONGEST = 1 << 20  # bytes of an answer
 _KEPT_ERRORS = 1 << 16  # bytes, the last ones that a program writes on stderr
 _LONGEST_REASON = 500  # characters of a reason that a program gives
-REFUSAL = "the program refuses this problem: "
-"""Begin of the message of a program that answers `error` to its first line."""
 _END_S = 2.0
 """Seconds that programs may take to end after the line ``end``."""
 _GUARD = ("sh", "-c", 'read line; kill -9 "-$1"', "guard")
@@ -38,13 +36,21 @@ class ProgramError(Exception):
         self.answered = answered
 
 
+class RefusalError(ProgramError):
+    """A program answered ``error`` to its first line, and perhaps a reason."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(f"the program refuses this problem: {reason}")
+
+
 class Program:
     """A running program that answers each line with one line."""
 
     def __init__(self, command: Sequence[str], hello: str, timeout: float) -> None:
         """Start the program, and wait until it answers the line ``hello`` with ``ready``.
 
-        An answer may take ``timeout`` seconds. Raises ProgramError if there is none.
+        An answer may take ``timeout`` seconds. Raises ProgramError if there is none, and RefusalError if
+        the program refuses the problem.
         """
         self._timeout = timeout
         self._start_s = 0.0
@@ -76,7 +82,7 @@ class Program:
         if word == "error":
             self.kill()
             reason = _cut(text, _LONGEST_REASON) if text.strip() else "without a reason"
-            raise ProgramError(f"{REFUSAL}{reason}")
+            raise RefusalError(reason)
         if word != "ready" or text:
             raise self._broken(f"answers {_shorten(f'{word} {text}')} at its start, not `ready`", 0)
         self._start_s = self._clock()

@@ -30,7 +30,7 @@ def write_suite_page(
     for figure in figures:
         svg = Markup(inline(figure.svg, figure.name, figure.caption))
         pictures.append({"name": figure.name, "svg": svg, "heading": "", "caption": figure.caption})
-    problems = {group.title: group.problems for group in groups}
+    problems = {group.title: group.problems for group in groups if group.problems}
     return write_page(
         path,
         "suite.html",

@@ -11,7 +11,6 @@ limit the order of the filters does not depend on which filter is the best.
    Mathematical Programming 91, 2002.
 """
 
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -23,7 +22,6 @@ import numpy as np
 from trackbench.atomic_files import write_csv
 from trackbench.config.suite import FittedProblem, shown_label
 from trackbench.core.arrays import Array
-from trackbench.filters.program import REFUSAL
 from trackbench.report.findings.ranking import (
     Candidate,
     Ranking,
@@ -37,6 +35,7 @@ from trackbench.report.results import Results
 from trackbench.statistics.collapsed_runs import collapsed_runs
 from trackbench.statistics.comparison import Comparison, compare
 from trackbench.statistics.estimates import RunEstimate
+from trackbench.statistics.over_runs import mean
 from trackbench.statistics.rules import ALIKE, UNTESTED, WORSE
 
 WORST = 10.0
@@ -45,7 +44,6 @@ FILTER = "filter"
 SMOOTHER = "smoother"
 REFERENCE = "reference"
 BOUND = "bound"
-_RUNS_OF_BLOCK = re.compile(r" \(runs? \d+( to \d+)?\)$")
 RESAMPLINGS = 200
 """Resamplings of the runs for the bands of performance profiles."""
 
@@ -92,6 +90,9 @@ class Score:
     lost: int = 0
     collapsed: int = 0
     consistency: str = ""
+    anees: float = nan
+    """mean over the runs of the NEES per component of the state, 1 for a consistent filter"""
+    anees_stderr: float = nan
     cpu_s: float = nan
     """CPU seconds of a run"""
     reason: str = ""
@@ -140,6 +141,10 @@ class SuiteScores:
     """errors of each run, by problem"""
     is_tuned: bool = False
     """True if the filters of the roster are tuned on each problem"""
+    added: tuple[str, ...] = ()
+    """labels of the user's own filters"""
+    not_computed: tuple[Score, ...] = ()
+    """scores of the user's own filters on problems that none of them runs on, with the reasons"""
 
     @cached_property
     def resampled(self) -> Array:
@@ -244,16 +249,9 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
             role = REFERENCE
         elif label in smoothers:
             role = SMOOTHER
-        # A program may refuse a scenario, with its reason: then it does not count as failed.
-        _, refused, why_refused = why.partition(REFUSAL)
-        why_refused = _RUNS_OF_BLOCK.sub("", why_refused)
-        is_left_out = label in problem.left_out or bool(refused)
+        is_left_out = label in problem.left_out
         scores.append(
-            replace(
-                _blank_score(problem, label, role),
-                reason=why_refused if refused else why,
-                failed=not is_left_out,
-            )
+            replace(_blank_score(problem, label, role), reason=why, failed=not is_left_out)
         )
     values = {
         roster_labels.get(label, label): candidate.sample.values
@@ -261,6 +259,14 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
         if label != reference and label not in smoothers
     }
     return scores, ProblemRuns(statistic=statistic, values=values)
+
+
+def left_out_scores(problem: FittedProblem, labels: Sequence[str]) -> list[Score]:
+    """Return the scores of filters that are left out of a problem, which have the reason alone."""
+    return [
+        replace(_blank_score(problem, label, FILTER), reason=problem.left_out[label])
+        for label in labels
+    ]
 
 
 def _blank_score(problem: FittedProblem, label: str, role: str) -> Score:
@@ -290,6 +296,7 @@ def _score_candidate(
     runs = results.runs(candidate.point)
     nees = runs.get((candidate.label, "nees"), np.full(0, nan))
     size = results.facts(candidate.point).sizes.get("", 1)
+    anees = mean(nees[~np.isnan(nees)] / size)
     reason = ""
     if not isfinite(overall.value):
         reason = "lost all runs" if candidate.losses == len(candidate.lost) else "infinite error"
@@ -304,6 +311,8 @@ def _score_candidate(
         lost=candidate.losses,
         collapsed=collapsed_runs(nees / size),
         consistency=consistency_word,
+        anees=anees.value,
+        anees_stderr=anees.stderr,
         cpu_s=cpu_seconds(results, candidate),
         reason=reason,
         failed=bool(reason),
@@ -382,7 +391,7 @@ def write_scores(folder: Path, groups: Sequence[SuiteScores]) -> None:
     rows = []
     costs = []
     for group in groups:
-        for score in group.scores:
+        for score in [*group.scores, *group.not_computed]:
             best = score.ratio_to_best
             reference = score.ratio_to_reference
             numbers = [score.error, score.stderr, best.value, best.low, best.high]
@@ -431,6 +440,19 @@ def typical_ratios(group: SuiteScores, without_class: str = "") -> dict[str, flo
         return {}
     means = np.exp(np.mean(np.log(ratios[:, columns]), axis=1))
     return dict(zip(labels, means.tolist(), strict=True))
+
+
+def typical_ratio_where_run(group: SuiteScores, label: str) -> float:
+    """Return the geometric mean of a filter's limited ratios over the problems that it was run on.
+
+    NaN if it was run on none. A failure counts as `WORST`.
+    """
+    ratios = [
+        score.limited_ratio
+        for score in group.of_role(FILTER)
+        if score.label == label and not score.is_left_out
+    ]
+    return float(np.exp(np.mean(np.log(ratios)))) if ratios else nan
 
 
 def ordered_labels(group: SuiteScores) -> list[str]:

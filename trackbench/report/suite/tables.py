@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from math import isfinite
 
+from trackbench.errors import counted
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import joined
 from trackbench.report.suite.scores import (
@@ -19,11 +20,12 @@ from trackbench.report.suite.scores import (
     nearest_filter,
     ordered_labels,
     relative_costs,
+    typical_ratio_where_run,
     typical_ratios,
 )
 from trackbench.report.table import Text, TextTable, rounded
 from trackbench.statistics.collapsed_runs import COLLAPSED_NOTE
-from trackbench.statistics.rules import ALIKE, UNTESTED
+from trackbench.statistics.rules import ALIKE, FEWEST_RUNS, UNTESTED
 
 NEAR = 1.1
 """Factor within which a filter is near the best."""
@@ -38,9 +40,13 @@ def roster_table(group: SuiteScores) -> TextTable:
     typical = typical_ratios(group)
     costs = relative_costs(group)
     number = len({score.problem for score in group.of_role(FILTER)})
-    heads = ["Filter", "Typical ratio", "Within 10 %", "Within 2 x", "Best at", "Fails at"]
-    heads += ["Overconfident at", "Not run at", "CPU time"]
-    table = TextTable(f"{group.title}: {number} problems", heads)
+    heads = ["Filter", "Typical ratio", "Where it ran", "Within 10 %", "Within 2 x", "Best at"]
+    heads += ["Fails at", "Overconfident at", "Not run at", "CPU time"]
+    problems = counted(number, "problem")
+    if group.not_computed:
+        all_problems = {score.problem for score in group.not_computed} | {*group.problems}
+        problems = f"{number} of {counted(len(all_problems), 'problem')}"
+    table = TextTable(f"{group.title}: {problems}", heads)
     for label in ordered_labels(group):
         # Numbers of problems, with an error of the filter or without.
         scores = [score for score in group.of_role(FILTER) if score.label == label]
@@ -52,10 +58,12 @@ def roster_table(group: SuiteScores) -> TextTable:
         failing = sum(fails(score) for score in scores)
         overconfident = sum(is_overconfident(score) for score in with_error)
         cost = costs.get(label)
+        where_run = typical_ratio_where_run(group, label)
         table.rows.append(
             [
                 Text(label),
                 Text(f"{typical[label]:.2f}", typical[label]),
+                Text(f"{where_run:.2f}" if isfinite(where_run) else "–", where_run),
                 Text(str(near), near),
                 Text(str(within), within),
                 Text(str(first), first),
@@ -68,7 +76,8 @@ def roster_table(group: SuiteScores) -> TextTable:
     table.notes = [
         "Typical ratio: geometric mean over the problems of the error over that of the problem's best "
         "filter. A ratio counts as 10 at most, and a filter that cannot be run, or loses significantly "
-        "more runs than another, as 10.",
+        "more runs than another, as 10. Where it ran: the same without the problems that the filter "
+        "cannot be run on; filters that ran on different problems cannot be compared by it.",
         "Best: the smallest error, significant or not.",
         f"Fails: {WORST:g} times the error of the best filter or more, or all runs lost, or "
         "significantly more than another filter loses.",
@@ -127,7 +136,7 @@ def smoother_table(group: SuiteScores) -> TextTable | None:
 
 def filter_table(groups: Sequence[SuiteScores], label: str) -> TextTable:
     """Tabulate one filter's scores, a row a problem."""
-    heads = ["Problem", "Error", "Ratio to the best (95 %)", "Lost runs", "Consistency"]
+    heads = ["Problem", "Error", "Ratio to the best (95 %)", "Lost runs", "ANEES", "Consistency"]
     table = TextTable(f"{label}, problem by problem", heads)
     for group in groups:
         for score in group.scores:
@@ -135,7 +144,17 @@ def filter_table(groups: Sequence[SuiteScores], label: str) -> TextTable:
                 table.rows.append(_score_row(score))
     if any("n.s." in row[2].text for row in table.rows):
         table.notes.append("n.s.: no significant difference from the best filter of the problem.")
-    if any("collapsed" in row[4].text for row in table.rows):
+    if any("untested" in row[2].text for row in table.rows):
+        table.notes.append(
+            f"untested: with fewer than {FEWEST_RUNS} runs no difference from the best filter is tested."
+        )
+    table.notes.append("ANEES: squared error over the covariance, per component; 1 is consistent.")
+    if any("undecided" in row[5].text for row in table.rows):
+        table.notes.append(
+            "undecided: these few runs do not show by a test that the ANEES differs from 1, nor that it "
+            "is near 1. Even a large ANEES may be undecided: look at it."
+        )
+    if any("collapsed" in row[5].text for row in table.rows):
         table.notes.append(COLLAPSED_NOTE)
     return table
 
@@ -150,11 +169,17 @@ def _score_row(score: Score) -> list[Text]:
         number = "–"
         ratio_or_reason = score.reason
     lost = f"{score.lost} of {score.runs}" if score.lost else "0"
+    if score.is_left_out:
+        lost = "–"
+    anees = "–"
+    if isfinite(score.anees):
+        anees = rounded(score.anees, score.anees_stderr, 3)
     return [
         Text(score.problem),
         Text(number, score.error),
         Text(ratio_or_reason, ratio.value),
         Text(lost, score.lost),
+        Text(anees, score.anees),
         Text(score.consistency or "–"),
     ]
 
@@ -184,21 +209,12 @@ def filter_sentences(group: SuiteScores, label: str) -> list[str]:
     """Return sentences on one filter: where it ran, where it is best or fails, and its likeness."""
     scores = [score for score in group.of_role(FILTER) if score.label == label]
     run = [score for score in scores if not score.is_left_out]
-    lines = [f"{group.title}: {label} ran on {len(run)} of {len(scores)} problems."]
-    if len(run) <= _FEW_PROBLEMS * len(scores):
-        lines.append(
-            "The others measure something else, or have another state. A filter that takes its model "
-            "as functions runs on nearly all: `trackbench new filter NAME --per-run --nonlinear` writes "
-            "one."
-        )
+    number = len(scores) + sum(score.label == label for score in group.not_computed)
+    lines = [f"{group.title}: {label} ran on {len(run)} of {counted(number, 'problem')}."]
     if not run:
         return lines
     if len(group.labels(FILTER)) > 1:
-        typical = typical_ratios(group)[label]
-        lines.append(
-            f"Its typical ratio to the best filter is {typical:.2f}; a failure, or a problem that it "
-            f"cannot run on, counts as {WORST:g}."
-        )
+        lines.append(_typical_ratio_sentence(group, label, len(run), len(scores)))
         first = [score.problem for score in run if is_best(score)]
         if first:
             lines.append(f"It has the smallest error on {joined(first)}.")
@@ -217,6 +233,44 @@ def filter_sentences(group: SuiteScores, label: str) -> list[str]:
     if likeness is not None:
         lines.append(_likeness_sentence(likeness))
     return lines
+
+
+def few_problems_sentence(groups: Sequence[SuiteScores], label: str, is_program: bool) -> str:
+    """Return how a filter of the user may run on more problems; empty if it runs on most."""
+    scores = []
+    for group in groups:
+        scores += [*group.of_role(FILTER), *group.not_computed]
+    scores = [score for score in scores if score.label == label]
+    run = sum(not score.is_left_out for score in scores)
+    if run > _FEW_PROBLEMS * len(scores):
+        return ""
+    reason = (
+        f"{label} runs on {run} of {counted(len(scores), 'problem')}. The others measure something "
+        "else, or have another state."
+    )
+    if is_program:
+        return (
+            f"{reason} A program that takes F, Q, H and R from its first line runs on every linear "
+            "problem: `trackbench new filter NAME --language c` writes one."
+        )
+    return (
+        f"{reason} A filter that takes its model as functions runs on nearly all: `trackbench new "
+        "filter NAME --per-run --nonlinear` writes one."
+    )
+
+
+def _typical_ratio_sentence(group: SuiteScores, label: str, run: int, number: int) -> str:
+    """Return the typical ratio of a filter that ran on ``run`` of ``number`` computed problems."""
+    typical = typical_ratios(group)[label]
+    if run == number:
+        return (
+            f"Its typical ratio to the best filter is {typical:.2f}; a failure counts as {WORST:g}."
+        )
+    return (
+        f"Its typical ratio to the best filter is {typical_ratio_where_run(group, label):.2f} where it "
+        f"ran, and {typical:.2f} over all {number} problems here, of which one that it cannot run on "
+        f"counts as {WORST:g}, as a failure does."
+    )
 
 
 def _likeness_sentence(likeness: Likeness) -> str:
