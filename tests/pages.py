@@ -209,7 +209,7 @@ runs: 4
 scenario: experiments/adaptive-kf/scenarios/maneuver.yaml
 filters:
   KF: {kind: kf, assume: {motion: {kind: cv, q: 0.1}}}
-  eta = 20: experiments/adaptive-kf/filters/adaptive-eta20.yaml
+  Adaptive: experiments/adaptive-kf/filters/adaptive-eta20.yaml
   EKF: {kind: ekf}
 """
 
