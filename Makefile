@@ -85,6 +85,8 @@ check-machines: $(VENV)/.dev
 
 # Replaces the CPU times that docs and verdicts quote, in results/times/, by those of the last runs on this machine.
 record-times: $(VENV)/.run
+	@for name in $(SUITES); do $(BIN)/trackbench suite $$name --quick --format svg || exit 1; done
+	@$(BIN)/trackbench suite standard --quick --problem lorenz96-40 --problem linear --format svg
 	$(BIN)/python -m tests.times
 
 # The types beside the tests, whose last file leaves a core idle.

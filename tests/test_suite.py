@@ -15,10 +15,11 @@ import pytest
 
 from tests.commands import trackbench
 from trackbench.commands.prepare import Options
-from trackbench.commands.run_suite import SuiteReport, run_suite
-from trackbench.config.suite import load_suite
+from trackbench.commands.run_suite import SuiteReport, _recorded_seconds, run_suite
+from trackbench.config.shipped_experiments import SuiteTime, suite_names, suite_times
+from trackbench.config.suite import QUICK_RUNS, load_suite
 from trackbench.errors import UserError
-from trackbench.report.suite.figures import cell_text, ordered_problems
+from trackbench.report.suite.figures import cell_text, draw_cost, draw_profile, ordered_problems
 from trackbench.report.suite.scores import (
     FILTER,
     WORST,
@@ -205,10 +206,19 @@ def test_a_program_is_asked_before_anything_runs(own: Path) -> None:
     assert lines[2] == f"mine is left out of ungm: the program refuses this problem: {refusal}"
     assert lines[3].endswith("write --set filters.mine.late=drop")
     assert [line.partition(":")[0] for line in lines[4:]] == ["turns"]
+    assert "(state px vx py vy, measurement x y)" in lines[4]
     done = trackbench("run", "ungm", "--filter", "./mine", cwd=own)
     assert done.returncode == 2
     assert refusal in done.stderr
     assert not (own / "results").exists()
+
+
+def test_a_problem_of_a_suite_is_no_experiment_and_has_a_hint() -> None:
+    done = trackbench("show", "position")
+    assert done.returncode == 2
+    assert "a problem of the suite standard: `trackbench suite standard --problem position`" in (
+        done.stderr
+    )
 
 
 def test_problems_without_the_users_filter_are_not_computed(own: Path) -> None:
@@ -485,8 +495,24 @@ def test_a_cell_of_the_matrix_has_the_ratio_and_one_mark() -> None:
     assert cell_text(score("p", "x", "A", 1.846, consistency="overconfident")) == "1.85*"
     assert cell_text(score("p", "x", "A", 2.26, consistency="overconfident", collapsed=3)) == "2.3!"
     assert cell_text(score("p", "x", "A", 366.6)) == "367"
-    assert cell_text(score("p", "x", "A", 1e6)) == "999+"
+    assert cell_text(score("p", "x", "A", 1e6)) == "1k+"
     assert cell_text(score("p", "x", "A", 1.2, word="loses more runs")) == "×"
+
+
+def test_the_users_own_filter_has_a_color_and_a_label() -> None:
+    ratios = {name: (1.0 + 0.1 * i, 1.0) for i, name in enumerate("ABCDEFGH")}
+    group = replace(by_hand(ratios | {"mine": (5.0, np.nan)}, ("x", "y")), added=("mine",))
+    figure = draw_profile(group)
+    axes = figure.axes[0]
+    names = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert names == [*"ABCDEF", "mine", "other filters"]
+    (line,) = [line for line in axes.get_lines() if line.get_label() == "mine"]
+    assert line.get_linewidth() > 2.0
+    scores = [replace(score, cpu_s=1.0) for score in group.scores]
+    figure = draw_cost(replace(group, scores=scores))
+    texts = {text.get_text(): text.get_fontweight() for text in figure.axes[0].texts}
+    assert texts["mine (1 of 2)"] == "bold"
+    assert texts["A"] == "normal"
 
 
 def test_classes_with_the_same_good_filters_are_neighbors() -> None:
@@ -554,6 +580,21 @@ def test_filters_are_ranked_by_the_score_that_the_suite_names(tmp_path: Path) ->
     assert len(runs) == 3
     rms = float(np.sqrt(np.mean(np.square(runs))))
     assert of(report, "l", "EKF").error == pytest.approx(rms, rel=1e-6)
+
+
+def test_expected_seconds_follow_from_two_recorded_times() -> None:
+    times = [SuiteTime(runs=4, cpu_s=2.0), SuiteTime(runs=40, cpu_s=5.6)]
+    seconds = [_recorded_seconds(times, runs, is_tuned_in_full=False) for runs in (4, 20, 40, 80)]
+    assert seconds == pytest.approx([2.0, 3.6, 5.6, 11.2])
+    assert _recorded_seconds(times, 4, is_tuned_in_full=True) == 5.6
+
+
+def test_each_problem_has_a_time_for_quick_and_for_all_runs() -> None:
+    for name in suite_names():
+        times = suite_times(name)
+        for problem in load_suite(Path(name)).problems:
+            runs = problem.experiment.settings.runs
+            assert [time.runs for time in times[problem.name]] == [QUICK_RUNS, runs], problem.name
 
 
 def test_a_quick_suite_has_four_runs_and_leaves_out_what_takes_long() -> None:

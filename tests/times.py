@@ -52,15 +52,26 @@ def record() -> None:
 
 
 def record_suite_times(suites: list[str]) -> None:
-    """Write the seconds of each suite's problems, which `trackbench suite --dry-run` shows."""
+    """Write the seconds of each suite's problems, which `trackbench suite --dry-run` shows.
+
+    Of each problem there is a row for the suite's runs, and one for those of `--quick`. A row whose
+    results are not there stays.
+    """
+    # Step 1: the rows by suite, problem and runs, with those of the results in place of older ones.
+    with SUITE_SECONDS.open(encoding="utf-8", newline="") as file:
+        seconds_of = {
+            (r["suite"], r["problem"], int(r["runs"])): r["cpu_s"] for r in csv.DictReader(file)
+        }
+    for name in suites:
+        for folder in (name, f"{name}-quick", f"{name}-part-quick"):
+            for manifest in sorted((RESULTS / folder).glob("*/manifest.json")):
+                facts = Results(manifest.parent).manifest
+                seconds_of[name, manifest.parent.name, facts["runs"]] = f"{facts['cpu_s']:.2g}"
+    # Step 2: write them.
     with SUITE_SECONDS.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(["suite", "problem", "runs", "cpu_s"])
-        for name in suites:
-            for manifest in sorted((RESULTS / name).glob("*/manifest.json")):
-                facts = Results(manifest.parent).manifest
-                row = [name, manifest.parent.name, facts["runs"], f"{facts['cpu_s']:.2g}"]
-                writer.writerow(row)
+        writer.writerows([*key, text] for key, text in sorted(seconds_of.items()))
 
 
 def _has_measured(results: Results) -> bool:

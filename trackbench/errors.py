@@ -1,5 +1,6 @@
 """Mistakes in the input: one line each, with file and position, reported together."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -84,3 +85,14 @@ def counted(number: int, word: str) -> str:
     if number == 1:
         return f"1 {word}"
     return f"{number} {word}s"
+
+
+MOST_NAMES = 10
+"""Names of components that `few_names` writes out."""
+
+
+def few_names(names: Sequence[str]) -> str:
+    """Write the names of components; of more than ten the first, the last and their number."""
+    if len(names) <= MOST_NAMES:
+        return " ".join(names)
+    return f"{names[0]} ... {names[-1]}, {counted(len(names), 'component')}"

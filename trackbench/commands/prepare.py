@@ -22,7 +22,7 @@ from trackbench.config.shipped_experiments import files as shipped_files
 from trackbench.config.shipped_experiments import listed, located
 from trackbench.config.tuned_entries import Chosen
 from trackbench.durations import expected_time_in_words
-from trackbench.errors import Mark, Problem, UserError, reason
+from trackbench.errors import Mark, Problem, UserError, few_names, reason
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.precision_check import checkpoints
 from trackbench.evaluation.trial import estimate_cpu_s
@@ -265,6 +265,16 @@ def expected_time(job: Job, options: Options, tries: bool = True) -> str:
     seconds = max(seconds, cost.longest_block_s)
     about = "at most about" if cost.is_bound else "about"
     return f"{about} {expected_time_in_words(seconds)} of filtering{basis}"
+
+
+def dry_run_line(job: Job, time: str) -> str:
+    """Return what a dry run prints of a job: its size, state and measurement, and the expected time.
+
+    A filter with components of its own may run on the problem only if it has these names.
+    """
+    motion, sensor = job.experiment.points[0].scenario.model
+    names = f"state {few_names(motion.components)}, measurement {few_names(sensor.components)}"
+    return f"{job.line} ({names}); {time}"
 
 
 CACHED = "every block is in the cache"

@@ -19,6 +19,7 @@ from trackbench.commands.prepare import (
     OPTION_NAMES,
     Job,
     Options,
+    dry_run_line,
     expected_time,
     jobs_of,
     most_drawers,
@@ -157,7 +158,8 @@ def _import_ahead() -> None:
 
 def preview(configs: Sequence[Config], options: Options) -> list[str]:
     """Describe each experiment that `run_all` would run in a line, with the time that it takes."""
-    return [f"{job.line}; {expected_time(job, options)}" for job in jobs_of(configs, options)]
+    jobs = jobs_of(configs, options)
+    return [dry_run_line(job, expected_time(job, options)) for job in jobs]
 
 
 def _write_results_and_report(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Report:

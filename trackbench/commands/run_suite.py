@@ -13,6 +13,7 @@ from trackbench.commands.prepare import (
     FIT,
     OPTION_NAMES,
     Options,
+    dry_run_line,
     expected_time,
     jobs_of,
     most_workers,
@@ -20,7 +21,7 @@ from trackbench.commands.prepare import (
 )
 from trackbench.commands.run_experiment import run_each
 from trackbench.commands.stored_results import Report
-from trackbench.config.shipped_experiments import suite_names, suite_times
+from trackbench.config.shipped_experiments import SuiteTime, suite_names, suite_times
 from trackbench.config.suite import Suite, load_suite
 from trackbench.durations import expected_time_in_words
 from trackbench.errors import Mark, Problem, UserError, counted
@@ -138,16 +139,42 @@ def preview_suite(file: Path, options: Options, problems: Sequence[str] = ()) ->
     experiments = [problem.experiment for problem in suite.problems]
     jobs = jobs_of(configs, own_options, experiments)
     for problem, job in zip(suite.problems, jobs, strict=True):
-        known = recorded.get(problem.name)
-        time = expected_time(job, own_options, tries=known is None)
-        if known is not None and time != CACHED:
-            seconds = known.cpu_s * job.experiment.settings.runs / known.runs / workers
-            all_seconds += seconds
+        times = recorded.get(problem.name)
+        time = expected_time(job, own_options, tries=times is None)
+        if times is not None and time != CACHED:
+            runs = job.experiment.settings.runs
+            # Without --quick a tuned roster has as many trials whatever the runs.
+            is_tuned_in_full = bool(problem.tuned) and not options.quick
+            seconds = _recorded_seconds(times, runs, is_tuned_in_full) / workers
+            all_seconds += seconds + _REPORT_S / workers
             time = f"about {expected_time_in_words(seconds)} of filtering"
-        lines.append(f"{job.line}; {time}")
+        lines.append(dry_run_line(job, time))
     if all_seconds:
-        lines.append(f"in all about {expected_time_in_words(all_seconds)} on {workers} workers")
+        line = f"in all about {expected_time_in_words(all_seconds)} on {workers} workers, with tables and figures"
+        if suite.added:
+            line += f", and without {', '.join(suite.added)}"
+        lines.append(line)
     return [*_left_out_lines(suite), *lines]
+
+
+_REPORT_S = 1.3
+"""CPU seconds that simulation, errors, tables and figures of a problem take beside the filters."""
+
+
+def _recorded_seconds(times: Sequence[SuiteTime], runs: int, is_tuned_in_full: bool) -> float:
+    """Return the CPU seconds of a problem for so many runs, on a line through two recorded times.
+
+    The line does not go through zero: a step of a few runs takes hardly less time than one of many. A
+    roster that is tuned in full takes at least the last of the times.
+    """
+    last = times[-1]
+    if len(times) == 1 or runs > last.runs:
+        return last.cpu_s * runs / last.runs
+    if is_tuned_in_full:
+        return last.cpu_s
+    first = times[0]
+    slope = (last.cpu_s - first.cpu_s) / (last.runs - first.runs)
+    return max(first.cpu_s + slope * (runs - first.runs), 0.0)
 
 
 @with_known_keywords(*OPTION_NAMES)

@@ -163,8 +163,26 @@ def find_shipped(name: str) -> Path:
     for ending in (".yml", ".yaml"):
         if Path(f"{name}{ending}").is_file():
             hint = f"did you mean {name}{ending}?"
+    suites = _suites_with_problem(name)
+    if suites:
+        hint = (
+            f"it is a problem of the suite {suites[0]}: `trackbench suite {suites[0]} --problem {name}` "
+            "runs it, and with --dry-run shows its state and measurement"
+        )
     what = f"is neither a file nor a shipped experiment; {hint}"
     raise UserError(Problem(Mark(name), "", what))
+
+
+def _suites_with_problem(name: str) -> list[str]:
+    """List the shipped suites that have a problem of this name."""
+    from trackbench.yaml_source import read
+
+    suites = []
+    for suite in suite_names():
+        groups = read(suite_file(Path(suite))).data["groups"]
+        if any(name in group["problems"] for group in groups.values()):
+            suites.append(suite)
+    return suites
 
 
 class Copied(NamedTuple):
@@ -225,20 +243,27 @@ def suite_file(suite: Path) -> Path:
 
 
 class SuiteTime(NamedTuple):
-    """Recorded time of a problem of a shipped suite: seconds on one processor for so many runs."""
+    """Recorded time of a problem of a shipped suite: seconds on one processor for so many runs.
+
+    They include the tuning of the roster, which `--quick` shortens.
+    """
 
     runs: int
     cpu_s: float
 
 
-def suite_times(name: str) -> dict[str, SuiteTime]:
-    """Return the recorded times of a shipped suite's problems by name; empty for another suite."""
+def suite_times(name: str) -> dict[str, list[SuiteTime]]:
+    """Return the recorded times of a shipped suite's problems by name; empty for another suite.
+
+    Those of a problem are sorted by runs: the first is that of `--quick`, the last that of the suite.
+    """
+    times: dict[str, list[SuiteTime]] = {}
     with (folder() / _SUITES / _TIMES).open(encoding="utf-8", newline="") as file:
-        return {
-            row["problem"]: SuiteTime(int(row["runs"]), float(row["cpu_s"]))
-            for row in csv.DictReader(file)
-            if row["suite"] == name
-        }
+        for row in csv.DictReader(file):
+            if row["suite"] == name:
+                time = SuiteTime(runs=int(row["runs"]), cpu_s=float(row["cpu_s"]))
+                times.setdefault(row["problem"], []).append(time)
+    return {problem: sorted(times_of_problem) for problem, times_of_problem in times.items()}
 
 
 def with_parts(file: Path, files: frozenset[Path] = frozenset()) -> frozenset[Path]:

@@ -33,7 +33,7 @@ from trackbench.core.angles import wrap_angle
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.random_streams import run_seeds
-from trackbench.errors import counted
+from trackbench.errors import counted, few_names
 from trackbench.extension_points import field_values
 from trackbench.field_types import (
     DataFile,
@@ -62,7 +62,6 @@ _ASYMMETRY = 1e-7  # largest difference of two correlations that should be equal
 _LEAST_NUMBERS = 10  # from which digits are counted
 _MOST_DIGITS = 9  # of numbers that are printed short: those of float32 have 9
 _MOST_DECIMALS = 8
-_MOST_NAMES = 10  # of components in a message
 _NEARLY_WHOLE = 1e-6
 _PROBED_STEPS = 30
 _SHORT = 100  # steps that a program repeats, in place of another program
@@ -201,8 +200,8 @@ class External(Filter[ProgramState]):
         if not why:
             return {}
         motion, sensor = scenario.model
-        state = _few_names(motion.components)
-        measurement = _few_names(sensor.components)
+        state = few_names(motion.components)
+        measurement = few_names(sensor.components)
         return {"": f"{why} (state: {state}; measurement: {measurement})"}
 
     def cautions(self, scenario: Scene) -> list[str]:
@@ -311,13 +310,6 @@ def _why_refused(tracker: External, hello: str) -> str:
         return ""
     end_programs([program])
     return ""
-
-
-def _few_names(names: Sequence[str]) -> str:
-    """Write the names of components; of more than ten the first, the last and their number."""
-    if len(names) <= _MOST_NAMES:
-        return " ".join(names)
-    return f"{names[0]} ... {names[-1]}, {len(names)} components"
 
 
 def _digest(word: str) -> str:

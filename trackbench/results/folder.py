@@ -210,6 +210,12 @@ class ResultsFolder:
         return self.manifest.get("loops_over_runs", [])
 
     @property
+    def programs(self) -> list[str]:
+        """Labels of the filters that are programs in other languages."""
+        filters = self.config["filters"]
+        return [label for label, entry in filters.items() if entry["kind"] == "external"]
+
+    @property
     def failed(self) -> list[dict[str, Any]]:
         """Filters that raised: ``filter``, ``reason`` and the grid point's values."""
         return self.manifest["failed"]

@@ -69,6 +69,14 @@ def axis_of(metric: Measure) -> str:
     return str(metric)
 
 
+def time_of_programs(labels: Sequence[str]) -> str:
+    """Return what the CPU time of programs in other languages includes."""
+    return (
+        f"The time of {', '.join(labels)} includes the exchange of lines with the program, some "
+        "microseconds a step."
+    )
+
+
 def _capitalized(words: str) -> str:
     """Return words that begin with a capital letter."""
     return f"{words[0].upper()}{words[1:]}"

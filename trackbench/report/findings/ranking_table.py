@@ -493,6 +493,8 @@ def _finish_table(results: Results, table: TextTable, names_losses: bool = True)
     # Step 2: a star marks the CPU time of a filter that loops over the runs in Python.
     if any(row[-1].text.endswith("*") for row in table.rows):
         table.notes.append("*: filtered run by run, which is slower than the method.")
+        if results.programs:
+            table.notes.append(phrases.time_of_programs(results.programs))
     # Step 3: without NEES, which needs a truth, the column judges ANIS.
     has_nees = any(name == "nees" for _, name in results.runs(results.points()[0]))
     heads = []

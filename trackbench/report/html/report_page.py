@@ -101,15 +101,9 @@ def _rerun(results: Results) -> str:
     path = results.folder / "config.yaml"
     shown = "/".join(path.parts[-2:]) if path.is_absolute() else path.as_posix()
     arguments = shlex.quote(shown)
-    if results.config.get("plugins") or _programs(results):
+    if results.config.get("plugins") or results.programs:
         arguments += " --allow-plugins"
     return arguments
-
-
-def _programs(results: Results) -> list[str]:
-    """Find the filters that are programs in other languages."""
-    filters = results.config["filters"]
-    return [label for label, settings in filters.items() if settings["kind"] == "external"]
 
 
 def _facts(results: Results) -> list[tuple[str, object]]:
@@ -128,7 +122,7 @@ def _facts(results: Results) -> list[tuple[str, object]]:
         ("Seed", config["seed"]),
         ("CPU time", f"{cpu_s:.3g} s"),
     ]
-    programs = _programs(results)
+    programs = results.programs
     if programs:
         what = f"{', '.join(programs)}: the same numbers on the same machine only"
         facts.append(("External programs", what))

@@ -1,5 +1,6 @@
 """Figures of a suite: the matrix of problems and filters, performance profiles, error over cost."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import log10, nan
@@ -28,11 +29,14 @@ from trackbench.statistics.rules import ALIKE
 
 _CELL_IN = 0.21
 """Height of a cell."""
-_HEAD_IN = 1.25
+_HEAD_IN = 1.5
 """Height of the filters' names and the legend."""
 _GAP = 0.4
 """Space above the typical ratios, in cells."""
 _CELL_POINTS = 6.5
+_MANY_CELL_POINTS = 5.8
+"""Size of the numbers in a matrix of more than `_MANY` columns."""
+_MANY = 14
 _SHOWS_EQUAL = 1.005
 """Ratio up to which a cell shows 1.00."""
 _LOSES = "×"
@@ -41,7 +45,9 @@ _OVERCONFIDENT = "*"
 _NOT_RUN = "#dcdcdc"
 _COLORS = "viridis_r"
 _SHOWN = 6
-"""Filters of a performance profile that have a color; the others are gray."""
+"""First filters of a performance profile, which have a color; others but the user's are gray."""
+_OWN_LINE = 2.4
+"""Width of the line of a user's own filter, in points."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,19 +149,23 @@ def draw_matrix(group: SuiteScores) -> Figure:
     ax.set_xlim(-0.5, right)
     ax.set_ylim(lowest + 0.5, -0.5)
     # Step 3: the numbers and marks.
+    points = _CELL_POINTS if len(labels) <= _MANY else _MANY_CELL_POINTS
     for row, problem in enumerate(problems):
         for column, label in enumerate(labels):
             score = cells.get((label, problem))
             if score is not None and not score.is_left_out:
                 slant = "italic" if _is_undecided(score) else "normal"
-                _write_cell(ax, row, column, cell_text(score), logs[row, column], slant)
+                _write_cell(ax, row, column, cell_text(score), logs[row, column], points, slant)
     for column, label in enumerate(labels):
-        _write_cell(ax, lowest, column, _ratio_text(typical[label]), logs[-1, column])
+        _write_cell(ax, lowest, column, _ratio_text(typical[label]), logs[-1, column], points)
     # Step 4: the names.
     ax.grid(visible=False)
     ax.set_yticks([*range(len(problems)), lowest], [*problems, "typical ratio"])
     ax.xaxis.tick_top()
-    ax.set_xticks(range(len(labels)), labels, rotation=40, ha="left", rotation_mode="anchor")
+    ax.set_xticks(range(len(labels)), labels, rotation=60, ha="left", rotation_mode="anchor")
+    for label, text in zip(labels, ax.get_xticklabels(), strict=True):
+        if label in group.added:
+            text.set_fontweight("bold")
     ax.tick_params(length=0)
     for side in ax.spines.values():
         side.set_visible(False)
@@ -184,7 +194,7 @@ def _ratio_text(ratio: float) -> str:
         return f"{ratio:.1f}"
     if ratio < 999.5:
         return f"{ratio:.0f}"
-    return "999+"
+    return "1k+"
 
 
 def _is_undecided(score: Score) -> bool:
@@ -193,11 +203,17 @@ def _is_undecided(score: Score) -> bool:
 
 
 def _write_cell(
-    ax: Axes, row: float, column: float, text: str, log: float, slant: str = "normal"
+    ax: Axes,
+    row: float,
+    column: float,
+    text: str,
+    log: float,
+    points: float,
+    slant: str = "normal",
 ) -> None:
     """Write a cell's text in black or white, whichever can be read on its color.
 
-    ``log`` is the decimal logarithm of the ratio, which sets the color.
+    ``log`` is the decimal logarithm of the ratio, which sets the color; ``points`` is the font's size.
     """
     ink = "black"
     if log > 0.45 * log10(WORST):  # the dark end of the colors
@@ -208,7 +224,7 @@ def _write_cell(
         text,
         ha="center",
         va="center",
-        fontsize=_CELL_POINTS,
+        fontsize=points,
         fontstyle=slant,
         color=ink,
     )
@@ -274,9 +290,9 @@ def matrix_caption(group: SuiteScores) -> str:
         f"(row). {_LOSES}: loses all runs, or significantly more than another filter. "
         f"{_COLLAPSES}: in some runs the error is far beyond what the covariance says. "
         f"{_OVERCONFIDENT}: overconfident. Italic: no significant difference from the best filter. "
-        "Gray: cannot be run on this problem; scores.csv has the reason. Filters are sorted by their "
-        "typical ratio, the geometric mean of the column, in which a number counts as "
-        f"{WORST:g} at most, and a cross or a gray cell as {WORST:g}."
+        "1k+: 1000 times or more. Gray: cannot be run on this problem; scores.csv has the reason. "
+        "Filters are sorted by their typical ratio, the geometric mean of the column, in which a number "
+        f"counts as {WORST:g} at most, and a cross or a gray cell as {WORST:g}."
     )
 
 
@@ -288,16 +304,20 @@ def draw_profile(group: SuiteScores) -> Figure:
     low, high = profile_bands(group, factors)
     order = [labels.index(label) for label in ordered_labels(group)]
     figure, ax = style.subplots(height_in=3.4)
-    for place, i in reversed([*enumerate(order)]):
-        if place < _SHOWN:
-            look = style.line(place)
+    # The first filters and the user's own have a color; the user's own have a thick line, too.
+    colored = order[:_SHOWN] + [i for i in order[_SHOWN:] if labels[i] in group.added]
+    for i in reversed(order):
+        if i in colored:
+            look = style.line(colored.index(i))
+            if labels[i] in group.added:
+                look["linewidth"] = _OWN_LINE
             ax.fill_between(
                 factors, low[i], high[i], step="post", alpha=0.15, lw=0, color=look["color"]
             )
             ax.step(factors, shares[i], where="post", label=labels[i], **look)
         else:
             ax.step(factors, shares[i], where="post", color="#c4c4c4", linewidth=0.8, zorder=1.5)
-    if len(order) > _SHOWN:
+    if len(order) > len(colored):
         ax.plot([], [], color="#c4c4c4", linewidth=0.8, label="other filters")
     ax.set_xscale("log")
     ticks = [1.0, 1.2, 1.5, 2.0, 3.0, 5.0, WORST]
@@ -328,19 +348,32 @@ def draw_cost(group: SuiteScores) -> Figure:
     typical = typical_ratios(group)
     costs = relative_costs(group)
     figure, ax = style.subplots(height_in=3.4)
+    number = len({score.problem for score in group.of_role(FILTER)})
+    left_out = Counter(score.label for score in group.of_role(FILTER) if score.is_left_out)
     for label in ordered_labels(group):
         if label not in costs:
             continue
+        is_own = label in group.added
         ax.plot(
             costs[label],
             typical[label],
             marker="o",
             markersize=4,
-            color=style.COLORS[0],
+            color=style.COLORS[1 if is_own else 0],
             linestyle="",
         )
         place: Any = (costs[label], typical[label])
-        ax.annotate(label, place, (4.0, 2.0), textcoords="offset points", fontsize=6.5)
+        text = label
+        if left_out[label]:
+            text += f" ({number - left_out[label]} of {number})"
+        ax.annotate(
+            text,
+            place,
+            (4.0, 2.0),
+            textcoords="offset points",
+            fontsize=6.5,
+            fontweight="bold" if is_own else "normal",
+        )
     ax.set_xscale("log")
     ax.set_yscale("log")
     ticks = [
@@ -360,5 +393,7 @@ def cost_caption(group: SuiteScores) -> str:
     return (
         f"{group.title}: error and CPU time of each filter over all problems. Lower and further left "
         f"is better. A ratio counts as {WORST:g} at most, also of a filter that fails or cannot be run. "
-        "A filter for one run loops over the runs in Python."
+        "A label with `5 of 9` is of a filter that runs on 5 of 9 problems: the others count as "
+        f"{WORST:g}. A filter for one run loops over the runs in Python, and the time of a program "
+        "includes the exchange of lines."
     )

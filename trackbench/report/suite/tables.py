@@ -82,7 +82,8 @@ def roster_table(group: SuiteScores) -> TextTable:
         f"Fails: {WORST:g} times the error of the best filter or more, or all runs lost, or "
         "significantly more than another filter loses.",
         "Overconfident: its covariance is too small, in all runs together, or in some by far (collapsed "
-        "runs). CPU time: median of its ratio to the fastest filter.",
+        "runs). CPU time: median of its ratio to the fastest filter. That of a program includes the "
+        "exchange of lines with it, some microseconds a step.",
     ]
     return table
 

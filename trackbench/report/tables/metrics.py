@@ -14,7 +14,7 @@ from trackbench.evaluation.metric_expression import Expression, Measure
 from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
-from trackbench.report.findings.phrases import listed, named
+from trackbench.report.findings.phrases import listed, named, time_of_programs
 from trackbench.report.findings.ranking import Candidate, ranking_of
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
@@ -111,6 +111,9 @@ class Metrics(TableKind):
         slow = [label for label in labels if label in results.loops_over_runs]
         if slow and any("cpu_s" in str(m) for m in measures):
             table.notes.append(f"Time of {', '.join(slow)}: one run after the other.")
+            programs = [label for label in slow if label in results.programs]
+            if programs:
+                table.notes.append(time_of_programs(programs))
         for failure in results.failed:
             if failure["filter"] in labels:
                 table.notes.append(f"{failure['filter']} failed: {failure['reason']}")
