@@ -240,7 +240,7 @@ def test_azimuths_from_0_to_360_are_guessed_to_be_clockwise(tmp_path: Path) -> N
     write(tmp_path)
     for name in ("plots.csv", "xy.csv"):
         assert recognized(str(tmp_path / name)).naming.clockwise == ()
-    mixed = np.array([-100.0, 100.0])[np.arange(len(TIMES)) % 2]
+    mixed = np.linspace(-100.0, 100.0, len(TIMES))
     (tmp_path / "half.csv").write_text(table("time,range,azimuth_deg", TIMES, TIMES, mixed))
     assert recognized(str(tmp_path / "half.csv")).naming.clockwise == ()
     (tmp_path / "half.csv").write_text(table("time,range,bearing_true", TIMES, TIMES, mixed))

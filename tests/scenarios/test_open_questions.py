@@ -119,6 +119,14 @@ def test_a_lidar_is_a_radar_in_millimeters(tmp_path: Path, names: str) -> None:
     assert content["scenario"]["target"]["units"] == {"range": "mm", "azimuth": "rad"}
 
 
+def test_rows_of_two_targets_without_a_name_are_a_question(tmp_path: Path) -> None:
+    north = np.where(np.arange(len(T)) % 2, NORTH, 360.0 - NORTH)
+    path = table(tmp_path / "m.csv", "t,range_m,az_deg", T, RANGE, north)
+    message = asked(path)
+    assert "az_deg: azimuths jump by some" in message
+    assert "are these rows of one target?" in message
+
+
 def test_a_column_that_would_not_be_read_is_a_mistake(tmp_path: Path) -> None:
     path = table(tmp_path / "m.csv", "t,x,y,h", T, X, Y, T)
     message = asked(path, "columns.altitude=h")

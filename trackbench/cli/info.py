@@ -230,7 +230,10 @@ def _echo_unused_columns(columns: list[str], quantities: list[str]) -> None:
     names = ", ".join(columns[:_MOST_COLUMNS])
     if len(columns) > _MOST_COLUMNS:
         names += f" and {len(columns) - _MOST_COLUMNS} more"
-    purpose = f"to use one as {', '.join(quantities[:-1])} or {quantities[-1]}"
+    words = quantities[-1]
+    if len(quantities) > 1:
+        words = f"{', '.join(quantities[:-1])} or {quantities[-1]}"
+    purpose = f"to use one as {words}"
     option = f"--set 'columns.{quantities[0]}=ITS NAME'"
     typer.echo(f"columns not used: {names} ({purpose}: {option})")
 

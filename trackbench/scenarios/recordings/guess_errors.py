@@ -92,6 +92,17 @@ def scatter(time: Array, value: Array) -> float:
     return 1.0
 
 
+def error_of_azimuth(rows: Rows, kind: str, in_degrees: bool) -> float:
+    """Estimate the standard deviation of azimuths, rad, from complete rows in order.
+
+    0 for a sensor of another ``kind`` than those of `SENSORS` with an azimuth. ``in_degrees`` is that of
+    `levels_of`.
+    """
+    if SENSORS[kind][-1] != "azimuth":
+        return 0.0
+    return error_of_line(rows.time, _unwrapped_values(rows, kind, in_degrees)[-1])
+
+
 def share_of_outliers(rows: Rows, kind: str, in_degrees: bool) -> float:
     """Return the share of complete rows, in order, that lie far from the line between their neighbors.
 

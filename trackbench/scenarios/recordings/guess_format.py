@@ -51,6 +51,7 @@ from trackbench.scenarios.recordings.dates import instant
 from trackbench.scenarios.recordings.guess_errors import (
     ANGLES,
     SENSORS,
+    error_of_azimuth,
     levels_of,
     not_finer,
     scatter,
@@ -109,6 +110,8 @@ _GIVEN_KEYS = (
 """Keys of `columns` that a guess may be given."""
 _SENSOR_KEYS = ("landmark", "landmarks", "tag", "id", "marker", "station", "radar", "anchor")
 """Words that a user may take for the key `sensor`."""
+_LARGEST_AZIMUTH_ERROR = 0.5
+"""rad; azimuths with larger errors are rather those of several targets, or of another unit"""
 _LONG_INTERVAL = 600.0  # s
 _MOST_TANGENTIAL = 20.0
 """ratio of the ways across and along the line of sight, beyond which azimuths may have another unit"""
@@ -354,6 +357,15 @@ def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[Sens
         levels_of(rows, sensor.kind, in_degrees)
         for sensor, rows in zip(sensors, longest, strict=True)
     ]
+    for sensor, rows in zip(sensors, longest, strict=True):
+        error = error_of_azimuth(rows, sensor.kind, in_degrees)
+        if error > _LARGEST_AZIMUTH_ERROR:
+            what = f"{columns['azimuth']}: azimuths jump by some {np.degrees(error):.0f} deg"
+            doubt = "is their unit right (units.azimuth), and are these rows of one target? Say"
+            option = (
+                "which column names targets, --set 'columns.run=NAME', or sensors, columns.sensor"
+            )
+            raise DataError(Place(path, 1, 1, f"{what}: {doubt} {option}"))
     outliers = [
         share_of_outliers(rows, sensor.kind, in_degrees)
         for sensor, rows in zip(sensors, longest, strict=True)
