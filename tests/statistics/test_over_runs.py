@@ -53,16 +53,10 @@ def test_what_can_be_said_without_spread_or_steps() -> None:
     assert series_mean(gaps)[:2] == series_mean(x)[:2]
 
 
-def test_a_refused_autocorrelation_is_never_printed_as_the_limit(rng: np.random.Generator) -> None:
-    """Series near the limit: 0.9702 is said as 0.971, since less than 0.97 would do."""
-    printed = set()
-    for _ in range(500):
-        x = rng.standard_normal(400)
-        for k in range(1, len(x)):
-            x[k] += 0.94 * x[k - 1]
-        if why := series_mean(x).why:
-            printed.add(float(why.partition("up to ")[2].partition(",")[0]))
-    assert min(printed) == 0.971
+def test_a_series_that_is_nearly_a_random_walk_has_a_reason(rng: np.random.Generator) -> None:
+    found = series_mean(np.cumsum(rng.standard_normal(400)))
+    assert np.isnan(found.z)
+    assert found.why == "the autocorrelation of neighboring steps may be 0.97 or more"
 
 
 @pytest.mark.parametrize(("kind", "T"), [("0.8", 60), ("white", 200)])

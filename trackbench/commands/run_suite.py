@@ -150,7 +150,8 @@ def preview_suite(file: Path, options: Options, problems: Sequence[str] = ()) ->
             time = f"about {expected_time_in_words(seconds)} of filtering"
         lines.append(dry_run_line(job, time))
     if all_seconds:
-        line = f"in all about {expected_time_in_words(all_seconds)} on {workers} workers, with tables and figures"
+        time = expected_time_in_words(all_seconds)
+        line = f"in all about {time} on {workers} workers, with tables and figures"
         if suite.added:
             line += f", and without {', '.join(suite.added)}"
         lines.append(line)
