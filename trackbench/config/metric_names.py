@@ -10,7 +10,7 @@ import numpy as np
 from trackbench.config.experiment import Point, Settings
 from trackbench.core.random_streams import block_stream
 from trackbench.evaluation.block import simulate
-from trackbench.evaluation.consistency_and_calibration import calibration_series, sizes
+from trackbench.evaluation.consistency_and_calibration import calibration_series
 from trackbench.evaluation.metric_expression import TIME_MEAN, measured
 from trackbench.evaluation.predictive_scores import predictive_series
 from trackbench.evaluation.run_filter import prior_of
@@ -107,7 +107,7 @@ class Names:
             scenario_metrics = frozenset(scenario.run_metrics(dict.fromkeys(series, zeros)))
         window_suffixes = tuple(in_window("", window) for window in scenario.windows)
         # Points of a sweep mostly give the same names.
-        inputs = (scenario_metrics, window_suffixes, tuple(sizes(scenario)), counts, series)
+        inputs = (scenario_metrics, window_suffixes, counts, series)
         if inputs in self._added:
             return
         self._added.add(inputs)

@@ -371,7 +371,10 @@ def _check_consistency(tracker: AnyFilter, scenario: Scenario) -> None:
 
 
 def _check_angles(tracker: AnyFilter, scenario: Scenario) -> None:
-    """Check that angles are wrapped where they cross their cut."""
+    """Check that a filter does not go wrong where an angle crosses its cut, such as pi.
+
+    The prior is turned about the sensor until the angles cross it.
+    """
     if scenario is PLANAR and runs_on(tracker, RADAR):
         scenario = RADAR
     problem = scenario if isinstance(scenario, ModelDraws) else ModelDraws(base=scenario)
@@ -383,6 +386,7 @@ def _check_angles(tracker: AnyFilter, scenario: Scenario) -> None:
         if requirement.startswith("prior."):
             raise LeftOutError(f"needs {requirement}, which a turned problem has not")
     what = mistaken_angle(_with_many_particles(tracker), problem)
+    # None: the angles could not be tested; empty: no mistake was found.
     if what is None:
         why = (
             "no angle passes its cut, no reference filter runs, or the filter is far off everywhere"

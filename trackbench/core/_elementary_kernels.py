@@ -375,7 +375,10 @@ def pi_bits() -> int:
 
 
 def parts(bits: int, divisor: int, widths: list[int]) -> list[float]:
-    """Split ``bits / divisor`` into a float for each of ``widths``, its bits, and one for the rest."""
+    """Split the number ``bits / divisor / _ONE`` into floats whose sum it is.
+
+    There is a float of so many leading bits for each of ``widths``, and one for the rest.
+    """
     rest = bits // divisor
     result = []
     for width in widths:

@@ -257,7 +257,7 @@ def _widen_exact_posterior(posterior: Gaussian, predicted: Gaussian) -> Gaussian
     """Widen the posteriors of runs that an exact measurement leaves without spread.
 
     A regression over points that are all equal has no slope. A small share of the ``predicted``
-    covariance is added.
+    covariance is added. The covariances are (n, n, M), one for each run.
     """
     least = _LEAST_SPREAD * np.abs(posterior.mean)
     is_exact = ~(linalg.diagonal(linalg.root(posterior.cov)) > least).all(axis=0)

@@ -203,12 +203,14 @@ def _shifted(scan: Array, azimuth: Array) -> Array:
 def _prune(mean: Array, w: Array, number: int) -> Array:
     """Return the weights (M, C), but zero for all except the heaviest of either cross speed's sign.
 
-    ``number`` components of each sign stay. ``mean`` (n, M, C) are the means of the components.
+    ``number`` components of each sign stay: ranges alone do not tell the sign. ``mean`` (n, M, C) are
+    the means of the components.
     """
     px, vx, py, vy = mean[:4]
     out = np.zeros_like(w)
     # The sign of px vy - py vx is that of the cross speed.
     for side in (px * vy > py * vx, px * vy <= py * vx):
+        # The NaN weights of a run that has diverged stay.
         of_sign = np.where(side & ~(w < _NEGLIGIBLE), w, 0.0)
         # Remove all but the `number` heaviest components of this sign.
         lightest: Index = np.argsort(-of_sign, axis=-1, kind="stable")[:, number:]

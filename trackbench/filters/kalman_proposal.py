@@ -125,7 +125,7 @@ class ProposalFilter(Filter[PFState]):
         return state.diagnostics() | {"distinct_particles": distinct}
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Reject process noise without a density."""
+        """Reject process noise without a density, and a ``transition_density`` not defined for it."""
         motion = scenario.model.motion
         _, transition = self._weight_reading
         if isinstance(motion, NormalMotion) and linalg.is_singular(motion.Q):

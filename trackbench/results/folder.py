@@ -420,7 +420,8 @@ class ResultsFolder:
             return {}
         with self.reading("tuning.csv") as path, path.open(encoding="utf-8", newline="") as file:
             tune = self.config.get("tune", {})
-            # The values of the tuned keys with which the tuned filters were run.
+            # The values with which the tuned filters were run: they tell which of several trials was
+            # taken that are equal as the file rounds them.
             config_values = {}
             for label, keys in tune.items():
                 prefix = f"filters.{tuned_label(label)}"

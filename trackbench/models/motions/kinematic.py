@@ -184,7 +184,8 @@ class ConstantVelocity(PerAxis):
 class ConstantAcceleration(PerAxis):
     """Constant acceleration, disturbed by a white sequence of variance q on each axis.
 
-    ``G = [T^2/2, T, 1]'`` (a Wiener sequence of accelerations) or the printed ``[T^2/4, T/2, 1]'``.
+    ``G = [T^2/2, T, 1]'`` (a Wiener sequence of accelerations) or ``[T^2/4, T/2, 1]'``, as the paper on
+    the adaptive Kalman filter prints it.
     """
 
     q: Annotated[NonNegative, Unit("(m/s^2)^2")]
@@ -201,7 +202,7 @@ class ConstantAcceleration(PerAxis):
         """Return F and ``Q = q G G'`` of one axis (position, velocity, acceleration)."""
         if self.noise_gain == "standard":
             G = np.array([T * T / 2, T, 1.0])
-        else:
+        else:  # as the paper on the adaptive Kalman filter prints it
             G = np.array([T * T / 4, T / 2, 1.0])
         F = np.array([[1.0, T, T * T / 2], [0.0, 1.0, T], [0.0, 0.0, 1.0]])
         return Axis(F=fixed(F), Q=fixed(self.q * np.outer(G, G)))

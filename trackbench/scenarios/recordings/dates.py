@@ -26,9 +26,11 @@ def moment(cell: str, form: str = "") -> datetime:
         if "%f" in form:
             # There may be nine digits in place of six.
             cell = _NANOSECONDS.sub(r"\1", cell)
-        if form.endswith("%f") and form[-3] in ".,:":
-            # A whole second may have no digits behind it.
-            cell = re.sub(r"(:\d\d|(^| )\d{6})$", r"\g<0>" + form[-3] + "0", cell)
+        separator = form[-3:-2]
+        if form.endswith("%f") and separator in {".", ",", ":"}:
+            # A whole second may have no digits behind it: 12:00:05 in place of 12:00:05.0.
+            if cell.count(separator) < form.count(separator):
+                cell += f"{separator}0"
         if form.startswith("%M:%S") and ("%f" in form or "." not in cell):
             elapsed = _ELAPSED.fullmatch(cell)
             if elapsed:

@@ -439,5 +439,6 @@ def recorded_columns(values: Array, rng: Streams) -> Array:
     # Recordings with these numbers; a negative number counts from the last.
     recordings = values.shape[-1]
     existing = [m for m in rng.runs if -recordings <= m < recordings]
+    # The runs of a block count away from zero, so those without a recording come last.
     columns[..., : len(existing)] = values[..., existing]
     return columns

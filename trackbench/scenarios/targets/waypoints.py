@@ -159,6 +159,7 @@ class RecordedPath(FromFiles, Naming, Flown):
         rows = read_rows(gathered, [self.file], [(*_POSITIONS, *_VELOCITIES)], least=2)
         gathered.check_origin(self.origin, "origin")
         gathered.note_distances()
+        # One table for each sensor, and here the only one; its runs are checked below.
         (path,) = chosen_runs(gathered, rows, chosen, ("run",))
         path = in_order(gathered, path)
         if gathered.stepped:

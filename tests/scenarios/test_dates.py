@@ -1,0 +1,27 @@
+"""Dates and times of recordings in a form of strptime."""
+
+import pytest
+
+from trackbench.scenarios.recordings.dates import moment
+
+
+@pytest.mark.parametrize(
+    ("cell", "form", "microsecond"),
+    [
+        ("12:00:05:10", "%H:%M:%S:%f", 100_000),
+        ("12:00:05:105", "%H:%M:%S:%f", 105_000),
+        ("12:00:05", "%H:%M:%S:%f", 0),
+        ("120005", "%H%M%S.%f", 0),
+        ("01.02.2024 12:00:05", "%d.%m.%Y %H:%M:%S.%f", 0),
+        ("01.02.2024 12:00:05.123456789", "%d.%m.%Y %H:%M:%S.%f", 123_456),
+        ("5", "%f", 500_000),
+    ],
+)
+def test_a_second_may_have_digits_or_none(cell: str, form: str, microsecond: int) -> None:
+    assert moment(cell, form).microsecond == microsecond
+
+
+@pytest.mark.parametrize(("cell", "form"), [("noon", "%f"), ("12:00:05:x", "%H:%M:%S:%f")])
+def test_another_form_is_a_value_error(cell: str, form: str) -> None:
+    with pytest.raises(ValueError, match=f"a time as {form}"):
+        moment(cell, form)
