@@ -27,10 +27,10 @@ def moment(cell: str, form: str = "") -> datetime:
             # There may be nine digits in place of six.
             cell = _NANOSECONDS.sub(r"\1", cell)
         separator = form[-3:-2]
-        if form.endswith("%f") and separator in {".", ",", ":"}:
+        has_digits = cell.count(separator) >= form.count(separator)
+        if form.endswith("%f") and separator in {".", ",", ":"} and not has_digits:
             # A whole second may have no digits behind it: 12:00:05 in place of 12:00:05.0.
-            if cell.count(separator) < form.count(separator):
-                cell += f"{separator}0"
+            cell += f"{separator}0"
         if form.startswith("%M:%S") and ("%f" in form or "." not in cell):
             elapsed = _ELAPSED.fullmatch(cell)
             if elapsed:
