@@ -264,8 +264,9 @@ def _options_of_jobs(suite: Suite, options: Options) -> Options:
     Other options of the suite are already in the experiments' configs.
     """
     folder = suite_folder(suite, options)
+    # `prepare` adds each experiment's name to the folder of several, but not to that of a single one.
     if len(suite.problems) == 1:
-        folder = folder / suite.problems[0].name  # of several problems each has a folder in it
+        folder = folder / suite.problems[0].name
     return replace(
         options,
         set=(),

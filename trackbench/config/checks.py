@@ -22,7 +22,7 @@ from trackbench.evaluation.summary import is_exact
 from trackbench.extension_points import field_values, is_foreign, walk_parts
 from trackbench.field_types import InvalidKeyError
 from trackbench.filters.base import AnyFilter, Filter
-from trackbench.models.base import has_density, position_velocity_names
+from trackbench.models.base import has_own_density, position_velocity_names
 from trackbench.models.sensors.base import ScaledNoise, SensorBase
 from trackbench.plugins.checks import call_hook, filter_conflicts
 from trackbench.plugins.errors import PluginError, plugin_code
@@ -115,7 +115,7 @@ def check_fit(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario
             what = f"`{tracker.kind}` works only with {needed}; {_remedy(scenario, requirement)}"
         source.problems.append(Problem(kind_mark, dotted(keys), what))
     # Step 2: measurements without mean and covariance.
-    why = sensor.why_no_moments() if has_density(sensor) else ""
+    why = sensor.why_no_moments() if has_own_density(sensor) else ""
     if why and not tracker.density_only:
         what = f"`{tracker.kind}` uses mean and covariance of a measurement: {why}"
         what += "; take a particle filter (pf, rpf, apf) or `grid`"

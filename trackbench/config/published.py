@@ -330,8 +330,9 @@ def _add_rows(published: Published, known: _Known, file_name: str, text: str) ->
                 _check_claim(row, source)
                 published.claims.append(row)
             else:
+                # Without labels the rows are read again, and were checked with the config.
                 if known.labels is not None:
-                    _check_reading(row, source, published.numbers)
+                    _check_repeated(row, source, published.numbers)
                 published.numbers.append(row)
         problems += source.problems
     return problems
@@ -421,7 +422,7 @@ def _check_point(
         source.add_problem(("point",), f"{row.point!r} is no point of the grid")
 
 
-def _check_reading(row: PublishedNumber, source: Source, earlier: list[PublishedNumber]) -> None:
+def _check_repeated(row: PublishedNumber, source: Source, earlier: list[PublishedNumber]) -> None:
     """Check a row against ``earlier`` rows of the same printed number.
 
     They must have the same value and each an interpretation of its own in ``reading``.

@@ -101,13 +101,13 @@ def check_trained_metrics(source: Source, settings: Settings, training: Point | 
 def _requests_of_settings(settings: Settings) -> Iterator[MetricRequest]:
     """Yield the metrics of the config's top level."""
     for i, word in enumerate(settings.medians):
-        yield MetricRequest(("medians", i), measured(word), "series")
+        yield MetricRequest(("medians", i), measured(word), role="series")
     for i, word in enumerate(settings.metrics or ()):
-        yield MetricRequest(("metrics", i), measured(word), "base")
+        yield MetricRequest(("metrics", i), measured(word), role="base")
     for i, word in enumerate(settings.per_step or ()):
-        yield MetricRequest(("per_step", i), measured(word), "base")
+        yield MetricRequest(("per_step", i), measured(word), role="base")
     for word in settings.until:
-        yield MetricRequest(("until", word), measured(word), "row")
+        yield MetricRequest(("until", word), measured(word), role="row")
     yield from _requests_of_tuning(settings)
 
 
@@ -124,7 +124,7 @@ def _requests_of_tuning(settings: Settings) -> Iterator[MetricRequest]:
     mistaken = {word for word, _ in bad_terms(metric)}
     for word, place in places.items():
         if word not in mistaken:
-            yield MetricRequest(place, measured(as_expression(word)), "summary")
+            yield MetricRequest(place, measured(as_expression(word)), role="summary")
 
 
 def requests_of(parts: dict[Group, dict[str, Exhibit]]) -> Iterator[MetricRequest]:
@@ -151,7 +151,7 @@ def _requests_in_value(value: object, hint: object, keys: Keys) -> Iterator[Metr
         # A rank histogram also needs each of its bars.
         if role == "rank" and not value.steps:
             for bar in bars(value.family[1]):
-                yield MetricRequest(keys, value._replace(metric=bar), "per_run", named=False)
+                yield MetricRequest(keys, value._replace(metric=bar), role="per_run", named=False)
     elif is_dataclass(value) and not isinstance(value, type):
         yield from _requests_of_component(value, keys)
     elif isinstance(value, dict):

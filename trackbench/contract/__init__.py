@@ -360,6 +360,7 @@ def _choose_scenario(
     for scenario in candidates:
         why = why_not(tracker, scenario) or why_program_fails(tracker, scenario)
         if not why:
+            # The reason is read only if the scenario is not the first candidate of the contract.
             return scenario, "; ".join(reasons) or "is checked on the config's problem"
         if why not in reasons:
             reasons.append(why)

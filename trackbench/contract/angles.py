@@ -25,7 +25,7 @@ from trackbench.filters.base import AnyFilter
 from trackbench.filters.ekf import EKF
 from trackbench.filters.particle_filters import PF
 from trackbench.filters.ukf import UKF
-from trackbench.models.base import Model, Sensor, has_density, measured_angle_rows
+from trackbench.models.base import Model, Sensor, has_own_density, measured_angle_rows
 from trackbench.scenarios.base import Simulation
 
 _RUNS_BY_CUT = {
@@ -442,7 +442,7 @@ def _compare(tracker: AnyFilter, problem: ModelDraws, angle: Angle) -> _Comparis
     )
     # Step 2: references.
     sensor = problem.model.sensor
-    if has_density(sensor) and sensor.why_no_moments():
+    if has_own_density(sensor) and sensor.why_no_moments():
         return None
     filters: list[AnyFilter] = [f for f in (UKF(), EKF()) if not why_not(f, problem)]
     if not filters:

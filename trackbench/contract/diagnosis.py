@@ -24,7 +24,7 @@ from trackbench.filters.ekf import EKF
 from trackbench.filters.external import PRINT_ALL_DIGITS, External, few_digits
 from trackbench.filters.particle_filters import PF
 from trackbench.filters.ukf import UKF
-from trackbench.models.base import LocatingSensor, has_density
+from trackbench.models.base import LocatingSensor, has_own_density
 from trackbench.scenarios.base import Scenario, Simulation
 from trackbench.scenarios.tracking import Tracking
 
@@ -119,7 +119,7 @@ def misfit(tracker: AnyFilter, scenario: Scenario, runs: int, seed: int = 1) -> 
     tested = run_filter(tracker, scenario, data)
     # Step 1: references. A filter that draws is compared with a particle filter of as many particles.
     sensor = scenario.model.sensor
-    has_moments = not (has_density(sensor) and sensor.why_no_moments())
+    has_moments = not (has_own_density(sensor) and sensor.why_no_moments())
     reference_filters: list[AnyFilter] = [UKF(), EKF()] if has_moments else []
     if tested.random or not has_moments:
         particles = tracker.particle_count if tracker.particle_count > 1 else 50

@@ -73,6 +73,7 @@ def distance_in_range(e: Array, P: Array, state: Array) -> tuple[Array, Array | 
     inside = spread | (np.square(e - linalg.matvec(L, y)) <= _WITHIN_ROUNDING * least)
     singular = inside.all(axis=0) & np.isfinite(L).all(axis=(0, 1)) & ~(pivots > least).all(axis=0)
     rank = np.where(singular, spread.sum(axis=0), len(P))
+    # Outside the range `squared` stands, which is infinite there: the Cholesky factor has zeros.
     return np.where(singular, total(np.square(y), axis=0), squared), rank
 
 

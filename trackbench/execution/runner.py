@@ -88,6 +88,8 @@ def execute(
 ) -> Generator[Outcome]:
     """Compute and store every missing block of the plans; ``fresh`` computes all blocks.
 
+    ``more`` returns the plan with which a finished one continues, or None.
+
     Yields an outcome per plan, in their order, as soon as its blocks are complete; meanwhile the workers
     compute the next plan. If a filter raises, its other blocks are dropped and the other filters
     continue. Close the iterator to stop the workers.

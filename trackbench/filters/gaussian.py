@@ -42,7 +42,7 @@ from trackbench.models.base import (
     NormalMotion,
     Scene,
     Sensor,
-    has_density,
+    has_own_density,
     jacobian_at,
 )
 from trackbench.models.motions.kinematic import Linear
@@ -336,7 +336,7 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
         if name := _redundant_component(scenario):
             what = f"`{name}` is a combination of other measured components, its noise included"
             return {"": f"the innovation covariance is singular: {what}; leave it out"}
-        if self.robust is None or not has_density(scenario.model.sensor):
+        if self.robust is None or not has_own_density(scenario.model.sensor):
             return {}
         what = "weighs normal noise of covariance R, and this sensor's noise is not normal"
         return {"robust": f"{what}; give the filter a normal sensor by `assume: {{sensor: ...}}`"}

@@ -532,7 +532,7 @@ def _is_of(kind: type[object], protocol: type[object]) -> bool:
     return issubclass(kind, protocol)
 
 
-def has_density(sensor: Sensor) -> TypeGuard[DensitySensor]:
+def has_own_density(sensor: Sensor) -> TypeGuard[DensitySensor]:
     """Return whether a sensor has a likelihood that is not normal."""
     return _is_of(type(sensor), DensitySensor) and cast(DensitySensor, sensor).has_density()
 
@@ -604,7 +604,7 @@ def log_likelihood(sensor: Sensor, z: Array, x: Array, k: int) -> Array:
         log p(z_k | x_k = x), zero if all components are missing.
     """
     note("likelihoods", x, components=1)
-    if has_density(sensor):
+    if has_own_density(sensor):
         return sensor.log_density(z, x, k)
     # Step 1: innovations nu and their covariance R, by the sensor's fast way for particles if any.
     if x.ndim == 3 and _is_of(type(sensor), NearSensor):

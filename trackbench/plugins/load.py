@@ -261,7 +261,7 @@ _working_folders: dict[str, str] = {}
 """By module: the folder that a plugin's code went to; empty if it stayed."""
 _brought: dict[str, dict[str, ModuleType]] = {}
 """Modules that each plugin brought, by the name of the plugin's module."""
-_executed: dict[str, set[str]] = {}
+_files_of_executed: dict[str, set[str]] = {}
 """By path of each plugin whose code has run: files that it, or an earlier content of it, opened."""
 
 
@@ -287,12 +287,13 @@ def forget_outdated(plugins: Sequence[Plugin], as_now: bool) -> None:
     for plugin in plugins:
         Finder.look_beside(plugin.path)
         names, _ = imports(plugin.source, plugin.path)
-        opened_files = _executed.get(plugin.path, set())
+        opened_files = _files_of_executed.get(plugin.path, set())
+        # Modules that it imports by name, and those whose file it opened.
         modules[plugin.module] = set(imported_modules(names, opened_files))
         loaded = _loaded_plugin(plugin.module)
         if loaded is None or not _is_current(loaded, plugin, as_now):
             _loaded.pop(plugin.module, None)
-            if plugin.path in _executed:
+            if plugin.path in _files_of_executed:
                 changed.add(plugin.module)
     # Step 2: plugins that share modules with a changed one count as changed, and so on.
     number_before = -1
@@ -360,7 +361,7 @@ def _mark(plugin: Plugin) -> None:
     setattr(sys.modules[plugin.module], "__plugin_digest__", plugin.identity)  # noqa: B010
     names, _ = imports(plugin.source, plugin.path)
     files = {name for name, _ in (*plugin.code, *plugin.opened)}
-    _executed.setdefault(plugin.path, set()).update(files)
+    _files_of_executed.setdefault(plugin.path, set()).update(files)
     _brought[plugin.module] = imported_modules(names, files)
     for module in _brought[plugin.module].values():
         setattr(module, "__plugin_brought__", plugin.identity)  # noqa: B010

@@ -179,8 +179,10 @@ class Evaluator:
         a = self.term(left, common)
         b = self.term(right, common)
         term = linear_combination(a.value - factor * b.value, a, b, 1.0, -factor)
+        # Two variances as such, neither of them a gain or a ratio to another filter.
         if all(m.statistic == "variance" and not m.relation for m in (left, right)):
             return as_difference_of_variances(term, a, b, factor)
+        # Of shares that are added the limits of their difference would be wrong.
         if isinstance(a, Share) and isinstance(b, Share) and factor >= 0.0:
             return as_difference_of_proportions(term, a, b, factor)
         return term

@@ -11,7 +11,7 @@ from trackbench.core.distributions import Distribution
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import InvalidKeyError
 from trackbench.metrics import joined
-from trackbench.models.base import Model, Scene, Sensor, has_density
+from trackbench.models.base import Model, Scene, Sensor, has_own_density
 from trackbench.models.delays import Late
 from trackbench.models.sensors.base import Assume
 
@@ -215,7 +215,7 @@ def simulate_markov(model: Model, start: Array, steps: Index, rng: Streams) -> t
         k = int(step)
         x = model.motion.transition(truth[-1], k).sample(rng)
         truth.append(x)
-        if has_density(model.sensor):
+        if has_own_density(model.sensor):
             noise = rng.standard_normal((n_z, x.shape[-1]))
             measurements.append(model.sensor.draw_known(x, k, noise, rng))
         else:

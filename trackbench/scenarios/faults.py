@@ -16,7 +16,7 @@ from trackbench.core.random_streams import RunStreams, Streams
 from trackbench.core.sums import total
 from trackbench.field_types import InvalidKeyError
 from trackbench.metrics import in_window
-from trackbench.models.base import Sensor, has_density
+from trackbench.models.base import Sensor, has_own_density
 from trackbench.models.sensors.base import (
     ScaledNoise,
     SensorBase,
@@ -251,7 +251,7 @@ class FaultContext(NamedTuple):
             scales[self.rows(fault), self.measured(fault)] *= np.sqrt(fault.variance)
         if (scales == 1.0).all():
             return assumed
-        if has_density(assumed):
+        if has_own_density(assumed):
             what = "noise that is not normal has no known law in a fault that multiplies it"
             raise InvalidKeyError(what, "assume", "faults")
         return ScaledNoise(assumed, int(self.steps[1]), fixed(scales))

@@ -227,8 +227,9 @@ class Tracking(Scenario):
             what = f"a motion of {', '.join(sampled.components)} for {', '.join(self.components)}"
             raise InvalidKeyError(what, "assume")
         sensor = assumed_sensor(self.assume, self.true_sensor, self.components)
-        if self.assume.faults is None:
+        if self.assume.faults != "known":
             return Model(sampled, sensor)
+        # Filters know when the scenario's faults happen, and how large they are.
         return Model(sampled, self._fault_context.known_sensor(self.faults, sensor))
 
     def assumed_measurements(self, z: Array) -> Array:

@@ -33,7 +33,7 @@ from trackbench.models.base import (
     Motion,
     NearSensor,
     central_differences,
-    has_density,
+    has_own_density,
     log_likelihood,
 )
 from trackbench.models.delays import AnyDelay, Late, Treatment
@@ -268,7 +268,7 @@ class SensorBase(Part):
         # Step 1: draw from p(z | x), with larger noise for outliers, and add the bias.
         if self.outliers is not None:
             noise = noise * self._outlier_factor(self.outliers, noise.shape[-1], rng)
-        if has_density(self):  # noqa: SIM108 - narrows the type
+        if has_own_density(self):  # noqa: SIM108 - narrows the type
             z = self.draw_known(x, k, noise, rng)
         else:
             z = self.draw(x, k, noise)
@@ -385,12 +385,12 @@ class StackedSensor:
 
     def has_density(self) -> bool:
         """Return whether a sensor's noise is not normal."""
-        return any(map(has_density, self.sensors))
+        return any(map(has_own_density, self.sensors))
 
     def why_no_moments(self) -> str:
         """Return the reason why a measurement has no covariance, or nothing."""
         for sensor in self.sensors:
-            if has_density(sensor):
+            if has_own_density(sensor):
                 reason = sensor.why_no_moments()
                 if reason:
                     return reason

@@ -86,7 +86,8 @@ def _truth_lines(truth: TruthGuess, path: str) -> Iterator[str]:
 def _grid_line(guess: Guess) -> str:
     """Return a comment with the grid over all runs; empty for one run or very many."""
     names = [quoted(name) for name, _ in guess.runs]
-    if not 1 < len(names) <= _MOST_NAMES + 1:
+    # The run that the config has, and so many others.
+    if not 1 < len(names) <= 1 + _MOST_NAMES:
         return ""
     values = ", ".join(f"[{name}]" for name in names)
     what = "all runs, each on a clock of its own"

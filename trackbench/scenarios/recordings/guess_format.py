@@ -1024,6 +1024,7 @@ class _Reading:
             return None
         speed = chosen.usual_speed
         if not np.isfinite(speed) or is_usual_speed(speed):
+            # The config must have a unit of a range; x and y are in m without one.
             if names == ["range"]:
                 self._units["range"] = "m"
                 self._why["range"] = f"guess: no unit is named; {self._reason(chosen)}"
@@ -1045,8 +1046,11 @@ class _Reading:
         way = f"say {options}, or with another unit: {', '.join(units[1:])}"
         return Place(self._path, self._sample.line, 1, f"{what}: {way}")
 
-    def _numbers(self, sensor: SensorGuess, names: list[str]) -> Numbers:
-        """Return the numbers of the rows of one target and sensor, as `likely_units` compares them."""
+    def _numbers(self, sensor: SensorGuess, all_columns: list[str]) -> Numbers:
+        """Return the numbers of the rows of one target and sensor, as `likely_units` compares them.
+
+        The words in the names of all columns tell formats, such as AIS, and units.
+        """
         # Step 1: choose the rows of the sensor, and those of the longest run.
         sample = self._sample
         columns = self._columns
@@ -1087,7 +1091,7 @@ class _Reading:
         velocity = None
         if columns.keys() >= {*_VELOCITY}:
             velocity = np.stack([self._values(name)[rows] for name in _VELOCITY])
-        marks = frozenset("".join(words_of(name)) for name in names)
+        marks = frozenset("".join(words_of(name)) for name in all_columns)
         digits = [self._digits(columns[name]) for name in named]
         return Numbers(
             time=time[rows],

@@ -82,7 +82,7 @@ class _Spread:
 
     @property
     def _cov(self) -> Array:
-        """Covariance (n, n)."""
+        """Covariance (n, n); (0, 0), which is refused, if its rows differ in length."""
         if self.cov is None:
             assert isinstance(self.sigma, tuple)  # after `for_state`
             return np.diag(np.square(self.sigma))
