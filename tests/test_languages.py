@@ -11,6 +11,7 @@ import pytest
 import yaml
 
 from tests.commands import trackbench
+from tests.conftest import ROOT
 from trackbench.core.arrays import Array
 from trackbench.scaffold import LANGUAGES
 
@@ -96,6 +97,12 @@ def test_it_is_the_kalman_filter(command: list[str], n: int, n_z: int, scale: fl
     # Lines that wait in the pipe, and the end of the input in place of `end`.
     done = subprocess.run(command, input="\n".join(lines) + "\n", capture_output=True, text=True)
     assert (done.returncode, done.stdout) == (0, "".join(answers))
+
+
+def test_the_page_has_the_program_of_constant_gain() -> None:
+    page = (ROOT / "docs" / "any-language.md").read_text(encoding="utf-8")
+    program = (ROOT / "tests" / "programs" / "fixed_gain.c").read_text(encoding="utf-8")
+    assert f'```c title="fixed_gain.c"\n{program}```' in page
 
 
 def test_it_refuses_a_problem_without_matrices(command: list[str]) -> None:

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import shutil
 import signal
 import subprocess
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 
 from tests.commands import trackbench
+from tests.conftest import ROOT
 from trackbench.commands.prepare import Options
 from trackbench.commands.run_suite import SuiteReport, _recorded_seconds, run_suite
 from trackbench.config.shipped_experiments import SuiteTime, suite_names, suite_times
@@ -500,11 +502,15 @@ def test_a_cell_of_the_matrix_has_the_ratio_and_one_mark() -> None:
 
 
 def test_the_users_own_filter_has_a_color_and_a_label() -> None:
-    ratios = {name: (1.0 + 0.1 * i, 1.0) for i, name in enumerate("ABCDEFGH")}
-    group = replace(by_hand(ratios | {"mine": (5.0, np.nan)}, ("x", "y")), added=("mine",))
+    ratios: dict[str, tuple[float, ...]] = {"mine": (5.0, np.nan)}
+    for i, name in enumerate("ABCDEFGH"):
+        ratios[name] = (1.0 + 0.1 * i, 1.0)
+    group = replace(by_hand(ratios, ("x", "y")), added=("mine",))
     figure = draw_profile(group)
     axes = figure.axes[0]
-    names = [text.get_text() for text in axes.get_legend().get_texts()]
+    legend = axes.get_legend()
+    assert legend is not None
+    names = [text.get_text() for text in legend.get_texts()]
     assert names == [*"ABCDEF", "mine", "other filters"]
     (line,) = [line for line in axes.get_lines() if line.get_label() == "mine"]
     assert line.get_linewidth() > 2.0
@@ -595,6 +601,19 @@ def test_each_problem_has_a_time_for_quick_and_for_all_runs() -> None:
         for problem in load_suite(Path(name)).problems:
             runs = problem.experiment.settings.runs
             assert [time.runs for time in times[problem.name]] == [QUICK_RUNS, runs], problem.name
+
+
+def test_the_page_has_the_state_and_measurement_of_the_problems() -> None:
+    page = (ROOT / "docs" / "suites.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `([^`]+)` \| `([^`]+)` \| ([a-z, -]+) \|$", page, re.MULTILINE)
+    assert len(rows) == 5
+    problems: dict[tuple[str, str], list[str]] = {}
+    for problem in load_suite(Path("standard")).problems:
+        motion, sensor = problem.experiment.points[0].scenario.model
+        names = (" ".join(motion.components), " ".join(sensor.components))
+        problems.setdefault(names, []).append(problem.name)
+    for state, measurement, names in rows:
+        assert names.split(", ") == problems[state, measurement]
 
 
 def test_a_quick_suite_has_four_runs_and_leaves_out_what_takes_long() -> None:
