@@ -30,9 +30,13 @@ _CELL_IN = 0.21
 """Height of a cell."""
 _HEAD_IN = 1.25
 """Height of the filters' names and the legend."""
+_WIDE_COLUMNS = 12
+"""Columns of a matrix that are wide enough for names with a small slope."""
 _GAP = 0.4
 """Space above the typical ratios, in cells."""
 _CELL_POINTS = 6.5
+_SHARE_OF_CELL = 0.92
+"""Largest width of a text, of its cell's."""
 _SHOWS_EQUAL = 1.005
 """Ratio up to which a cell shows 1.00."""
 _LOSES = "×"
@@ -40,6 +44,20 @@ _COLLAPSES = "!"
 _OVERCONFIDENT = "*"
 _NOT_RUN = "#dcdcdc"
 _COLORS = "viridis_r"
+_FACTORS = (1.0, 1.1, 1.2, 1.5, 2.0, 3.0, 5.0, WORST)
+"""Ticks of a performance profile."""
+_NAME_PLACES = (
+    ((4.0, 2.0), "left"),
+    ((4.0, -7.0), "left"),
+    ((-4.0, 2.0), "right"),
+    ((-4.0, -7.0), "right"),
+    ((0.0, 10.0), "center"),
+    ((0.0, -15.0), "center"),
+    ((0.0, 18.0), "center"),
+    ((0.0, -23.0), "center"),
+    ((0.0, 26.0), "center"),
+)
+"""Offsets of a name from its point, in points, with the alignment; the first free one is taken."""
 _SHOWN = 6
 """Filters of a performance profile that have a color; the others are gray."""
 
@@ -129,7 +147,8 @@ def draw_matrix(group: SuiteScores) -> Figure:
     palette = colormaps[_COLORS].copy()
     palette.set_bad(_NOT_RUN)
     lowest = len(problems) + _GAP
-    figure, ax = style.subplots(height_in=_HEAD_IN + _CELL_IN * (lowest + 1))
+    head_in = _HEAD_IN if len(labels) <= _WIDE_COLUMNS else _HEAD_IN + 0.15
+    figure, ax = style.subplots(height_in=head_in + _CELL_IN * (lowest + 1))
     right = len(labels) - 0.5
     for top, rows in ((0.0, logs[:-1]), (lowest, logs[-1:])):
         ax.imshow(
@@ -155,13 +174,27 @@ def draw_matrix(group: SuiteScores) -> Figure:
     ax.grid(visible=False)
     ax.set_yticks([*range(len(problems)), lowest], [*problems, "typical ratio"])
     ax.xaxis.tick_top()
-    ax.set_xticks(range(len(labels)), labels, rotation=40, ha="left", rotation_mode="anchor")
+    # The names of narrow columns are steeper, so that they keep apart.
+    angle = 40 if len(labels) <= _WIDE_COLUMNS else 55
+    ax.set_xticks(range(len(labels)), labels, rotation=angle, ha="left", rotation_mode="anchor")
     ax.tick_params(length=0)
     for side in ax.spines.values():
         side.set_visible(False)
     _name_classes(ax, group, problems, right)
     _draw_legend(ax, group, palette)
+    _fit_cells(figure, ax, len(labels))
     return figure
+
+
+def _fit_cells(figure: Figure, ax: Axes, columns: int) -> None:
+    """Write texts that are wider than their cell in smaller letters."""
+    figure.draw_without_rendering()
+    room = _SHARE_OF_CELL * ax.get_window_extent().width / columns
+    for text in ax.texts:
+        if text.get_horizontalalignment() == "center":  # a cell, not the name of a class
+            width = text.get_window_extent().width
+            if width > room:
+                text.set_fontsize(_CELL_POINTS * room / width)
 
 
 def cell_text(score: Score) -> str:
@@ -300,17 +333,19 @@ def draw_profile(group: SuiteScores) -> Figure:
     if len(order) > _SHOWN:
         ax.plot([], [], color="#c4c4c4", linewidth=0.8, label="other filters")
     ax.set_xscale("log")
-    ticks = [1.0, 1.2, 1.5, 2.0, 3.0, 5.0, WORST]
+    # The axis ends behind the last step of a curve.
+    last = 1.0
+    for curve in (*shares, *low, *high):
+        last = max(last, float(factors[np.flatnonzero(curve == curve[-1])[0]]))
+    right = next((tick for tick in _FACTORS if tick >= max(1.05 * last, 1.5)), WORST)
+    ticks = [tick for tick in _FACTORS if tick <= right and (tick != 1.1 or right <= 2.0)]
     ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     ax.minorticks_off()
-    ax.set_xlim(1.0, WORST)
+    ax.set_xlim(1.0, right)
     ax.set_ylim(0.0, 1.02)
-    ax.set_xlabel("factor to the error of the best filter")
-    ax.set_ylabel("share of problems within the factor")
-    handles, names = ax.get_legend_handles_labels()
-    rank = {labels[i]: place for place, i in enumerate(order)}
-    ranked = sorted(zip(names, handles, strict=True), key=lambda pair: rank.get(pair[0], len(rank)))
-    ax.legend([handle for _, handle in ranked], [name for name, _ in ranked], loc="lower right")
+    ax.set_xlabel("Factor to the error of the best filter")
+    ax.set_ylabel("Share of problems within the factor")
+    style.legend_outside(figure, order=[labels[i] for i in order])
     return figure
 
 
@@ -339,8 +374,6 @@ def draw_cost(group: SuiteScores) -> Figure:
             color=style.COLORS[0],
             linestyle="",
         )
-        place: Any = (costs[label], typical[label])
-        ax.annotate(label, place, (4.0, 2.0), textcoords="offset points", fontsize=6.5)
     ax.set_xscale("log")
     ax.set_yscale("log")
     ticks = [
@@ -351,8 +384,29 @@ def draw_cost(group: SuiteScores) -> Figure:
     ax.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
     ax.minorticks_off()
     ax.set_xlabel("CPU time / that of the fastest filter, median over the problems")
-    ax.set_ylabel("error / that of the best filter,\ngeometric mean over the problems")
+    ax.set_ylabel("Error / that of the best filter,\ngeometric mean over the problems")
+    _name_points(figure, ax, {label: (costs[label], typical[label]) for label in costs})
     return figure
+
+
+def _name_points(figure: Figure, ax: Axes, places: dict[str, tuple[float, float]]) -> None:
+    """Write each filter's name beside its point, where it covers no other name and no other point."""
+    figure.draw_without_rendering()
+    dots = {label: ax.transData.transform(place) for label, place in places.items()}
+    boxes: list[Any] = []
+    for label, place in places.items():
+        others = [dot for name, dot in dots.items() if name != label]
+        for offset, side in _NAME_PLACES:
+            text = ax.annotate(
+                label, place, offset, textcoords="offset points", fontsize=6.5, ha=side
+            )
+            box = text.get_window_extent()
+            covers_point = any(box.contains(*dot) for dot in others)
+            if not covers_point and not any(box.overlaps(other) for other in boxes):
+                break
+            if (offset, side) != _NAME_PLACES[-1]:
+                text.remove()
+        boxes.append(box)
 
 
 def cost_caption(group: SuiteScores) -> str:
