@@ -1,7 +1,7 @@
 """Figures of a suite: the matrix of problems and filters, performance profiles, error over cost."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from math import log10, nan
 from pathlib import Path
@@ -31,12 +31,13 @@ _CELL_IN = 0.21
 """Height of a cell."""
 _HEAD_IN = 1.5
 """Height of the filters' names and the legend."""
+_WIDE_COLUMNS = 12
+"""Columns of a matrix that are wide enough for names with a small slope."""
 _GAP = 0.4
 """Space above the typical ratios, in cells."""
 _CELL_POINTS = 6.5
-_MANY_CELL_POINTS = 5.8
-"""Size of the numbers in a matrix of more than `_MANY` columns."""
-_MANY = 14
+_SHARE_OF_CELL = 0.92
+"""Largest width of a text, of its cell's."""
 _SHOWS_EQUAL = 1.005
 """Ratio up to which a cell shows 1.00."""
 _LOSES = "×"
@@ -44,6 +45,20 @@ _COLLAPSES = "!"
 _OVERCONFIDENT = "*"
 _NOT_RUN = "#dcdcdc"
 _COLORS = "viridis_r"
+_FACTORS = (1.0, 1.1, 1.2, 1.5, 2.0, 3.0, 5.0, WORST)
+"""Ticks of a performance profile."""
+_NAME_PLACES = (
+    ((4.0, 2.0), "left"),
+    ((4.0, -7.0), "left"),
+    ((-4.0, 2.0), "right"),
+    ((-4.0, -7.0), "right"),
+    ((0.0, 10.0), "center"),
+    ((0.0, -15.0), "center"),
+    ((0.0, 18.0), "center"),
+    ((0.0, -23.0), "center"),
+    ((0.0, 26.0), "center"),
+)
+"""Offsets of a name from its point, in points, with the alignment; the first free one is taken."""
 _SHOWN = 6
 """First filters of a performance profile, which have a color; others but the user's are gray."""
 _OWN_LINE = 2.4
@@ -135,7 +150,8 @@ def draw_matrix(group: SuiteScores) -> Figure:
     palette = colormaps[_COLORS].copy()
     palette.set_bad(_NOT_RUN)
     lowest = len(problems) + _GAP
-    figure, ax = style.subplots(height_in=_HEAD_IN + _CELL_IN * (lowest + 1))
+    head_in = _HEAD_IN if len(labels) <= _WIDE_COLUMNS else _HEAD_IN + 0.15
+    figure, ax = style.subplots(height_in=head_in + _CELL_IN * (lowest + 1))
     right = len(labels) - 0.5
     for top, rows in ((0.0, logs[:-1]), (lowest, logs[-1:])):
         ax.imshow(
@@ -149,20 +165,21 @@ def draw_matrix(group: SuiteScores) -> Figure:
     ax.set_xlim(-0.5, right)
     ax.set_ylim(lowest + 0.5, -0.5)
     # Step 3: the numbers and marks.
-    points = _CELL_POINTS if len(labels) <= _MANY else _MANY_CELL_POINTS
     for row, problem in enumerate(problems):
         for column, label in enumerate(labels):
             score = cells.get((label, problem))
             if score is not None and not score.is_left_out:
                 slant = "italic" if _is_undecided(score) else "normal"
-                _write_cell(ax, row, column, cell_text(score), logs[row, column], points, slant)
+                _write_cell(ax, row, column, cell_text(score), logs[row, column], slant)
     for column, label in enumerate(labels):
-        _write_cell(ax, lowest, column, _ratio_text(typical[label]), logs[-1, column], points)
+        _write_cell(ax, lowest, column, _ratio_text(typical[label]), logs[-1, column])
     # Step 4: the names.
     ax.grid(visible=False)
     ax.set_yticks([*range(len(problems)), lowest], [*problems, "typical ratio"])
     ax.xaxis.tick_top()
-    ax.set_xticks(range(len(labels)), labels, rotation=60, ha="left", rotation_mode="anchor")
+    # The names of narrow columns are steeper, so that they keep apart.
+    angle = 40 if len(labels) <= _WIDE_COLUMNS else 55
+    ax.set_xticks(range(len(labels)), labels, rotation=angle, ha="left", rotation_mode="anchor")
     for label, text in zip(labels, ax.get_xticklabels(), strict=True):
         if label in group.added:
             text.set_fontweight("bold")
@@ -171,7 +188,19 @@ def draw_matrix(group: SuiteScores) -> Figure:
         side.set_visible(False)
     _name_classes(ax, group, problems, right)
     _draw_legend(ax, group, palette)
+    _fit_cells(figure, ax, len(labels))
     return figure
+
+
+def _fit_cells(figure: Figure, ax: Axes, columns: int) -> None:
+    """Write texts that are wider than their cell in smaller letters."""
+    figure.draw_without_rendering()
+    room = _SHARE_OF_CELL * ax.get_window_extent().width / columns
+    for text in ax.texts:
+        if text.get_horizontalalignment() == "center":  # a cell, not the name of a class
+            width = text.get_window_extent().width
+            if width > room:
+                text.set_fontsize(_CELL_POINTS * room / width)
 
 
 def cell_text(score: Score) -> str:
@@ -194,7 +223,7 @@ def _ratio_text(ratio: float) -> str:
         return f"{ratio:.1f}"
     if ratio < 999.5:
         return f"{ratio:.0f}"
-    return "1k+"
+    return "999+"
 
 
 def _is_undecided(score: Score) -> bool:
@@ -208,12 +237,11 @@ def _write_cell(
     column: float,
     text: str,
     log: float,
-    points: float,
     slant: str = "normal",
 ) -> None:
     """Write a cell's text in black or white, whichever can be read on its color.
 
-    ``log`` is the decimal logarithm of the ratio, which sets the color; ``points`` is the font's size.
+    ``log`` is the decimal logarithm of the ratio, which sets the color.
     """
     ink = "black"
     if log > 0.45 * log10(WORST):  # the dark end of the colors
@@ -224,7 +252,7 @@ def _write_cell(
         text,
         ha="center",
         va="center",
-        fontsize=points,
+        fontsize=_CELL_POINTS,
         fontstyle=slant,
         color=ink,
     )
@@ -290,7 +318,7 @@ def matrix_caption(group: SuiteScores) -> str:
         f"(row). {_LOSES}: loses all runs, or significantly more than another filter. "
         f"{_COLLAPSES}: in some runs the error is far beyond what the covariance says. "
         f"{_OVERCONFIDENT}: overconfident. Italic: no significant difference from the best filter. "
-        "1k+: 1000 times or more. Gray: cannot be run on this problem; scores.csv has the reason. "
+        "999+: 1000 times or more. Gray: cannot be run on this problem; scores.csv has the reason. "
         "Filters are sorted by their typical ratio, the geometric mean of the column, in which a number "
         f"counts as {WORST:g} at most, and a cross or a gray cell as {WORST:g}."
     )
@@ -320,17 +348,19 @@ def draw_profile(group: SuiteScores) -> Figure:
     if len(order) > len(colored):
         ax.plot([], [], color="#c4c4c4", linewidth=0.8, label="other filters")
     ax.set_xscale("log")
-    ticks = [1.0, 1.2, 1.5, 2.0, 3.0, 5.0, WORST]
+    # The axis ends behind the last step of a curve.
+    last = 1.0
+    for curve in (*shares, *low, *high):
+        last = max(last, float(factors[np.flatnonzero(curve == curve[-1])[0]]))
+    right = next((tick for tick in _FACTORS if tick >= max(1.05 * last, 1.5)), WORST)
+    ticks = [tick for tick in _FACTORS if tick <= right and (tick != 1.1 or right <= 2.0)]
     ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     ax.minorticks_off()
-    ax.set_xlim(1.0, WORST)
+    ax.set_xlim(1.0, right)
     ax.set_ylim(0.0, 1.02)
-    ax.set_xlabel("factor to the error of the best filter")
-    ax.set_ylabel("share of problems within the factor")
-    handles, names = ax.get_legend_handles_labels()
-    rank = {labels[i]: place for place, i in enumerate(order)}
-    ranked = sorted(zip(names, handles, strict=True), key=lambda pair: rank.get(pair[0], len(rank)))
-    ax.legend([handle for _, handle in ranked], [name for name, _ in ranked], loc="lower right")
+    ax.set_xlabel("Factor to the error of the best filter")
+    ax.set_ylabel("Share of problems within the factor")
+    style.legend_outside(figure, order=[labels[i] for i in order])
     return figure
 
 
@@ -350,6 +380,9 @@ def draw_cost(group: SuiteScores) -> Figure:
     figure, ax = style.subplots(height_in=3.4)
     number = len({score.problem for score in group.of_role(FILTER)})
     left_out = Counter(score.label for score in group.of_role(FILTER) if score.is_left_out)
+    # Names with their points; those of the user's own filters are bold.
+    names: dict[str, tuple[float, float]] = {}
+    own_names: set[str] = set()
     for label in ordered_labels(group):
         if label not in costs:
             continue
@@ -362,18 +395,12 @@ def draw_cost(group: SuiteScores) -> Figure:
             color=style.COLORS[1 if is_own else 0],
             linestyle="",
         )
-        place: Any = (costs[label], typical[label])
         text = label
         if left_out[label]:
             text += f" ({number - left_out[label]} of {number})"
-        ax.annotate(
-            text,
-            place,
-            (4.0, 2.0),
-            textcoords="offset points",
-            fontsize=6.5,
-            fontweight="bold" if is_own else "normal",
-        )
+        names[text] = (costs[label], typical[label])
+        if is_own:
+            own_names.add(text)
     ax.set_xscale("log")
     ax.set_yscale("log")
     ticks = [
@@ -384,8 +411,40 @@ def draw_cost(group: SuiteScores) -> Figure:
     ax.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
     ax.minorticks_off()
     ax.set_xlabel("CPU time / that of the fastest filter, median over the problems")
-    ax.set_ylabel("error / that of the best filter,\ngeometric mean over the problems")
+    ax.set_ylabel("Error / that of the best filter,\ngeometric mean over the problems")
+    _name_points(figure, ax, names, own_names)
     return figure
+
+
+def _name_points(
+    figure: Figure, ax: Axes, places: dict[str, tuple[float, float]], bold: Collection[str] = ()
+) -> None:
+    """Write each filter's name beside its point, where it covers no other name and no other point.
+
+    ``places`` are the points (x, y) by name; names in ``bold`` are bold.
+    """
+    figure.draw_without_rendering()
+    dots = {label: ax.transData.transform(place) for label, place in places.items()}
+    boxes: list[Any] = []
+    for label, place in places.items():
+        others = [dot for name, dot in dots.items() if name != label]
+        for offset, side in _NAME_PLACES:
+            text = ax.annotate(
+                label,
+                place,
+                offset,
+                textcoords="offset points",
+                fontsize=6.5,
+                fontweight="bold" if label in bold else "normal",
+                ha=side,
+            )
+            box = text.get_window_extent()
+            covers_point = any(box.contains(*dot) for dot in others)
+            if not covers_point and not any(box.overlaps(other) for other in boxes):
+                break
+            if (offset, side) != _NAME_PLACES[-1]:
+                text.remove()
+        boxes.append(box)
 
 
 def cost_caption(group: SuiteScores) -> str:
