@@ -87,7 +87,7 @@ def test_a_published_number_stands_at_its_point(tmp_path):
 
 def test_a_point_in_words():
     point = {"scenario.sensor.R": 0.1, "filters.A.q & filters.B.r": "low", "filters.A.fast": True}
-    assert phrases.heading(point) == "R = 0.1, q = low, fast = True"
+    assert phrases.heading(point) == "R = 0.1, q = low, r = low, fast = True"
 
 
 def test_a_dollar_or_a_long_label_is_only_text():
