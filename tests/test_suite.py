@@ -13,15 +13,25 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from tests.commands import trackbench
 from tests.conftest import ROOT
+from tests.suite_scores import stored_suite
 from trackbench.commands.prepare import Options
 from trackbench.commands.run_suite import SuiteReport, _recorded_seconds, run_suite
 from trackbench.config.shipped_experiments import SuiteTime, suite_names, suite_times
 from trackbench.config.suite import QUICK_RUNS, load_suite
 from trackbench.errors import UserError
-from trackbench.report.suite.figures import cell_text, draw_cost, draw_profile, ordered_problems
+from trackbench.report.plotting import style
+from trackbench.report.suite.figures import (
+    _name_points,
+    cell_text,
+    draw_cost,
+    draw_matrix,
+    draw_profile,
+    ordered_problems,
+)
 from trackbench.report.suite.scores import (
     FILTER,
     WORST,
@@ -508,8 +518,7 @@ def test_the_users_own_filter_has_a_color_and_a_label() -> None:
     group = replace(by_hand(ratios, ("x", "y")), added=("mine",))
     figure = draw_profile(group)
     axes = figure.axes[0]
-    legend = axes.get_legend()
-    assert legend is not None
+    (legend,) = figure.legends
     names = [text.get_text() for text in legend.get_texts()]
     assert names == [*"ABCDEF", "mine", "other filters"]
     (line,) = [line for line in axes.get_lines() if line.get_label() == "mine"]
@@ -519,6 +528,31 @@ def test_the_users_own_filter_has_a_color_and_a_label() -> None:
     texts = {text.get_text(): text.get_fontweight() for text in figure.axes[0].texts}
     assert texts["mine (1 of 2)"] == "bold"
     assert texts["A"] == "normal"
+
+
+def test_every_number_of_the_matrix_is_within_its_cell() -> None:
+    for name in ("standard", "noise", "settings"):
+        for group in stored_suite(name).values():
+            with style.rc_context():
+                figure = draw_matrix(group)
+                figure.draw_without_rendering()
+                (ax,) = figure.axes
+                width = ax.get_window_extent().width / len(ax.get_xticks())
+                cells = [text for text in ax.texts if text.get_horizontalalignment() == "center"]
+                assert cells
+                assert max(cell.get_window_extent().width for cell in cells) < width
+
+
+def test_names_beside_points_do_not_overlap() -> None:
+    figure = Figure(figsize=(7.0, 3.4), layout="constrained")
+    ax = figure.subplots()
+    ax.set(xlim=(1.0, 20.0), ylim=(0.0, 4.0))
+    places = {"PF 2000": (3.0, 1.0), "RPF": (3.2, 1.0), "APF": (3.4, 1.0), "GPF": (3.0, 1.05)}
+    _name_points(figure, ax, places, {label: label for label in places})
+    boxes = [text.get_window_extent() for text in ax.texts]
+    assert [text.get_text() for text in ax.texts] == list(places)
+    for place, box in enumerate(boxes):
+        assert not any(box.overlaps(other) for other in boxes[:place])
 
 
 def test_classes_with_the_same_good_filters_are_neighbors() -> None:

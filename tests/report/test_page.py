@@ -271,6 +271,17 @@ def test_the_page_opens_on_the_answer(shown):
         assert shown.execute_script(WIDE) <= 0
 
 
+def test_no_table_is_wider_than_the_printed_page(shown):
+    """Paper does not scroll: A5 is about 460 px wide between its margins."""
+    shown.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+    try:
+        sized(shown, 510, 900)
+        shown.execute_script("for (const d of document.querySelectorAll('details')) d.open = true")
+        assert shown.execute_script(WIDE) <= 0
+    finally:
+        shown.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
+
+
 def test_tables_unfold_and_sort(shown):
     assert part(shown, "#tables table").is_displayed()  # the first is open
     part(shown, "#tables summary").click()

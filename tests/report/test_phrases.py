@@ -10,8 +10,9 @@ from trackbench.evaluation.metric_expression import measure
 from trackbench.metrics import _UNITS, quantity, unit_of
 from trackbench.models.base import position_velocity_names
 from trackbench.registry import kinds
-from trackbench.report.findings.phrases import axis_of, head_of, metric_words, with_unit
+from trackbench.report.findings.phrases import axis_of, head_of, heading, metric_words, with_unit
 from trackbench.report.findings.phrases import quantity as words_of
+from trackbench.report.tables.tuning import axis_of as axis_of_objective
 from trackbench.scenarios.score import Score
 
 UNITS = {
@@ -112,11 +113,37 @@ def test_a_plugin_declares_the_unit_of_a_quantity() -> None:
 
 
 @pytest.mark.parametrize(
+    ("objective", "label"),
+    [
+        ("mean(rmse_position)", "Position RMSE (m)"),
+        ("log_score", "Negative log score (nats)"),
+        ("anees", "Distance of ANEES from 1"),
+        (
+            {"rms(rmse_position)": 1.0, "anees": 0.5},
+            "Sum of 1 x Position RMSE (m) + 0.5 x Distance of ANEES from 1",
+        ),
+    ],
+)
+def test_the_axis_of_an_objective_is_no_expression(
+    objective: str | dict[str, float], label: str
+) -> None:
+    assert axis_of_objective(objective) == label
+
+
+def test_paths_that_vary_together_have_a_value_each() -> None:
+    assert heading({"scenario.Q & scenario.R": [1469.1, 15099]}) == "Q = 1469.1, R = 15099"
+    assert heading({"filters.KF.q & filters.EKF.q": 2}) == "q = 2"
+    assert heading({"scenario.q": [1, 2]}) == "q = [1, 2]"
+
+
+@pytest.mark.parametrize(
     ("expression", "label"),
     [
         ("mean(rmse_position)", "Position RMSE (m)"),
         ("mean(rmse_heading)", "Heading RMSE"),
         ("mean(rmse)", "RMSE"),
+        ("rms(rmse_position)", "Position RMSE (m)"),
+        ("log_score", "Log score (nats)"),
         ("variance(rmse_position)", "variance(rmse_position)"),
         ("mean(rmse_position[turns])", "Position RMSE in turns (m)"),
         ("rmse_position@20", "Position RMSE at step 20 (m)"),

@@ -219,3 +219,18 @@ def test_the_band_of_a_signed_metric_is_whole_where_log_is_wanted(signed: Result
         assert ax.get_yscale() == "linear"
         bands.append(ax.collections[0].get_paths()[0].vertices)
     np.testing.assert_array_equal(*bands)
+
+
+@pytest.mark.parametrize("limits", [(-9500.0, 9500.0), (-16000.0, 400.0), (-0.0012, 0.0011)])
+def test_a_narrow_axis_has_two_labels_without_a_factor(limits: tuple[float, float]) -> None:
+    """A common factor such as 1e-3 would stand on the axis' label."""
+    with style.rc_context():
+        figure, ax = style.subplots(height_in=1.0)
+        ax.set_xlim(limits)
+        scales.set_few_ticks(ax)
+        figure.draw_without_rendering()
+        texts = [tick.get_text() for tick in ax.get_xticklabels()]
+        assert texts[-1] == "0" or texts[0] == "0"
+        assert len(texts) == 2
+        assert ax.xaxis.get_offset_text().get_text() == ""
+        assert ax.get_xlim() == limits

@@ -223,6 +223,14 @@ def objective_label(word: str) -> str:
     return word
 
 
+def objective_target(word: str) -> float | None:
+    """Return the ideal value, the distance to which is minimized; None if there is none."""
+    measure = _read_term(word)
+    if measure.statistic not in _LOCATIONS:
+        return None
+    return _TARGETS.get(measure.family[0].better)
+
+
 def _read_term(word: str) -> Measure:
     """Parse the term; ANEES and log scores stand for their means."""
     measure = measured(word)

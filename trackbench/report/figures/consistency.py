@@ -15,7 +15,7 @@ from trackbench.report.figures.over_time import MetricSeries, OverTime
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import joined, named
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import filter_lines, style
+from trackbench.report.plotting import filter_lines, scales, style
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.results import Results
 from trackbench.report.tables.consistency import degrees_of
@@ -244,5 +244,4 @@ class Dots(FigureKind):
             )
         if metric in self.expected:
             ax.axvline(self.expected[metric], color="black", linewidth=0.6)
-        ax.locator_params(axis="x", nbins=2)
-        ax.ticklabel_format(axis="x", scilimits=(-2, 4))
+        scales.set_few_ticks(ax)

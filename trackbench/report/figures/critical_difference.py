@@ -71,7 +71,8 @@ class CriticalDifference(FigureKind):
         number_of_runs = values.shape[1]
         critical = critical_difference(len(ranked), number_of_runs, self.alpha)
         _draw_ranks(ax, ranked, mean, cliques(mean, critical))
-        title = f"Mean rank of {self.metric} over {number_of_runs} runs (1: the {best}), "
+        title = f"Mean rank by {captions.quantity(self.metric)} over {number_of_runs} runs "
+        title += f"(1: the {best}), "
         title += f"critical difference {critical:.2f}"
         where = phrases.heading(point)
         if where:

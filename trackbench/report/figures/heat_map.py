@@ -205,7 +205,8 @@ class HeatMap(FigureKind):
             # Texts within the axes do not change the layout, which would measure each of them.
             for text in ax.texts:
                 text.set_in_layout(False)
-        ax.set(xlabel="less that of this filter", ylabel=f"{self.metric.name} of this filter")
+        compared = phrases.axis_of(measured(self.metric.name)).partition(" (")[0]
+        ax.set(xlabel="less that of this filter", ylabel=f"{compared} of this filter")
         style.set_title(figure, self.title)
         figure.colorbar(image, ax=ax, extend="both", label="z (blue: left is smaller)")
         return figure

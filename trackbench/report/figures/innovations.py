@@ -20,6 +20,8 @@ from trackbench.statistics.intervals import AcceptedNis, anees_band
 
 _ENOUGH = 60
 """Measured components whose average is worth a point."""
+_FEWEST_POINTS = 10
+"""Points of a line of which a point may have fewer measured components."""
 
 
 @register("figures", "nis")
@@ -40,7 +42,8 @@ class Nis(OverTime):
     log: bool = True
     """logarithmic vertical axis"""
     over: Count | None = None
-    """number of steps that are averaged together; default: as many as have 60 measured components"""
+    """number of steps that are averaged together; default: as many as have 60 measured components,
+    or a tenth of all steps if that is fewer"""
 
     @property
     def drawn_metric(self) -> str:
@@ -74,7 +77,9 @@ class Nis(OverTime):
                 continue
             # Step 1: the line of the filter.
             components = innovations.rows["value"] * innovations.rows["runs"]
-            steps = self.over or max(1, round(_ENOUGH / float(components.mean())))
+            enough = round(_ENOUGH / float(components.mean()))
+            fewest = len(components) // _FEWEST_POINTS
+            steps = self.over or max(1, min(enough, fewest))
             averages = _average_steps(nis.rows[self.x], nis.rows["value"], components, steps)
             dotted = nis.look | {"marker": "o", "markersize": 2}
             x = averages.x

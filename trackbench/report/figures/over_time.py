@@ -374,7 +374,10 @@ class RmseVsTime(OverTime):
         words = f"{captions.quantity(self.metric)} over {self.x_words}"
         caption = captions.of_curves(results, words, labels)
         if results.config["runs"] > 1:
-            spread = "Bars" if len(labels) > filter_lines.MOST_BANDS else "Bands"
+            # A filter with a panel of its own has a band.
+            titles = self.panel_titles(results, self.count_steps(results, self.metric))
+            has_bars = not titles and len(labels) > filter_lines.MOST_BANDS
+            spread = "Bars" if has_bars else "Bands"
             caption += f" {spread} are two standard errors on either side."
         if results.facts(results.points()[0]).scenario.get("faults"):
             caption += " The times of faults are shaded."

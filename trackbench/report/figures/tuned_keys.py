@@ -13,7 +13,7 @@ from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.results import Results
-from trackbench.report.tables.tuning import words_of
+from trackbench.report.tables.tuning import axis_of, words_of
 from trackbench.tuning.search import Record
 
 _SPREADS = 3.0
@@ -56,7 +56,7 @@ class TuningFigure(FigureKind):
         figure, panels = style.panel_grid(len(axes), 2.4, 0.5)
         for ax, axis in zip(panels, axes, strict=False):
             _draw_panel(ax, results.tuning[self.filter], axis)
-        figure.supylabel(words_of(results.config["tuning"]["metric"]))
+        figure.supylabel(style.wrap_label(axis_of(results.config["tuning"]["metric"]), 32))
         style.set_title(figure, self.title or style.wrap_label(self.filter, 80))
         return figure
 

@@ -5,7 +5,7 @@ from math import ceil, inf, log10
 from types import MappingProxyType
 from typing import Any
 
-from trackbench.config.grid import single_paths
+from trackbench.config.grid import single_paths, values_of
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.field_types import is_number
 from trackbench.metrics import unit_of, without_unit
@@ -48,7 +48,7 @@ def head_of(statistic: str, metric: Measure) -> str:
 
 
 def axis_of(metric: Measure) -> str:
-    """Label an axis: ``Position RMSE (m)`` for an error or its mean per run, ``ANEES``.
+    """Label an axis: ``Position RMSE (m)`` for an error, or its mean or RMS over runs; ``ANEES``.
 
     Step and window stand behind: ``Position RMSE at step 20 (m)``. Any other metric has its expression.
     """
@@ -62,7 +62,9 @@ def axis_of(metric: Measure) -> str:
         where = " at the last step"
     elif metric.window:
         where = f" in {metric.window}"
-    if metric.is_error and metric.statistic in ("", "mean"):
+    if metric.is_error and metric.statistic in ("", "mean", "rms"):
+        return in_unit(f"{_capitalized(metric_words(metric))}{where}", _unit(metric))
+    if family.name in _SCORES and metric.statistic in ("", "mean"):
         return in_unit(f"{_capitalized(metric_words(metric))}{where}", _unit(metric))
     if family.name in _CAPITALS and not metric.statistic:
         return f"{family.name.upper()} {quantity.replace('_', ' ')}".rstrip() + where
@@ -160,13 +162,17 @@ def verb(names: Sequence[str]) -> str:
 def heading(point: GridPoint, units: Mapping[str, str] = MappingProxyType({})) -> str:
     """Return a grid point as the title of its panel: ``R = 0.1``, ``sigma azimuth = 2 mrad``.
 
-    ``units`` has those of paths whose names end in none.
+    Each of several paths that vary together has its own value: ``q = 1469.1, R = 15099``. ``units`` has
+    those of paths whose names end in none.
     """
-    parts = []
+    parts: list[str] = []
     for path, value in point.items():
-        words, unit = quantity(path)
-        unit = unit or units.get(path, "")
-        parts.append(f"{words} = {number(value)} {unit}".rstrip())
+        for single, its_value in zip(single_paths(path), values_of(path, value), strict=True):
+            words, unit = quantity(single)
+            unit = unit or units.get(path, "")
+            part = f"{words} = {number(its_value)} {unit}".rstrip()
+            if part not in parts:  # the same key of several filters
+                parts.append(part)
     return ", ".join(parts)
 
 

@@ -218,3 +218,16 @@ def set_plain_log_scale(axis: Axis, most: float = 100.0) -> None:
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(FuncFormatter(lambda value, _: ""))
+
+
+def set_few_ticks(ax: Axes) -> None:
+    """Label a narrow horizontal axis at zero and at its far end, or at two round values."""
+    low, high = ax.get_xlim()
+    ax.locator_params(axis="x", nbins=2)
+    ticks = [tick for tick in ax.get_xticks() if low <= tick <= high]
+    if len(ticks) > 2:
+        far = max(ticks, key=abs)
+        middle = min(ticks, key=abs)
+        ticks = sorted({middle, far})
+    ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    ax.set_xlim(low, high)

@@ -189,14 +189,18 @@ def fault_look(number: int) -> LineStyle:
     return {"color": _FAULTS[number % len(_FAULTS)], "alpha": 0.7, "lw": 1, "zorder": 0}
 
 
-def legend_outside(figure: Figure, without: Collection[str] = ()) -> None:
+def legend_outside(
+    figure: Figure, without: Collection[str] = (), order: Sequence[str] = ()
+) -> None:
     """Draw one legend below the axes, each label once, in as many columns as fit.
 
-    Labels in ``without`` are left out.
+    Labels in ``without`` are left out. Those in ``order`` come first, in this order.
     """
     handles = _handles_by_label(figure, without)
     if not handles:
         return
+    first = {label: handles[label] for label in map(wrap_label, order) if label in handles}
+    handles = first | handles
     columns = _count_legend_columns(list(handles), figure.get_figwidth())
     rows = ceil(len(handles) / columns)
     text_lines = rows * (1 + max(label.count("\n") for label in handles))

@@ -37,6 +37,8 @@ _CELL_POINTS = 6.5
 _MANY_CELL_POINTS = 5.8
 """Size of the numbers in a matrix of more than `_MANY` columns."""
 _MANY = 14
+_SHARE_OF_CELL = 0.92
+"""Largest width of a text, of its cell's."""
 _SHOWS_EQUAL = 1.005
 """Ratio up to which a cell shows 1.00."""
 _LOSES = "×"
@@ -44,6 +46,20 @@ _COLLAPSES = "!"
 _OVERCONFIDENT = "*"
 _NOT_RUN = "#dcdcdc"
 _COLORS = "viridis_r"
+_FACTORS = (1.0, 1.1, 1.2, 1.5, 2.0, 3.0, 5.0, WORST)
+"""Ticks of a performance profile."""
+_NAME_PLACES = (
+    ((4.0, 2.0), "left"),
+    ((4.0, -7.0), "left"),
+    ((-4.0, 2.0), "right"),
+    ((-4.0, -7.0), "right"),
+    ((0.0, 10.0), "center"),
+    ((0.0, -15.0), "center"),
+    ((0.0, 18.0), "center"),
+    ((0.0, -23.0), "center"),
+    ((0.0, 26.0), "center"),
+)
+"""Offsets of a name from its point, in points, with the alignment; the first free one is taken."""
 _SHOWN = 6
 """First filters of a performance profile, which have a color; others but the user's are gray."""
 _OWN_LINE = 2.4
@@ -171,7 +187,19 @@ def draw_matrix(group: SuiteScores) -> Figure:
         side.set_visible(False)
     _name_classes(ax, group, problems, right)
     _draw_legend(ax, group, palette)
+    _fit_cells(figure, ax, len(labels))
     return figure
+
+
+def _fit_cells(figure: Figure, ax: Axes, columns: int) -> None:
+    """Write texts that are wider than their cell in smaller letters."""
+    figure.draw_without_rendering()
+    room = _SHARE_OF_CELL * ax.get_window_extent().width / columns
+    for text in ax.texts:
+        if text.get_horizontalalignment() == "center":  # a cell, not the name of a class
+            width = text.get_window_extent().width
+            if width > room:
+                text.set_fontsize(float(text.get_fontsize()) * room / width)
 
 
 def cell_text(score: Score) -> str:
@@ -320,17 +348,19 @@ def draw_profile(group: SuiteScores) -> Figure:
     if len(order) > len(colored):
         ax.plot([], [], color="#c4c4c4", linewidth=0.8, label="other filters")
     ax.set_xscale("log")
-    ticks = [1.0, 1.2, 1.5, 2.0, 3.0, 5.0, WORST]
+    # The axis ends behind the last step of a curve.
+    last = 1.0
+    for curve in (*shares, *low, *high):
+        last = max(last, float(factors[np.flatnonzero(curve == curve[-1])[0]]))
+    right = next((tick for tick in _FACTORS if tick >= max(1.05 * last, 1.5)), WORST)
+    ticks = [tick for tick in _FACTORS if tick <= right and (tick != 1.1 or right <= 2.0)]
     ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     ax.minorticks_off()
-    ax.set_xlim(1.0, WORST)
+    ax.set_xlim(1.0, right)
     ax.set_ylim(0.0, 1.02)
-    ax.set_xlabel("factor to the error of the best filter")
-    ax.set_ylabel("share of problems within the factor")
-    handles, names = ax.get_legend_handles_labels()
-    rank = {labels[i]: place for place, i in enumerate(order)}
-    ranked = sorted(zip(names, handles, strict=True), key=lambda pair: rank.get(pair[0], len(rank)))
-    ax.legend([handle for _, handle in ranked], [name for name, _ in ranked], loc="lower right")
+    ax.set_xlabel("Factor to the error of the best filter")
+    ax.set_ylabel("Share of problems within the factor")
+    style.legend_outside(figure, order=[labels[i] for i in order])
     return figure
 
 
@@ -350,6 +380,7 @@ def draw_cost(group: SuiteScores) -> Figure:
     figure, ax = style.subplots(height_in=3.4)
     number = len({score.problem for score in group.of_role(FILTER)})
     left_out = Counter(score.label for score in group.of_role(FILTER) if score.is_left_out)
+    names: dict[str, str] = {}
     for label in ordered_labels(group):
         if label not in costs:
             continue
@@ -362,18 +393,10 @@ def draw_cost(group: SuiteScores) -> Figure:
             color=style.COLORS[1 if is_own else 0],
             linestyle="",
         )
-        place: Any = (costs[label], typical[label])
         text = label
         if left_out[label]:
             text += f" ({number - left_out[label]} of {number})"
-        ax.annotate(
-            text,
-            place,
-            (4.0, 2.0),
-            textcoords="offset points",
-            fontsize=6.5,
-            fontweight="bold" if is_own else "normal",
-        )
+        names[label] = text
     ax.set_xscale("log")
     ax.set_yscale("log")
     ticks = [
@@ -384,8 +407,41 @@ def draw_cost(group: SuiteScores) -> Figure:
     ax.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
     ax.minorticks_off()
     ax.set_xlabel("CPU time / that of the fastest filter, median over the problems")
-    ax.set_ylabel("error / that of the best filter,\ngeometric mean over the problems")
+    ax.set_ylabel("Error / that of the best filter,\ngeometric mean over the problems")
+    places = {label: (costs[label], typical[label]) for label in names}
+    texts = _name_points(figure, ax, places, names)
+    for label in group.added:
+        if label in texts:
+            texts[label].set_fontweight("bold")
     return figure
+
+
+def _name_points(
+    figure: Figure, ax: Axes, places: dict[str, tuple[float, float]], names: dict[str, str]
+) -> dict[str, Any]:
+    """Write each filter's name beside its point, where it covers no other name and no other point.
+
+    ``places`` and ``names`` are by label, as are the drawn texts that are returned.
+    """
+    figure.draw_without_rendering()
+    dots = {label: ax.transData.transform(place) for label, place in places.items()}
+    boxes: list[Any] = []
+    texts: dict[str, Any] = {}
+    for label, place in places.items():
+        others = [dot for name, dot in dots.items() if name != label]
+        for offset, side in _NAME_PLACES:
+            text = ax.annotate(
+                names[label], place, offset, textcoords="offset points", fontsize=6.5, ha=side
+            )
+            box = text.get_window_extent()
+            covers_point = any(box.contains(*dot) for dot in others)
+            if not covers_point and not any(box.overlaps(other) for other in boxes):
+                break
+            if (offset, side) != _NAME_PLACES[-1]:
+                text.remove()
+        boxes.append(box)
+        texts[label] = text
+    return texts
 
 
 def cost_caption(group: SuiteScores) -> str:

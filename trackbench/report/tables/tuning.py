@@ -6,8 +6,9 @@ from math import isfinite
 
 import numpy as np
 
-from trackbench.config.tuning import Objective, objective_label, tuned_label
+from trackbench.config.tuning import Objective, objective_label, objective_target, tuned_label
 from trackbench.errors import counted
+from trackbench.evaluation.metric_expression import measured
 from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.findings import phrases
@@ -91,6 +92,25 @@ def words_of(metric: str | dict[str, float]) -> str:
     if isinstance(metric, str):
         return objective_label(metric)
     return " + ".join(f"{weight:g} {objective_label(word)}" for word, weight in metric.items())
+
+
+def axis_of(metric: str | dict[str, float]) -> str:
+    """Label an axis with the objective: ``Position RMSE (m)``, ``Negative log score (nats)``."""
+    if isinstance(metric, str):
+        return _axis_of_term(metric)
+    terms = " + ".join(f"{weight:g} x {_axis_of_term(word)}" for word, weight in metric.items())
+    return f"Sum of {terms}"
+
+
+def _axis_of_term(word: str) -> str:
+    """Label an axis with one term of the objective."""
+    words = phrases.axis_of(measured(word))
+    if objective_label(word) != word:
+        return f"Negative {words[0].lower()}{words[1:]}"
+    target = objective_target(word)
+    if target is not None:
+        return f"Distance of {words} from {target:g}"
+    return words
 
 
 def _score(
