@@ -1,5 +1,6 @@
 """Numbers and names as they stand in a sentence."""
 
+from ast import literal_eval
 from collections.abc import Iterable, Mapping, Sequence
 from math import ceil, inf, log10
 from types import MappingProxyType
@@ -167,13 +168,24 @@ def heading(point: GridPoint, units: Mapping[str, str] = MappingProxyType({})) -
     """
     parts: list[str] = []
     for path, value in point.items():
-        for single, its_value in zip(single_paths(path), values_of(path, value), strict=True):
+        values = values_of(path, _value_of_text(path, value))
+        for single, its_value in zip(single_paths(path), values, strict=True):
             words, unit = quantity(single)
             unit = unit or units.get(path, "")
             part = f"{words} = {number(its_value)} {unit}".rstrip()
             if part not in parts:  # the same key of several filters
                 parts.append(part)
     return ", ".join(parts)
+
+
+def _value_of_text(path: str, value: Any) -> Any:
+    """Return the value of a path; the list of linked paths is a text if it was read from a file."""
+    if len(single_paths(path)) == 1 or not isinstance(value, str):
+        return value
+    try:
+        return literal_eval(value)
+    except (SyntaxError, ValueError):
+        return value
 
 
 def at_point(point: GridPoint) -> str:
