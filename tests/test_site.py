@@ -28,6 +28,7 @@ from trackbench.contract.checks import CHECKS
 from trackbench.help import kinds as help_kinds
 from trackbench.metrics import METRICS
 from trackbench.registry import GROUPS, kinds
+from trackbench.report.plotting import style
 from trackbench.statistics.rules import ALIKE, BETTER, EQUAL, UNTESTED, WORSE
 
 PAGES = cache(reference.pages)
@@ -104,6 +105,22 @@ def test_a_thumbnail_has_one_panel() -> None:
             re.search(r'viewBox="([^"]+)"', thumbnails.panel(path))[1].split(),  # type: ignore[index]
         )
         assert width > 50.0 < height
+
+
+def test_a_thumbnail_has_all_lines_of_its_title_and_all_digits(tmp_path: Path) -> None:
+    picture = tmp_path / "two.svg"
+    with style.rc_context():
+        figure, axes = style.make_panels(2, 1, 3.0)
+        for (ax,) in axes:
+            ax.set_title("a title\nin two lines\nor three")
+            ax.set_yticks([0.0, 1.0], ["0", "-100 000"])
+        picture.write_bytes(style.content(figure, "svg"))
+    part = thumbnails.panel(picture)
+    left, top, *_ = map(float, re.search(r'viewBox="([^"]+)"', part)[1].split())  # type: ignore[index]
+    x = float(re.search(r'x="(\S+)"[^>]*>-100 000', part)[1])  # type: ignore[index]
+    assert left < x - 8 * 5.0
+    y = float(re.search(r"translate\(\S+ (\S+)\)\"[^>]*>a title", part)[1])  # type: ignore[index]
+    assert top < y - 7.0
 
 
 def test_every_problem_has_its_picture_verdicts_and_finding() -> None:
