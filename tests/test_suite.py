@@ -518,8 +518,7 @@ def test_the_users_own_filter_has_a_color_and_a_label() -> None:
     group = replace(by_hand(ratios, ("x", "y")), added=("mine",))
     figure = draw_profile(group)
     axes = figure.axes[0]
-    legend = axes.get_legend()
-    assert legend is not None
+    (legend,) = figure.legends
     names = [text.get_text() for text in legend.get_texts()]
     assert names == [*"ABCDEF", "mine", "other filters"]
     (line,) = [line for line in axes.get_lines() if line.get_label() == "mine"]

@@ -13,7 +13,7 @@ from tests.conftest import PLANE
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.figures.bars import Bars
 from trackbench.report.figures.heat_map import HeatMap
-from trackbench.report.figures.innovations import Autocorrelation
+from trackbench.report.figures.innovations import Autocorrelation, Nis
 from trackbench.report.figures.over_time import EstimatesOfOneRun, RmseVsTime
 from trackbench.report.figures.per_run import RmsePerRun
 from trackbench.report.figures.sweep import RmseVsParameter
@@ -234,3 +234,22 @@ def test_a_narrow_axis_has_two_labels_without_a_factor(limits: tuple[float, floa
         assert len(texts) == 2
         assert ax.xaxis.get_offset_text().get_text() == ""
         assert ax.get_xlim() == limits
+
+
+def test_the_nis_of_a_short_record_has_ten_points(tmp_path: Path) -> None:
+    """60 measured components a point would be one point, of the record's first half."""
+    results = results_of(tmp_path, runs=1)
+    figure = Nis().draw(results)
+    (ax,) = figure.axes
+    lines = [line for line in ax.lines if line.get_label() == "KF"]
+    steps = len(results.per_step.query("filter == 'KF' and metric == 'anis'"))
+    assert len(lines[0].get_xdata()) >= min(10, steps)
+    style.close(figure)
+
+
+def test_the_caption_of_a_panel_for_each_filter_names_the_bands(tmp_path: Path) -> None:
+    filters = {f"KF {number}": {"kind": "kf"} for number in range(6)}
+    scenario = KEYS["scenario"] | {"last": 160}
+    results = results_of(tmp_path, runs=2, filters=filters, scenario=scenario, figures={})
+    spec = RmseVsTime(metric=measure("rmse_position"))
+    assert "Bands are two standard errors" in spec.default_caption(results)

@@ -5,6 +5,7 @@ import hashlib
 import inspect
 import shlex
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -52,7 +53,11 @@ def write_report(
     comparison = comparison or compare(results)
     # The ranking comes first on the page, its further tables among the others.
     ranked = ranking(results, numbers=True)
-    tables = [*ranked[1:], *(table.texts() for table in results.tables.values())]
+    tables = list(ranked[1:])
+    for name, table in results.tables.items():
+        texts = table.texts()
+        # A table that can be folded needs a title.
+        tables.append(replace(texts, title=texts.title or name))
     pairs = results.attempt("pairs", lambda: _pairs(results), TextTable("", []))
     verdicts = verdict_tables(comparison)
     figures = drawings(results)

@@ -200,7 +200,7 @@ def _fit_cells(figure: Figure, ax: Axes, columns: int) -> None:
         if text.get_horizontalalignment() == "center":  # a cell, not the name of a class
             width = text.get_window_extent().width
             if width > room:
-                text.set_fontsize(_CELL_POINTS * room / width)
+                text.set_fontsize(float(text.get_fontsize()) * room / width)
 
 
 def cell_text(score: Score) -> str:
