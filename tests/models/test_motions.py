@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 
+from trackbench.help.kinds import description
 from trackbench.models.motions.kinematic import (
     ConstantAcceleration,
     ConstantVelocity,
     PerAxis,
     WhiteAcceleration,
 )
+from trackbench.models.motions.nonlinear import OdeMotion
 from trackbench.models.motions.turn import CoordinatedTurn
 from trackbench.models.sensors.position import PositionSensor
 
@@ -95,3 +97,14 @@ def test_matrices_are_built_once_and_cannot_be_written(motion: PerAxis | Coordin
     for matrix in (first.F, first.Q, PositionSensor(sigma=2.0).R, PositionSensor(sigma=2.0).H()):
         with pytest.raises(ValueError, match="read-only"):
             matrix[0, 0] = 9.0
+
+
+@pytest.mark.parametrize("substeps", [1, 5])
+@pytest.mark.parametrize("T", [0.05, 2.0])
+def test_noise_of_a_differential_equation_is_added_once_at_each_step(
+    T: float, substeps: int
+) -> None:
+    ode = OdeMotion(components=("x",), derivative={"x": "-x"}, substeps=substeps, Q=0.01)
+    transition = ode.sampled(T).transition(np.zeros(1), 1)
+    assert transition.cov.tolist() == [[0.01]]
+    assert "added once at each step, not multiplied by T" in description("ode")

@@ -77,8 +77,9 @@ class EquationMotion(AngledMotion):
     where: dict[str, Term] = field(default_factory=dict)
     """names and expressions of parts of the equations, each of what stands above it"""
     Q: Covariance
-    """covariance of the normal noise that is added at each step: one variance for all components, a
-    list or mapping of variances, or a matrix, of numbers or expressions of the state before the step"""
+    """covariance of the normal noise that is added once at each step, not multiplied by T: one variance
+    for all components, a list or mapping of variances, or a matrix, of numbers or expressions of the
+    state before the step"""
 
     def __post_init__(self) -> None:
         freeze_mappings(self)
@@ -346,7 +347,8 @@ class OdeMotion(EquationMotion):
     """``dx/dt = f(x, t)`` from step to step by the classical Runge-Kutta method, then noise N(0, Q).
 
     ``{kind: ode, components: [x, y, z], derivative: {x: 10*(y - x), y: x*(28 - z) - y, z: x*y - 8/3*z},
-    substeps: 5, Q: 0.1}``. Expressions are those of ``map``; the time ``t`` is zero at step 0.
+    substeps: 5, Q: 0.1}``. Expressions are those of ``map``; the time ``t`` is zero at step 0. The noise
+    is added after all substeps. White noise of spectral density q has about ``Q: q*T``.
     """
 
     derivative: dict[str, Term]
