@@ -33,8 +33,8 @@ def test_from_where_bearings_count_is_a_question(tmp_path: Path) -> None:
     assert printed == [
         "log.csv:1:1: bearing [deg]: do the bearings of the landmarks (landmark) count from the robot's "
         f"heading? Say --set '{NAME}'",
-        "log.csv:1:1: or are they directions to what moves, from the axis x or from north, as of a "
-        "radar? Say --set 'columns.azimuth=bearing [deg]'",
+        "log.csv:1:1: or do fixed sensors, such as radars, measure the direction to what moves, from "
+        "the axis x or from north? Say --set 'columns.azimuth=bearing [deg]'",
     ]
     assert not (tmp_path / "log.yaml").exists()
 

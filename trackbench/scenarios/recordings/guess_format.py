@@ -708,9 +708,8 @@ def _settle_landmarks(sample: "_Sample", columns: dict[str, str], given: Naming)
         column = json.dumps(angle)[1:-1]
         landmarks = f" of the landmarks ({place})" if is_split else ""
         what = f"{angle}: do the bearings{landmarks} count from the robot's heading?"
-        other = (
-            "or are they directions to what moves, from the axis x or from north, as of a radar?"
-        )
+        other = "or do fixed sensors, such as radars, measure the direction to what moves, "
+        other += "from the axis x or from north?"
         raise DataError(
             Place(sample.path, 1, 1, f"{what} Say --set 'columns.bearing={column}'"),
             Place(sample.path, 1, 1, f"{other} Say --set 'columns.azimuth={column}'"),
