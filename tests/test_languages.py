@@ -105,6 +105,23 @@ def test_the_page_has_the_program_of_constant_gain() -> None:
     assert f'```c title="fixed_gain.c"\n{program}```' in page
 
 
+def test_a_program_gives_the_answers_of_the_page(command: list[str]) -> None:
+    page = (ROOT / "docs" / "any-language.md").read_text(encoding="utf-8")
+    exchange = page.partition("```text\n< trackbench 1")[2].partition("```")[0]
+    lines = [line[2:] for line in exchange.splitlines() if line.startswith("< ")]
+    expected = [line[2:] for line in exchange.splitlines() if line.startswith("> ")]
+    two = np.eye(2).tolist()
+    model = {"F": two, "Q": two, "H": two, "R": (2 * np.eye(2)).tolist()}
+    facts = {"components": ["px", "py"], "measurement": ["x", "y"], "T": 1.0, "model": model}
+    hello = f"trackbench 1 {json.dumps({'parameters': {}, **facts})}"
+    text = "\n".join([hello, *lines]) + "\n"
+    done = subprocess.run(command, input=text, capture_output=True, text=True)
+    ready, *answers = done.stdout.splitlines()
+    assert ready == expected[0]
+    for answer, line in zip(answers, expected[1:], strict=True):
+        assert np.array(answer.split(), float) == pytest.approx(np.array(line.split(), float))
+
+
 def test_it_refuses_a_problem_without_matrices(command: list[str]) -> None:
     facts = {"components": ["x"], "measurement": ["z"], "T": None, "parameters": {"F": 1}}
     hello = f"trackbench 1 {json.dumps(facts | {'model': None})}\nend\n"
