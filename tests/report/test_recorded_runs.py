@@ -139,3 +139,28 @@ def test_a_held_out_score_names_its_key(tmp_path: Path) -> None:
     (tmp_path / "m.yaml").write_text(text)
     with pytest.raises(UserError, match=r"no metric here; the key `hold_out` adds it"):
         api.run(tmp_path / "m.yaml", quiet=True)
+
+
+def test_an_infinite_anees_is_not_an_empty_one(tmp_path: Path) -> None:
+    """Two members leave a state of four components without spread in three directions."""
+    scenario = {
+        "kind": "tracking",
+        "last": 10,
+        "target": {"kind": "driven", "motion": {"kind": "cwna", "q": 1.0}},
+        "sensor": {"kind": "position", "sigma": 1.0},
+        "start": {"kind": "two-scan"},
+    }
+    table = {"kind": "metrics", "columns": {"ANEES": "anees"}}
+    config = {
+        "name": "two",
+        "seed": 1,
+        "runs": 2,
+        "scenario": scenario,
+        "filters": {"EnKF": {"kind": "enkf", "N": 2}},
+        "tables": {"errors": table},
+        "figures": {},
+    }
+    results = api.run(config, out=tmp_path / "out", formats=(), quiet=True).results
+    (value,) = results.summary.query("metric == 'anees'").value
+    assert np.isinf(value)
+    assert not any("is empty" in note for note in results.tables["errors"].notes)

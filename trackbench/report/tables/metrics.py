@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import isfinite
+from math import isfinite, isnan
 from typing import ClassVar
 
 import numpy as np
@@ -88,7 +88,7 @@ class Metrics(TableKind):
                 cells = [_cell(evaluator, m.of(label)) for m in measures]
                 table.add([*point_keys, label], cells)
                 for column, cell in enumerate(cells):
-                    if isfinite(cell.estimate.value):
+                    if not isnan(cell.estimate.value):
                         filled_columns.add(column)
             # Last row: the gain over another filter in each column.
             if self.gain is not None:
