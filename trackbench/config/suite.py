@@ -170,10 +170,10 @@ def load_suite(
     source = read(path)
     if not isinstance(source.data, dict):
         raise UserError(source.problem((), "a suite is a mapping of keys to values"))
+    # The user's own filters join each problem below, with their keys.
     filter_overrides = [text for text in overrides if text.startswith("filters.")]
-    for text in overrides:
-        if text in filter_overrides:
-            continue  # the user's own filters join each problem below
+    suite_overrides = [text for text in overrides if not text.startswith("filters.")]
+    for text in suite_overrides:
         keys, value, mark = assignment(source, text)
         override(source, keys, value, mark)
     if runs is not None:
@@ -335,14 +335,14 @@ class _Assembler:
         source = Source(data, mark)
         added = add_filters(source, self.filter_files)
         for text in self.filter_overrides:
-            filter_keys, value, mark = assignment(source, text)
+            filter_keys, value, mark_of_option = assignment(source, text)
             if filter_keys[1] not in added:
                 what = (
                     f"no filter of --filter is called {filter_keys[1]!r}; the rosters are "
                     "`groups.GROUP.filters`"
                 )
-                raise UserError(Problem(mark, dotted(filter_keys), what))
-            override(source, filter_keys, value, mark)
+                raise UserError(Problem(mark_of_option, dotted(filter_keys), what))
+            override(source, filter_keys, value, mark_of_option)
         config = Assembled(source=source, allowed=self.filter_files)
         return _AssembledProblem(
             name=name, group=group_name, settings=problem, config=config, added=added

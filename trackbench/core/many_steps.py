@@ -90,7 +90,8 @@ def filter_steps(
     is_small = M <= _MOST_RUNS and n <= _MOST_COMPONENTS and n_z <= _MOST_MEASURED
     if not compiled.kernels or not is_small:
         return None
-    weights = cov_weights = np.empty(0)
+    weights = np.empty(0)
+    cov_weights = np.empty(0)
     scale = 0.0
     if rule is not None:
         size = 2 * n + n_z
@@ -104,12 +105,26 @@ def filter_steps(
     nu = np.empty((n_z, T, M))
     S = np.empty((n_z, n_z, T, M))
     nis = np.empty((T, M))
-    matrices = [np.ascontiguousarray(A, dtype=np.float64) for A in (F, Q, measured.R)]
     is_done = compiled.kernels.filter_steps(
-        *(*matrices, weights, cov_weights, *measured.arguments()),
+        np.ascontiguousarray(F, dtype=np.float64),
+        np.ascontiguousarray(Q, dtype=np.float64),
+        np.ascontiguousarray(measured.R, dtype=np.float64),
+        weights,
+        cov_weights,
+        *measured.arguments(),
         np.ascontiguousarray(z, dtype=np.float64),
-        *(means, covs, predicted.mean, predicted.cov, nu, S, nis),
-        *(scale, measured.is_radar, n, n_z, M),
+        means,
+        covs,
+        predicted.mean,
+        predicted.cov,
+        nu,
+        S,
+        nis,
+        scale,
+        measured.is_radar,
+        n,
+        n_z,
+        M,
     )
     # A NaN that is no missing measurement is that of a run that diverges.
     missing = np.isnan(z)

@@ -533,21 +533,14 @@ def nonlinear_steps(
     if filtered is None:
         return None
     states = filtered.states
-    innovations = filtered.innovation
-    posteriors = Gaussian(states.mean[:, 1:], states.cov[:, :, 1:])
+    posteriors = select_steps(states, slice(1, None))
 
     def state_after(steps: int | slice) -> Tracked:
         """Return the state after the measurement of this index, or of several as one batch."""
-        predicted = None
-        if keeps_predictions and innovations.predicted is not None:
-            mean = innovations.predicted.mean[:, steps]
-            predicted = Gaussian(mean, innovations.predicted.cov[:, :, steps])
         return Tracked(
-            posterior=Gaussian(posteriors.mean[:, steps], posteriors.cov[:, :, steps]),
+            posterior=select_steps(posteriors, steps),
             nis=filtered.nis[steps],
-            innovation=Innovation(
-                nu=innovations.nu[:, steps], S=innovations.S[:, :, steps], predicted=predicted
-            ),
+            innovation=select_innovation(filtered.innovation, steps, keeps_predictions),
         )
 
     def state_of_all_steps() -> Tracked:
@@ -556,10 +549,8 @@ def nonlinear_steps(
 
     def state_before(steps: Index) -> Tracked:
         """Return one state before the steps of these indices, whose batch is each step's runs."""
-        n = len(states.mean)
-        mean = states.mean[:, steps].reshape(n, -1)
-        posterior = Gaussian(mean, states.cov[:, :, steps].reshape(n, n, -1))
-        return Tracked(posterior=posterior, nis=np.full(mean.shape[1], np.nan))
+        posterior = join_steps(states, steps)
+        return Tracked(posterior=posterior, nis=np.full(posterior.mean.shape[1], np.nan))
 
     return Steps(
         estimate=posteriors,
@@ -568,6 +559,36 @@ def nonlinear_steps(
         together=state_of_all_steps,
         before=state_before,
     )
+
+
+def select_steps(states: Gaussian, steps: int | slice) -> Gaussian:
+    """Return the Gaussian of one step, or of several, from one with means (n, T, M)."""
+    return Gaussian(states.mean[:, steps], states.cov[:, :, steps])
+
+
+def select_innovation(
+    innovations: Innovation, steps: int | slice, keeps_predictions: bool
+) -> Innovation:
+    """Return the innovation of one step, or of several, from one with nu (n_z, T, M).
+
+    It has the prediction only if ``keeps_predictions`` says so.
+    """
+    predicted = None
+    if keeps_predictions and innovations.predicted is not None:
+        predicted = select_steps(innovations.predicted, steps)
+    return Innovation(
+        nu=innovations.nu[:, steps], S=innovations.S[:, :, steps], predicted=predicted
+    )
+
+
+def join_steps(states: Gaussian, steps: Index) -> Gaussian:
+    """Return the Gaussians before the steps of these indices as one batch, each step's runs in turn.
+
+    ``states`` has means (n, T + 1, M), of which the first is that before the first step.
+    """
+    n = len(states.mean)
+    mean = states.mean[:, steps].reshape(n, -1)
+    return Gaussian(mean, states.cov[:, :, steps].reshape(n, n, -1))
 
 
 @dataclass(frozen=True, kw_only=True)

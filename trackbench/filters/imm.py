@@ -29,7 +29,12 @@ from trackbench.core.sums import total
 from trackbench.field_types import InvalidKeyError, Registered
 from trackbench.filters.base import FixedLag, SmoothingFilter, Steps
 from trackbench.filters.ekf import EKF
-from trackbench.filters.gaussian import GaussianFilter
+from trackbench.filters.gaussian import (
+    GaussianFilter,
+    join_steps,
+    select_innovation,
+    select_steps,
+)
 from trackbench.filters.jump_markov import JumpMarkov, shared_components
 from trackbench.models.base import Model, Scene, angle_rows, extra_std
 from trackbench.models.motions.kinematic import Linear
@@ -491,25 +496,17 @@ def _steps_of(
     predictions in the states.
     """
     # Arrays of states begin with the first state, those of measurements after it.
-    posteriors = [_select_steps(state, slice(1, None)) for state in interacting.states]
+    posteriors = [select_steps(state, slice(1, None)) for state in interacting.states]
     weights_after = interacting.weights[:, 1:]
 
     def state_after(steps: int | slice) -> ModelBank:
         """Return the state after the measurement of this index, or of several as one batch."""
-        innovations = []
-        for innovation in interacting.innovations:
-            predicted = None
-            if keeps_predictions and innovation.predicted is not None:
-                predicted = _select_steps(innovation.predicted, steps)
-            innovations.append(
-                Innovation(
-                    nu=innovation.nu[:, steps],
-                    S=innovation.S[:, :, steps],
-                    predicted=predicted,
-                )
-            )
+        innovations = [
+            select_innovation(innovation, steps, keeps_predictions)
+            for innovation in interacting.innovations
+        ]
         return first._replace(
-            states=tuple(_select_steps(posterior, steps) for posterior in posteriors),
+            states=tuple(select_steps(posterior, steps) for posterior in posteriors),
             weights=weights_after[:, steps],
             nis=interacting.nis[steps],
             innovations=tuple(innovations),
@@ -525,14 +522,10 @@ def _steps_of(
 
     def state_before(steps: Index) -> ModelBank:
         """Return one state before the steps of these indices, whose batch is each step's runs."""
-        states = []
-        for state in interacting.states:
-            n = len(state.mean)
-            mean = state.mean[:, steps].reshape(n, -1)
-            states.append(Gaussian(mean, state.cov[:, :, steps].reshape(n, n, -1)))
+        states = tuple(join_steps(state, steps) for state in interacting.states)
         weights = interacting.weights[:, steps].reshape(len(states), -1)
         unknown = np.full(weights.shape[1], np.nan)
-        return first._replace(states=tuple(states), weights=weights, nis=unknown, innovations=())
+        return first._replace(states=states, weights=weights, nis=unknown, innovations=())
 
     # The estimate has no components that only the motions have.
     n = first.reported
@@ -544,11 +537,6 @@ def _steps_of(
         together=state_of_all_steps,
         before=state_before,
     )
-
-
-def _select_steps(state: Gaussian, steps: int | slice) -> Gaussian:
-    """Return the Gaussian of one step, or of several, from one with means (n, T, M)."""
-    return Gaussian(state.mean[:, steps], state.cov[:, :, steps])
 
 
 def _likelihoods(innovations: tuple[Innovation, ...]) -> _Likelihoods:
