@@ -71,7 +71,7 @@ def test_a_diverged_run_is_named_where_no_run_is_lost(one: Any) -> None:
 
 def test_what_is_undecided_is_said_once_with_names_and_a_way(one: Any) -> None:
     text = " ".join(answer(one))
-    assert text.count("Undecided between KF and Stiff and Lost: ") == 1
+    assert text.count("Undecided between KF, Stiff and Lost: ") == 1
     assert text.count("autocorrelation of neighboring steps may be 0.97 or more") == 1
     assert "5 recordings may decide, or the log score: filters are ranked by" in text
     (table,) = ranking_tables(one)

@@ -109,7 +109,7 @@ def _undecided_pairs(ranking: Ranking) -> Iterator[str]:
         if rival.difference.why:
             names_by_reason.setdefault(rival.difference.why, []).append(rival.filter.name)
     for reason, names in names_by_reason.items():
-        yield f"Undecided between {ranking.best.name} and {listed(names)}: {reason}."
+        yield f"Undecided between {listed([ranking.best.name, *names])}: {reason}."
     is_score = ranking.metric.family[0].is_score
     is_correlated = any("autocorrelation" in reason for reason in names_by_reason)
     if ranking.runs == 1 and is_correlated and not is_score:
