@@ -19,9 +19,13 @@ def main() -> None:
     """All workloads, or those named, on one core."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("workloads", nargs="*", metavar="W1", help="default: all")
-    parser.add_argument("--rounds", type=int, default=7, help="counted rounds (default 7)")
+    parser.add_argument(
+        "--rounds", type=int, default=7, help="counted rounds, at least two (default 7)"
+    )
     parser.add_argument("--out", type=Path, help="default: benchmarks/results.md if all were run")
     options = parser.parse_args()
+    if options.rounds < 2:
+        parser.error("--rounds: two rounds are needed to say how far apart they are")
     wanted = {name.lower() for name in options.workloads}
     modules = sorted(m.name for m in pkgutil.iter_modules(benchmarks.__path__) if m.name[0] == "w")
     parts = [head(options.rounds)]

@@ -139,23 +139,23 @@ def filter_table(groups: Sequence[SuiteScores], label: str) -> TextTable:
     """Tabulate one filter's scores, a row a problem."""
     heads = ["Problem", "Error", "Ratio to the best (95 %)", "Lost runs", "ANEES", "Consistency"]
     table = TextTable(f"{label}, problem by problem", heads)
-    for group in groups:
-        for score in group.scores:
-            if score.label == label:
-                table.rows.append(_score_row(score))
-    if any("n.s." in row[2].text for row in table.rows):
+    scores = [score for group in groups for score in group.scores if score.label == label]
+    table.rows += map(_score_row, scores)
+    ratios = " ".join(ratio_in_words(score) for score in scores if score.has_error)
+    words_on_consistency = " ".join(score.consistency for score in scores)
+    if "n.s." in ratios:
         table.notes.append("n.s.: no significant difference from the best filter of the problem.")
-    if any("untested" in row[2].text for row in table.rows):
+    if "untested" in ratios:
         table.notes.append(
             f"untested: with fewer than {FEWEST_RUNS} runs no difference from the best filter is tested."
         )
     table.notes.append("ANEES: squared error over the covariance, per component; 1 is consistent.")
-    if any("undecided" in row[5].text for row in table.rows):
+    if "undecided" in words_on_consistency:
         table.notes.append(
             "undecided: these few runs do not show by a test that the ANEES differs from 1, nor that it "
             "is near 1. Even a large ANEES may be undecided: look at it."
         )
-    if any("collapsed" in row[5].text for row in table.rows):
+    if "collapsed" in words_on_consistency:
         table.notes.append(COLLAPSED_NOTE)
     return table
 
