@@ -5,6 +5,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from numpy.random import Generator
 
 from benchmarks.harness import Bar, Workload
 from benchmarks.processes import FRESH, command, processes
@@ -51,31 +52,46 @@ def workloads() -> list[Workload]:
     """
     folder = Path(tempfile.mkdtemp(prefix="bench-"))
     rng = np.random.default_rng(1)
-    t = 0.1 * np.arange(STEPS)
-    heading = np.cumsum(0.005 * (np.sin(t / 50.0) > 0.5))
-    x, y = np.cumsum(2.0 * np.array([np.cos(heading), np.sin(heading)]), axis=1)
-    error = rng.normal(0.0, 5.0, (2, STEPS))
+    # Intervals that differ by microseconds: every step has matrices of its own.
+    intervals = {
+        "equal": np.full(STEPS, 0.1),
+        "unequal": rng.uniform(0.05, 0.15, STEPS),
+    }
+    tables = []
+    for spacing, seconds in intervals.items():
+        t = np.cumsum(seconds)
+        for sensor, z in _measured(t, seconds, rng).items():
+            name = f"{sensor}-{spacing}"
+            columns = "time,x,y" if sensor == "positions" else "time,range,azimuth"
+            _write_recording(folder / f"{name}.csv", columns, t, z)
+            config = CONFIG.replace("FILE", f"{name}.csv").replace("SENSOR", SENSORS[sensor])
+            labels = list(SECONDS)
+            if sensor == "radar":  # no Kalman filter takes its measurements
+                config = config.replace(LINEAR, "")
+                labels.remove("KF")
+            (folder / f"{name}.yaml").write_text(config)
+            tables.append(_workload(name, folder, labels))
+    return tables
+
+
+def _measured(t: Array, seconds: Array, rng: Generator) -> dict[str, Array]:
+    """Return the measurements (2, T) of a target by positions and by a radar, by sensor.
+
+    ``t`` are the times (T,) and ``seconds`` the lengths of the intervals before them.
+    """
+    heading = np.cumsum(0.05 * seconds * (np.sin(t / 50.0) > 0.5))
+    velocity = 20.0 * np.array([np.cos(heading), np.sin(heading)])
+    x, y = np.cumsum(velocity * seconds, axis=1)
+    error = rng.normal(0.0, 5.0, (2, len(t)))
     # The radar stands 30 km off, so that the target never passes it.
     px = x + 30_000.0
     polar = np.array([np.hypot(px, y), np.arctan2(y, px)])
     polar += np.array([[4.0], [0.001]]) * error
-    measured = {"positions": np.array([x, y]) + error, "radar": polar}
-    tables = []
-    for name, z in measured.items():
-        columns = "time,x,y" if name == "positions" else "time,range,azimuth"
-        _write_recording(folder / f"{name}.csv", columns, t, z)
-        config = CONFIG.replace("FILE", f"{name}.csv").replace("SENSOR", SENSORS[name])
-        labels = list(SECONDS)
-        if name == "radar":  # no Kalman filter takes its measurements
-            config = config.replace(LINEAR, "")
-            labels.remove("KF")
-        (folder / f"{name}.yaml").write_text(config)
-        tables.append(_workload(name, folder, labels))
-    return tables
+    return {"positions": np.array([x, y]) + error, "radar": polar}
 
 
 def _write_recording(path: Path, columns: str, t: Array, z: Array) -> None:
-    rows = [f"{time:.1f},{a:.3f},{b:.7f}\n" for time, a, b in zip(t, *z, strict=True)]
+    rows = [f"{time:.6f},{a:.3f},{b:.7f}\n" for time, a, b in zip(t, *z, strict=True)]
     path.write_text(columns + "\n" + "".join(rows))
 
 
@@ -88,5 +104,6 @@ def _workload(name: str, folder: Path, labels: list[str]) -> Workload:
         entrants[label] = command("run", str(folder / f"{name}.yaml"), *words)
         bars.append(Bar(label, BARE, round(SECONDS[label] / IMPORT_S), at_most=True))
     entrants[BARE] = processes([(sys.executable, "-c", "import numpy")])
-    title = f"{STEPS} rows of {name}: `trackbench run`, one filter"
+    sensor, spacing = name.split("-")
+    title = f"{STEPS} rows of {sensor} at {spacing} steps: `trackbench run`, one filter"
     return Workload("W10", title, "process", entrants, bars=bars)

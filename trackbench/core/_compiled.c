@@ -826,22 +826,24 @@ static void factor_two(const double *S, double *L) {
   }
 }
 
-/* track(F, Q, H, R, means, covs, S, nu, nis, n, n_z, M): the Kalman filter of a constant model over all steps,
-   `track` of kalman.py. The first of means and covs is the prior; nu holds the measurements (steps, n_z, M). */
+/* track(F, Q, numbers, H, R, means, covs, S, nu, nis, n, n_z, M): the Kalman filter of a constant sensor and a motion with F
+   and Q number numbers[k] at step k, over all steps; `track` of kalman.py. The first of means and covs is the prior; nu holds
+   the measurements (steps, n_z, M). */
 KERNEL(c_track) {
-  OPEN(9, 4);
-  Size n = WHOLE(9), n_z = WHOLE(10), M = WHOLE(11), steps = LENGTH(6) / (n_z * n_z);
-  Matrix F = {DOUBLES(0), n, n, n, 1, 1, 1}, Q = {DOUBLES(1), n, n, n, 1, 1, 1};
-  Matrix H = {DOUBLES(2), n_z, n, n, 1, 1, 1}, R = {DOUBLES(3), n_z, n_z, n_z, 1, 1, 1};
+  OPEN(10, 5);
+  Size n = WHOLE(10), n_z = WHOLE(11), M = WHOLE(12), steps = LENGTH(7) / (n_z * n_z);
+  Matrix H = {DOUBLES(3), n_z, n, n, 1, 1, 1}, R = {DOUBLES(4), n_z, n_z, n_z, 1, 1, 1};
   static double predicted_memory[MOST], gain_memory[MOST], rows_memory[MOST], memory[MOST * CHUNK];
   Matrix predicted = {predicted_memory, n, n, n, 1, 1, 1}, K = {gain_memory, n, n_z, n_z, 1, 1, 1};
   for (Size k = 0; k < steps; k++) {
-    double *cov = DOUBLES(5) + k * n * n, *S_k = DOUBLES(6) + k * n_z * n_z, L_memory[4] = {0.0}, noise_memory[4];
+    Size of_motion = INTS(2)[k] * n * n;
+    Matrix F = {DOUBLES(0) + of_motion, n, n, n, 1, 1, 1}, Q = {DOUBLES(1) + of_motion, n, n, n, 1, 1, 1};
+    double *cov = DOUBLES(6) + k * n * n, *S_k = DOUBLES(7) + k * n_z * n_z, L_memory[4] = {0.0}, noise_memory[4];
     Matrix P = {cov, n, n, n, 1, 1, 1}, posterior = {cov + n * n, n, n, n, 1, 1, 1};
     Matrix S = {S_k, n_z, n_z, n_z, 1, 1, 1}, L = {L_memory, n_z, n_z, n_z, 1, 1, 1};
-    Matrix before = {DOUBLES(4) + k * n * M, n, 1, M, 0, M, 0}, m = {before.at + n * M, n, 1, M, 0, M, 0};
-    Matrix nu = {DOUBLES(7) + k * n_z * M, n_z, 1, M, 0, M, 0};
-    double *restrict nis = DOUBLES(8) + k * M;
+    Matrix before = {DOUBLES(5) + k * n * M, n, 1, M, 0, M, 0}, m = {before.at + n * M, n, 1, M, 0, M, 0};
+    Matrix nu = {DOUBLES(8) + k * n_z * M, n_z, 1, M, 0, M, 0};
+    double *restrict nis = DOUBLES(9) + k * M;
     /* Step 1: leave missing components (NaN, in all runs) out, `drop_missing`. */
     Matrix rows = {rows_memory, n_z, n, n, 1, 1, 1}, noise = {noise_memory, n_z, n_z, n_z, 1, 1, 1};
     int missing[2] = {isnan(nu.at[0]), n_z == 2 && isnan(nu.at[M])};
@@ -1000,26 +1002,27 @@ static void combine(double (*w)[CHUNK], const Matrix *m, const Matrix *P, Size r
   for (Size i = 0; i < r; i++) mix(w[i], &m[i], &P[i], mean, cov, from, n);
 }
 
-/* interact(F, Q, H, R, transition, z, powers, exp constants, rows, place, arctangents, pi, means, covs, weights, predicted
-   means, covs and weights, nu, S, nis, mean, cov, is_radar, r, n, n_z, M): the IMM of constant motions and a constant sensor,
-   or a radar without H, over all steps, `interact` of mixtures.py. Axes of steps and runs come last; means, covs and weights
-   begin with those before the first step. False if a likelihood is not finite. */
+/* interact(F, Q, numbers, H, R, transition, z, powers, exp constants, rows, place, arctangents, pi, means, covs, weights,
+   predicted means, covs and weights, nu, S, nis, mean, cov, is_radar, r, n, n_z, M): the IMM of motions with F and Q number
+   numbers[k] at step k and a constant sensor, or a radar without H, over all steps, `interact` of mixtures.py. Axes of steps
+   and runs come last; means, covs and weights begin with those before the first step. False if a likelihood is not finite. */
 KERNEL(c_interact) {
-  OPEN(23, 12);
-  Size r = WHOLE(24), n = WHOLE(25), n_z = WHOLE(26), M = WHOLE(27), batch = LENGTH(5) / n_z, longer = batch + M;
-  const Sensor sensor = {n_z, WHOLE(23) != 0, INTS(8), DOUBLES(9), DOUBLES(10), DOUBLES(11)[0]};
-  const double *change = DOUBLES(4), *powers = DOUBLES(6), *c = DOUBLES(7);
+  OPEN(24, 13);
+  Size r = WHOLE(25), n = WHOLE(26), n_z = WHOLE(27), M = WHOLE(28), batch = LENGTH(6) / n_z, longer = batch + M;
+  Size matrices = LENGTH(0) / (r * n * n);
+  const Sensor sensor = {n_z, WHOLE(24) != 0, INTS(9), DOUBLES(10), DOUBLES(11), DOUBLES(12)[0]};
+  const double *change = DOUBLES(5), *powers = DOUBLES(7), *c = DOUBLES(8);
   static double mixed_memory[MOST * CHUNK], mixed_cov_memory[MOST * CHUNK], gain_memory[MOST * CHUNK], memory[MOST * CHUNK];
   static double root_memory[4 * CHUNK], known_memory[2 * CHUNK], rows_memory[MOST * CHUNK], share[MODELS][CHUNK];
   static double nis[MODELS][CHUNK], scale[MODELS][CHUNK], weight[MODELS][CHUNK];
   static int exponent[MODELS][CHUNK];
   int finite = 1;
   for (Size k = 0; k < batch && finite; k += M) {
-    const double *z = DOUBLES(5) + k;
+    const double *z = DOUBLES(6) + k;
     /* Missing components (NaN, in all runs) are left out, `drop_missing`. */
     int missing[2] = {isnan(z[0]), n_z == 2 && isnan(z[batch])}, nothing = missing[0] && missing[n_z - 1];
     double noise_memory[4];
-    Matrix H = {DOUBLES(2), n_z, n, n, 1, 1, 1}, R = {DOUBLES(3), n_z, n_z, n_z, 1, 1, 1};
+    Matrix H = {DOUBLES(3), n_z, n, n, 1, 1, 1}, R = {DOUBLES(4), n_z, n_z, n_z, 1, 1, 1};
     Matrix rows = {rows_memory, n_z, n, n, 1, 1, 1}, noise = {noise_memory, n_z, n_z, n_z, 1, 1, 1};
     for (Size i = 0; i < n_z; i++) {
       for (Size j = 0; j < n && !sensor.is_radar; j++) rows_memory[i * n + j] = missing[i] ? 0.0 : H.at[i * n + j];
@@ -1030,16 +1033,16 @@ KERNEL(c_interact) {
       Size count = M - from < CHUNK ? M - from : CHUNK;
       Matrix m[MODELS], P[MODELS], m_after[MODELS], P_after[MODELS];
       for (Size j = 0; j < r; j++) {
-        m[j] = (Matrix){DOUBLES(12) + j * n * longer + k, n, 1, longer, 0, longer, 0};
-        P[j] = (Matrix){DOUBLES(13) + j * n * n * longer + k, n, n, n * longer, longer, longer, 0};
+        m[j] = (Matrix){DOUBLES(13) + j * n * longer + k, n, 1, longer, 0, longer, 0};
+        P[j] = (Matrix){DOUBLES(14) + j * n * n * longer + k, n, n, n * longer, longer, longer, 0};
         m_after[j] = m[j], m_after[j].at += M;
         P_after[j] = P[j], P_after[j].at += M;
       }
       for (Size j = 0; j < r; j++) {
         /* Step 1: c_j = sum_i p_ij mu_i, mu_i|j = p_ij mu_i / c_j. */
-        double *restrict predicted = DOUBLES(17) + j * batch + k + from;
+        double *restrict predicted = DOUBLES(18) + j * batch + k + from;
         for (Size i = 0; i < r; i++) {
-          const double *before = DOUBLES(14) + i * longer + k + from;
+          const double *before = DOUBLES(15) + i * longer + k + from;
           for (Size l = 0; l < count; l++) {
             share[i][l] = change[i * r + j] * before[l];
             predicted[l] = i ? predicted[l] + share[i][l] : share[i][l];
@@ -1052,9 +1055,10 @@ KERNEL(c_interact) {
         Matrix mixed_cov = {mixed_cov_memory - from, n, n, n * CHUNK, CHUNK, 0, 0};
         combine(share, m, P, r, &mixed, &mixed_cov, from, count);
         /* Step 3: predict, F m and F P F' + Q. */
-        Matrix F = {DOUBLES(0) + j * n * n, n, n, n, 1, 1, 1}, Q = {DOUBLES(1) + j * n * n, n, n, n, 1, 1, 1};
-        Matrix m_p = {DOUBLES(15) + j * n * batch + k, n, 1, batch, 0, batch, 0};
-        Matrix P_p = {DOUBLES(16) + j * n * n * batch + k, n, n, n * batch, batch, batch, 0};
+        Size of_motion = (j * matrices + INTS(2)[k / M]) * n * n;
+        Matrix F = {DOUBLES(0) + of_motion, n, n, n, 1, 1, 1}, Q = {DOUBLES(1) + of_motion, n, n, n, 1, 1, 1};
+        Matrix m_p = {DOUBLES(16) + j * n * batch + k, n, 1, batch, 0, batch, 0};
+        Matrix P_p = {DOUBLES(17) + j * n * n * batch + k, n, n, n * batch, batch, batch, 0};
         multiply(&F, &mixed, &m_p, from, count);
         sandwich(&F, &mixed_cov, &P_p, from, count);
         add(&P_p, &Q, from, count);
@@ -1070,11 +1074,11 @@ KERNEL(c_interact) {
         for (Size i = 0; i < n_z; i++)
           for (Size l = 0; l < count; l++) {
             double innovation = innovation_of(&sensor, i, z[i * batch + from + l], memory[i * CHUNK + l]);
-            DOUBLES(18)[(j * n_z + i) * batch + k + from + l] = innovation;
+            DOUBLES(19)[(j * n_z + i) * batch + k + from + l] = innovation;
             known_memory[i * CHUNK + l] = missing[i] ? 0.0 : innovation;
           }
         /* Step 5: update. */
-        Matrix S = {DOUBLES(19) + j * n_z * n_z * batch + k, n_z, n_z, n_z * batch, batch, batch, 0};
+        Matrix S = {DOUBLES(20) + j * n_z * n_z * batch + k, n_z, n_z, n_z * batch, batch, batch, 0};
         Matrix K = {gain_memory - from, n, n_z, n_z * CHUNK, CHUNK, 0, 0}, nu = {known_memory - from, n_z, 1, CHUNK, 0, 0, 0};
         gain(&P_p, &rows, &noise, &S, &K, from, count);
         multiply(&K, &nu, &m_after[j], from, count);
@@ -1096,16 +1100,16 @@ KERNEL(c_interact) {
         }
       }
       /* Step 7: mu_j ~ c_j N(nu_j; 0, S_j), `update_weights`, and the mean NIS. */
-      double *mean_nis = DOUBLES(20) + k + from;
+      double *mean_nis = DOUBLES(21) + k + from;
       for (Size l = 0; l < count; l++) {
         double least = INFINITY, sum = 0.0, mean = 0.0;
         int lowest = exponent[0][l];
         for (Size j = 0; j < r; j++) {
-          if (DOUBLES(17)[j * batch + k + from + l] > 0.0 && nis[j][l] < least) least = nis[j][l];
+          if (DOUBLES(18)[j * batch + k + from + l] > 0.0 && nis[j][l] < least) least = nis[j][l];
           if (exponent[j][l] < lowest) lowest = exponent[j][l];
         }
         for (Size j = 0; j < r; j++) {
-          double predicted = DOUBLES(17)[j * batch + k + from + l];
+          double predicted = DOUBLES(18)[j * batch + k + from + l];
           double density = exp_of(-0.5 * (predicted > 0.0 ? nis[j][l] - least : 0.0), powers, c);
           double w = predicted / ldexp(scale[j][l], exponent[j][l] - lowest) * density, part = predicted * nis[j][l];
           weight[j][l] = w;
@@ -1113,14 +1117,14 @@ KERNEL(c_interact) {
           mean = j ? mean + part : part;
         }
         for (Size j = 0; j < r; j++) {
-          weight[j][l] = nothing ? DOUBLES(17)[j * batch + k + from + l] : weight[j][l] / sum;
-          DOUBLES(14)[j * longer + M + k + from + l] = weight[j][l];
+          weight[j][l] = nothing ? DOUBLES(18)[j * batch + k + from + l] : weight[j][l] / sum;
+          DOUBLES(15)[j * longer + M + k + from + l] = weight[j][l];
           finite &= fabs(weight[j][l]) < INFINITY;
         }
         mean_nis[l] = nothing ? NAN : mean;
       }
       /* Step 8: the moments of the mixture. */
-      Matrix mean = {DOUBLES(21) + k, n, 1, batch, 0, batch, 0}, cov = {DOUBLES(22) + k, n, n, n * batch, batch, batch, 0};
+      Matrix mean = {DOUBLES(22) + k, n, 1, batch, 0, batch, 0}, cov = {DOUBLES(23) + k, n, n, n * batch, batch, batch, 0};
       combine(weight, m_after, P_after, r, &mean, &cov, from, count);
     }
   }
@@ -1640,22 +1644,25 @@ static int extended_step(const Arrays *a, const Single *s) {
   return is_finite(&s->mean, M) && is_finite(&s->cov, M);
 }
 
-/* filter_steps(F, Q, R, weights, cov_weights, rows, place, arctangents, pi, z, means, covs, predicted means and covs, nu, S,
-   nis, scale, is_radar, n, n_z, M): the UKF, or without weights the EKF of a radar, over all steps; `filter_steps` of
-   many_steps.py. False if a step is left to numpy. */
+/* filter_steps(F, Q, numbers, R, weights, cov_weights, rows, place, arctangents, pi, z, means, covs, predicted means and covs,
+   nu, S, nis, scale, is_radar, n, n_z, M): the UKF, or without weights the EKF of a radar, over all steps, of a motion with
+   F and Q number numbers[k] at step k; `filter_steps` of many_steps.py. False if a step is left to numpy. */
 KERNEL(c_filter_steps) {
-  OPEN(17, 10);
-  double scale = PyFloat_AsDouble(args[17]);
-  Size n = WHOLE(19), n_z = WHOLE(20), M = WHOLE(21);
-  int done = 1, has_points = LENGTH(3) > 0;
+  OPEN(18, 11);
+  double scale = PyFloat_AsDouble(args[18]);
+  Size n = WHOLE(20), n_z = WHOLE(21), M = WHOLE(22);
+  int done = 1, has_points = LENGTH(4) > 0;
   Arrays a = {
-    .F = {DOUBLES(0), n, n, n, 1, 1, 1}, .Q = {DOUBLES(1), n, n, n, 1, 1, 1}, .R = {DOUBLES(2), n_z, n_z, n_z, 1, 1, 1},
-    .sensor = {n_z, WHOLE(18) != 0, INTS(5), DOUBLES(6), DOUBLES(7), DOUBLES(8)[0]}, .z = DOUBLES(9), .means = DOUBLES(10),
-    .covs = DOUBLES(11), .predicted_means = DOUBLES(12), .predicted_covs = DOUBLES(13), .nu = DOUBLES(14), .S = DOUBLES(15),
-    .nis = DOUBLES(16), .n = n, .n_z = n_z, .M = M, .batch = LENGTH(9) / n_z};
+    .F = {DOUBLES(0), n, n, n, 1, 1, 1}, .Q = {DOUBLES(1), n, n, n, 1, 1, 1}, .R = {DOUBLES(3), n_z, n_z, n_z, 1, 1, 1},
+    .sensor = {n_z, WHOLE(19) != 0, INTS(6), DOUBLES(7), DOUBLES(8), DOUBLES(9)[0]}, .z = DOUBLES(10), .means = DOUBLES(11),
+    .covs = DOUBLES(12), .predicted_means = DOUBLES(13), .predicted_covs = DOUBLES(14), .nu = DOUBLES(15), .S = DOUBLES(16),
+    .nis = DOUBLES(17), .n = n, .n_z = n_z, .M = M, .batch = LENGTH(10) / n_z};
   for (Size k = 0; k < a.batch && done; k += M) {
+    Size of_motion = INTS(2)[k / M] * n * n;
+    a.F.at = DOUBLES(0) + of_motion;
+    a.Q.at = DOUBLES(1) + of_motion;
     Single s = single_step(&a, k);
-    done = has_points ? unscented_step(&a, &s, DOUBLES(3), DOUBLES(4), scale) : extended_step(&a, &s);
+    done = has_points ? unscented_step(&a, &s, DOUBLES(4), DOUBLES(5), scale) : extended_step(&a, &s);
   }
   ANSWER(done);
 }

@@ -11,6 +11,7 @@ import numpy as np
 from trackbench.core import compiled, linalg
 from trackbench.core.arrays import (
     Array,
+    Index,
     Mask,
     all_finite,
     any_nan,
@@ -146,10 +147,40 @@ def update(predicted: Gaussian, nu: Array, H: Array, R: Array) -> Updated:
     return _with_gain(predicted, known, K, H, R), Innovation(nu, S, predicted=predicted)
 
 
+class MotionMatrices(NamedTuple):
+    """Matrices of a linear motion over T steps; those of steps of equal length are stored once."""
+
+    F: Array
+    """the K different transition matrices (K, n, n)"""
+    Q: Array
+    """the K covariances (K, n, n) of the process noise"""
+    numbers: Index
+    """which of the K each step has (T,)"""
+
+    @property
+    def size(self) -> int:
+        """Number n of components of a state."""
+        return self.F.shape[-1]
+
+    def arguments(self) -> tuple[Array, Array, Index]:
+        """Return F, Q and the numbers with the memory that the kernels take."""
+        F = np.ascontiguousarray(self.F, dtype=np.float64)
+        Q = np.ascontiguousarray(self.Q, dtype=np.float64)
+        return F, Q, np.ascontiguousarray(self.numbers, dtype=np.int64)
+
+    def of_each_step(self) -> tuple[Array, Array]:
+        """Return F and Q (n, n, T, 1) of each step, or (n, n) if all steps have the same."""
+        if len(self.F) == 1:
+            return self.F[0], self.Q[0]
+        F = np.ascontiguousarray(np.moveaxis(self.F[self.numbers], 0, -1))
+        Q = np.ascontiguousarray(np.moveaxis(self.Q[self.numbers], 0, -1))
+        return F[..., None], Q[..., None]
+
+
 def track(
-    prior: Gaussian, F: Array, Q: Array, H: Array, R: Array, z: Array
+    prior: Gaussian, motion: MotionMatrices, H: Array, R: Array, z: Array
 ) -> tuple[Gaussian, Innovation, Array] | None:
-    """Filter all steps of a linear model with constant matrices: posteriors, innovations and NIS.
+    """Filter all steps of a linear model with a constant sensor: posteriors, innovations and NIS.
 
     The bytes are those of `predict`, `update` and `Innovation.nis` step by step, in a fraction of the
     time for few runs.
@@ -158,8 +189,10 @@ def track(
     ----------
     prior : Gaussian
         Estimate before the first prediction: mean (n, M), one covariance (n, n) for all runs.
-    F, Q, H, R : (n, n), (n, n), (n_z, n), (n_z, n_z)
-        Transition matrix, noise covariance, measurement matrix, noise covariance.
+    motion : MotionMatrices
+        Transition matrices and noise covariances of the T steps.
+    H, R : (n_z, n), (n_z, n_z)
+        Measurement matrix and noise covariance.
     z : (n_z, T, M)
         Measurements.
 
@@ -171,7 +204,7 @@ def track(
         is per run, a component is missing (NaN) in some of the runs only, or a run diverges.
     """
     n_z, T, M = z.shape
-    n = len(F)
+    n = motion.size
     missing = np.isnan(z)
     if not compiled.kernels or n > 6 or n_z > 2 or prior.cov.ndim > 2:
         return None
@@ -186,8 +219,8 @@ def track(
     S = np.empty((T, n_z, n_z))
     nis = np.empty((T, M))
     nu[:] = z.swapaxes(0, 1)
-    matrices = [np.ascontiguousarray(A, dtype=np.float64) for A in (F, Q, H, R)]
-    compiled.kernels.track(*matrices, means, covs, S, nu, nis, n, n_z, M)
+    matrices = [np.ascontiguousarray(A, dtype=np.float64) for A in (H, R)]
+    compiled.kernels.track(*motion.arguments(), *matrices, means, covs, S, nu, nis, n, n_z, M)
     # A NaN that is no missing measurement is that of a run that diverges.
     has_nis = np.isnan(nis) == missing.all(axis=0)
     has_nu = np.isnan(nu.swapaxes(0, 1)) == missing

@@ -7,7 +7,7 @@ import numpy as np
 from trackbench.core import _elementary_kernels, compiled
 from trackbench.core.arrays import Array, Index, all_finite, note, with_trailing
 from trackbench.core.distributions import Gaussian
-from trackbench.core.kalman import Innovation
+from trackbench.core.kalman import Innovation, MotionMatrices
 from trackbench.core.unscented import Unscented
 
 _MOST_RUNS = 512
@@ -55,13 +55,12 @@ class FilteredSteps(NamedTuple):
 
 def filter_steps(
     prior: Gaussian,
-    F: Array,
-    Q: Array,
+    motion: MotionMatrices,
     measured: MeasuredByKernel,
     z: Array,
     rule: Unscented | None = None,
 ) -> FilteredSteps | None:
-    """Filter all steps of a linear motion with constant matrices and a sensor of the kernels.
+    """Filter all steps of a linear motion and a sensor of the kernels.
 
     The bytes are those of `ukf.augmented_step` or `ekf.extended_step`, and `Innovation.nis`, step by
     step, in a small part of the time for few runs.
@@ -70,8 +69,8 @@ def filter_steps(
     ----------
     prior : Gaussian
         Posterior before the first step: mean (n, M), covariance (n, n[, M]).
-    F, Q : array (n, n)
-        Transition matrix and covariance of the process noise.
+    motion : MotionMatrices
+        Transition matrices and covariances of the process noise of the T steps.
     measured : MeasuredByKernel
         The sensor, which is a radar if there is no ``rule``.
     z : array (n_z, T, M)
@@ -86,7 +85,7 @@ def filter_steps(
         a run diverges, or a difference of covariances has lost its digits.
     """
     n_z, T, M = z.shape
-    n = len(F)
+    n = motion.size
     is_small = M <= _MOST_RUNS and n <= _MOST_COMPONENTS and n_z <= _MOST_MEASURED
     if not compiled.kernels or not is_small:
         return None
@@ -106,8 +105,7 @@ def filter_steps(
     S = np.empty((n_z, n_z, T, M))
     nis = np.empty((T, M))
     is_done = compiled.kernels.filter_steps(
-        np.ascontiguousarray(F, dtype=np.float64),
-        np.ascontiguousarray(Q, dtype=np.float64),
+        *motion.arguments(),
         np.ascontiguousarray(measured.R, dtype=np.float64),
         weights,
         cov_weights,

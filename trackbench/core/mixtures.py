@@ -12,7 +12,7 @@ from trackbench.core import compiled, elementary, linalg
 from trackbench.core.angles import mean_direction, near
 from trackbench.core.arrays import Array, Index, all_finite, note, with_trailing
 from trackbench.core.distributions import Gaussian, Symmetric
-from trackbench.core.kalman import Innovation
+from trackbench.core.kalman import Innovation, MotionMatrices
 from trackbench.core.many_steps import MeasuredByKernel
 from trackbench.core.random_streams import Streams
 from trackbench.core.sums import total
@@ -208,10 +208,9 @@ def given_later(
 
 
 class LinearModel(NamedTuple):
-    """Matrices of a linear model: F, Q (n, n), H (n_z, n), R (n_z, n_z)."""
+    """Matrices of a linear model over T steps: those of the motion, H (n_z, n), R (n_z, n_z)."""
 
-    F: Array
-    Q: Array
+    motion: MotionMatrices
     H: Array
     R: Array
 
@@ -241,7 +240,7 @@ def interact(
     z: Array,
     radar: MeasuredByKernel | None = None,
 ) -> Interacting | None:
-    """Filter all steps of interacting linear models with constant matrices (Blom & Bar-Shalom 1988).
+    """Filter all steps of interacting linear models with a constant sensor (Blom & Bar-Shalom 1988).
 
     The sensor may be a radar, whose Jacobian takes the place of H. The bytes are those of
     `predict_weights`, `combine`, `kalman.predict`, `kalman.update` and `update_weights` step by step, in
@@ -254,7 +253,7 @@ def interact(
     weights : array (r, M)
         Weights of the models before the first step.
     models : sequence of LinearModel
-        Matrices of each model; H and R are those of the first.
+        Matrices of each model; H, R and the numbers of the steps are those of the first.
     transition : array (r, r)
         Probabilities p_ij of a switch from model i to model j.
     z : array (n_z, T, M)
@@ -270,7 +269,7 @@ def interact(
     """
     n_z, T, M = z.shape
     r = len(models)
-    n = len(models[0].F)
+    n = models[0].motion.size
     missing = np.isnan(z)
     if not compiled.kernels or max(r, n) > _MOST_COMPILED or n_z > 2:
         return None
@@ -292,9 +291,12 @@ def interact(
     nis = np.empty((T, M))
     estimate = Gaussian(np.empty((n, T, M)), np.empty((n, n, T, M)))
     # Step 2: all steps.
+    motions = MotionMatrices(
+        F=np.stack([model.motion.F for model in models]),
+        Q=np.stack([model.motion.Q for model in models]),
+        numbers=models[0].motion.numbers,
+    )
     matrices = [
-        np.stack([model.F for model in models]),
-        np.stack([model.Q for model in models]),
         models[0].H,
         models[0].R,
         transition,
@@ -302,6 +304,7 @@ def interact(
     ]
     sensor = radar or MeasuredByKernel(R=models[0].R)
     is_finite = compiled.kernels.interact(
+        *motions.arguments(),
         *[np.ascontiguousarray(matrix, dtype=np.float64) for matrix in matrices],
         *elementary.exp_tables(),
         *sensor.arguments(),

@@ -30,6 +30,7 @@ from trackbench.evaluation.validate_output import checked_numbers
 from trackbench.extension_points import foreign_parts
 from trackbench.filters.base import AnyFilter, Steps, has_likelihood
 from trackbench.models.base import Model
+from trackbench.models.motions.irregular import put_side_by_side
 
 Kind = Literal["score", "prediction"]
 """Requested series: the filters' own log-likelihoods; all series from predictions of measurements."""
@@ -189,7 +190,10 @@ class PredictionScorer:
                 # The runs of these steps are filtered side by side.
                 side_by_side_z = freeze(held.reshape(len(held), -1))
                 before = many.before(index)
-                after = self._tracker.step(self._model, before, side_by_side_z, steps[0], self._rng)
+                motion, sensor = self._model
+                held_steps = np.take(steps, index).tolist()
+                model = Model(put_side_by_side(motion, held_steps, held.shape[2]), sensor)
+                after = self._tracker.step(model, before, side_by_side_z, steps[0], self._rng)
                 self._held_scores += self._log_likelihoods(after, side_by_side_z.shape[1])
         return True
 

@@ -30,7 +30,7 @@ from trackbench.filters.gaussian import (
     nonlinear_steps,
     with_curvature,
 )
-from trackbench.filters.kf import constant_steps
+from trackbench.filters.kf import linear_steps
 from trackbench.filters.ukf import (
     MAX_ORDER,
     is_cancelled,
@@ -123,12 +123,12 @@ class EKF(NonlinearFilter):
         if type(self) is not EKF or self != plain:
             return None
         if not isinstance(model.sensor, LinearSensor):
-            return nonlinear_steps(model, state, z, not self.smooths)
+            return nonlinear_steps(model, state, z, k, keeps_predictions=not self.smooths)
         cov = with_trailing(state.posterior.cov, 1, leading=2)
         if (cov != cov[..., :1]).any():
             return None
         with_one_covariance = Gaussian(state.posterior.mean, cov[..., 0])
-        return constant_steps(model, state._replace(posterior=with_one_covariance), z)
+        return linear_steps(model, state._replace(posterior=with_one_covariance), z, k)
 
     def update(self, model: Model, state: Gaussian, z: Array, k: int) -> Updated:
         """Predict and update by the derivatives."""

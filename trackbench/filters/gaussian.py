@@ -42,10 +42,11 @@ from trackbench.models.base import (
     NormalMotion,
     Scene,
     Sensor,
+    angle_rows,
     has_own_density,
     jacobian_at,
 )
-from trackbench.models.motions.kinematic import Linear
+from trackbench.models.motions.irregular import matrices_of_steps
 from trackbench.models.priors import Convertible
 from trackbench.models.sensors.many_steps import measured_by_kernel
 
@@ -500,7 +501,12 @@ def with_curvature(
 
 
 def nonlinear_steps(
-    model: Model, state: Tracked, z: Array, keeps_predictions: bool, rule: Unscented | None = None
+    model: Model,
+    state: Tracked,
+    z: Array,
+    k: int,
+    keeps_predictions: bool,
+    rule: Unscented | None = None,
 ) -> Steps | None:
     """Return all steps of a UKF, or of the EKF of a radar, with the same bytes.
 
@@ -512,6 +518,8 @@ def nonlinear_steps(
         State before the steps.
     z : array (n_z, T, M)
         Measurements of the steps.
+    k : int
+        Number of the first of these steps.
     keeps_predictions : bool
         Whether the states have the predictions.
     rule : Unscented, optional
@@ -520,16 +528,20 @@ def nonlinear_steps(
     Returns
     -------
     Steps or None
-        None unless the motion is linear and constant, the sensor is one of `measured_by_kernel` (for
-        the EKF a radar), and `filter_steps` can filter.
+        None unless the motion is one of `matrices_of_steps`, the sensor is one of `measured_by_kernel`
+        (for the EKF a radar), and `filter_steps` can filter.
     """
     motion, sensor = model
-    if not isinstance(motion, Linear) or motion.rows_of_angles or len(motion.F) == 1:
-        return None
-    measured = measured_by_kernel(sensor, len(motion.F))
+    n = len(motion.components)
+    measured = measured_by_kernel(sensor, n)
     if measured is None or (rule is None and not measured.is_radar):
         return None
-    filtered = filter_steps(state.posterior, motion.F, motion.Q, measured, z, rule)
+    if angle_rows(motion) or n == 1:
+        return None
+    matrices = matrices_of_steps(motion, k, z.shape[1])
+    if matrices is None:
+        return None
+    filtered = filter_steps(state.posterior, matrices, measured, z, rule)
     if filtered is None:
         return None
     states = filtered.states

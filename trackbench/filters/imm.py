@@ -37,7 +37,7 @@ from trackbench.filters.gaussian import (
 )
 from trackbench.filters.jump_markov import JumpMarkov, shared_components
 from trackbench.models.base import Model, Scene, angle_rows, extra_std
-from trackbench.models.motions.kinematic import Linear
+from trackbench.models.motions.irregular import matrices_of_steps
 from trackbench.models.priors import augment_gaussian
 from trackbench.models.sensors.many_steps import measured_by_kernel
 from trackbench.models.sensors.position import LinearSensor
@@ -235,17 +235,17 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
     def all_steps(self, model: Model, state: ModelBank, z: Array, k: int) -> Steps | None:
         """Filter all measurements z (n_z, T, M) in one call; None unless the models allow it.
 
-        They must be linear and constant with the same components, and filtered by a plain EKF. The
-        sensor may also be a radar of `measured_by_kernel`.
+        They must be linear with the same components, with a constant sensor, and filtered by a plain
+        EKF. The sensor may also be a radar of `measured_by_kernel`.
         """
         if type(self) is not IMM or self.filter != _EKF or type(self.filter) is not EKF:
             return None
         models = self.models(model)
-        matrices = _constant_matrices(models)
+        matrices = _matrices_of_models(models, k, z.shape[1])
         if matrices is None:
             return None
         transition = np.array(self.transition)
-        measured = measured_by_kernel(model.sensor, len(matrices[0].F))
+        measured = measured_by_kernel(model.sensor, matrices[0].motion.size)
         radar = measured if measured is not None and measured.is_radar else None
         interacting = interact(state.states, state.weights, matrices, transition, z, radar)
         if interacting is None:
@@ -464,26 +464,29 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         )
 
 
-def _constant_matrices(models: list[Model]) -> list[LinearModel] | None:
-    """Return the matrices F, Q, H, R of each model, for `interact`; a radar has no H.
+def _matrices_of_models(models: list[Model], k: int, steps: int) -> list[LinearModel] | None:
+    """Return the matrices of each model over steps from number ``k`` on, for `interact`.
 
-    None unless all models are linear and constant, but for a radar, and their states have the same
-    components and no angles.
+    A radar has no H: its H is zero. None unless all models are linear but for a radar, and their states
+    have the same components and no angles.
     """
     matrices = []
     components = models[0].motion.components
     for motion, sensor in models:
-        if not isinstance(motion, Linear) or motion.components != components or angle_rows(motion):
+        if motion.components != components or angle_rows(motion):
             return None
-        n = len(motion.F)
+        motion_matrices = matrices_of_steps(motion, k, steps)
+        if motion_matrices is None:
+            return None
+        n = motion_matrices.size
         if isinstance(sensor, LinearSensor):
-            matrices.append(LinearModel(F=motion.F, Q=motion.Q, H=sensor.H(n), R=sensor.R))
+            matrices.append(LinearModel(motion=motion_matrices, H=sensor.H(n), R=sensor.R))
             continue
         measured = measured_by_kernel(sensor, n)
         if measured is None:
             return None
         no_matrix = np.zeros((len(measured.R), n))
-        matrices.append(LinearModel(F=motion.F, Q=motion.Q, H=no_matrix, R=measured.R))
+        matrices.append(LinearModel(motion=motion_matrices, H=no_matrix, R=measured.R))
     return matrices
 
 

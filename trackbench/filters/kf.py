@@ -12,7 +12,7 @@ from trackbench.core.kalman import Innovation, Updated
 from trackbench.filters.base import Steps
 from trackbench.filters.gaussian import GaussianFilter, Tracked
 from trackbench.models.base import Differentiable, Model, jacobian_at
-from trackbench.models.motions.kinematic import Linear
+from trackbench.models.motions.irregular import matrices_of_steps
 from trackbench.models.sensors.position import LinearSensor
 from trackbench.registry import register
 
@@ -47,15 +47,15 @@ class KF(GaussianFilter):
     def all_steps(self, model: Model, state: Tracked, z: Array, k: int) -> Steps | None:
         """Filter all measurements z (n_z, T, M) in one call; None unless this is a plain KF.
 
-        The motion and the sensor must also be constant, and the model small.
+        The sensor must also be constant, and the model small.
         """
         if type(self) is not KF or self != KF(smooth=self.smooth):
             return None
-        return constant_steps(model, state, z)
+        return linear_steps(model, state, z, k)
 
 
-def constant_steps(model: Model, state: Tracked, z: Array) -> Steps | None:
-    """Return the Kalman filter's steps of a linear, constant and small model, with the same bytes.
+def linear_steps(model: Model, state: Tracked, z: Array, k: int) -> Steps | None:
+    """Return the Kalman filter's steps of a small linear model, with the same bytes.
 
     Parameters
     ----------
@@ -65,6 +65,8 @@ def constant_steps(model: Model, state: Tracked, z: Array) -> Steps | None:
         State before the steps, with one covariance (n_x, n_x) for all runs.
     z : array (n_z, T, M)
         Measurements of the steps.
+    k : int
+        Number of the first of these steps.
 
     Returns
     -------
@@ -72,10 +74,13 @@ def constant_steps(model: Model, state: Tracked, z: Array) -> Steps | None:
         None for another model, or if `core.kalman.track` cannot filter it.
     """
     motion, sensor = model
-    if not (isinstance(motion, Linear) and isinstance(sensor, LinearSensor)):
+    if not isinstance(sensor, LinearSensor):
         return None
-    H = sensor.H(len(motion.F))
-    tracked = kalman.track(state.posterior, motion.F, motion.Q, H, sensor.R, z)
+    matrices = matrices_of_steps(motion, k, z.shape[1])
+    if matrices is None:
+        return None
+    H = sensor.H(matrices.size)
+    tracked = kalman.track(state.posterior, matrices, H, sensor.R, z)
     if tracked is None:
         return None
     posteriors, innovations, nis = tracked
@@ -96,7 +101,8 @@ def constant_steps(model: Model, state: Tracked, z: Array) -> Steps | None:
 
     def state_of_all_steps() -> Tracked:
         """Return one state whose batch (T, M) is all steps, with their predictions."""
-        predicted = kalman.predict(posteriors_before(), motion.F, motion.Q)
+        F, Q = matrices.of_each_step()
+        predicted = kalman.predict(posteriors_before(), F, Q)
         innovation = innovations._replace(predicted=predicted)
         return Tracked(posterior=posteriors, nis=nis, innovation=innovation)
 

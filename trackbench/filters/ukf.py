@@ -112,7 +112,7 @@ class UKF(SigmaPointFilter):
         )
         if type(self) is not UKF or self != plain:
             return None
-        return nonlinear_steps(model, state, z, not self.smooths, self.rule)
+        return nonlinear_steps(model, state, z, k, not self.smooths, self.rule)
 
     @property
     def augmented(self) -> bool:

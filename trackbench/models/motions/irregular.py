@@ -4,12 +4,16 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numpy as np
+
+from trackbench.core import linalg
 from trackbench.core.arrays import Array
-from trackbench.core.distributions import Distribution
+from trackbench.core.distributions import Distribution, Gaussian
+from trackbench.core.kalman import MotionMatrices
 from trackbench.field_types import InvalidKeyError
 from trackbench.models.base import Model, Motion, SampledMotion, angle_rows, extra_std
 from trackbench.models.inputs import KnownInputs
-from trackbench.models.motions.kinematic import Linear
+from trackbench.models.motions.kinematic import Linear, PerAxis
 from trackbench.models.motions.nonlinear import SteppedMotion
 from trackbench.models.motions.turn import Turning
 
@@ -85,6 +89,86 @@ class Irregular:
     def _jacobian_at(self, x: Array, k: int) -> Array:
         """Return d E[x_k] / d x_{k-1} (n, n[, *batch]) at x (n, *batch)."""
         return self.motion_at(k).jacobian(x, k)  # type: ignore[attr-defined]
+
+
+@dataclass(frozen=True, eq=False)
+class SideBySide(Irregular):
+    """A linear motion of several steps at once: the batch (K M,) is the M runs of each step in turn."""
+
+    steps: tuple[int, ...] = ()
+    """numbers of the K steps"""
+    runs: int = 1
+    """number M of runs"""
+
+    def motion_at(self, k: int) -> Linear:
+        """Return the motion of each step and run, F and Q (n, n, K M), whatever the step ``k``."""
+        return self._motion
+
+    def transition(self, x: Array, k: int) -> Gaussian:
+        """Return the distribution one step after the states x (n, *points, K M) of each step."""
+        n = len(self._motion.F)
+        axes_of_points = (1,) * (x.ndim - 2)
+        F = self._motion.F.reshape(n, n, *axes_of_points, -1)
+        return Gaussian(linalg.matvec(F, x), self._motion.Q)
+
+    @cached_property
+    def _motion(self) -> Linear:
+        """Motion with F and Q (n, n, K M) of each step and run."""
+        motions = []
+        for step in self.steps:
+            motion = super().motion_at(step)
+            assert isinstance(motion, Linear)
+            motions.append(motion)
+        F = np.stack([motion.F for motion in motions], axis=-1)
+        Q = np.stack([motion.Q for motion in motions], axis=-1)
+        return replace(
+            motions[0],
+            F=np.repeat(F, self.runs, axis=-1),
+            Q=np.repeat(Q, self.runs, axis=-1),
+        )
+
+
+def put_side_by_side(motion: SampledMotion, steps: Collection[int], runs: int) -> SampledMotion:
+    """Return the linear motion of these steps at once; see `SideBySide`.
+
+    A motion of equal intervals is the same at each step, and returned as it is.
+    """
+    if not isinstance(motion, Irregular):
+        return motion
+    return SideBySide(
+        motion=motion.motion,
+        axes=motion.axes,
+        first=motion.first,
+        intervals=motion.intervals,
+        named_angles=motion.named_angles,
+        recorded_inputs=motion.recorded_inputs,
+        steps=tuple(steps),
+        runs=runs,
+    )
+
+
+def matrices_of_steps(motion: SampledMotion, k: int, steps: int) -> MotionMatrices | None:
+    """Return the matrices F and Q of ``steps`` steps from number ``k`` on; None if it is not linear.
+
+    Each length of an interval is sampled once.
+    """
+    if isinstance(motion, Linear):
+        numbers = np.zeros(steps, dtype=np.int64)
+        return MotionMatrices(F=motion.F[None], Q=motion.Q[None], numbers=numbers)
+    if type(motion) is not Irregular or not isinstance(motion.motion_at(k), Linear):
+        return None
+    first = k - motion.first
+    intervals = motion.intervals[first : first + steps]
+    lengths, first_of_each, numbers = np.unique(intervals, return_index=True, return_inverse=True)
+    if isinstance(motion.motion, PerAxis):
+        F, Q = motion.motion.matrices(lengths, motion.axes)
+        return MotionMatrices(F=F, Q=Q, numbers=numbers)
+    sampled = [motion.motion_at(k + i) for i in first_of_each.tolist()]
+    return MotionMatrices(
+        F=np.stack([at_step.F for at_step in sampled]),  # type: ignore[attr-defined]
+        Q=np.stack([at_step.Q for at_step in sampled]),  # type: ignore[attr-defined]
+        numbers=numbers,
+    )
 
 
 def inputs_in_equations(motion: Motion, recorded: KnownInputs | None) -> KnownInputs | None:

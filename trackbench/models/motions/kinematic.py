@@ -125,22 +125,39 @@ class PerAxis(Motion):
             components.
         """
         axis = self.axis(T)
-        n = len(axis.F)
-        # Reorder [px vx ax py vy ay] to [px vx py vy ax ay].
-        order = [n * a + i for a, i in product(range(axes), range(2))]
-        order += [n * a + i for a, i in product(range(axes), range(2, n))]
         components = position_velocity_names(axes)
         extra_std: tuple[float, ...] = ()
-        if n > 2:
+        if len(axis.F) > 2:
             components += tuple(f"a{name}" for name in AXES[:axes])
             extra_std = (self.acceleration_std,) * axes
         return Linear(
             T=T,
-            F=_block_for_each_axis(axis.F, axes, order),
-            Q=_block_for_each_axis(axis.Q, axes, order),
+            F=fixed(_block_for_each_axis(axis.F, axes)),
+            Q=fixed(_block_for_each_axis(axis.Q, axes)),
             components=components,
             extra_std=extra_std,
         )
+
+    @np.errstate(all="ignore")
+    def matrices(self, intervals: Array, axes: int) -> tuple[Array, Array]:
+        """Return F and Q of `sampled` for each of K intervals (s), in a small part of the time.
+
+        Parameters
+        ----------
+        intervals : array (K,)
+            Lengths of the intervals, s.
+        axes : int
+            Number of axes of the space, 1 to 3.
+
+        Returns
+        -------
+        F, Q : array (K, n, n)
+            Transition matrices, and covariances of the noise.
+        """
+        of_one_axis = [self.axis(T) for T in intervals.tolist()]
+        F = np.stack([axis.F for axis in of_one_axis])
+        Q = np.stack([axis.Q for axis in of_one_axis])
+        return _block_for_each_axis(F, axes), _block_for_each_axis(Q, axes)
 
     @property
     def acceleration_std(self) -> float:
@@ -148,10 +165,19 @@ class PerAxis(Motion):
         return 0.0
 
 
-def _block_for_each_axis(block: Array, axes: int, order: list[int]) -> Array:
-    """Return the matrix with the block of one axis on its diagonal, components in this order."""
-    matrix = np.asarray(np.kron(np.eye(axes), block), dtype=float)
-    return fixed(matrix[np.ix_(order, order)])
+def _block_for_each_axis(block: Array, axes: int) -> Array:
+    """Return matrices (*batch, m, m), m = axes n, which have the block (*batch, n, n) for each axis.
+
+    The components are ordered as in `PerAxis.sampled`: [px vx py vy ax ay].
+    """
+    n = block.shape[-1]
+    matrix = np.zeros((*block.shape[:-2], axes * n, axes * n))
+    for a in range(axes):
+        rows = [2 * a, 2 * a + 1]
+        # The accelerations stand behind the positions and velocities of all axes.
+        rows += [2 * axes + (n - 2) * a + i for i in range(n - 2)]
+        matrix[..., np.array(rows)[:, None], rows] = block
+    return matrix
 
 
 @register("motions", "cv")
