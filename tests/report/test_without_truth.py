@@ -243,3 +243,45 @@ def test_one_recording_is_decided_by_its_steps(tmp_path: Path) -> None:
     assert report.answer[-1].startswith("One recording: its steps decide")
     quick = api.run(tmp_path / "one.yaml", out=tmp_path / "q", quiet=True, formats=(), quick=True)
     assert "\nruns: 1\n" in (quick.folder / "config.yaml").read_text()
+
+
+def test_a_filter_that_skips_measurements_is_ranked_over_those_that_all_score(
+    tmp_path: Path,
+) -> None:
+    """`cmkf` uses no range without an azimuth; the others score the ranges, too."""
+    rng = np.random.default_rng(5)
+    t = np.arange(300.0)
+    x = 9000.0 - 20.0 * t
+    y = 5000.0 + 30.0 * t
+    distance = np.hypot(x, y) + 50.0 * rng.standard_normal(300)
+    azimuth = np.arctan2(y, x) + 0.003 * rng.standard_normal(300)
+    rows = ["time,range,azimuth"]
+    for k in range(300):
+        rows.append(f"{t[k]:g},{distance[k]:.3f},{'' if k % 3 == 2 else f'{azimuth[k]:.7f}'}")
+    (tmp_path / "m.csv").write_text("\n".join(rows))
+    config = CONFIG.replace("  T: 2\n", "").replace(
+        "  RPF: {kind: rpf, N: 300}", "  CMKF: {kind: cmkf}"
+    )
+    config = re.sub("start: .*", "start: {kind: one-scan, sigma_velocity: 50}", config)
+    config += "tables: {score: {kind: metrics, columns: {Log score: mean(log_score)}}}\n"
+    (tmp_path / "rec.yaml").write_text(config)
+    report = api.run(tmp_path / "rec.yaml", out=tmp_path / "out", quiet=True, formats=())
+    series = report.results.per_step
+    scores = series[series["metric"] == "log_score"]
+    by_filter = scores.pivot(index="step", columns="filter", values="value")
+    common = by_filter.dropna()
+    assert len(common) < len(by_filter["EKF"].dropna())
+    shown = ranked(report.results)
+    for label in ("EKF", "CMKF"):
+        assert float(shown[label]["Log score (nats)"]) == pytest.approx(
+            common[label].mean(), rel=1e-3
+        )
+    number = f"{len(common)} of {len(by_filter['EKF'].dropna())} measured steps"
+    assert report.answer[-1] == (
+        f"The ranking is over the {number} at which every filter has a value; CMKF has none at the "
+        "others."
+    )
+    paired = pd.read_csv(report.folder / "paired.csv").set_index("metric").loc["log_score"]
+    difference = (common["EKF"] - common["CMKF"]).mean()
+    assert paired["difference"] == pytest.approx(difference, rel=1e-3)
+    assert np.sign(paired["z"]) == np.sign(difference)

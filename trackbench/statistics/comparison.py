@@ -66,6 +66,14 @@ class Sample:
             return self
         return replace(self, values=self.values[runs])
 
+    def over_steps(self, steps: Mask) -> "Sample":
+        """Return the sample of some steps (T,) of a recording; itself if no other step has a value."""
+        assert self.steps is not None
+        chosen = self.steps.over_steps(steps)
+        if chosen is self.steps:
+            return self
+        return replace(self, values=np.array([chosen.value]), steps=chosen)
+
     @cached_property
     def overall(self) -> RunEstimate:
         """Statistic over the runs with a finite value."""
@@ -156,11 +164,13 @@ def compare(a: Sample, b: Sample) -> Comparison | None:
     """Compare two filters, not as one of a family of tests; None if they have no run in common."""
     # Step 1: a recording is compared step by step.
     if a.steps is not None and b.steps is not None:
-        of_steps = a.steps.minus(b.steps)
+        a_steps = a.steps.over_steps(b.steps.has_value)
+        b_steps = b.steps.over_steps(a.steps.has_value)
+        of_steps = a_steps.minus(b_steps)
         # Series that are equal but for rounding have no difference.
-        if not np.nan_to_num(without_rounding(a.steps.series, b.steps.series)).any():
-            of_steps = OfSteps.of(0.0, np.zeros(len(a.steps.series)))
-        return Comparison(a.steps, b.steps, of_steps, of_steps.z())
+        if not np.nan_to_num(without_rounding(a_steps.series, b_steps.series)).any():
+            of_steps = OfSteps.of(0.0, np.zeros(len(a_steps.series)))
+        return Comparison(a_steps, b_steps, of_steps, of_steps.z())
     both = np.isfinite(a.values) & np.isfinite(b.values)
     if not both.any():
         return None

@@ -220,12 +220,31 @@ class OfSteps(RunEstimate):
         assert self.influences is not None
         return self.influences + self.value
 
-    def minus(self, other: "OfSteps", factor: float = 1.0) -> "OfSteps":
-        """Return the difference ``self - factor other``, step by step."""
+    @property
+    def has_value(self) -> Mask:
+        """True for each step (T,) that contributes to the number."""
         assert self.influences is not None
-        assert other.influences is not None
-        value = self.value - factor * other.value
-        influences = self.influences - factor * other.influences
+        return ~np.isnan(self.influences)
+
+    def over_steps(self, steps: Mask) -> "OfSteps":
+        """Return the number over some of the steps (T,); of a rms to first order.
+
+        It is the number itself if no other step contributes to it.
+        """
+        if not (self.has_value & ~steps).any():
+            return self
+        series = np.where(steps, self.series, np.nan)
+        value = series_mean(series).value if (self.has_value & steps).any() else np.nan
+        return OfSteps.of(value, series)
+
+    def minus(self, other: "OfSteps", factor: float = 1.0) -> "OfSteps":
+        """Return the difference ``self - factor other`` over the steps of both, step by step."""
+        a = self.over_steps(other.has_value)
+        b = other.over_steps(self.has_value)
+        assert a.influences is not None
+        assert b.influences is not None
+        value = a.value - factor * b.value
+        influences = a.influences - factor * b.influences
         return OfSteps.of(value, influences + value)
 
     @property

@@ -6,7 +6,7 @@ the best.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import isfinite
 from types import MappingProxyType
@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, Mask
 from trackbench.evaluation.metric_expression import Measure, measured
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import named
@@ -116,6 +116,17 @@ class Conflict(NamedTuple):
     """number of the common runs"""
 
 
+class CommonSteps(NamedTuple):
+    """Steps of a recording over which filters are compared, if some have a metric at fewer steps."""
+
+    steps: int
+    """number of steps at which all filters have the metric"""
+    most: int
+    """largest number of steps at which one has it"""
+    skipping: list[Candidate]
+    """filters without it at other steps"""
+
+
 class Ranking(NamedTuple):
     """Ranking of one scenario's filters by one metric: the best, and what differs from it."""
 
@@ -142,6 +153,8 @@ class Ranking(NamedTuple):
     """by name, each filter with the first of the order, decided or not; the reference, too"""
     conflict: Conflict | None = None
     """why no filter is best, if common runs contradict the order"""
+    common_steps: CommonSteps | None = None
+    """steps of a recording that count; None if all do"""
 
     @property
     def among_the_best(self) -> list[Candidate]:
@@ -281,6 +294,11 @@ def ranking_of(
     losing = _losing(ranked)
     order = [c for c in ranked if c not in losing and isfinite(c.overall.value)]
     losing += [c for c in ranked if c not in order and c not in losing and c.losses]
+    # Step 3: filters of a recording count over the steps at which all have the metric.
+    common_steps = _common_steps(order)
+    if common_steps is not None:
+        order = sorted(_over_common_steps(order), key=lambda c: _sort_key(c, sign))
+        ranked = [*order, *losing]
     ranking = Ranking(
         scene={},
         metric=m,
@@ -293,10 +311,11 @@ def ranking_of(
         order=order,
         chosen=len(tried) > len(ranked),
         runs=max((len(c.lost) for c in ranked), default=0),
+        common_steps=common_steps,
     )
     if not order:
         return ranking
-    # Step 3: compare the first of the order with all the rest on common runs.
+    # Step 4: compare the first of the order with all the rest on common runs.
     first = order[0]
     rivals = order[1:]
     references = [] if reference_candidate is None else [reference_candidate]
@@ -309,7 +328,7 @@ def ranking_of(
     ranking = ranking._replace(compared=compared)
     if not first.has_error(untested=ranks_settings or not rivals):
         return ranking
-    # Step 4: part the rivals into ties, worse and undecided ones.
+    # Step 5: part the rivals into ties, worse and undecided ones.
     ties: list[Rival] = []
     worse: list[Rival] = []
     undecided: list[Rival] = []
@@ -330,6 +349,30 @@ def ranking_of(
         else:  # a filter further off than one that is no tie is no tie either
             undecided.append(rival)
     return ranking._replace(best=first, ties=ties, worse=worse, undecided=undecided)
+
+
+def _common_steps(candidates: Sequence[Candidate]) -> CommonSteps | None:
+    """Return the steps at which all candidates have the metric; None if all have it at the same.
+
+    It is also None if the candidates are not of one recording.
+    """
+    if not candidates or any(c.sample.steps is None for c in candidates):
+        return None
+    has_value = np.array([c.sample.steps.has_value for c in candidates if c.sample.steps])
+    numbers = has_value.sum(axis=1)
+    is_common = has_value.all(axis=0)
+    if (numbers == is_common.sum()).all():
+        return None
+    most = int(numbers.max())
+    skipping = [c for c, number in zip(candidates, numbers, strict=True) if number < most]
+    return CommonSteps(steps=int(is_common.sum()), most=most, skipping=skipping)
+
+
+def _over_common_steps(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Return candidates of one recording with their samples over the steps that all have."""
+    has_value = np.array([c.sample.steps.has_value for c in candidates if c.sample.steps])
+    is_common: Mask = np.logical_and.reduce(has_value, axis=0)
+    return [replace(c, sample=c.sample.over_steps(is_common)) for c in candidates]
 
 
 def candidates_of(

@@ -7,7 +7,7 @@ from trackbench.config.tuning import tuned_label
 from trackbench.errors import counted
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import listed, metric_words, statistic_words, verb
-from trackbench.report.findings.ranking import Ranking, ranking_metrics, rankings
+from trackbench.report.findings.ranking import CommonSteps, Ranking, ranking_metrics, rankings
 from trackbench.report.results import Results
 from trackbench.statistics import rules
 
@@ -69,7 +69,19 @@ def answer(results: Results) -> list[str]:
         if ranking.runs == 1 and any(rival.comparison.is_tested for rival in ranking.rivals):
             what = "by an error of their mean difference that allows for autocorrelation"
             lines.append(f"One recording: its steps decide, {what}.")
+    if ranking.common_steps is not None:
+        lines.append(_explain_common_steps(ranking.common_steps))
     return [line for line in lines if line]
+
+
+def _explain_common_steps(common: CommonSteps) -> str:
+    """Explain over which steps filters are compared if some have the metric at fewer steps."""
+    names = [candidate.name for candidate in common.skipping]
+    verb = "has" if len(names) == 1 else "have"
+    return (
+        f"The ranking is over the {common.steps} of {common.most} measured steps at which every filter "
+        f"has a value; {listed(names)} {verb} none at the others."
+    )
 
 
 def _explain_undecided(ranking: Ranking, is_recorded: bool) -> str:
