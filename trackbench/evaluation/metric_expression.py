@@ -97,6 +97,11 @@ class Measure(NamedTuple):
         return metric_of(self.metric)
 
     @property
+    def declaration(self) -> Metric:
+        """Declaration of the metric: its name without quantity, unit and better direction."""
+        return self.family[0]
+
+    @property
     def base(self) -> str:
         """Name of the stored metric that the number is from, without statistic, window and step."""
         spec, quantity = self.family

@@ -199,7 +199,7 @@ class Evaluator:
         if m.relation == "controlled":
             return self._controlled(mine, other)
         # A score is a logarithm: a ratio of two depends on the unit and means nothing.
-        if m.family[0].is_score:
+        if m.declaration.is_score:
             return MISSING
         common = self._common_runs(mine, other)
         ratio = quotient(self.term(mine, common), self.term(other, common))
@@ -291,7 +291,7 @@ class Evaluator:
             return _OverRuns(statistic=own_statistic, name=str(m))
         # Case 3: ANEES, which is the mean of each run's NEES over the number of components.
         nees = in_window(m.base, m.window)
-        if m.is_row and m.family[0].per_component and (m.filter, nees) in self.runs:
+        if m.is_row and m.declaration.per_component and (m.filter, nees) in self.runs:
             mean_nees = self.stored.get((m.filter, f"mean({nees})"))
             anees = self.stored.get((m.filter, str(m)))
             # The mean NEES divided by ANEES is the number of components, if both are usable.

@@ -94,7 +94,7 @@ def in_unit(words: str, unit: str) -> str:
 
 def _unit(metric: Measure) -> str:
     """Return the unit of a metric: nats of a log score."""
-    if metric.family[0].is_score:
+    if metric.declaration.is_score:
         return "nats"
     return unit_of(metric.metric)
 

@@ -27,7 +27,7 @@ def check_rank(m: Measure, *path: str) -> None:
 
     ``path`` are the keys of the config that lead to the measure.
     """
-    if m.family[0].name != "pit" or m.statistic or m.is_many or m.relation:
+    if m.declaration.name != "pit" or m.statistic or m.is_many or m.relation:
         raise InvalidKeyError(f"{str(m)!r} is no PIT, such as pit_nees or pit_px@20", *path)
 
 
