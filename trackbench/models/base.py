@@ -112,6 +112,7 @@ def central_differences(
     array (m, n, *batch)
         Derivatives.
     """
+    # Take the spread of the state that `jacobian_at` works on, unless x are other states than its mean.
     state = _AT.get()
     if spread is None and state is not None and state.mean.shape == x.shape:
         with np.errstate(invalid="ignore"):  # of a run that has diverged
@@ -122,6 +123,7 @@ def central_differences(
     steps = []
     for i, value in enumerate(x):
         h = np.maximum(step * np.abs(value), with_axes_of(value, least[i]))
+        # A component that is zero and has no spread is moved by `step` units.
         steps.append(np.where(h > 0.0, h, step))
     displaced = _displaced_states(x, steps)
     if side_by_side:
@@ -210,6 +212,7 @@ def hessian_by_differences(
         return np.zeros((*J.shape, len(x)))
 
     def rows_of_jacobian(states: Array) -> Array:
+        """Return the Jacobians of states (n, *batch) with their m n entries in one axis."""
         derivatives = jacobian(states, k)
         return derivatives.reshape(-1, *states.shape[1:])
 

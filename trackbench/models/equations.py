@@ -44,13 +44,15 @@ class Program:
     def __init__(
         self, outputs: Sequence[Node], arrays: Sequence[str], scalars: Sequence[str] = ()
     ) -> None:
+        # A slot is the place of a value in a list of all values; the variables have the first ones.
         self._slots: dict[tuple[object, ...], int] = {
             ("name", name): i for i, name in enumerate((*arrays, *scalars))
         }
         self._start: list[Value] = [0.0] * len(self._slots)
         self._is_array = [i < len(arrays) for i in range(len(self._slots))]
+        # (operation, slots of its arguments, slot of its value)
         operations: list[tuple[str, tuple[int, ...], int]] = []
-        by_node: dict[int, int] = {}
+        by_node: dict[int, int] = {}  # slot of each node's value, by the node's id
         for node in in_order(outputs):
             by_node[id(node)] = self._slot(node, operations, by_node)
         self._outputs = [by_node[id(node)] for node in outputs]
@@ -69,9 +71,13 @@ class Program:
         operations: list[tuple[str, tuple[int, ...], int]],
         by_node: dict[int, int],
     ) -> int:
-        """Find the slot of a node's value, and append the instruction that computes it."""
+        """Find the slot of a node's value, and append what computes it to ``operations``.
+
+        Nothing is appended if a node with an equal value has a slot already. ``by_node`` has the slots of
+        the node's arguments, by their ids.
+        """
         arguments = tuple(by_node[id(a)] for a in node.arguments)
-        # Nodes with one key have one value.
+        # Nodes with equal keys have equal values.
         key: tuple[object, ...] = (node.operation, *arguments)
         if node.operation == "number":
             key = ("number", repr(node.value))
@@ -101,6 +107,7 @@ class Program:
                 writable.add(slot)
         instructions = []
         for i, (name, arguments, slot) in enumerate(operations):
+            # An argument that is used here for the last time leaves its memory to the result.
             free = [a for a in arguments if a in writable and last_use[a] == i]
             reused = free[0] if free and name in UFUNCS else -1
             instructions.append((OPERATIONS[name], arguments, slot, reused))
@@ -215,12 +222,15 @@ class Equations:
         """Compile a covariance (n, n) of ``components``; raises InvalidKeyError."""
         n = len(components)
         rows = _rows(given, components, *path)
+        # A term without a path is a zero off the diagonal, which the config leaves out.
         nodes = []
         for term, term_path in chain.from_iterable(rows):
             nodes.append(self.parse(term, *term_path) if term_path else ZERO)
         for i in range(n):
             for j in range(i):
-                if rows[i][j][0] != rows[j][i][0]:
+                below, _ = rows[i][j]
+                above, _ = rows[j][i]
+                if below != above:
                     what = f"not symmetric: row {i + 1}, column {j + 1} and the reverse differ"
                     raise InvalidKeyError(what, *path)
         program = ArrayProgram(self, nodes, (n, n))

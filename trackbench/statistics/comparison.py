@@ -156,11 +156,11 @@ def compare(a: Sample, b: Sample) -> Comparison | None:
     """Compare two filters, not as one of a family of tests; None if they have no run in common."""
     # Step 1: a recording is compared step by step.
     if a.steps is not None and b.steps is not None:
-        of_steps = a.steps.minus(b.steps)
-        # Series that are equal but for rounding have no difference.
+        step_difference = a.steps.minus(b.steps)
+        # Series that are equal but for rounding have no difference; steps that one lacks are NaN.
         if not np.nan_to_num(without_rounding(a.steps.series, b.steps.series)).any():
-            of_steps = OfSteps.of(0.0, np.zeros(len(a.steps.series)))
-        return Comparison(a.steps, b.steps, of_steps, of_steps.z())
+            step_difference = OfSteps.of(0.0, np.zeros(len(a.steps.series)))
+        return Comparison(a.steps, b.steps, step_difference, step_difference.z())
     both = np.isfinite(a.values) & np.isfinite(b.values)
     if not both.any():
         return None
@@ -169,7 +169,7 @@ def compare(a: Sample, b: Sample) -> Comparison | None:
     b = b.over(both)
     difference = _difference_of(a, b)
     if a.statistic == "variance":
-        difference = as_difference_of_variances(difference, a.overall, b.overall, 1.0)
+        difference = as_difference_of_variances(difference, a.overall, b.overall, factor=1.0)
     return Comparison(a.overall, b.overall, difference, difference.z())
 
 

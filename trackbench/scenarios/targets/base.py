@@ -304,6 +304,7 @@ class Scored(NamedTuple):
             after = self.windows[""] & (self.times >= begin) & (self.times <= end)
             if not after.any():
                 continue  # shorter than the sampling time
+            # First row from which on the error is within the limit; one after the last row if none is.
             row = settled_row(error[after] > limit)
             seconds = np.append(self.times[after] - begin, np.nan)[row]
             not_settled = (row == after.sum()).astype(float)
@@ -399,9 +400,10 @@ class Schedule(NamedTuple):
         # Recorded data number the steps: only the last one can be chosen.
         if self.first:
             raise InvalidKeyError("the recorded data say it", "first")
-        steps = recorded.steps[self.skipped + 1 :]
-        if self.last is not None and not steps[0] <= self.last <= steps[-1]:
-            what = f"what is recorded is measured in steps {steps[0]} to {steps[-1]}"
+        # The step of the first state is not measured, or the start uses up its scan.
+        measured = recorded.steps[self.skipped + 1 :]
+        if self.last is not None and not measured[0] <= self.last <= measured[-1]:
+            what = f"what is recorded is measured in steps {measured[0]} to {measured[-1]}"
             raise InvalidKeyError(what, "last")
         taken = len(self.of_recorded(recorded).steps) - self.skipped
         if taken > MOST_STEPS:
