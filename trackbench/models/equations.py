@@ -73,8 +73,8 @@ class Program:
     ) -> int:
         """Find the slot of a node's value, and append what computes it to ``operations``.
 
-        Nothing is appended if a node with an equal value has a slot already. ``by_node`` has the slots of
-        the node's arguments, by their ids.
+        Nothing is appended if a node with an equal value has a slot already. ``by_node`` has the slots
+        of the node's arguments, by their ids.
         """
         arguments = tuple(by_node[id(a)] for a in node.arguments)
         # Nodes with equal keys have equal values.

@@ -98,8 +98,8 @@ class MerweMotion:
         """Return the interval of x_k for x_{k-1} between low and high (M,)."""
         from scipy.special import gammainccinv
 
-        # Round the quantile up to eighths of the noise's scale, 1 / rate, so that the last bit of scipy's
-        # function, which may differ between machines, has no effect.
+        # Round the quantile up to eighths of the noise's scale, 1 / rate, so that the last bit of the
+        # library's function has no effect.
         longest = np.ceil(8.0 * gammainccinv(self.noise.shape, _TAIL)) / (8.0 * self.noise.rate)
         # The motion is monotone in x: the ends of the interval map to ends.
         from_low = self.transition(low, k).loc

@@ -381,6 +381,7 @@ def _used_columns(guess: Guess) -> dict[str, str]:
         read |= {"vx", "vy", "speed", "course"}
     for sensor in guess.sensors:
         read.update(sensor.quantities)
+    # Latitude and longitude are read only for a position without columns of its own.
     if {"x", "y"} <= naming.columns.keys() or not read & {"x", "y"}:
         read -= {"latitude", "longitude", "north_south", "east_west"}
     return {name: column for name, column in naming.columns.items() if name in read}

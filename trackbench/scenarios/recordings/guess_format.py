@@ -475,6 +475,7 @@ def _text_format(path: str, given: TextFormat, why: dict[str, str]) -> TextForma
     # A first line of values is no heading.
     if layout.header and not given.header and all(map(is_value, layout.names)):
         width = len(layout.names)
+        # Eight columns are a trajectory in the TUM format, three a time and a position.
         names: tuple[str, ...] = ()
         if width == len(_TUM):
             names = _TUM
@@ -560,7 +561,9 @@ def _columns(
         columns.pop("step", None)
     _settle_twice_named(columns, given)
     is_robot = _settle_landmarks(sample, columns, given)
-    for key, least, most in (("sensor", 2, _MOST_SENSORS), ("run", 1, max(1, len(sample) // 3))):
+    # A column of sensors has a few words; one of runs has at least three rows for each on average.
+    most_runs = max(1, len(sample) // 3)
+    for key, least, most in (("sensor", 2, _MOST_SENSORS), ("run", 1, most_runs)):
         words = set(sample.cells(columns.get(key, "")))
         if key == "sensor" and is_robot:
             words.discard("")  # of rows with odometry alone
@@ -588,8 +591,9 @@ def _find_dates(sample: "_Sample", columns: dict[str, str], why: dict[str, str])
     dated = []
     for name in sample.names:
         cells = sample.cells(name)
-        has_digits = all(re.search(r"\d\D+\d", cell) for cell in cells)
-        if cells and has_digits and not parse_cells(instant, cells)[1]:
+        # 2025-04-03 has digits with a separator; 20250403 may be a number.
+        has_separators = all(re.search(r"\d\D+\d", cell) for cell in cells)
+        if cells and has_separators and not parse_cells(instant, cells)[1]:
             dated.append(name)
     if len(dated) == 1:
         columns["time"] = dated[0]
@@ -983,6 +987,7 @@ class _Reading:
                 self._columns.pop(name)
                 self._units.pop(name, None)
             self._why["velocity"] = "velocities are left out: they disagree with the positions"
+        # Of two possible forms of dates the candidate's `time` is the other one; the first one is empty.
         if first.time in clocks and first.time:
             self._why["time_format"] = f"guess: {self._reason(first)}"
             return self._clock._replace(form=first.time)
@@ -1196,7 +1201,7 @@ class _Reading:
         """
         cells = self._sample.cells(self._columns["time"])
         is_elapsed = not _ELAPSED.isdisjoint(words_of(self._columns["time"]))
-        from_zero = cells[0].lstrip("0").startswith(":") if cells else False
+        from_zero = bool(cells) and cells[0].lstrip("0").startswith(":")  # 00:12
         hours = 1.0 * is_elapsed + 0.5 * from_zero
         minutes = 0.0 if is_elapsed or from_zero else 1.0
         return {"": (1.0, hours), self._clock.other: (1.0 / 60.0, minutes)}
@@ -1301,8 +1306,8 @@ def _missing(sample: _Sample, columns: dict[str, str], measured: set[str]) -> tu
     names = sorted((measured | {*GEODETIC[:2], "speed", *_VELOCITY}) & columns.keys())
     values = {name: sample.numbers(columns[name]) for name in names}
     if "latitude" in values and "longitude" in values:
-        fixed = ~no_fix(values["latitude"], values["longitude"], UNITS["deg"])
-        values = {name: column[fixed] for name, column in values.items()}
+        has_fix = ~no_fix(values["latitude"], values["longitude"], UNITS["deg"])
+        values = {name: column[has_fix] for name, column in values.items()}
     codes: list[float] = []
     far = {name: outlying(column) for name, column in values.items()}
     for name in sorted(values.keys() & (measured | {*GEODETIC[:2]})):

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import GEODETIC, UNITS, Naming
+from trackbench.scenarios.recordings.column_mapping import GEODETIC, Naming
 from trackbench.scenarios.recordings.column_names import heading_of
 from trackbench.scenarios.recordings.csv_tables import first_rows, number, parse_cells
 from trackbench.scenarios.recordings.guess_format import Guess, recognized
@@ -83,5 +83,5 @@ def _unit_of_heading(path: str, found: Guess, column: str) -> str:
     place = found.names.index(column)
     cells = [row[place] for row in first_rows(path, found.naming.format, _SAMPLE)]
     values, _ = parse_cells(number, [cell.replace(",", ".") for cell in cells])
-    is_wide = float(np.nanmax(np.abs(values), initial=0.0)) * UNITS["rad"] > 2.0 * np.pi
-    return "deg" if is_wide else "rad"
+    largest = float(np.nanmax(np.abs(values), initial=0.0))
+    return "deg" if largest > 2.0 * np.pi else "rad"
