@@ -1,4 +1,4 @@
-"""Guess of how a table writes its times: the form of dates, or the unit of numbers."""
+"""Guess of how a table writes its dates and times of day."""
 
 import re
 from collections.abc import Sequence
@@ -10,7 +10,6 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import UNITS
 from trackbench.scenarios.recordings.csv_tables import number, parse_cells
 from trackbench.scenarios.recordings.dates import instant, is_instant
 from trackbench.scenarios.recordings.rows import usual_interval
@@ -52,11 +51,6 @@ _DIGITS_ALONE = re.compile(r"(%[YymdHMS])+(\.?%f)?")
 _YEARS = (1950, 2100)
 _LEAST_SECONDS = 10
 _STEADIER = 5.0  # times, as the ratio of largest and usual interval, so that an order is decided
-_SIZES = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
-"""Numbers since 1970 from 1973 on, in units that make them so large."""
-_SLOW = 0.1  # m/s: few targets are slower
-_FAST = 2e4  # m/s: no target is faster
-_LONG = 50.0  # s: usual interval from which on a smaller unit may be meant
 
 
 class DateForm(NamedTuple):
@@ -191,24 +185,3 @@ def _unsteady(times: Array) -> tuple[bool, float]:
     if not len(intervals):
         return falls, 1.0
     return falls, float(intervals.max(initial=0.0)) / usual_interval(times)
-
-
-def unit_by_size(times: Array) -> str | None:
-    """Guess the unit of times since 1970 that are too large for seconds."""
-    latest = float(np.nanmax(np.abs(times), initial=0.0))
-    for size, unit in _SIZES:
-        if latest > size:
-            return unit
-    return None
-
-
-def unit_by_speed(times: Array, speed: float) -> str | None:
-    """Guess the unit of times that would give a usual speed, where seconds would not."""
-    if speed > _FAST and times.min() > 2e4 and times.max() < 8e5:
-        return "d"  # as spreadsheets count them: from 1900, or MATLAB, from the year 0
-    if speed >= _SLOW or usual_interval(times) < _LONG or (times % 1.0).any():
-        return None
-    for unit in ("ms", "us", "ns"):
-        if speed / UNITS[unit] >= _SLOW:
-            return unit
-    return None
