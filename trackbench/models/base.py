@@ -63,21 +63,21 @@ def rows_in_plane(
 
 
 def by_component(
-    given: dict[str, float] | tuple[float, ...], components: tuple[str, ...], *path: str | int
+    numbers: dict[str, float] | tuple[float, ...], components: tuple[str, ...], *path: str | int
 ) -> Array:
-    """Return numbers (n,) in the order of the components, 0 where a mapping has none.
+    """Return ``numbers`` (n,) in the order of the components, 0 where a mapping has none.
 
     Raises InvalidKeyError for an unknown component, and for another number of values.
     """
     names = ", ".join(components)
-    if not isinstance(given, dict):
-        if len(given) != len(components):
-            raise InvalidKeyError(f"{len(given)} numbers for {names}", *path)
-        return np.array(given, dtype=float)
-    for name in given:
+    if not isinstance(numbers, dict):
+        if len(numbers) != len(components):
+            raise InvalidKeyError(f"{len(numbers)} numbers for {names}", *path)
+        return np.array(numbers, dtype=float)
+    for name in numbers:
         if name not in components:
             raise InvalidKeyError(f"unknown component {name!r}; known: {names}", *path, name)
-    return np.array([given.get(name, 0.0) for name in components], dtype=float)
+    return np.array([numbers.get(name, 0.0) for name in components], dtype=float)
 
 
 def central_differences(

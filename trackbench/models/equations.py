@@ -217,11 +217,11 @@ class Equations:
         return ArrayProgram(self, nodes, (len(nodes),))
 
     def covariance(
-        self, given: Covariance, components: Sequence[str], *path: str | int
+        self, terms: Covariance, components: Sequence[str], *path: str | int
     ) -> "ArrayProgram":
-        """Compile a covariance (n, n) of ``components``; raises InvalidKeyError."""
+        """Compile the ``terms`` of a covariance (n, n) of ``components``; raises InvalidKeyError."""
         n = len(components)
-        rows = _rows(given, components, *path)
+        rows = _rows(terms, components, *path)
         # A term without a path is a zero off the diagonal, which the config leaves out.
         nodes = []
         for term, term_path in chain.from_iterable(rows):
@@ -245,30 +245,34 @@ class Equations:
 _Cell: TypeAlias = tuple[Term, tuple[str | int, ...]]
 
 
-def _rows(given: Covariance, components: Sequence[str], *path: str | int) -> list[list[_Cell]]:
-    """List the terms of a covariance with the path of each; a zero off the diagonal has none."""
+def _rows(terms: Covariance, components: Sequence[str], *path: str | int) -> list[list[_Cell]]:
+    """List the rows of a covariance of ``components``, each term with the path of its key.
+
+    ``terms`` are one variance for all components, variances by component or in order, or a matrix. The
+    zeros off a diagonal have an empty path.
+    """
     n = len(components)
     # A variance by component, one for all, a list of them, or a matrix.
-    if isinstance(given, dict):
-        for name in given:
+    if isinstance(terms, dict):
+        for name in terms:
             if name not in components:
                 known = ", ".join(components)
                 raise InvalidKeyError(f"unknown component; known: {known}", *path, name)
-        diagonal = [(given.get(name, 0.0), (*path, name)) for name in components]
-    elif not isinstance(given, tuple):
-        diagonal = [(given, path)] * n
-    elif len(given) != n:
-        raise InvalidKeyError(f"{len(given)} items for {', '.join(components)}", *path)
-    elif any(isinstance(row, tuple) for row in given):
+        diagonal = [(terms.get(name, 0.0), (*path, name)) for name in components]
+    elif not isinstance(terms, tuple):
+        diagonal = [(terms, path)] * n
+    elif len(terms) != n:
+        raise InvalidKeyError(f"{len(terms)} items for {', '.join(components)}", *path)
+    elif any(isinstance(row, tuple) for row in terms):
         matrix: list[list[_Cell]] = []
-        for i, row in enumerate(given):
+        for i, row in enumerate(terms):
             if not isinstance(row, tuple) or len(row) != n:
                 raise InvalidKeyError(f"row {i + 1} of the matrix needs {n} items", *path, i)
             matrix.append([(term, (*path, i, j)) for j, term in enumerate(row)])
         return matrix
     else:
-        terms = [term for term in given if not isinstance(term, tuple)]
-        diagonal = [(term, (*path, i)) for i, term in enumerate(terms)]
+        variances = [term for term in terms if not isinstance(term, tuple)]
+        diagonal = [(term, (*path, i)) for i, term in enumerate(variances)]
     rows: list[list[_Cell]] = [[(0.0, ())] * n for _ in range(n)]
     for i, cell in enumerate(diagonal):
         rows[i][i] = cell

@@ -107,7 +107,8 @@ class Score:
     ) -> None:
         """Raise InvalidKeyError if training or scoring has no steps.
 
-        ``trained`` is the number of the last training step.
+        ``trained`` is the number of the last training step. ``recorded_runs`` is None for simulated
+        runs.
         """
         if recorded_runs is None:
             what = "training has runs of its own: only what is recorded is shared out"

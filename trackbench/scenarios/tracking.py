@@ -397,6 +397,7 @@ class Tracking(Scenario):
         """Posterior Cramer-Rao bound, over the paths of a driven target."""
         sensor = self.true_sensor
         path = self.target.path(self._timeline)
+        # The bound begins with the first state, after the steps whose scans the start uses up.
         course = Course(
             steps=self._timeline.steps.tolist()[self._skipped :],
             motion=self._motion,

@@ -480,7 +480,8 @@ class Columns:
     def take(self, name: str, content: Content) -> str | None:
         """Select the column of a quantity, or of a key such as ``run``, to be read; return its name.
 
-        None if there is no such column. Raises DataError if another quantity has the same column.
+        Its cells are read as ``content``, such as numbers. None if there is no such column. Raises
+        DataError if another quantity has the same column.
         """
         column = self.column(name)
         if column is not None:

@@ -226,6 +226,7 @@ def _names_beside_week(comments: Mapping[int, str], rows: Sequence[list[str]]) -
     """Return the names of columns from a comment as RTKLIB writes it; empty if there is none.
 
     Its first name, such as GPST, stands for two columns: the GPS week and the seconds in it.
+    ``comments`` are by line number, ``rows`` are the cells of rows of full width.
     """
     if not comments:
         return []

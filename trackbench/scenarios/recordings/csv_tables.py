@@ -168,7 +168,8 @@ def read_table(
 ) -> Table:
     """Read columns of a table; raises DataError with up to twenty mistakes and their lines.
 
-    Dates are in ISO 8601, or in a form of strptime.
+    ``contents`` has the columns to be read, and what their cells are. Dates are in ISO 8601, or in the
+    form ``time_format`` of strptime.
     """
     reading = _Reading(path, contents, time_format)
     if is_parquet(path):

@@ -363,10 +363,10 @@ def _lacks_origin(guess: Guess, truth: TruthGuess | None) -> bool:
     return has_geodetic and has_planar
 
 
-def idle_keys(guess: Guess, given: Mapping[str, str]) -> list[str]:
-    """Return the quantities of ``given`` columns that the config does not read."""
+def idle_keys(guess: Guess, user_columns: Mapping[str, str]) -> list[str]:
+    """Return the quantities in ``user_columns``, columns by quantity, that the config does not read."""
     used = _used_columns(guess)
-    return [key for key, column in given.items() if column and key not in used]
+    return [key for key, column in user_columns.items() if column and key not in used]
 
 
 def _used_columns(guess: Guess) -> dict[str, str]:

@@ -31,12 +31,14 @@ class TruthGuess:
     """latitude and longitude of its first position, deg; empty without one"""
 
 
-def recognized_truth(path: str, guess: Guess, given: Naming | None = None) -> TruthGuess:
-    """Guess the columns of a truth of the measurements in ``guess``; ``given`` keys are not guessed.
+def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None) -> TruthGuess:
+    """Guess the columns of a truth of the measurements in ``guess``.
+
+    Keys that are set in ``user_naming`` are not guessed.
 
     Raises DataError if the table has no time or no positions.
     """
-    found = recognized(path, given)
+    found = recognized(path, user_naming)
     if [sensor.quantities for sensor in found.sensors] != [("x", "y")]:
         measured = ", ".join(dict.fromkeys(sensor.kind for sensor in found.sensors))
         what = f"a truth has positions, x and y or latitude and longitude, and this file {measured}"

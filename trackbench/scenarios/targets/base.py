@@ -282,7 +282,10 @@ class Scored(NamedTuple):
     """standard deviation of a position by one measurement, m"""
 
     def peak_metrics(self, peaks: Mapping[str, Array]) -> dict[str, Array]:
-        """Return ``peak_position``, m, (M,) in each window, and ``beyond_10_sigma`` (M,)."""
+        """Return ``peak_position``, m, (M,) in each window, and ``beyond_10_sigma`` (M,).
+
+        ``peaks`` (M,) are each run's largest errors of position, m, by window.
+        """
         metrics = {in_window("peak_position", name): peak for name, peak in peaks.items()}
         # 1 beyond the limit, 0 within; NaN if the peak is NaN.
         whole_peak = peaks[""]
@@ -297,7 +300,7 @@ class Scored(NamedTuple):
 
         A run has settled at the first scored step from which on the error is at most ``limit`` up to the
         stretch's end. Its time, s, counts from the stretch's beginning; NaN if it has not settled, or
-        without an error.
+        without an error. ``stretches`` have their begin and end, s, by name.
         """
         metrics: dict[str, Array] = {}
         for name, (begin, end) in stretches.items():

@@ -320,7 +320,10 @@ _LEGS_KEY = ("target", "legs")
 
 
 def _accelerated(start: Array, legs: list[Leg], times: Array, begun: float) -> Array:
-    """Return the states (n, K) at ``times`` (K,) of a target in ``start`` (n,) at time ``begun``."""
+    """Return the states (n, K) at ``times`` (K,) of a target in ``start`` (n,) at time ``begun``.
+
+    ``legs`` are those that accelerate it from then on.
+    """
     t = times - begun
     rows = []
     for axis, (p, v) in enumerate(zip(start[0::2], start[1::2], strict=True)):
@@ -412,7 +415,7 @@ class RandomLegs(Target):
         return measured_along(truth, timeline, sensor, rng, scans, runs)
 
     def _flown(self, steps: int, T: float, rng: Streams, runs: int) -> Array:
-        """Draw states (4, K, M)."""
+        """Draw states (4, K, M) at K = ``steps`` steps, T s apart, of M = ``runs`` runs."""
         # Step 1: draw the shares of the first state, and each leg's length and accelerations.
         x_share, y_share, speed_share, heading_share, number_share = rng.random((5, runs))
         number = _uniform_whole(self.legs, number_share)

@@ -483,7 +483,10 @@ class Measured(FromFiles, Naming, Target):
     def fly(
         self, start: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int
     ) -> Flight:
-        """Return the recorded runs of these numbers; a run beyond the last is empty."""
+        """Return the recorded runs with the numbers of the streams ``rng``.
+
+        Nothing is drawn: a run beyond the last recorded one has no measurements.
+        """
         recording = self._recording
         steps = len(timeline.steps)
         measurements = np.concatenate([recording.scans, recording.measurements], axis=1)
