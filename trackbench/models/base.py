@@ -63,21 +63,21 @@ def rows_in_plane(
 
 
 def by_component(
-    given: dict[str, float] | tuple[float, ...], components: tuple[str, ...], *path: str | int
+    numbers: dict[str, float] | tuple[float, ...], components: tuple[str, ...], *path: str | int
 ) -> Array:
-    """Return numbers (n,) in the order of the components, 0 where a mapping has none.
+    """Return ``numbers`` (n,) in the order of the components, 0 where a mapping has none.
 
     Raises InvalidKeyError for an unknown component, and for another number of values.
     """
     names = ", ".join(components)
-    if not isinstance(given, dict):
-        if len(given) != len(components):
-            raise InvalidKeyError(f"{len(given)} numbers for {names}", *path)
-        return np.array(given, dtype=float)
-    for name in given:
+    if not isinstance(numbers, dict):
+        if len(numbers) != len(components):
+            raise InvalidKeyError(f"{len(numbers)} numbers for {names}", *path)
+        return np.array(numbers, dtype=float)
+    for name in numbers:
         if name not in components:
             raise InvalidKeyError(f"unknown component {name!r}; known: {names}", *path, name)
-    return np.array([given.get(name, 0.0) for name in components], dtype=float)
+    return np.array([numbers.get(name, 0.0) for name in components], dtype=float)
 
 
 def central_differences(
@@ -112,6 +112,7 @@ def central_differences(
     array (m, n, *batch)
         Derivatives.
     """
+    # Take the spread of the state that `jacobian_at` works on, unless x are other states than its mean.
     state = _AT.get()
     if spread is None and state is not None and state.mean.shape == x.shape:
         with np.errstate(invalid="ignore"):  # of a run that has diverged
@@ -122,6 +123,7 @@ def central_differences(
     steps = []
     for i, value in enumerate(x):
         h = np.maximum(step * np.abs(value), with_axes_of(value, least[i]))
+        # A component that is zero and has no spread is moved by `step` units.
         steps.append(np.where(h > 0.0, h, step))
     displaced = _displaced_states(x, steps)
     if side_by_side:
@@ -210,6 +212,7 @@ def hessian_by_differences(
         return np.zeros((*J.shape, len(x)))
 
     def rows_of_jacobian(states: Array) -> Array:
+        """Return the Jacobians of states (n, *batch) with their m n entries in one axis."""
         derivatives = jacobian(states, k)
         return derivatives.reshape(-1, *states.shape[1:])
 

@@ -44,13 +44,15 @@ class Program:
     def __init__(
         self, outputs: Sequence[Node], arrays: Sequence[str], scalars: Sequence[str] = ()
     ) -> None:
+        # A slot is the place of a value in a list of all values; the variables have the first ones.
         self._slots: dict[tuple[object, ...], int] = {
             ("name", name): i for i, name in enumerate((*arrays, *scalars))
         }
         self._start: list[Value] = [0.0] * len(self._slots)
         self._is_array = [i < len(arrays) for i in range(len(self._slots))]
+        # (operation, slots of its arguments, slot of its value)
         operations: list[tuple[str, tuple[int, ...], int]] = []
-        by_node: dict[int, int] = {}
+        by_node: dict[int, int] = {}  # slot of each node's value, by the node's id
         for node in in_order(outputs):
             by_node[id(node)] = self._slot(node, operations, by_node)
         self._outputs = [by_node[id(node)] for node in outputs]
@@ -69,9 +71,13 @@ class Program:
         operations: list[tuple[str, tuple[int, ...], int]],
         by_node: dict[int, int],
     ) -> int:
-        """Find the slot of a node's value, and append the instruction that computes it."""
+        """Find the slot of a node's value, and append what computes it to ``operations``.
+
+        Nothing is appended if a node with an equal value has a slot already. ``by_node`` has the slots
+        of the node's arguments, by their ids.
+        """
         arguments = tuple(by_node[id(a)] for a in node.arguments)
-        # Nodes with one key have one value.
+        # Nodes with equal keys have equal values.
         key: tuple[object, ...] = (node.operation, *arguments)
         if node.operation == "number":
             key = ("number", repr(node.value))
@@ -101,6 +107,7 @@ class Program:
                 writable.add(slot)
         instructions = []
         for i, (name, arguments, slot) in enumerate(operations):
+            # An argument that is used here for the last time leaves its memory to the result.
             free = [a for a in arguments if a in writable and last_use[a] == i]
             reused = free[0] if free and name in UFUNCS else -1
             instructions.append((OPERATIONS[name], arguments, slot, reused))
@@ -210,17 +217,20 @@ class Equations:
         return ArrayProgram(self, nodes, (len(nodes),))
 
     def covariance(
-        self, given: Covariance, components: Sequence[str], *path: str | int
+        self, terms: Covariance, components: Sequence[str], *path: str | int
     ) -> "ArrayProgram":
-        """Compile a covariance (n, n) of ``components``; raises InvalidKeyError."""
+        """Compile the ``terms`` of a covariance (n, n) of ``components``; raises InvalidKeyError."""
         n = len(components)
-        rows = _rows(given, components, *path)
+        rows = _rows(terms, components, *path)
+        # A term without a path is a zero off the diagonal, which the config leaves out.
         nodes = []
         for term, term_path in chain.from_iterable(rows):
             nodes.append(self.parse(term, *term_path) if term_path else ZERO)
         for i in range(n):
             for j in range(i):
-                if rows[i][j][0] != rows[j][i][0]:
+                below, _ = rows[i][j]
+                above, _ = rows[j][i]
+                if below != above:
                     what = f"not symmetric: row {i + 1}, column {j + 1} and the reverse differ"
                     raise InvalidKeyError(what, *path)
         program = ArrayProgram(self, nodes, (n, n))
@@ -235,30 +245,34 @@ class Equations:
 _Cell: TypeAlias = tuple[Term, tuple[str | int, ...]]
 
 
-def _rows(given: Covariance, components: Sequence[str], *path: str | int) -> list[list[_Cell]]:
-    """List the terms of a covariance with the path of each; a zero off the diagonal has none."""
+def _rows(terms: Covariance, components: Sequence[str], *path: str | int) -> list[list[_Cell]]:
+    """List the rows of a covariance of ``components``, each term with the path of its key.
+
+    ``terms`` are one variance for all components, variances by component or in order, or a matrix. The
+    zeros off a diagonal have an empty path.
+    """
     n = len(components)
     # A variance by component, one for all, a list of them, or a matrix.
-    if isinstance(given, dict):
-        for name in given:
+    if isinstance(terms, dict):
+        for name in terms:
             if name not in components:
                 known = ", ".join(components)
                 raise InvalidKeyError(f"unknown component; known: {known}", *path, name)
-        diagonal = [(given.get(name, 0.0), (*path, name)) for name in components]
-    elif not isinstance(given, tuple):
-        diagonal = [(given, path)] * n
-    elif len(given) != n:
-        raise InvalidKeyError(f"{len(given)} items for {', '.join(components)}", *path)
-    elif any(isinstance(row, tuple) for row in given):
+        diagonal = [(terms.get(name, 0.0), (*path, name)) for name in components]
+    elif not isinstance(terms, tuple):
+        diagonal = [(terms, path)] * n
+    elif len(terms) != n:
+        raise InvalidKeyError(f"{len(terms)} items for {', '.join(components)}", *path)
+    elif any(isinstance(row, tuple) for row in terms):
         matrix: list[list[_Cell]] = []
-        for i, row in enumerate(given):
+        for i, row in enumerate(terms):
             if not isinstance(row, tuple) or len(row) != n:
                 raise InvalidKeyError(f"row {i + 1} of the matrix needs {n} items", *path, i)
             matrix.append([(term, (*path, i, j)) for j, term in enumerate(row)])
         return matrix
     else:
-        terms = [term for term in given if not isinstance(term, tuple)]
-        diagonal = [(term, (*path, i)) for i, term in enumerate(terms)]
+        variances = [term for term in terms if not isinstance(term, tuple)]
+        diagonal = [(term, (*path, i)) for i, term in enumerate(variances)]
     rows: list[list[_Cell]] = [[(0.0, ())] * n for _ in range(n)]
     for i, cell in enumerate(diagonal):
         rows[i][i] = cell

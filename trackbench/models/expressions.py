@@ -231,7 +231,8 @@ def operate(operation: str, *arguments: Node) -> Node:
         # Both come from one evaluation.
         pair = operate("cos and sin", *arguments)
         if pair.operation == "number pair":
-            return pair.arguments[operation == "sin"]
+            cosine, sine = pair.arguments
+            return cosine if operation == "cos" else sine
         return Node("first" if operation == "cos" else "second", (pair,))
     if all(map(is_constant, arguments)):
         with np.errstate(all="ignore"):

@@ -215,6 +215,7 @@ def simulate_markov(model: Model, start: Array, steps: Index, rng: Streams) -> t
         k = int(step)
         x = model.motion.transition(truth[-1], k).sample(rng)
         truth.append(x)
+        # A sensor whose noise is not normal draws measurements itself, partly from normal numbers.
         if has_own_density(model.sensor):
             noise = rng.standard_normal((n_z, x.shape[-1]))
             measurements.append(model.sensor.draw_known(x, k, noise, rng))

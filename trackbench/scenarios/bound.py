@@ -65,6 +65,7 @@ def has_bound(motion: SampledMotion) -> bool:
         return True
     if not isinstance(motion, AdditiveNoise):
         return False
+    # The Jacobian of the equations of one step; it is constant if they are linear in the state.
     J = getattr(motion.step, "J", None)
     return J is not None and J.constant is not None
 
@@ -93,7 +94,8 @@ def position_sigma(sensor: Sensors, state: Array, k: int) -> float | None:
 
     ``state`` (n_x,) is the true state at step k. None if one scan does not determine the position.
     """
-    # Covariance of the position: inverse of its block of H' R^-1 H.
+    # Covariance of the position: inverse of its block of H' R^-1 H, that of a scan that detects the
+    # target. The positions are the even rows of the state.
     information = sensor.information(state, k, certain=True)
     position = information[0::2, 0::2]
     if len(information) < 2 or np.isnan(position).any() or linalg.is_singular(position):
@@ -112,6 +114,7 @@ def bound_over_paths(
     """
     if hasattr(course.sensor, "H") or hasattr(course.sensor, "linear"):
         return None
+    # The paths are the same in all experiments, whatever their seed.
     rng = block_stream(0, 0)
     motion = course.motion
     F, Q = motion_matrices(motion)
@@ -129,6 +132,7 @@ def bound_over_paths(
 
         The first is that of all batches of paths, the others are those without one batch each.
         """
+        # The motion may have components beyond those of the target, such as an acceleration.
         x = append_noise(start, extra_std(motion), rng)
         for k in course.steps[1:]:
             x = motion.transition(x, k).sample(rng)
@@ -211,6 +215,7 @@ def why_no_bound_of(sensor: Sensors, start: Start, n_x: int) -> str | None:
         return "the bound is of normal errors without a bias"
     if any(each.has_noise_of_state for each in sensors):
         return "the covariance of the noise depends on the state"
+    # Any state: R does not depend on it any more.
     state = np.ones((n_x, 1))
     with np.errstate(all="ignore"):
         covariances = [each.measurement(state, 1).cov for each in sensors]

@@ -30,6 +30,7 @@ def arrivals(sensor: Sensors, recorded: Array | None, z: Array, rng: Streams) ->
     for n, delay in enumerate(delays):
         u = np.empty((T, runs))  # a fixed delay needs no draw
         if not isinstance(delay, int):
+            # Streams of its own leave all other draws as they are without the delay.
             u = cast(RunStreams, rng).beside(stream_number(n)).random((T, runs))
         arrival[n] = np.minimum(due + drawn_steps(delay, u), T)
     return arrival

@@ -62,7 +62,8 @@ class Fault:
 
     def __post_init__(self) -> None:
         freeze_mappings(self)
-        if self.steps is not None and not (self.from_ is self.to is None):
+        has_times = self.from_ is not None or self.to is not None
+        if self.steps is not None and has_times:
             raise InvalidKeyError("give `steps`, or `from` and `to`", "steps")
         if self.steps is not None and self.steps[0] > self.steps[1]:
             raise InvalidKeyError(f"{[*self.steps]} ends before it begins", "steps")
@@ -137,7 +138,10 @@ class LargerNoise(Fault):
         return 1.0 + self.share * (self.changed_variance - 1.0)
 
     def faulty(self, stretch: Stretch) -> Array:
-        """Return measurements (n_z, S, M), a share of them changed; one without a known truth stays."""
+        """Return measurements (n_z, S, M), of which the fault changes the share ``share``.
+
+        A measurement that is missing, or whose error is needed and unknown, stays as it is.
+        """
         needed = stretch.noise if self.uses_noise else stretch.z
         changed = ~np.isnan(needed)
         if self.share < 1.0:

@@ -84,9 +84,11 @@ class FaultContext(NamedTuple):
             what = f"{fault.sensor} is no sensor: this scenario has {number}"
             raise InvalidKeyError(what, "sensor")
         if not self.measured(fault).any():
+            # The first step has no measurement.
             first, last = self.times[[1, -1]]
             what = f"no measurement is in it: they are at {first:g} to {last:g} s, "
             what += f"steps {self.steps[1]} to {self.steps[-1]}"
+            # Report the key that the config has.
             key = "from"
             if fault.steps:
                 key = "steps"
@@ -195,8 +197,12 @@ class FaultContext(NamedTuple):
         return sorted(faults, key=self._first_measured)
 
     def _check_frozen(self, fault: Fault, stretch: Stretch) -> None:
-        """Raise ValueError for a recorded sensor that freezes before its first measurement."""
+        """Raise ValueError for a recorded sensor that freezes before its first measurement.
+
+        If a simulated sensor misses detections, its runs may lack a measurement by chance: no mistake.
+        """
         detects_always = all(sensor.detection == 1 for sensor in self.sensors(fault))
+        # Components that have a value during the fault in any run, and those that no run has before it.
         measured = ~np.isnan(stretch.z).all(axis=(1, 2))
         unknown = np.isnan(stretch.before).all(axis=1)
         if detects_always and (measured & unknown).any():
@@ -254,7 +260,8 @@ class FaultContext(NamedTuple):
         if has_own_density(assumed):
             what = "noise that is not normal has no known law in a fault that multiplies it"
             raise InvalidKeyError(what, "assume", "faults")
-        return ScaledNoise(assumed, int(self.steps[1]), fixed(scales))
+        first_measured_step = int(self.steps[1])
+        return ScaledNoise(assumed, first_measured_step, fixed(scales))
 
     def _stretch(self, fault: Fault, z: Array) -> Stretch:
         """Return the measurements of a fault's sensor in the steps of the fault."""
@@ -296,6 +303,7 @@ def recovery(
     next fault. Its time counts from the last step with the fault. ``windows`` are the scored steps (K,)
     by name, ``values`` the series (K, M).
     """
+    # damage_position: length of the error less that of the twin, the same filter without faults
     excess_names = [name for name in values if name.partition("_")[0] == "damage"]
     if not excess_names:
         return {}
@@ -311,9 +319,12 @@ def recovery(
         twin = np.square(np.sqrt(squared[after]) - damage[after])
         known = ~np.isnan(twin)
         limit = fault.recovered * np.sqrt(total(np.where(known, twin, 0.0), 0) / known.sum(axis=0))
-        # Step 2: the last step, from that of the fault's end on, with a larger excess.
+        # Step 2: the last step, from that of the fault's end on, with a larger excess. `measured` leaves
+        # out the first step, which has no measurement.
         last = int(np.flatnonzero(context.measured(fault))[-1]) + 1
         places = np.append(last, np.flatnonzero(after))
+        # Place from which on the excess stays below the limit; one after the last place, whose time is
+        # NaN, for a run that does not recover.
         recovered = settled_row(damage[places] > limit)
         times = np.append(context.times[places] - context.times[last], np.nan)
         seconds = np.where(np.isnan(limit), np.nan, times[recovered])

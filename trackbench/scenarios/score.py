@@ -70,7 +70,7 @@ class Score:
                 raise InvalidKeyError(what, "windows", i, "name")
 
     def check(self, components: tuple[str, ...], steps: Index) -> None:
-        """Raise InvalidKeyError for steps outside the run, and for parts of a scalar."""
+        """Raise InvalidKeyError for scored steps outside the run, and for unknown parts of the state."""
         # The ends of the run stand for steps that the config leaves out.
         first, last = self.steps
         if first is None:
@@ -81,6 +81,7 @@ class Score:
             what = f"[{first}, {last}] is not within steps {steps[0]} to {steps[-1]}"
             raise InvalidKeyError(what, "score", "steps")
         if self.marginals and not _is_moving(components):
+            # The state is not position and velocity.
             raise InvalidKeyError("the state has no such parts", "score", "marginals")
         # Further errors: a usable name, and known components.
         for name, group in self.errors.items():
@@ -106,7 +107,8 @@ class Score:
     ) -> None:
         """Raise InvalidKeyError if training or scoring has no steps.
 
-        ``trained`` is the number of the last training step.
+        ``trained`` is the number of the last training step. ``recorded_runs`` is None for simulated
+        runs.
         """
         if recorded_runs is None:
             what = "training has runs of its own: only what is recorded is shared out"
@@ -200,18 +202,18 @@ class Score:
         return squares
 
 
-def diverged(values: Mapping[str, Array], settled: bool) -> Array:
+def diverged(values: Mapping[str, Array], recorded: bool) -> Array:
     """Return 1 if the truth is outside the 1 - 1e-6 regions of a run's last ten estimates, else 0 (M,).
 
-    It is NaN without such a series. A diverged track can be near the target and yet mislead, since its
-    own covariance keeps it from coming back. The run stays in the averages, so that an overconfident
-    filter gains nothing. With ``settled`` each run's last existing estimates count, since recorded runs
-    differ in length.
+    It is NaN if ``values`` have no series ``outside_region``. A diverged track can be near the target
+    and yet mislead, since its own covariance keeps it from coming back. The run stays in the averages,
+    so that an overconfident filter gains nothing. With ``recorded`` each run's last existing estimates
+    count, since recorded runs differ in length.
     """
     unknown = np.full((1, 1), np.nan)
     outside = values.get("outside_region", unknown)
-    if settled:
-        # Move the estimates that exist to the end: recorded runs may end early.
+    if recorded:
+        # Move the estimates that exist to the end, in their order.
         order = np.argsort(~np.isnan(outside), axis=0, kind="stable")
         outside = np.take_along_axis(outside, order, axis=0)
     # The minimum of the last ten flags is 1 if all of them are outside.

@@ -81,13 +81,18 @@ class Tracking(Scenario):
         self._start.check(self.components, self.true_sensor)
         self._schedule.check(self._recorded_timeline)
         self.target.check(self._timeline)
+        # A target whose config does not say where it begins begins at zeros.
         if self._drawn_start is not None and self.target.start(self._timeline).any():
             what = f"the start `{self.start.kind}` draws the first state"
             raise InvalidKeyError(f"{what}; leave out where the target begins", "target")
         self.score.check(self.components, self.steps)
         if self._trained is not None:
             self.score.check_training(
-                self._trained, self.steps, self.recorded_runs, bool(self.windows)
+                self._trained,
+                self.steps,
+                self.recorded_runs,
+                # `windows` leaves out those without a step.
+                is_any_scored=bool(self.windows),
             )
         self._check_windows()
         if self.score.lost_sigmas is not None and self.position_sigma is None:
@@ -214,15 +219,16 @@ class Tracking(Scenario):
         if motion is None:
             what = "name the motion that filters assume: the target has none of its own"
             raise InvalidKeyError(what, "assume")
-        # The motion's first components are the target's; more may follow.
         if isinstance(motion, AngledMotion) and self.angles:
             motion = motion.with_angles(self.angles, self.target.axes)
         try:
             sampled = self._timeline.sampled(motion, self.target.axes)
         except InvalidKeyError as error:
+            # An error without a key is about the motion's known inputs.
             path = error.path or ("assume", "motion", "input")
             raise InvalidKeyError(str(error), *path) from None
         sampled = with_angle_names(sampled, self.angles)
+        # The motion's first components must be the target's; more may follow.
         if sampled.components[: len(self.components)] != self.components:
             what = f"a motion of {', '.join(sampled.components)} for {', '.join(self.components)}"
             raise InvalidKeyError(what, "assume")
@@ -233,7 +239,10 @@ class Tracking(Scenario):
         return Model(sampled, self._fault_context.known_sensor(self.faults, sensor))
 
     def assumed_measurements(self, z: Array) -> Array:
-        """Subtract the errors of faults that the filter knows from the measurements."""
+        """Return measurements z (n_z, T, M) as a filter corrects them that knows of the faults.
+
+        A filter that does not know of them gets z itself.
+        """
         if self.assume.faults is None:
             return z
         return self._fault_context.corrected(self.faults, z)
@@ -259,7 +268,7 @@ class Tracking(Scenario):
 
     @property
     def training(self) -> "Tracking | None":
-        """Recorded data up to where they are scored, if they are to be tuned on."""
+        """Scenario of the recorded steps before the scored ones, for tuning; None without training."""
         if self._trained is None:
             return None
         score = self.score.cut_to_training(self._trained)
@@ -340,7 +349,8 @@ class Tracking(Scenario):
         # Step 2: the truth and its measurements; the start uses up the first scans.
         flight = self.target.fly(start, self._timeline, self.true_sensor, rng, scans)
         first_scans, measurements = np.split(flight.measurements, [scans], axis=1)
-        # Step 3: the prior from these scans, or from knowledge of the first state.
+        # Step 3: the prior from these scans, or from knowledge of the first state. The truth of a
+        # driven target may be drawn about the configured state, which then is the prior's mean.
         opening = InitialScans(
             truth=flight.truth[:, 0],
             scans=first_scans,
@@ -387,6 +397,7 @@ class Tracking(Scenario):
         """Posterior Cramer-Rao bound, over the paths of a driven target."""
         sensor = self.true_sensor
         path = self.target.path(self._timeline)
+        # The bound begins with the first state, after the steps whose scans the start uses up.
         course = Course(
             steps=self._timeline.steps.tolist()[self._skipped :],
             motion=self._motion,
@@ -397,6 +408,7 @@ class Tracking(Scenario):
         bound = None
         if self.target.own_motion is not None:
             bound = bound_over_paths(course, self._first_states)
+        # None: measurements carry equal information along all paths, so one of them is enough.
         if bound is None:
             bound = bound_along_path(course, path[:, self._skipped :])
         return bound
@@ -453,7 +465,7 @@ class Tracking(Scenario):
             return {}
         sigma = np.nan if self.position_sigma is None else self.position_sigma
         scored = Scored(times=self.times, windows=self.windows, sigma=sigma)
-        metrics = {"diverged": diverged(values, self.recorded_runs is not None)}
+        metrics = {"diverged": diverged(values, recorded=self.recorded_runs is not None)}
         metrics |= self.target.run_metrics(values, scored)
         metrics |= recovery(self._fault_context, self.faults, self.windows, values)
         return metrics

@@ -166,11 +166,11 @@ def compare(a: Sample, b: Sample) -> Comparison | None:
     if a.steps is not None and b.steps is not None:
         a_steps = a.steps.over_steps(b.steps.has_value)
         b_steps = b.steps.over_steps(a.steps.has_value)
-        of_steps = a_steps.minus(b_steps)
-        # Series that are equal but for rounding have no difference.
+        step_difference = a_steps.minus(b_steps)
+        # Series that are equal but for rounding have no difference; steps that one lacks are NaN.
         if not np.nan_to_num(without_rounding(a_steps.series, b_steps.series)).any():
-            of_steps = OfSteps.of(0.0, np.zeros(len(a_steps.series)))
-        return Comparison(a_steps, b_steps, of_steps, of_steps.z())
+            step_difference = OfSteps.of(0.0, np.zeros(len(a_steps.series)))
+        return Comparison(a_steps, b_steps, step_difference, step_difference.z())
     both = np.isfinite(a.values) & np.isfinite(b.values)
     if not both.any():
         return None
@@ -179,7 +179,7 @@ def compare(a: Sample, b: Sample) -> Comparison | None:
     b = b.over(both)
     difference = _difference_of(a, b)
     if a.statistic == "variance":
-        difference = as_difference_of_variances(difference, a.overall, b.overall, 1.0)
+        difference = as_difference_of_variances(difference, a.overall, b.overall, factor=1.0)
     return Comparison(a.overall, b.overall, difference, difference.z())
 
 

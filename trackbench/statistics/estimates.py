@@ -84,7 +84,10 @@ class RunEstimate(NamedTuple):
 
     @property
     def sides(self) -> Sides | None:
-        """Limits of both numbers of a difference in ``pair``; None for any other number."""
+        """Limits of both numbers of a difference in ``pair``; None for any other number.
+
+        They are also None if one of two variances, or their difference, has a standard error of zero.
+        """
         if self.pair is None:
             return None
         a, b, factor = self.pair
@@ -121,6 +124,7 @@ class RunEstimate(NamedTuple):
         """
         tested: RunEstimate = self
         if self.pair is not None:
+            # Both numbers of a pair are shares, or both are variances.
             tested, _, _ = self.pair
         if self.influences is None or isinstance(tested, Share):
             return []
@@ -129,20 +133,26 @@ class RunEstimate(NamedTuple):
             return []
         farthest = int(np.argmax(np.abs(x)))
         with_three_more = np.append(x, np.full(3, 2.0 * x[farthest]))
-        return [self._made_by(np.delete(x, farthest)), self._made_by(with_three_more)]
+        return [
+            self._from_other_runs(np.delete(x, farthest)),
+            self._from_other_runs(with_three_more),
+        ]
 
     def _over(self, rows: Mask) -> "RunEstimate":
         """Return the estimate from some of the runs, given by the mask ``rows`` (M,)."""
         assert self.influences is not None
-        term = self._made_by(self.influences[rows])
+        term = self._from_other_runs(self.influences[rows])
         if self.pair is None:
             return term
         a, b, factor = self.pair
         return term._replace(pair=(a._over(rows), b._over(rows), factor))
 
     @ignore_float_errors
-    def _made_by(self, influences: Array) -> "RunEstimate":
-        """Return the estimate from other runs, given by their influences on this number."""
+    def _from_other_runs(self, influences: Array) -> "RunEstimate":
+        """Return the estimate from other runs, given by their influences on this number.
+
+        To first order the number differs by the mean of these influences.
+        """
         x = influences[~np.isnan(influences)]
         shift, stderr = mean(x)
         shifted = self._replace(value=self.value + shift, stderr=stderr, runs=len(x), pair=None)
@@ -291,10 +301,12 @@ def quotient(a: RunEstimate, b: RunEstimate) -> RunEstimate:
     """Return ``a / b``, by common runs or steps if both have influences; else by the delta method."""
     ratio = float(np.divide(a.value, b.value))
     if isinstance(a, OfSteps) and isinstance(b, OfSteps):
+        # Each step's influence on the ratio is (a_t - ratio b_t) / b.
         return a.minus(b, ratio).over(ratio, b.value)
     # d(a / b) = da / b - (a / b) db / b
     scale = float(np.divide(1.0, b.value))
     term = linear_combination(ratio, a, b, scale, -scale * ratio)
+    # Without influences of the same runs on both numbers the delta method has to do.
     if a.influences is None or b.influences is None or not term.splits:
         return term
     influences = influence_of_ratio(a.value, b.value, a.influences, b.influences)
@@ -337,6 +349,7 @@ def ratio_interval(a: RunEstimate, b: RunEstimate, level: float = 0.95) -> tuple
     def excludes(r: float) -> bool:
         return abs(_less_multiple(a, b, r).z()) >= limit
 
+    # The ratio itself has z = 0 with any error; that of one nearby is NaN without a standard error.
     if np.isnan(_less_multiple(a, b, (1.0 + _RATIO_STEP) * ratio).z()):
         return np.nan, np.nan
     # Doubled steps look for a ratio that is excluded, down to zero and up to the farthest.

@@ -269,6 +269,7 @@ def studentized_rows(values: Array, influences: Array) -> Array:
     whole = np.sqrt(stderr * stderr)
     unit = influences / (stderr * np.sqrt(M - 1.0))[:, None]
     squares = np.square(unit)
+    # This share of the error is 1 but for rounding. The powers are Python's, as those of `spread`.
     share = (stderr / whole).tolist()
     third = np.array([x**3 for x in share])
     fourth = np.array([x**4 for x in share])
@@ -329,7 +330,8 @@ def interval_of(
 ) -> tuple[float, float]:
     """Return the confidence interval of the number ``value``: all targets that `studentized` accepts.
 
-    ``other`` is the standard error of these targets, independent of the runs.
+    ``influences`` (M,) are those of the runs on the number. ``other`` is the standard error of the
+    targets, independent of the runs.
     """
     error = spread(influences, other)
     z = deviations(level)
@@ -460,12 +462,15 @@ def spread(influences: Array, other: float = 0.0) -> Spread:
     stderr = float(np.sqrt(total(np.square(x)) / (M * (M - 1.0))))
     whole = float(np.sqrt(stderr * stderr + other * other))
     if not stderr > 0.0:
-        freedom = np.inf if whole > 0.0 else M - 1.0
+        # All of the error, if there is any, is the other's, which is normal.
+        freedom = M - 1.0
+        if whole > 0.0:
+            freedom = np.inf
         return Spread(whole, 0.0, freedom)
     unit = x / (stderr * np.sqrt(M - 1.0))  # so that the mean square is one
     squares = np.square(unit)
     share = stderr / whole
-    if not share**4 > 0.0:  # all of the error is the other's, which is normal
+    if not share**4 > 0.0:  # the same but for rounding
         return Spread(whole, 0.0, np.inf)
     # Hall's a and Satterthwaite's degrees of freedom, from the third and fourth moment. A kurtosis of 1
     # is that of two values alone.

@@ -161,7 +161,7 @@ def mean_from_sums(total: Array, squares: Array, count: Array) -> Estimates:
 def rooted(estimates: Estimates) -> Estimates:
     """Return square roots of estimates; delta method."""
     value = np.sqrt(estimates.value)
-    # d sqrt(x) = dx / (2 sqrt(x))
+    # d sqrt(x) = dx / (2 sqrt(x)); a zero keeps its error.
     stderr = np.where(value > 0, estimates.stderr / (2.0 * value), estimates.stderr)
     return Estimates(value, stderr)
 

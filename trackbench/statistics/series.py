@@ -135,6 +135,7 @@ def series_mean(series: Array) -> SeriesMean:
     # sqrt(v_0 Q / (q T)) has Student's t distribution of q degrees of freedom (unknown factor).
     models = _models(q, T)
     quadratic = dot(1.0 / models.of_cosines, weights * weights)
+    # Squares of tiny differences may be rounded to zero.
     if not (quadratic > 0.0).all():
         return _mean_without_spread(mean)
     scales = np.sqrt(models.of_mean * quadratic / (q * T))

@@ -216,7 +216,7 @@ def sample_alike(motion: Motion, other: SampledMotion) -> SampledMotion:
     if isinstance(other, Irregular):
         inputs_in_equations(motion, other.recorded_inputs)
         return replace(other, motion=motion, named_angles=())
-    # Each axis has two components; further ones come after them.
+    # `other` has two components for each axis, then those with an initial standard deviation.
     axes = (len(other.components) - len(extra_std(other))) // 2
     recorded = getattr(other, "recorded_inputs", None)
     return sample_equally(motion, other.T, axes, recorded)  # type: ignore[attr-defined]
@@ -228,7 +228,10 @@ def angle_names(motion: SampledMotion) -> set[str]:
 
 
 def with_angle_names(motion: SampledMotion, names: Collection[str]) -> SampledMotion:
-    """Return the motion with the components of these names marked as angles, beside its own angles."""
+    """Return the motion with the components of these names marked as angles, beside its own angles.
+
+    A motion of a plugin is returned as it is: it names its angles itself.
+    """
     known = angle_names(motion).union(names)
     rows = tuple(i for i, name in enumerate(motion.components) if name in known)
     if rows == angle_rows(motion):

@@ -85,6 +85,7 @@ class EquationMotion(AngledMotion):
         freeze_mappings(self)
         if not self.components:
             raise InvalidKeyError("name at least one component", "components")
+        # Both raise InvalidKeyError, so that a mistake is found where the config is read.
         self.angle_rows(self.components)
         self._compiled(1.0)
 
@@ -159,8 +160,9 @@ class EquationMotion(AngledMotion):
         # Q is one matrix for all steps of this length if nothing else is in it.
         if any(map(Q.uses, (*self.components, "k", "t", *self.input))):
             return StateNoise(self.components, T, step, Q, rows_of_angles=angles)
-        unused = (0.0, 0.0, T, *(0.0 for _ in self.input))
-        Q_of_step = fixed(Q(np.zeros(len(self.components)), *unused))
+        # Q depends on T alone, so the state, k, t and the inputs may be any.
+        scalars = (0.0, 0.0, T, *(0.0 for _ in self.input))
+        Q_of_step = fixed(Q(np.zeros(len(self.components)), *scalars))
         return AdditiveNoise(self.components, T, step, Q_of_step, rows_of_angles=angles)
 
     @abstractmethod
@@ -335,7 +337,7 @@ class MapMotion(EquationMotion):
         return super().sampled(T, axes)
 
     def _step(self, T: float, f: ArrayProgram, jacobian: ArrayProgram) -> Step:
-        # Only `atan2` has a cut.
+        # Only `atan2` may move an angle by a whole turn, which the step then undoes.
         equations = (*self.next.values(), *self.where.values())
         has_cut = any("atan2" in str(term) for term in equations)
         return MapStep(T, f, jacobian, self.angle_rows(self.components) if has_cut else ())

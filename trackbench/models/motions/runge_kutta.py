@@ -46,6 +46,7 @@ class RungeKuttaStep(Step):
         t = (k - 1) * self.T + i * h
         state = x
         # k1 = f(x, t), k2 = f(x + h/2 k1, t + h/2), k3 = f(x + h/2 k2, t + h/2), k4 = f(x + h k3, t + h)
+        # Each stage sets state and time of the next one, `ahead` substeps after the first.
         for ahead in (0.5, 0.5, 1.0, None):
             slope = with_trailing(self.f(state, *self.scalars(k, t)), x.ndim - 1)
             stages.append((slope, state))

@@ -98,7 +98,8 @@ class MerweMotion:
         """Return the interval of x_k for x_{k-1} between low and high (M,)."""
         from scipy.special import gammainccinv
 
-        # Round the quantile up to eighths of the scale: the library's last bit has no effect.
+        # Round the quantile up to eighths of the noise's scale, 1 / rate, so that the last bit of the
+        # library's function has no effect.
         longest = np.ceil(8.0 * gammainccinv(self.noise.shape, _TAIL)) / (8.0 * self.noise.rate)
         # The motion is monotone in x: the ends of the interval map to ends.
         from_low = self.transition(low, k).loc
@@ -106,11 +107,17 @@ class MerweMotion:
         return np.minimum(from_low, from_high), np.maximum(from_low, from_high) + longest
 
     def origins(self, x: Array, k: int) -> Interval:
-        """Return the interval of x_{k-1} from which x_k = x can be reached with positive noise."""
+        """Return the interval of x_{k-1} from which x_k = x can be reached with positive noise.
+
+        It has no ends if phi1 is zero, and if the noise's shape is no integer: the density that is then
+        computed is zero by itself where x cannot be reached.
+        """
         lowest = np.full_like(x, -np.inf)
         highest = np.full_like(x, np.inf)
         if self.phi1 == 0.0 or not self.noise.smooth:
             return lowest, highest
         # v = x_k - f(0) - phi1 x_{k-1} > 0 bounds x_{k-1} on one side.
         edge = (x - self.transition(np.zeros_like(x), k).loc) / self.phi1
-        return (lowest, edge) if self.phi1 > 0.0 else (edge, highest)
+        if self.phi1 > 0.0:
+            return lowest, edge
+        return edge, highest

@@ -532,7 +532,10 @@ def rows_of(sensor: Sensors) -> list[slice]:
 
 
 def assumed_sensor(assume: Assume, true: Sensors, components: tuple[str, ...]) -> Sensors:
-    """Choose the sensor of the filter model for states of these components; raises InvalidKeyError."""
+    """Choose the sensor of the filter model for states of these components: the assumed or the true one.
+
+    Raises InvalidKeyError if filters cannot assume it, or if it measures something else.
+    """
     if assume.sensor is None:
         return true
     sensor = stack_for(assume.sensor, components, "assume", "sensor")
@@ -549,6 +552,7 @@ def _check_assumed(sensors: SensorBase | tuple[SensorBase, ...]) -> None:
     for i, sensor in enumerate(several):
         index = (i,) if isinstance(sensors, tuple) else ()
         for name in names:
+            # The class's attribute is the key's default.
             if getattr(sensor, name) != getattr(SensorBase, name):
                 what = "has no effect: no filter models it; set it at the scenario's own `sensor`"
                 raise InvalidKeyError(what, "assume", "sensor", *index, name)

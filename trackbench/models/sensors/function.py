@@ -128,6 +128,7 @@ def log_poisson(z: Array, rate: Array) -> Array:
     """Return the log-probability (*batch) of counts z at a rate; -inf unless z is whole and >= 0."""
     counts, index = np.unique(z, return_inverse=True)
     valid = (counts >= 0.0) & (counts == np.floor(counts))
+    # `log_gamma` takes one number, so it is called once for each different count.
     log_factorials = np.full(counts.shape, inf)
     for i in np.flatnonzero(valid):
         log_factorials[i] = log_gamma(counts[i] + 1.0)
@@ -213,7 +214,10 @@ class FunctionSensor(SensorBase):
                 object.__setattr__(self, "angles", self._angles_by_default())
 
     def _check_noise(self) -> None:
-        """Raise InvalidKeyError if keys contradict the noise."""
+        """Replace the noise `poisson`, if it is given as a word; raise InvalidKeyError for wrong keys.
+
+        These are keys that contradict the noise, and missing ones.
+        """
         if self.noise == "poisson":
             object.__setattr__(self, "noise", Noise(kind="poisson"))
         if self.noise is None:
@@ -329,6 +333,7 @@ class FunctionSensor(SensorBase):
     def log_density(self, z: Array, x: Array, k: int) -> Array:
         """Evaluate log p(z_k | x_k = x) (*batch) of z (n_z, M) by `noise`, of measured components."""
         h, scale = self._mean_and_scale(x, k)
+        # Any number stands for a missing component, whose term is dropped below.
         missing = np.isnan(z)
         z = np.where(missing, 0.0, z)
         if self.is_count:
@@ -357,7 +362,7 @@ class FunctionSensor(SensorBase):
         """Return the Fisher information (n_x, n_x[, M]) of a measurement of the state x (n_x[, M])."""
         if self.noise is None or self.is_count:
             return super().information(x, k, certain)
-        # That of normal noise of covariance R, times the information of a component of unit R.
+        # Information of normal noise with the covariance R, times that of a component of unit R.
         noise = self._known_noise
         normal = replace(self, noise=None, R=1.0 if self.R is None else self.R)
         return noise.information * normal.information(x, k, certain)

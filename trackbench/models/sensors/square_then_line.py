@@ -37,8 +37,9 @@ class SquareThenLine(SensorBase):
     def measurement(self, x: Array, k: int) -> Gaussian:
         """Return N(h(x), R) for x (1, *batch)."""
         # h(x) = phi2 x^2, then phi3 x - 2
-        h = self.phi2 * np.square(x) if k <= self.switch else self.phi3 * x - 2.0
-        return Gaussian(h, self._cov)
+        if k <= self.switch:
+            return Gaussian(self.phi2 * np.square(x), self._cov)
+        return Gaussian(self.phi3 * x - 2.0, self._cov)
 
     @cached_property
     def _cov(self) -> Array:
@@ -46,8 +47,9 @@ class SquareThenLine(SensorBase):
 
     def jacobian(self, x: Array, k: int) -> Array:
         """Return dh/dx (1, 1, *batch)."""
-        slope = 2.0 * self.phi2 * x if k <= self.switch else np.full_like(x, self.phi3)
-        return slope[None]
+        if k <= self.switch:
+            return (2.0 * self.phi2 * x)[None]
+        return np.full_like(x, self.phi3)[None]
 
     def preimage(self, z: Array, deviations: float, k: int) -> list[Interval]:
         """Return the intervals of x whose h(x) lies within so many standard deviations of z (1, M)."""

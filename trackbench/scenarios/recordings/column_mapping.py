@@ -160,7 +160,8 @@ def _way_out(quantity: str, values: Array, wrong: Index) -> str:
     """
     finite = values[np.isfinite(values)]
     most_are_wrong = 2 * len(wrong) > len(finite)
-    if _LIMITS[quantity][3] == "deg" and most_are_wrong:
+    least, largest, _, usual_unit = _LIMITS[quantity]
+    if usual_unit == "deg" and most_are_wrong:
         # NMEA writes degrees and minutes as one number: 4807.038 is 48 deg 7.038 min.
         whole = not (finite % 1.0).any()
         minutes = np.abs(finite) % 100.0
@@ -168,11 +169,11 @@ def _way_out(quantity: str, values: Array, wrong: Index) -> str:
             degrees, rest = divmod(float(finite[0]), 100.0)
             what = f"{finite[0]:.9g} looks like {degrees:g} deg {rest:.6g} min, as NMEA writes it"
             return f"; {what}: write degrees and decimals"
-        least, largest, _, _ = _LIMITS[quantity]
         units: tuple[str, ...] = ()
         if quantity == "course":
             units = _COURSE_UNITS
         elif np.abs(finite).max() > 1e4:
+            # Too large for degrees: whole numbers of a small unit.
             units = _PLACE_UNITS
         fitting = [
             unit
@@ -479,7 +480,8 @@ class Columns:
     def take(self, name: str, content: Content) -> str | None:
         """Select the column of a quantity, or of a key such as ``run``, to be read; return its name.
 
-        None if there is no such column. Raises DataError if another quantity has the same column.
+        Its cells are read as ``content``, such as numbers. None if there is no such column. Raises
+        DataError if another quantity has the same column.
         """
         column = self.column(name)
         if column is not None:
@@ -598,7 +600,7 @@ class Columns:
             if self.contents[column] != "number" or quantity in ("course", "azimuth"):
                 continue  # an angle of 0.01 deg is near one of 359.99 deg
             if quantity == "speed" and not self._uses_course:
-                continue
+                continue  # a speed without a course may be that of a state
             values = table.columns[column]
             if quantity == "longitude":
                 values = values[~_is_across_a_cut(values, self.naming.scale(quantity))]
@@ -733,7 +735,7 @@ class Columns:
                     components[name] = self._velocity_of_course(table, plain)
             names = list(components)
             if [plain_name(name) for name in names[:2]] != ["vx", "vy"]:
-                continue
+                continue  # only a whole velocity can be rotated
             vectors = np.zeros((3, len(table.lines)))
             vectors[: len(names)] = list(components.values())
             # Step 2: rotate the rows of each origin.
@@ -756,6 +758,7 @@ class Columns:
             if self._rotates and plain in _VELOCITY:
                 return (name, *self._other_velocities(name), "latitude", "longitude")
             return (name,)
+        # x and y need latitude and longitude, z the altitude, too.
         needed = GEODETIC if plain == "z" else GEODETIC[:2]
         if plain in _PLANE and all(map(self.column, needed)):
             # In space x and y depend on the height, too, as the tangent plane touches the ground at one

@@ -35,7 +35,10 @@ _ALIKE = 0.9  # of the lines have as many cells
 
 
 def _windows(error: UnicodeError) -> tuple[str, int]:
-    """Decode bytes that are not UTF-8 as Windows-1252, or as Latin-1, after a decoding error."""
+    """Decode bytes that are not UTF-8 as Windows-1252, or as Latin-1, after a decoding error.
+
+    Return the text of these bytes, and the position at which decoding goes on.
+    """
     if not isinstance(error, UnicodeDecodeError):
         raise error
     wrong = error.object[error.start : error.end]
@@ -223,6 +226,7 @@ def _names_beside_week(comments: Mapping[int, str], rows: Sequence[list[str]]) -
     """Return the names of columns from a comment as RTKLIB writes it; empty if there is none.
 
     Its first name, such as GPST, stands for two columns: the GPS week and the seconds in it.
+    ``comments`` are by line number, ``rows`` are the cells of rows of full width.
     """
     if not comments:
         return []
@@ -265,8 +269,9 @@ def _find_header(
 ) -> int:
     """Return the number of the line with the columns' names.
 
-    ``cells`` and ``comments`` are the first lines by number, and ``widths`` are the usual numbers of
-    cells. If a comment has the names, its cells are added to ``cells``.
+    ``cells`` and ``comments`` are the first lines by number. ``widths`` are the possible numbers of
+    names, the first of which is the usual number of cells. If a comment has the names, its cells are
+    added to ``cells``.
     """
     first, *below = cells
     start = next(number for number, row in cells.items() if len(row) == widths[0])
@@ -279,8 +284,9 @@ def _find_header(
         cells[above] = names
         return above
     # One line of names above values may have too few or too many cells, which is a mistake.
-    is_below = start == next(iter(below), 0) and any(map(is_value, cells[start]))
-    if is_below and len(cells[first]) > 1:
+    second = next(iter(below), 0)
+    has_values_below = start == second and any(map(is_value, cells[start]))
+    if has_values_below and len(cells[first]) > 1:
         return first
     return _fullest_line(cells, start)
 
@@ -375,6 +381,7 @@ def _numbered_rows(path: str, text: TextIO, layout: Layout) -> Iterator[tuple[in
     width = len(layout.names)
     separator = layout.separator
     data_lines = islice(iter(partial(text.readline, _LONGEST_LINE), ""), layout.before, None)
+    # A comment becomes an empty line, so that the reader counts it.
     lines = ("\n" if line.startswith(_COMMENTS) else line for line in data_lines)
     if separator == " ":
         separator = "\t"

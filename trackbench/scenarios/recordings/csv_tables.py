@@ -32,7 +32,10 @@ Parse = Callable[[str], float]
 
 
 def without_thousands(cell: str, mark: str) -> str:
-    """Return a number's text without the mark between its groups of three digits."""
+    """Return a number's text without the mark between its groups of three digits: 1234,5 of 1.234,5.
+
+    Any other text is returned as it is.
+    """
     groups = rf"([-+]?\d{{1,3}})((?:{re.escape(mark)}\d{{3}})+)(?!\d)(.*)"
     match = re.fullmatch(groups, cell.strip())
     if match is None:
@@ -78,6 +81,7 @@ def whole(cell: str) -> float:
 
 def parse_cells(parse: Parse, cells: Sequence[str]) -> tuple[Array, list[tuple[int, str]]]:
     """Parse a column's cells; return values (R,), and the index and reason of each mistake."""
+    # A parser with options is a partial of `number`, `seconds` or `instant`.
     keys = {}
     if isinstance(parse, partial):
         keys = parse.keywords
@@ -164,7 +168,8 @@ def read_table(
 ) -> Table:
     """Read columns of a table; raises DataError with up to twenty mistakes and their lines.
 
-    Dates are in ISO 8601, or in a form of strptime.
+    ``contents`` has the columns to be read, and what their cells are. Dates are in ISO 8601, or in the
+    form ``time_format`` of strptime.
     """
     reading = _Reading(path, contents, time_format)
     if is_parquet(path):
@@ -247,6 +252,7 @@ class _Reading:
             return rows
         what = f"cells under {width} columns"
         numbers = {number for _, number in wrong}
+        # Decimal commas between commas cut every number in two.
         is_decimal_comma = layout.separator == "," and numbers == {2 * width}
         if len(numbers) == 1 and len(wrong) > _MOST_MISTAKES // 2 and not is_decimal_comma:
             # One mistake stands for all rows with this number of cells.
@@ -272,6 +278,7 @@ class _Reading:
 
     def add(self, lines: Index, cells: Mapping[str, Sequence[str]]) -> None:
         """Append rows with these lines in the file, whose cells are given by column."""
+        # The first number with a comma shows that decimals follow a comma in the whole file.
         if self.may_have_commas and not self.comma:
             numbers = (
                 cells[name] for name, content in self.contents.items() if content == "number"

@@ -26,7 +26,7 @@ def moment(cell: str, form: str = "") -> datetime:
         if "%f" in form:
             # There may be nine digits in place of six.
             cell = _NANOSECONDS.sub(r"\1", cell)
-        separator = form[-3:-2]
+        separator = form[-3:-2]  # before %f
         has_digits = cell.count(separator) >= form.count(separator)
         if form.endswith("%f") and separator in {".", ",", ":"} and not has_digits:
             # A whole second may have no digits behind it: 12:00:05 in place of 12:00:05.0.

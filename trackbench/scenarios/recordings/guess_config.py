@@ -363,10 +363,10 @@ def _lacks_origin(guess: Guess, truth: TruthGuess | None) -> bool:
     return has_geodetic and has_planar
 
 
-def idle_keys(guess: Guess, given: Mapping[str, str]) -> list[str]:
-    """Return the quantities of ``given`` columns that the config does not read."""
+def idle_keys(guess: Guess, user_columns: Mapping[str, str]) -> list[str]:
+    """Return the quantities in ``user_columns``, columns by quantity, that the config does not read."""
     used = _used_columns(guess)
-    return [key for key, column in given.items() if column and key not in used]
+    return [key for key, column in user_columns.items() if column and key not in used]
 
 
 def _used_columns(guess: Guess) -> dict[str, str]:
@@ -381,6 +381,7 @@ def _used_columns(guess: Guess) -> dict[str, str]:
         read |= {"vx", "vy", "speed", "course"}
     for sensor in guess.sensors:
         read.update(sensor.quantities)
+    # Latitude and longitude are read only for a position without columns of its own.
     if {"x", "y"} <= naming.columns.keys() or not read & {"x", "y"}:
         read -= {"latitude", "longitude", "north_south", "east_west"}
     return {name: column for name, column in naming.columns.items() if name in read}

@@ -68,7 +68,7 @@ def not_finer(
     ``cells`` returns the cells of a column, which show the digits.
     """
     raised = []
-    for name, sigma in zip(quantities, sigmas, strict=False):  # sigmas of velocities come last
+    for name, sigma in zip(quantities, sigmas, strict=True):
         source = name
         meters_per_unit = 1.0
         if name not in naming.columns:

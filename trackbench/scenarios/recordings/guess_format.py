@@ -5,7 +5,7 @@ import re
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from itertools import chain, islice
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -77,6 +77,11 @@ from trackbench.scenarios.recordings.rows import (
     usual_interval,
 )
 
+ColumnByQuantity: TypeAlias = dict[str, str]
+"""Name of the column of each quantity."""
+UnitByQuantity: TypeAlias = dict[str, str]
+ReasonByKey: TypeAlias = dict[str, str]
+"""Comments for the config on keys that are guessed."""
 _TURN = 2.0 * np.pi
 _SAMPLE = 10_000  # rows
 _MOST_SENSORS = 50
@@ -141,7 +146,7 @@ class Guess:
     """Guess at a table: how it is read, why so, and noise levels by sensor for a first try."""
 
     naming: Naming
-    why: dict[str, str]
+    why: ReasonByKey
     """reason for each guessed key or unit"""
     runs: list[tuple[str, int]]
     """name and number of rows of each run, the longest first"""
@@ -170,38 +175,39 @@ class Guess:
         return is_one and _has_velocity(self.naming.columns)
 
 
-def recognized(path: str, given: Naming | None = None) -> Guess:
-    """Guess how a table is written; ``given`` keys are not guessed.
+def recognized(path: str, user_naming: Naming | None = None) -> Guess:
+    """Guess how a table is written; keys that are set in ``user_naming`` are not guessed.
 
     Raises DataError if no column is a time, or none is measured.
     """
-    given = given or Naming()
-    _check_given_keys(path, given)
-    found: dict[str, str] = {}
+    user_naming = user_naming or Naming()
+    _check_given_keys(path, user_naming)
+    label_columns: dict[str, str] = {}
     # A column whose words split the rows names runs or sensors. There may be one of each, so that the
     # guess is repeated with each such column.
     while True:
         try:
-            guess = _recognized_columns(path, replace(given, columns=given.columns | found))
+            with_labels = replace(user_naming, columns=user_naming.columns | label_columns)
+            guess = _recognized_columns(path, with_labels)
         except MixedRowsError as error:
             key = _key_of_labels(error)
-            if key in found or key in given.columns:
+            if key in label_columns or key in user_naming.columns:
                 raise
-            found[key] = error.column
+            label_columns[key] = error.column
             continue
         except DataError as error:
-            if not found:
+            if not label_columns:
                 raise
-            raise DataError(*error.places, *_found_labels(path, found)) from None
+            raise DataError(*error.places, *_found_labels(path, label_columns)) from None
         guess.why.update(
-            dict.fromkeys(found, "guess: rows of one of its words agree with each other")
+            dict.fromkeys(label_columns, "guess: rows of one of its words agree with each other")
         )
         return guess
 
 
-def _check_given_keys(path: str, given: Naming) -> None:
+def _check_given_keys(path: str, user_naming: Naming) -> None:
     """Raise DataError for a column of an unknown quantity."""
-    for key, column in given.columns.items():
+    for key, column in user_naming.columns.items():
         if key in _GIVEN_KEYS or key.rpartition(".")[2] in _MEASURED:
             continue
         what = f"there is no columns.{key}; known: {', '.join(_GIVEN_KEYS)}"
@@ -212,10 +218,13 @@ def _check_given_keys(path: str, given: Naming) -> None:
         raise DataError(Place(path, 1, 1, what))
 
 
-def _found_labels(path: str, found: dict[str, str]) -> list[Place]:
-    """Say how to change the meaning of the columns that were taken to name runs or sensors."""
+def _found_labels(path: str, label_columns: dict[str, str]) -> list[Place]:
+    """Say how to change the meaning of the columns that were taken to name runs or sensors.
+
+    ``label_columns`` are these columns by their key, ``run`` or ``sensor``.
+    """
     places = []
-    for key, column in found.items():
+    for key, column in label_columns.items():
         name = json.dumps(column)[1:-1]
         other = "sensor" if key == "run" else "run"
         meaning = {"run": "targets", "sensor": "sensors or landmarks"}
@@ -250,14 +259,15 @@ def _key_of_labels(error: MixedRowsError) -> str:
     )
 
 
-def _recognized_columns(path: str, given: Naming) -> Guess:
+def _recognized_columns(path: str, user_naming: Naming) -> Guess:
     """Guess how a table is written; raises MixedRowsError if a column splits its rows."""
     # Step 1: find the columns by their names.
-    why: dict[str, str] = {}
-    form = _text_format(path, given.format or TextFormat(), why)
+    why: ReasonByKey = {}
+    user_format = user_naming.format or TextFormat()
+    form = _text_format(path, user_format, why)
     names = header(path, form)
     sample = _Sample(path, names, form)
-    columns, units = _columns(names, sample, given, why)
+    columns, units = _columns(names, sample, user_naming, why)
     if "time" not in columns and "step" not in columns:
         _find_dates(sample, columns, why)
     if "time" not in columns and "step" not in columns:
@@ -265,13 +275,13 @@ def _recognized_columns(path: str, given: Naming) -> Guess:
     if not sample and any(name in columns for name in _MEASURED):
         read_table(path, {names[0]: "label"}, form=form)  # which reports why no row can be read
     # Step 2: find the sensors, and the form of dates.
-    sensors = _sensors(path, sample, columns, names, units, given)
-    _check_unused(sample, columns, sensors, given)
-    if form.thousands and not (given.format or TextFormat()).thousands and form.decimal is None:
+    sensors = _sensors(path, sample, columns, names, units, user_naming)
+    _check_unused(sample, columns, sensors, user_naming)
+    if form.thousands and not user_format.thousands and form.decimal is None:
         _check_thousands(path, sample, columns, form.thousands)
     measured = set(chain.from_iterable(sensor.quantities for sensor in sensors))
     _check_named_units(sample, columns, units, measured)
-    clock = DateForm(given.time_format, bool(given.time_format))
+    clock = DateForm(user_naming.time_format, bool(user_naming.time_format))
     if "time" in columns and not clock.form:
         times = sample.cells(columns["time"])
         dates = []
@@ -286,21 +296,21 @@ def _recognized_columns(path: str, given: Naming) -> Guess:
     if clock.why:
         why["time_format"] = clock.why
     # Step 3: choose the units by which times, positions and speeds agree.
-    missing = given.missing or _missing(sample, columns, measured)
+    missing = user_naming.missing or _missing(sample, columns, measured)
     is_one_position = sensors[0].quantities == _PLACE and len(sensors) == 1
     has_velocity = is_one_position and _has_velocity(columns)
     reading = _Reading(path, sample, columns, units, clock, missing, why)
     reading.check_azimuths(sensors)
     clock = reading.choose_units(sensors[0], names, has_velocity)
     naming = replace(
-        given,
+        user_naming,
         columns=columns,
         units=units,
         time_format=clock.form,
         missing=missing,
         format=form if form != TextFormat() else None,
     )
-    if missing and not given.missing:
+    if missing and not user_naming.missing:
         why["missing"] = "guess: far outside the others"
     # Step 4: read all rows.
     guess = _measured(path, naming, why, sensors)
@@ -311,7 +321,7 @@ def _recognized_columns(path: str, given: Naming) -> Guess:
     return replace(guess, sensors=sensors, names=names)
 
 
-def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[SensorGuess]) -> Guess:
+def _measured(path: str, naming: Naming, why: ReasonByKey, sensors: list[SensorGuess]) -> Guess:
     """Read all rows and return the guess with what they show: runs, errors, speed, further units."""
     # Angles are read as if they were not clockwise: errors and speeds of the mirror image are the same.
     # Rows far from the origin are accepted here, and reported when their run is read.
@@ -320,13 +330,14 @@ def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[Sens
     units = naming.units
     columns = naming.columns
     by_name = [sensor.name for sensor in sensors] if columns.get("sensor") else []
-    wanted = [sensor.quantities for sensor in sensors]
-    read = wanted
-    if wanted == [_PLACE] and not by_name and _has_velocity(columns):
+    quantities_by_sensor = [sensor.quantities for sensor in sensors]
+    read = quantities_by_sensor
+    if quantities_by_sensor == [_PLACE] and not by_name and _has_velocity(columns):
         read = [(*_PLACE, *_VELOCITY)]
-    every = read_rows(gathered, [path], read, names=by_name)
-    every = chosen_runs(gathered, every, ())
-    is_wide = any((np.abs(a[np.isfinite(a)]) > _TURN).any() for a in _azimuths_of(wanted, every))
+    rows_by_sensor = read_rows(gathered, [path], read, names=by_name)
+    rows_by_sensor = chosen_runs(gathered, rows_by_sensor, ())
+    azimuths = _azimuths_of(quantities_by_sensor, rows_by_sensor)
+    is_wide = any((np.abs(a[np.isfinite(a)]) > _TURN).any() for a in azimuths)
     angle = "bearing" if is_robot else "azimuth"
     in_degrees = angle not in units and is_wide
     scale = 1.0
@@ -334,16 +345,17 @@ def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[Sens
         units[angle] = "deg"
         why[angle] = "guess: there are angles beyond 2 pi"
         scale = UNITS["deg"]
-    for names, rows in zip(wanted, every, strict=True):
+    for names, rows in zip(quantities_by_sensor, rows_by_sensor, strict=True):
         if angle in names:
             scaled = rows._replace(values=rows.values * scale)
             row_of_angle = len(names) - 1
             check_turns(gathered, scaled, {angle: row_of_angle})
     # Sort the runs by length; noise and speed are those of the longest.
-    sizes = np.sum([np.bincount(rows.run, minlength=len(gathered.runs)) for rows in every], axis=0)
+    rows_of_run = [np.bincount(rows.run, minlength=len(gathered.runs)) for rows in rows_by_sensor]
+    sizes = np.sum(rows_of_run, axis=0)
     runs = sorted(zip(gathered.runs, sizes.tolist(), strict=True), key=lambda run: -run[1])
     longest = []
-    for sensor, rows in zip(sensors, every, strict=True):
+    for sensor, rows in zip(sensors, rows_by_sensor, strict=True):
         measured = np.isfinite(rows.values[: len(sensor.quantities)]).all(axis=0)
         run_rows = rows.at(np.flatnonzero(measured & (rows.run == sizes.argmax())))
         way = _same_time(gathered, run_rows)
@@ -371,7 +383,7 @@ def _measured(path: str, naming: Naming, why: dict[str, str], sensors: list[Sens
         for sensor, rows in zip(sensors, longest, strict=True)
     ]
     speed = next((speed for _, speed in levels if speed), 0.0)
-    naming = _with_clockwise(naming, wanted, every, why)
+    naming = _with_clockwise(naming, quantities_by_sensor, rows_by_sensor, why)
     guesses = []
     for sensor, (sigmas, _) in zip(sensors, levels, strict=True):
         guesses.append(sensor._replace(sigmas=sigmas))
@@ -405,27 +417,29 @@ def _input_sigmas(path: str, naming: Naming) -> dict[str, float]:
     return sigmas
 
 
-def _azimuths_of(wanted: list[tuple[str, ...]], every: list[Rows]) -> list[Array]:
-    """Return the angles of each sensor that measures one, which is its last quantity.
-
-    ``wanted`` are the quantities and ``every`` the rows of each sensor.
-    """
+def _azimuths_of(
+    quantities_by_sensor: list[tuple[str, ...]], rows_by_sensor: list[Rows]
+) -> list[Array]:
+    """Return the angles (R,) of each sensor that measures one, which is its last quantity."""
     azimuths = []
-    for names, rows in zip(wanted, every, strict=True):
+    for names, rows in zip(quantities_by_sensor, rows_by_sensor, strict=True):
         if names[-1] in ANGLES:
             azimuths.append(rows.values[-1])
     return azimuths
 
 
 def _with_clockwise(
-    naming: Naming, wanted: list[tuple[str, ...]], every: list[Rows], why: dict[str, str]
+    naming: Naming,
+    quantities_by_sensor: list[tuple[str, ...]],
+    rows_by_sensor: list[Rows],
+    why: ReasonByKey,
 ) -> Naming:
     """Return the naming with azimuths clockwise from north if they seem to be so.
 
     They are if the column's name says north, or if the angles are from 0 to 360 deg, as those of radars
-    and compasses. ``wanted`` are the quantities and ``every`` the rows of each sensor.
+    and compasses. The reason is added to ``why``.
     """
-    angles = _azimuths_of(wanted, every)
+    angles = _azimuths_of(quantities_by_sensor, rows_by_sensor)
     column = naming.columns.get("azimuth")
     if not angles or column is None or naming.clockwise:
         return naming
@@ -441,16 +455,19 @@ def _with_clockwise(
     return replace(naming, clockwise=("azimuth",))
 
 
-def _has_velocity(columns: dict[str, str]) -> bool:
+def _has_velocity(columns: ColumnByQuantity) -> bool:
     """Test whether there are columns of a velocity, or of speed and course."""
     return columns.keys() >= {*_VELOCITY} or columns.keys() >= {*COURSE}
 
 
-def _text_format(path: str, given: TextFormat, why: dict[str, str]) -> TextFormat:
-    """Guess the format: separator and decimal sign, header, a row of units."""
+def _text_format(path: str, user_format: TextFormat, why: ReasonByKey) -> TextFormat:
+    """Guess the format: separator and decimal sign, header, a row of units.
+
+    Keys that are set in ``user_format`` are not guessed. Reasons are added to ``why``.
+    """
     if is_parquet(path):
-        return given
-    layout = layout_of(path, given)
+        return user_format
+    layout = layout_of(path, user_format)
     rows = [cells for _, cells in islice(table_rows(path, layout), _FIRST)]
     keys: dict[str, Any] = {}
     if layout.separator != ",":
@@ -473,8 +490,9 @@ def _text_format(path: str, given: TextFormat, why: dict[str, str]) -> TextForma
     if keys:
         why["format"] = "guess: as its first lines are"
     # A first line of values is no heading.
-    if layout.header and not given.header and all(map(is_value, layout.names)):
+    if layout.header and not user_format.header and all(map(is_value, layout.names)):
         width = len(layout.names)
+        # Eight columns are a trajectory in the TUM format, three a time and a position.
         names: tuple[str, ...] = ()
         if width == len(_TUM):
             names = _TUM
@@ -486,14 +504,15 @@ def _text_format(path: str, given: TextFormat, why: dict[str, str]) -> TextForma
             raise DataError(Place(path, layout.header, 1, f"{what} {way}"))
         keys |= {"names": names, "header": 0}
         why["format"] = "guess: no line names the columns"
-    elif not given.skip:
+    elif not user_format.skip:
         skip = _lines_of_words(rows)
         if skip:
             what = "is a line of units" if skip == 1 else f"are {skip} lines of words"
             keys["skip"] = skip
             why["format"] = f"guess: below the names {what}"
-    given_keys = {field.name for field in fields(given) if getattr(given, field.name)}
-    return replace(given, **{key: value for key, value in keys.items() if key not in given_keys})
+    user_keys = {field.name for field in fields(user_format) if getattr(user_format, field.name)}
+    guessed = {key: value for key, value in keys.items() if key not in user_keys}
+    return replace(user_format, **guessed)
 
 
 def _may_be_degrees(rows: list[list[str]]) -> bool:
@@ -515,7 +534,7 @@ def _thousands(cells: list[str]) -> str:
     return ""
 
 
-def _check_thousands(path: str, sample: "_Sample", columns: dict[str, str], mark: str) -> None:
+def _check_thousands(path: str, sample: "_Sample", columns: ColumnByQuantity, mark: str) -> None:
     """Raise DataError for a column in which the mark may separate thousands or decimals.
 
     All its cells then have the mark once, before three digits.
@@ -540,14 +559,15 @@ def _lines_of_words(rows: list[list[str]]) -> int:
 
 
 def _columns(
-    names: list[str], sample: "_Sample", given: Naming, why: dict[str, str]
-) -> tuple[dict[str, str], dict[str, str]]:
+    names: list[str], sample: "_Sample", user_naming: Naming, why: ReasonByKey
+) -> tuple[ColumnByQuantity, UnitByQuantity]:
     """Return columns and units by quantity, guessed from the names of columns and a line of units.
 
     Reasons are added to ``why``.
     """
     columns = {name: named.column for name, named in columns_of(names).items()}
-    columns = {n: c for n, c in columns.items() if c not in given.columns.values()} | given.columns
+    user_columns = user_naming.columns
+    columns = {n: c for n, c in columns.items() if c not in user_columns.values()} | user_columns
     # An empty name means that no column is this quantity; of runs and sensors that their rows are mixed.
     columns = {n: c for n, c in columns.items() if c or n in ("run", "sensor")}
     for key, column in _hemispheres(names, sample, columns).items():
@@ -558,13 +578,15 @@ def _columns(
         columns["time"] = columns.pop("date")
     if "time" in columns:
         columns.pop("step", None)
-    _settle_twice_named(columns, given)
-    is_robot = _settle_landmarks(sample, columns, given)
-    for key, least, most in (("sensor", 2, _MOST_SENSORS), ("run", 1, max(1, len(sample) // 3))):
+    _settle_twice_named(columns, user_naming)
+    is_robot = _settle_landmarks(sample, columns, user_naming)
+    # A column of sensors has a few words; one of runs has at least three rows for each on average.
+    most_runs = max(1, len(sample) // 3)
+    for key, least, most in (("sensor", 2, _MOST_SENSORS), ("run", 1, most_runs)):
         words = set(sample.cells(columns.get(key, "")))
         if key == "sensor" and is_robot:
             words.discard("")  # of rows with odometry alone
-        if key not in given.columns and ("" in words or not least <= len(words) <= most):
+        if key not in user_naming.columns and ("" in words or not least <= len(words) <= most):
             columns.pop(key, None)
     units = {}
     for name, column in columns.items():
@@ -577,19 +599,20 @@ def _columns(
         if unit is not None:
             units[name] = unit
             why[name] = "as the line of units says"
-    units |= given.units
+    units |= user_naming.units
     if is_robot:
         _guess_units_of_robot(sample, columns, units, why)
     return columns, units
 
 
-def _find_dates(sample: "_Sample", columns: dict[str, str], why: dict[str, str]) -> None:
+def _find_dates(sample: "_Sample", columns: ColumnByQuantity, why: ReasonByKey) -> None:
     """Add the time to the columns if it is the only column whose cells are dates."""
     dated = []
     for name in sample.names:
         cells = sample.cells(name)
-        has_digits = all(re.search(r"\d\D+\d", cell) for cell in cells)
-        if cells and has_digits and not parse_cells(instant, cells)[1]:
+        # 2025-04-03 has digits with a separator; 20250403 may be a number.
+        has_separators = all(re.search(r"\d\D+\d", cell) for cell in cells)
+        if cells and has_separators and not parse_cells(instant, cells)[1]:
             dated.append(name)
     if len(dated) == 1:
         columns["time"] = dated[0]
@@ -597,7 +620,7 @@ def _find_dates(sample: "_Sample", columns: dict[str, str], why: dict[str, str])
 
 
 def _guess_units_of_robot(
-    sample: "_Sample", columns: dict[str, str], units: dict[str, str], why: dict[str, str]
+    sample: "_Sample", columns: ColumnByQuantity, units: UnitByQuantity, why: ReasonByKey
 ) -> None:
     """Add the units of a robot's measurements that the names of their columns do not have.
 
@@ -617,9 +640,12 @@ def _guess_units_of_robot(
 
 
 def _check_named_units(
-    sample: "_Sample", columns: dict[str, str], units: dict[str, str], measured: set[str]
+    sample: "_Sample", columns: ColumnByQuantity, units: UnitByQuantity, measured: set[str]
 ) -> None:
-    """Raise DataError for a column whose name has a unit that no recording may have."""
+    """Raise DataError for a column whose name has a unit that no recording may have.
+
+    Only columns that are read are checked: those of the ``measured`` quantities, velocities and inputs.
+    """
     for name in columns.keys() & {*measured, *_VELOCITY, *COURSE, *_ODOMETRY}:
         other = other_unit_of(columns[name])
         if other is not None and name not in units:
@@ -630,19 +656,19 @@ def _check_named_units(
 
 
 def _check_unused(
-    sample: "_Sample", columns: dict[str, str], sensors: list[SensorGuess], given: Naming
+    sample: "_Sample", columns: ColumnByQuantity, sensors: list[SensorGuess], user_naming: Naming
 ) -> None:
     """Raise DataError if only angles or only ranges are read, and another column may be the other part.
 
-    The name of such a column has a word or a unit of a range or of an angle.
+    The name of such a column has a word or a unit of a range or of an angle. ``user_naming`` may already
+    say which column is the other part, or that none is.
     """
-    kinds = {sensor.kind for sensor in sensors}
-    wanted = {"bearing": "range", "range": "azimuth", "landmark-bearing": "range"}
-    if len(kinds) != 1 or not kinds <= wanted.keys() or len(sensors) > 1:
+    if len(sensors) > 1:
         return
-    (kind,) = kinds
-    quantity = wanted[kind]
-    if quantity in given.columns:
+    # Quantity that a sensor of each kind may measure, too.
+    other_part = {"bearing": "range", "range": "azimuth", "landmark-bearing": "range"}
+    quantity = other_part.get(sensors[0].kind)
+    if quantity is None or quantity in user_naming.columns:
         return
     candidates = []
     for name in sample.names:
@@ -659,8 +685,11 @@ def _check_unused(
         raise DataError(Place(sample.path, 1, 1, f"{what} {way}"))
 
 
-def _hemispheres(names: list[str], sample: "_Sample", columns: dict[str, str]) -> dict[str, str]:
-    """Find the columns of the letters N and S, and E and W, beside latitude and longitude."""
+def _hemispheres(names: list[str], sample: "_Sample", columns: ColumnByQuantity) -> dict[str, str]:
+    """Find the columns of the letters N and S, and E and W, beside latitude and longitude.
+
+    Return them by their key of `columns`, ``north_south`` or ``east_west``.
+    """
     hemispheres: dict[str, str] = {}
     for quantity, (key, positive, negative) in HEMISPHERES.items():
         if quantity not in columns or key in columns:
@@ -672,13 +701,13 @@ def _hemispheres(names: list[str], sample: "_Sample", columns: dict[str, str]) -
     return hemispheres
 
 
-def _settle_twice_named(columns: dict[str, str], given: Naming) -> None:
+def _settle_twice_named(columns: ColumnByQuantity, user_naming: Naming) -> None:
     """Decide, in place, which quantity a column is that may be two.
 
     A track may be a course or a run, and an id may name runs or sensors.
     """
     run = columns.get("run")
-    if run is None or "run" in given.columns:
+    if run is None or "run" in user_naming.columns:
         return
     if run == columns.get("course"):
         # Beside a speed a track is a course; else it names what moves.
@@ -690,20 +719,21 @@ def _settle_twice_named(columns: dict[str, str], given: Naming) -> None:
         columns.pop("run")
 
 
-def _settle_landmarks(sample: "_Sample", columns: dict[str, str], given: Naming) -> bool:
+def _settle_landmarks(sample: "_Sample", columns: ColumnByQuantity, user_naming: Naming) -> bool:
     """Return whether the table is the log of a robot, whose bearings count from its heading.
 
-    The columns of such a log are changed in place. Raises DataError with the possible answers if the
-    user must say so, as a table does not show from where bearings count.
+    The ``columns`` of such a log are changed in place. Raises DataError with the possible answers if
+    ``user_naming`` must say so, as a table does not show from where bearings count.
     """
     odometry = odometry_of(sample.names)
     is_like_robot = "bearing" in columns or odometry.keys() >= {*_ODOMETRY}
-    place = _landmark_column(sample, columns, given, is_like_robot)
-    is_split = place is not None and given.columns.get("sensor", place) == place
+    place = _landmark_column(sample, columns, user_naming, is_like_robot)
+    # Rows are split by landmark unless the user has named another column of sensors.
+    is_split = place is not None and user_naming.columns.get("sensor", place) == place
     angle = columns.get("azimuth")
     if "bearing" not in columns:
         may_be_robot = is_split or odometry.keys() >= {*_ODOMETRY}
-        if not may_be_robot or angle is None or "azimuth" in given.columns:
+        if not may_be_robot or angle is None or "azimuth" in user_naming.columns:
             return False
         column = json.dumps(angle)[1:-1]
         landmarks = f" of the landmarks ({place})" if is_split else ""
@@ -736,17 +766,17 @@ def _settle_landmarks(sample: "_Sample", columns: dict[str, str], given: Naming)
 
 
 def _landmark_column(
-    sample: "_Sample", columns: dict[str, str], given: Naming, is_like_robot: bool
+    sample: "_Sample", columns: ColumnByQuantity, user_naming: Naming, is_like_robot: bool
 ) -> str | None:
     """Return the column that names landmarks; None without one.
 
-    Its name says so. In the log of a robot it may also have another name, such as tag or id, if its
-    cells are empty just where nothing was measured.
+    Its name says so. In the log of a robot (``is_like_robot``) it may also have another name, such as
+    tag or id, if its cells are empty just where nothing was measured.
     """
     for name in sample.names:
         if role_of(name) == "place":
             return name
-    if not is_like_robot or "sensor" in given.columns:
+    if not is_like_robot or "sensor" in user_naming.columns:
         return None
     measured = np.zeros(len(sample), dtype=np.bool_)
     for quantity in ("range", "azimuth", "bearing"):
@@ -762,10 +792,10 @@ def _landmark_column(
             fitting.append(name)
     for name in fitting:
         words = {*words_of(name), "".join(words_of(name))}
-        if words & _LANDMARK_WORDS and name not in given.columns.values():
+        if words & _LANDMARK_WORDS and name not in user_naming.columns.values():
             return name
     # Without such a word the empty cells must show it.
-    if len(fitting) == 1 and not measured.all() and fitting[0] not in given.columns.values():
+    if len(fitting) == 1 and not measured.all() and fitting[0] not in user_naming.columns.values():
         return fitting[0]
     return None
 
@@ -786,24 +816,24 @@ def _no_time(names: list[str]) -> str:
 def _sensors(
     path: str,
     sample: "_Sample",
-    columns: dict[str, str],
+    columns: ColumnByQuantity,
     names: list[str],
-    units: dict[str, str],
-    given: Naming,
+    units: UnitByQuantity,
+    user_naming: Naming,
 ) -> list[SensorGuess]:
-    """Return the guessed sensors of a table, those first whose columns are ``given``.
+    """Return the guessed sensors of a table, those first whose columns ``user_naming`` has.
 
     Columns of ranges to several places are added to ``columns``, and their units to ``units``. Raises
     DataError if a sensor measures nothing that is known.
     """
     # Quantities by row: a position is x and y, or latitude and longitude.
     numbers = {n: np.isfinite(sample.numbers(c)) for n, c in columns.items() if n in _MEASURED}
-    for part, other in (("x", "latitude"), ("y", "longitude")):
-        if not {"x", "y"} <= numbers.keys() and {"latitude", "longitude"} <= numbers.keys():
-            numbers[part] = numbers[other]
+    if not numbers.keys() >= {*_PLACE} and numbers.keys() >= {*GEODETIC[:2]}:
+        numbers["x"] = numbers["longitude"]
+        numbers["y"] = numbers["latitude"]
     words = sample.words(columns["sensor"]) if columns.get("sensor") else [""]
     # The most telling type of sensor counts, but one whose columns the user names comes first.
-    answered = {*given.columns}
+    answered = {*user_naming.columns}
     if answered & {*GEODETIC[:2]}:
         answered |= {*_PLACE}
     kinds = sorted(SENSORS.items(), key=lambda kind: -len(answered.intersection(kind[1])))
@@ -842,7 +872,7 @@ def _sensors(
 
 
 def _check_one_kind(
-    path: str, columns: dict[str, str], numbers: dict[str, Mask], rows: Mask
+    path: str, columns: ColumnByQuantity, numbers: dict[str, Mask], rows: Mask
 ) -> None:
     """Raise DataError if rows have a position as well as a range and an azimuth.
 
@@ -866,7 +896,7 @@ def _check_one_kind(
     )
 
 
-def _no_position(columns: dict[str, str], sample: "_Sample", names: list[str]) -> str:
+def _no_position(columns: ColumnByQuantity, sample: "_Sample", names: list[str]) -> str:
     """Return the message and the advice for a table, or a sensor of it, without measured quantities."""
     pairs = "x and y, latitude and longitude, range and azimuth, or range"
     known = ", ".join(names)[:200]
@@ -942,11 +972,11 @@ class _Reading:
         self,
         path: str,
         sample: _Sample,
-        columns: dict[str, str],
-        units: dict[str, str],
+        columns: ColumnByQuantity,
+        units: UnitByQuantity,
         clock: DateForm,
         missing: tuple[float, ...],
-        why: dict[str, str],
+        why: ReasonByKey,
     ) -> None:
         self._path = path
         self._sample = sample
@@ -967,22 +997,23 @@ class _Reading:
         clocks: dict[str, tuple[float, float]] = {}
         if self._clock.other:
             clocks = self._clocks()
-        known = self._known_units(sensor)
-        first, *others = likely_units(numbers, known, clocks)
+        known_units = self._known_units(sensor)
+        first, *others = likely_units(numbers, known_units, clocks)
         questions = self._questions([first, *others], numbers) if others else []
         for candidate in (first, *others):
-            question = self._question_on_length(candidate, numbers, known)
+            question = self._question_on_length(candidate, numbers, known_units)
             if question is not None:
                 questions.append(question)
                 break
         if questions:
             raise DataError(*questions)
-        self._write(first, numbers, known)
+        self._write(first, numbers)
         if has_velocity and not first.same_way:
             for name in {*_VELOCITY, *COURSE} & self._columns.keys():
                 self._columns.pop(name)
                 self._units.pop(name, None)
             self._why["velocity"] = "velocities are left out: they disagree with the positions"
+        # Of two possible forms of dates the candidate's `time` is the other one; the first one is empty.
         if first.time in clocks and first.time:
             self._why["time_format"] = f"guess: {self._reason(first)}"
             return self._clock._replace(form=first.time)
@@ -1014,11 +1045,15 @@ class _Reading:
         self._why["azimuth"] = "guess: there is no angle beyond 2 pi"
 
     def _question_on_length(
-        self, chosen: Candidate, numbers: Numbers, known: dict[str, str]
+        self, chosen: Candidate, numbers: Numbers, known_units: UnitByQuantity
     ) -> Place | None:
-        """Ask for the unit of lengths if none is named, and in meters the speed would be unusual."""
+        """Ask for the unit of lengths if none is named, and in meters the speed would be unusual.
+
+        ``chosen`` is a likely choice of units for the ``numbers``. None if there is nothing to ask; a
+        range without a unit then gets the unit m.
+        """
         names = [name for name in ("x", "y", "range", "1.range") if name in self._columns]
-        is_named = not {"x", "range"}.isdisjoint(known)
+        is_named = not {"x", "range"}.isdisjoint(known_units)
         if chosen.as_angle or numbers.is_angle or not names or is_named or chosen.agrees:
             return None
         speed = chosen.usual_speed
@@ -1196,7 +1231,7 @@ class _Reading:
         """
         cells = self._sample.cells(self._columns["time"])
         is_elapsed = not _ELAPSED.isdisjoint(words_of(self._columns["time"]))
-        from_zero = cells[0].lstrip("0").startswith(":") if cells else False
+        from_zero = bool(cells) and cells[0].lstrip("0").startswith(":")  # 00:12
         hours = 1.0 * is_elapsed + 0.5 * from_zero
         minutes = 0.0 if is_elapsed or from_zero else 1.0
         return {"": (1.0, hours), self._clock.other: (1.0 / 60.0, minutes)}
@@ -1210,7 +1245,7 @@ class _Reading:
                     known["range"] = known[name]
         return known
 
-    def _write(self, chosen: Candidate, numbers: Numbers, known: dict[str, str]) -> None:
+    def _write(self, chosen: Candidate, numbers: Numbers) -> None:
         """Add the chosen units to the columns that have none yet, with the reasons.
 
         ``numbers`` are those that were compared to choose them.
@@ -1296,13 +1331,16 @@ class _Reading:
         return questions
 
 
-def _missing(sample: _Sample, columns: dict[str, str], measured: set[str]) -> tuple[float, ...]:
-    """Return whole numbers far outside the others, which stand for missing cells in all columns."""
+def _missing(sample: _Sample, columns: ColumnByQuantity, measured: set[str]) -> tuple[float, ...]:
+    """Return whole numbers far outside the others, which stand for missing cells in all columns.
+
+    They are searched in the columns of the ``measured`` quantities and in latitude and longitude.
+    """
     names = sorted((measured | {*GEODETIC[:2], "speed", *_VELOCITY}) & columns.keys())
     values = {name: sample.numbers(columns[name]) for name in names}
     if "latitude" in values and "longitude" in values:
-        fixed = ~no_fix(values["latitude"], values["longitude"], UNITS["deg"])
-        values = {name: column[fixed] for name, column in values.items()}
+        has_fix = ~no_fix(values["latitude"], values["longitude"], UNITS["deg"])
+        values = {name: column[has_fix] for name, column in values.items()}
     codes: list[float] = []
     far = {name: outlying(column) for name, column in values.items()}
     for name in sorted(values.keys() & (measured | {*GEODETIC[:2]})):

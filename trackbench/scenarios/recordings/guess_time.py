@@ -1,4 +1,4 @@
-"""Guess of how a table writes its times: the form of dates, or the unit of numbers."""
+"""Guess of how a table writes its dates and times of day."""
 
 import re
 from collections.abc import Sequence
@@ -10,7 +10,6 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import UNITS
 from trackbench.scenarios.recordings.csv_tables import number, parse_cells
 from trackbench.scenarios.recordings.dates import instant, is_instant
 from trackbench.scenarios.recordings.rows import usual_interval
@@ -52,11 +51,6 @@ _DIGITS_ALONE = re.compile(r"(%[YymdHMS])+(\.?%f)?")
 _YEARS = (1950, 2100)
 _LEAST_SECONDS = 10
 _STEADIER = 5.0  # times, as the ratio of largest and usual interval, so that an order is decided
-_SIZES = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
-"""Numbers since 1970 from 1973 on, in units that make them so large."""
-_SLOW = 0.1  # m/s: few targets are slower
-_FAST = 2e4  # m/s: no target is faster
-_LONG = 50.0  # s: usual interval from which on a smaller unit may be meant
 
 
 class DateForm(NamedTuple):
@@ -82,20 +76,24 @@ def date_form(path: str, times: Sequence[str], dates: Sequence[str], line: int) 
     cells = list(times)
     if dates:
         cells = [f"{date} {time}" for date, time in zip(dates, times, strict=True)]
-    if not parse_cells(number, [cell.replace(",", ".") for cell in times])[1]:
+    _, no_numbers = parse_cells(number, [cell.replace(",", ".") for cell in times])
+    if not no_numbers:
         is_stamp = all(map(_STAMP.fullmatch, times))
         # Hours, minutes and seconds in one number, 235959.0, whose seconds take many values.
         clocks = [match for match in map(_CLOCK.fullmatch, times) if match]
-        least = 1 if dates else _LEAST_SECONDS
-        is_clock = len(clocks) == len(times) and len({match[2] for match in clocks}) >= least
+        seconds = {match[2] for match in clocks}
+        fewest = 1 if dates else _LEAST_SECONDS
+        is_clock = len(clocks) == len(times) and len(seconds) >= fewest
         if not (is_stamp or is_clock):
             return DateForm()
     elif is_instant(cells[0]):
         return DateForm(is_date=True)
     found = _fitting_forms(cells)
     if not found:
+        # Dates of an unknown form are reported when the times are read.
         is_number = not dates and all(map(_is_number, times))
         return DateForm(is_date=not is_number)
+    # 10:30 may be minutes and seconds, too; the usual speed decides later.
     other = ""
     if "%H:%M" in found and "%M:%S" in found:
         other = "%M:%S"
@@ -107,7 +105,7 @@ def date_form(path: str, times: Sequence[str], dates: Sequence[str], line: int) 
     )
     for form in others:
         if np.array_equal(found[form] - found[form][0], found[first] - found[first][0]):
-            continue
+            continue  # the same times since the first one
         falls, gap = _unsteady(found[first])
         other_falls, other_gap = _unsteady(found[form])
         if falls == other_falls and other_gap < _STEADIER * gap:
@@ -136,6 +134,7 @@ def _fitting_forms(cells: Sequence[str]) -> dict[str, Array]:
     for form in _FORMS:
         if form.endswith("%f") and form[:-3] in found:
             continue  # no cell has digits behind its seconds
+        # Most forms do not fit the first cell.
         if not all(_has_digits_of(form, cell) for cell in cells[:1]):
             continue
         values, mistakes = parse_cells(partial(instant, form=form), cells[:1])
@@ -158,20 +157,22 @@ def _has_digits_of(form: str, cell: str) -> bool:
     """
     for form_part, cell_part in zip(form.split(" "), cell.split(" "), strict=False):
         if not _DIGITS_ALONE.fullmatch(form_part) or len(form_part) == 2:
-            continue
+            continue  # a part with separators, such as %H:%M, or a single number
         digits = len(re.match(r"\d*", cell_part)[0])  # type: ignore[index]
         wanted = form_part.count("%Y") * 4 + 2 * len(re.findall("%[ymdHMS]", form_part))
         least = wanted
         most = wanted
         if form_part.startswith("%H"):
-            least = wanted - 1
+            least = wanted - 1  # 93000 is 9:30:00
         elif form_part.endswith("S%f"):
             least = wanted + 1
             most = wanted + 6
         if not least <= digits <= most:
             return False
         if "%Y" in form_part:
-            place = re.sub("%Y.*", "", form_part).count("%") * 2
+            place = (
+                re.sub("%Y.*", "", form_part).count("%") * 2
+            )  # two digits for each number before
             if not _YEARS[0] <= int(cell_part[place : place + 4]) <= _YEARS[1]:
                 return False
     return True
@@ -184,24 +185,3 @@ def _unsteady(times: Array) -> tuple[bool, float]:
     if not len(intervals):
         return falls, 1.0
     return falls, float(intervals.max(initial=0.0)) / usual_interval(times)
-
-
-def unit_by_size(times: Array) -> str | None:
-    """Guess the unit of times since 1970 that are too large for seconds."""
-    latest = float(np.nanmax(np.abs(times), initial=0.0))
-    for size, unit in _SIZES:
-        if latest > size:
-            return unit
-    return None
-
-
-def unit_by_speed(times: Array, speed: float) -> str | None:
-    """Guess the unit of times that would give a usual speed, where seconds would not."""
-    if speed > _FAST and times.min() > 2e4 and times.max() < 8e5:
-        return "d"  # as spreadsheets count them: from 1900, or MATLAB, from the year 0
-    if speed >= _SLOW or usual_interval(times) < _LONG or (times % 1.0).any():
-        return None
-    for unit in ("ms", "us", "ns"):
-        if speed / UNITS[unit] >= _SLOW:
-            return unit
-    return None

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import GEODETIC, UNITS, Naming
+from trackbench.scenarios.recordings.column_mapping import GEODETIC, Naming
 from trackbench.scenarios.recordings.column_names import heading_of
 from trackbench.scenarios.recordings.csv_tables import first_rows, number, parse_cells
 from trackbench.scenarios.recordings.guess_format import Guess, recognized
@@ -31,12 +31,14 @@ class TruthGuess:
     """latitude and longitude of its first position, deg; empty without one"""
 
 
-def recognized_truth(path: str, guess: Guess, given: Naming | None = None) -> TruthGuess:
-    """Guess the columns of a truth of the measurements in ``guess``; ``given`` keys are not guessed.
+def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None) -> TruthGuess:
+    """Guess the columns of a truth of the measurements in ``guess``.
+
+    Keys that are set in ``user_naming`` are not guessed.
 
     Raises DataError if the table has no time or no positions.
     """
-    found = recognized(path, given)
+    found = recognized(path, user_naming)
     if [sensor.quantities for sensor in found.sensors] != [("x", "y")]:
         measured = ", ".join(dict.fromkeys(sensor.kind for sensor in found.sensors))
         what = f"a truth has positions, x and y or latitude and longitude, and this file {measured}"
@@ -83,5 +85,5 @@ def _unit_of_heading(path: str, found: Guess, column: str) -> str:
     place = found.names.index(column)
     cells = [row[place] for row in first_rows(path, found.naming.format, _SAMPLE)]
     values, _ = parse_cells(number, [cell.replace(",", ".") for cell in cells])
-    is_wide = float(np.nanmax(np.abs(values), initial=0.0)) * UNITS["rad"] > 2.0 * np.pi
-    return "deg" if is_wide else "rad"
+    largest = float(np.nanmax(np.abs(values), initial=0.0))
+    return "deg" if largest > 2.0 * np.pi else "rad"

@@ -132,25 +132,25 @@ class Candidate:
 
 
 def likely_units(
-    numbers: Numbers, given: Mapping[str, str], clocks: Mapping[str, tuple[float, float]] = {}
+    numbers: Numbers, known_units: Mapping[str, str], clocks: Mapping[str, tuple[float, float]] = {}
 ) -> list[Candidate]:
     """Return the likeliest choices of units, the best first.
 
-    ``given`` are the known units by quantity. ``clocks`` are other possible forms of dates, each with
-    its factor on the times and the points against it.
+    ``known_units`` are units by quantity that need no guess. ``clocks`` are other possible forms of
+    dates, each with its factor on the times and the points against it.
     """
     candidates: list[Candidate] = []
-    times = list(_times(numbers, given, clocks))
+    times = list(_times(numbers, known_units, clocks))
     for (place, as_angle, place_points), (time, seconds, time_points) in product(
-        _places(numbers, given), times
+        _places(numbers, known_units), times
     ):
-        meters = _meters(numbers.place, place, as_angle, given)
+        meters = _meters(numbers.place, place, as_angle)
         moves = _Moves.of_rows(numbers.time * seconds, meters)
         points = place_points + time_points
         points += _points_of_speed(moves.usual_speed, as_angle)
         points += _points_of_interval(numbers.time * seconds, as_angle)
-        for speed, speed_points, agrees in _speeds(numbers, given, moves, as_angle):
-            course, same_way = _course(numbers, given, moves, agrees)
+        for speed, speed_points, agrees in _speeds(numbers, known_units, moves, as_angle):
+            course, same_way = _course(numbers, known_units, moves, agrees)
             candidates.append(
                 Candidate(
                     time=time,
@@ -168,7 +168,7 @@ def likely_units(
     # Other lengths are likely only if a speed agrees.
     best: dict[tuple[str, str], Candidate] = {}
     for candidate in candidates:
-        is_length = not candidate.as_angle and candidate.place not in ("m", *given.values())
+        is_length = not candidate.as_angle and candidate.place not in ("m", *known_units.values())
         if candidate.agrees or not is_length:
             best.setdefault(candidate.key, candidate)
     ranked = list(best.values())
@@ -183,11 +183,12 @@ def is_usual_speed(speed: float) -> bool:
 
 
 def _times(
-    numbers: Numbers, given: Mapping[str, str], clocks: Mapping[str, tuple[float, float]]
+    numbers: Numbers, known_units: Mapping[str, str], clocks: Mapping[str, tuple[float, float]]
 ) -> Iterator[tuple[str, float, float]]:
     """Yield units of the time, their factor to seconds, and points against them.
 
-    The arguments are those of `likely_units`.
+    Dates have no unit: in its place stands the form of the dates, empty for the usual one. The
+    arguments are those of `likely_units`.
     """
     if numbers.dated:
         yield "", 1.0, clocks.get("", (1.0, 0.0))[1]
@@ -195,8 +196,8 @@ def _times(
             if form:
                 yield form, factor, points
         return
-    if "time" in given:
-        yield given["time"], UNITS[given["time"]], 0.0
+    if "time" in known_units:
+        yield known_units["time"], UNITS[known_units["time"]], 0.0
         return
     finite = numbers.time[np.isfinite(numbers.time)]
     largest = float(np.abs(finite).max(initial=0.0))
@@ -233,14 +234,14 @@ def _whole_seconds_of_days(times: Array) -> bool:
     return bool((np.abs(seconds - np.rint(seconds)) < 0.09).mean() > 0.95)
 
 
-def _places(numbers: Numbers, given: Mapping[str, str]) -> Iterator[tuple[str, bool, float]]:
+def _places(numbers: Numbers, known_units: Mapping[str, str]) -> Iterator[tuple[str, bool, float]]:
     """Yield possible units of the position, whether each is of angles, and the points against it.
 
-    ``given`` are the known units by quantity.
+    ``known_units`` are units by quantity that need no guess.
     """
     if not numbers.is_angle:
         is_ais = bool(numbers.words.intersection(_AIS))
-        known = given.get("x", given.get("range"))
+        known = known_units.get("x", known_units.get("range"))
         if known:
             yield known, False, 0.0
         else:
@@ -248,8 +249,8 @@ def _places(numbers: Numbers, given: Mapping[str, str]) -> Iterator[tuple[str, b
         if known is None and _may_be_degrees(numbers):
             yield "deg", True, 0.0 if is_ais else 1.0
         return
-    if "latitude" in given or "longitude" in given:
-        yield given.get("latitude", given.get("longitude", "deg")), True, 0.0
+    if "latitude" in known_units or "longitude" in known_units:
+        yield known_units.get("latitude", known_units.get("longitude", "deg")), True, 0.0
         return
     longitude, latitude = _largest_sizes(numbers.place)
     is_whole = not (numbers.place[np.isfinite(numbers.place)] % 1.0).any()
@@ -309,10 +310,10 @@ def _may_be_degrees(numbers: Numbers) -> bool:
     return longitude <= 181.0 and latitude <= 91.0
 
 
-def _meters(place: Array, unit: str, as_angle: bool, given: Mapping[str, str]) -> Array:
+def _meters(place: Array, unit: str, as_angle: bool) -> Array:
     """Return positions ``place`` (n, R), in ``unit``, in meters.
 
-    Angles are converted near the middle latitude of the positions.
+    If they are longitude and latitude (``as_angle``), they are converted near their middle latitude.
     """
     if not as_angle:
         return place * UNITS[unit]
@@ -422,19 +423,19 @@ def _points_of_interval(times: Array, is_gps: bool) -> float:
 
 
 def _speeds(
-    numbers: Numbers, given: Mapping[str, str], moves: _Moves, as_angle: bool
+    numbers: Numbers, known_units: Mapping[str, str], moves: _Moves, as_angle: bool
 ) -> Iterator[tuple[str, float, bool]]:
     """Yield units of the measured speed, with points against each and whether it agrees.
 
     The first units are those in which the speed agrees with that of the ``moves``. The last one is the
-    given unit, or none, with points for a disagreement. ``as_angle`` if positions are angles.
+    known unit, or none, with points for a disagreement. ``as_angle`` if positions are angles.
     """
     shown = _shown_speed(numbers)
     if shown is None:
         yield "", 0.0, False
         return
     ratio = _ratio(shown, moves)
-    known = given.get("speed", given.get("vx"))
+    known = known_units.get("speed", known_units.get("vx"))
     agreeing = []
     for unit, points in SPEED_UNITS.items():
         if known is not None and unit != known:
@@ -479,12 +480,12 @@ def _ratio(shown: Array, moves: _Moves) -> float:
 
 
 def _course(
-    numbers: Numbers, given: Mapping[str, str], moves: _Moves, agrees: bool
+    numbers: Numbers, known_units: Mapping[str, str], moves: _Moves, agrees: bool
 ) -> tuple[str, bool]:
     """Return the unit in which the course is best the direction of the ways, and whether it agrees.
 
-    ``agrees`` is that of the speed. A measured velocity has no unit of a course, but its direction is
-    compared, too.
+    The ways are those of ``moves``. Without a speed that agrees with theirs (``agrees``) the course is
+    not compared. A measured velocity has no unit of a course, but its direction is compared, too.
     """
     if numbers.velocity is not None:
         # North may stand before east.
@@ -492,9 +493,9 @@ def _course(
         swapped = _cosine(numbers.velocity[::-1], moves)
         return "", agrees and cosine >= _SAME_WAY and cosine > swapped - 0.01
     if numbers.course is None or numbers.speed is None or not agrees:
-        return given.get("course", ""), False
+        return known_units.get("course", ""), False
     largest = float(np.nanmax(np.abs(numbers.course), initial=0.0))
-    units = [given["course"]] if "course" in given else COURSE_UNITS
+    units = [known_units["course"]] if "course" in known_units else COURSE_UNITS
     best = ""
     cosine = -1.0
     for unit in units:

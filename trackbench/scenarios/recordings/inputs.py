@@ -211,6 +211,7 @@ def _rounded_up(length: float) -> float:
 def aligned_with(inputs: KnownInputs, steps: Index) -> KnownInputs:
     """Return the inputs for the clock's ``steps``, which begin earlier; the steps before have none."""
     added = len(steps) - inputs.values.shape[1]
+    # The first step with inputs, `inputs.first`, may have another number among ``steps``.
     shift = int(steps[0]) + added - inputs.first
     values = np.pad(inputs.values, [(0, 0), (added, 0)], constant_values=np.nan)
     return replace(

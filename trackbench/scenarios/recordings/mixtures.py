@@ -1,7 +1,7 @@
 """Columns whose words split the rows of one run: several targets or several sensors in one table."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Literal
 
 import numpy as np
@@ -82,23 +82,26 @@ def may_split(name: str, cells: Sequence[str]) -> bool:
     """
     words = {cell for cell in cells if cell}
     role = role_of(name)
-    if role == "quality" or any(
-        re.fullmatch(r"[-+]?\d*[.,]\d+([eE][-+]?\d+)?", word) for word in words
-    ):
+    if role == "quality" or _has_decimals(words):
         return False
     if role:
         return 0 < len(words) < len(cells)
     if not 2 <= len(words) <= _MOST_WORDS or len(cells) < 2 * len(words):
         return False
+    # Many different numbers are rather measured ones.
     return len(words) <= _MOST_NUMBERS or not all(map(is_value, words))
+
+
+def _has_decimals(words: Collection[str]) -> bool:
+    """Test whether a word is a number with decimals, such as 0.5 or 1,5e3."""
+    return any(re.fullmatch(r"[-+]?\d*[.,]\d+([eE][-+]?\d+)?", word) for word in words)
 
 
 def is_word_column(cells: Sequence[str]) -> bool:
     """Test whether the cells of a column are a few repeated words, which are no measured numbers."""
     words = {cell for cell in cells if cell}
-    has_decimals = any(re.fullmatch(r"[-+]?\d*[.,]\d+([eE][-+]?\d+)?", word) for word in words)
     filled = sum(cell != "" for cell in cells)
-    return not has_decimals and 0 < len(words) <= _MOST_WORDS and filled >= 2 * len(words)
+    return not _has_decimals(words) and 0 < len(words) <= _MOST_WORDS and filled >= 2 * len(words)
 
 
 def split_by(codes: Index, time: Array, values: Array) -> Split:
@@ -127,7 +130,7 @@ def split_by(codes: Index, time: Array, values: Array) -> Split:
                 continue
             away = _distances_from_line(time, values, first, other)
             if away.shape[1] < min(_FEWEST, len(other) - 1):
-                continue
+                continue  # too few rows of the other part lie between rows of the first
             compared += 1
             middle = np.median(away, axis=1)
             noise = np.maximum(sizes[i], sizes[j])

@@ -122,6 +122,7 @@ def _merge_equal_times(
         return rows.at(last)
     if way == "mean":
         means = _mean_of_groups(rows.values, first, group, difference)
+        # A mean is known when the last of its rows has been received.
         received = np.maximum.reduceat(rows.received, first)
         return rows.at(first)._replace(values=means, received=received)
     return rows._replace(time=_spread_times(rows, first, last, group))

@@ -186,7 +186,7 @@ class Gathered:
             unit = self.naming.units["time"]
             what = f"{clock} has {clock_type}, which have no unit"
             raise columns.mistake(f"{what}: leave `time: {unit}` out of `units`")
-        # Seconds: dates after the first one, times by their unit; steps stay numbers.
+        # Seconds: dates after the first one, times by their unit; numbers of steps are returned as such.
         time = table.columns[clock]
         if parts and stepped:
             what = f"{clock} has numbers of steps, to which `columns: {{{parts[0]}: ...}}` adds nothing"
@@ -248,13 +248,14 @@ _EPOCHS = {"ms": 1e12, "us": 1e15, "ns": 1e18}
 def _way_to_read_time(value: float) -> str:
     """Return the advice on a number that is too large for seconds: a form of dates, or another unit."""
     digits = f"{value:.0f}"
+    # A date has 12 digits or more: 202504031000 is 2025-04-03 10:00.
     for length, form in _STAMPS:
         month = int(digits[4:6] or 0)
         day = int(digits[6:8] or 0)
         is_date = 1 <= month <= 12 and 1 <= day <= 31
         if len(digits) == length and digits[:2] in ("19", "20") and is_date:
             return f'it looks like a date, say `time_format: "{form}"`'
-    # The unit in which it is a time since 1970.
+    # The unit in which it is a time since 1970, which now are some 1.8e12 ms.
     unit = "ns"
     for epoch_unit, size in _EPOCHS.items():
         if 0.5 * size <= abs(value) <= 5.0 * size:
@@ -267,6 +268,7 @@ def _clock_type(stepped: bool, dated: str) -> str:
     """Return the words for the times of a file: numbers of steps, dates or seconds."""
     if stepped:
         return "numbers of steps"
+    # "date", "date with a zone", or empty
     return dated.replace("date", "dates") or "seconds"
 
 
@@ -506,7 +508,7 @@ def _check_label(
     words = table.words[label]
     if not len(runs):
         return
-    empty = words.index("") if "" in words else -1
+    empty = words.index("") if "" in words else -1  # code of empty cells; none has -1
     is_longest = (runs == np.bincount(runs).argmax()) & (codes != empty)
     rows = np.flatnonzero(is_longest)
     found, counts = np.unique(codes[rows], return_counts=True)
@@ -515,7 +517,9 @@ def _check_label(
     is_repeated = len(found) >= 2 and len(rows) >= 2 * len(found) and (counts > 1).sum() > 1
     if not (is_repeated and len(values)):
         return
+    # The role is "target", "sensor", "place" or "quality", empty if the column's name does not say it.
     role = role_of(label)
+    # The split is "apart", "errors" (of different sizes), "one" or "unknown".
     split = split_by(codes[rows], time[rows], values)
     # Parts that differ by the size of their errors alone are sensors only if they take turns.
     is_mixed = split == "apart" or (split == "errors" and is_regular(codes[rows], time[rows]))
@@ -560,6 +564,7 @@ def _frames_of_runs(
     if gathered.origin is None:
         gathered.origin = _origin_at(places, int(known[0]))
         gathered.first_position = f"{Path(columns.path).name}:{table.lines[known[0]]}"
+    # The first position is recorded only if it serves as the origin.
     is_given = not gathered.first_position
     # Step 2: runs that begin far from it have an origin of their own, unless it is given.
     numbers, first = np.unique(runs[known], return_index=True)
@@ -614,6 +619,7 @@ def _check_distances(
     if not len(known):
         return
     away = _distances(places, known, frame.origin)
+    # The first position is recorded only if it serves as the origin.
     is_given = not gathered.first_position
     limit = f"a plane serves for {MOST_DISTANCE / 1e3:.0f} km"
     if is_given and away[0] > _NEAR_ORIGIN:
@@ -719,7 +725,9 @@ def _find_sensor_rows(
         gathered.notices.append(
             f"{left_out} rows of {', '.join(strange)[:80]} were left out (`sensors`)"
         )
-    code = table.words[column].index(known[m]) if known[m] in words else -1
+    code = -1  # no row has this code
+    if known[m] in words:
+        code = table.words[column].index(known[m])
     return np.asarray(table.columns[column] == code)
 
 

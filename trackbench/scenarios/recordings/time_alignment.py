@@ -341,10 +341,15 @@ def _first_names(names: Sequence[str]) -> str:
 
 
 def _plain_spelling(name: str) -> str:
-    """Return a run's name without zeros before numbers, signs, spaces and capital letters."""
+    """Return a run's name without zeros before numbers, signs and capital letters.
+
+    The name Run-007 becomes ``run 7``.
+    """
     words = []
     for word in re.findall(r"[^\W\d_]+|[0-9]+", name.casefold()):
-        words.append(word.lstrip("0") or "0" if word.isdigit() else word)
+        if word.isdigit():
+            word = word.lstrip("0") or "0"
+        words.append(word)
     return " ".join(words)
 
 

@@ -47,7 +47,8 @@ def contradictions(
     if axes is None:
         return []
     # Step 1: a sample of the steps with a truth.
-    known = np.flatnonzero(np.isfinite(truth[axes[0][0]]).any(axis=-1))
+    row_of_x, _ = axes[0]
+    known = np.flatnonzero(np.isfinite(truth[row_of_x]).any(axis=-1))
     chosen = known[np.linspace(0, len(known) - 1, min(len(known), _MOST_STEPS)).astype(int)]
     texts = []
     sensors = sensors_of(sensor)
@@ -63,8 +64,9 @@ def contradictions(
     # Step 3: the other way to count angles, or the reflection or turn, with which they agree.
     for number, sensor_rows, size in suspects:
         rows = range(len(sensor.components))[sensor_rows]
+        # A component of several sensors has the sensor's number before its name: 2.azimuth.
         angles = [row for row in rows if sensor.components[row].rpartition(".")[2] in _AZIMUTHS]
-        remaining = {}
+        remaining = {}  # median distance by each way
         if angles:
             for way, (sign, offset) in _ANGLES.items():
                 recounted = measurements.copy()
@@ -95,7 +97,10 @@ def contradictions(
 
 
 def _axes_of(components: Sequence[str]) -> tuple[tuple[int, int], ...] | None:
-    """Return the rows of x and y, and of their velocities, in a state; None if the state has no x."""
+    """Return the rows of x and y, and of their velocities, in a state; None if it has no position.
+
+    The first pair is that of the position.
+    """
     if not {"px", "x"} & {*components}:
         return None
     axes = []

@@ -137,7 +137,10 @@ class GaussianStart(NormalStart):
     def prior(
         self, opening: InitialScans, sensor: Sensors, nominal: Array | None, rng: Streams
     ) -> Distribution:
-        """Return the distribution that the truth was drawn from, or one about a draw about the truth."""
+        """Return the distribution about ``nominal``, from which the truth was drawn.
+
+        If the truth was not drawn, ``nominal`` is None, and the prior's mean is drawn about the truth.
+        """
         if nominal is not None:
             return Gaussian(nominal, self._cov)
         mean = Gaussian(opening.truth, self._cov).sample(rng)
@@ -225,6 +228,7 @@ class MixtureStart(FixedStart):
             try:
                 parts.append(part.for_state(components))
             except InvalidKeyError as error:
+                # The part's error has the path (start, KEY).
                 raise InvalidKeyError(str(error), "start", "parts", i, *error.path[1:]) from None
         return replace(self, parts=tuple(parts))
 

@@ -282,7 +282,10 @@ class Scored(NamedTuple):
     """standard deviation of a position by one measurement, m"""
 
     def peak_metrics(self, peaks: Mapping[str, Array]) -> dict[str, Array]:
-        """Return ``peak_position``, m, (M,) in each window, and ``beyond_10_sigma`` (M,)."""
+        """Return ``peak_position``, m, (M,) in each window, and ``beyond_10_sigma`` (M,).
+
+        ``peaks`` (M,) are each run's largest errors of position, m, by window.
+        """
         metrics = {in_window("peak_position", name): peak for name, peak in peaks.items()}
         # 1 beyond the limit, 0 within; NaN if the peak is NaN.
         whole_peak = peaks[""]
@@ -297,13 +300,14 @@ class Scored(NamedTuple):
 
         A run has settled at the first scored step from which on the error is at most ``limit`` up to the
         stretch's end. Its time, s, counts from the stretch's beginning; NaN if it has not settled, or
-        without an error.
+        without an error. ``stretches`` have their begin and end, s, by name.
         """
         metrics: dict[str, Array] = {}
         for name, (begin, end) in stretches.items():
             after = self.windows[""] & (self.times >= begin) & (self.times <= end)
             if not after.any():
                 continue  # shorter than the sampling time
+            # First row from which on the error is within the limit; one after the last row if none is.
             row = settled_row(error[after] > limit)
             seconds = np.append(self.times[after] - begin, np.nan)[row]
             not_settled = (row == after.sum()).astype(float)
@@ -399,9 +403,10 @@ class Schedule(NamedTuple):
         # Recorded data number the steps: only the last one can be chosen.
         if self.first:
             raise InvalidKeyError("the recorded data say it", "first")
-        steps = recorded.steps[self.skipped + 1 :]
-        if self.last is not None and not steps[0] <= self.last <= steps[-1]:
-            what = f"what is recorded is measured in steps {steps[0]} to {steps[-1]}"
+        # The step of the first state is not measured, or the start uses up its scan.
+        measured = recorded.steps[self.skipped + 1 :]
+        if self.last is not None and not measured[0] <= self.last <= measured[-1]:
+            what = f"what is recorded is measured in steps {measured[0]} to {measured[-1]}"
             raise InvalidKeyError(what, "last")
         taken = len(self.of_recorded(recorded).steps) - self.skipped
         if taken > MOST_STEPS:

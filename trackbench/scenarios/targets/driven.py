@@ -95,7 +95,7 @@ class Driven(Target):
     def components(self) -> tuple[str, ...]:
         """Position and velocity, or the scalar that the motion has."""
         motion = self.motion.sampled(1.0, self.axes)
-        # The motion's last components may be noise of its own.
+        # The motion's last components may be its own, which the truth leaves out.
         number = len(motion.components) - len(extra_std(motion))
         return motion.components[:number]
 
@@ -143,6 +143,6 @@ class Driven(Target):
             if i > 0 or scans:
                 noise = rng.standard_normal((n_z, runs))
                 measurements.append(sensor.measure(truth[-1], k, noise, rng, certain=i < scans))
-        # Without the components of noise.
+        # Without the components that the motion has beyond the target's.
         states = np.stack([x[:n] for x in truth], axis=1)
         return Flight(truth=states, measurements=np.stack(measurements, axis=1))

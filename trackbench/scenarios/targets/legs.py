@@ -53,6 +53,7 @@ class Onsets:
         alarms per 1000 quiet samples in the quiescent mode.
         """
         is_on = mode > 0.5  # the prior's row is NaN: off
+        # The estimate of an alarm counts until the next one.
         estimated_onset = None
         if age is not None:
             estimated_onset = _carry_last(self.times[:, None] - age)
@@ -90,7 +91,9 @@ class Onsets:
         alarm, and without it each switching on is one.
         """
         was_off = np.vstack([np.ones_like(is_on[:1]), ~is_on[:-1]])
-        raised = is_on & was_off if alarm is None else alarm > 0.0
+        raised = is_on & was_off
+        if alarm is not None:
+            raised = alarm > 0.0
         quiet = self.quiet[:, None] & was_off
         return np.asarray(1000.0 * (raised & quiet).sum(axis=0) / quiet.sum(axis=0))
 
@@ -182,6 +185,7 @@ class Legs(Flown):
             caution = turn_caution(f"leg {n}", leg.turn_rate_deg_s, timeline.times)
             if caution:
                 notes.append(caution)
+            # (vx, vy) at the leg's start: a turn is in the plane.
             velocity = self.states(np.array([leg.start]))[1:4:2, 0]
             if not velocity.any():
                 what = f"leg {n} turns a target that stands still, which changes nothing"
@@ -316,7 +320,10 @@ _LEGS_KEY = ("target", "legs")
 
 
 def _accelerated(start: Array, legs: list[Leg], times: Array, begun: float) -> Array:
-    """Return the states (n, K) at ``times`` (K,) of a target in ``start`` (n,) at time ``begun``."""
+    """Return the states (n, K) at ``times`` (K,) of a target in ``start`` (n,) at time ``begun``.
+
+    ``legs`` are those that accelerate it from then on.
+    """
     t = times - begun
     rows = []
     for axis, (p, v) in enumerate(zip(start[0::2], start[1::2], strict=True)):
@@ -408,7 +415,7 @@ class RandomLegs(Target):
         return measured_along(truth, timeline, sensor, rng, scans, runs)
 
     def _flown(self, steps: int, T: float, rng: Streams, runs: int) -> Array:
-        """Draw states (4, K, M)."""
+        """Draw states (4, K, M) at K = ``steps`` steps, T s apart, of M = ``runs`` runs."""
         # Step 1: draw the shares of the first state, and each leg's length and accelerations.
         x_share, y_share, speed_share, heading_share, number_share = rng.random((5, runs))
         number = _uniform_whole(self.legs, number_share)

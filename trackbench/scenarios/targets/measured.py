@@ -357,8 +357,12 @@ class Measured(FromFiles, Naming, Target):
         )
 
     def _read_inputs(self, gathered: Gathered) -> tuple[Gathered, InputRows]:
-        """Read the rows of the inputs, from their own file or that of the measurements."""
+        """Read the rows of the inputs, from their own file or that of the measurements.
+
+        Return the data gathered about their file, and their rows.
+        """
         path = self.input_file or self._measurement_files[0]
+        # The empty name stands for no column: the inputs belong to no sensor.
         columns = {**self.columns, **self.input, "sensor": ""}
         naming = Naming(
             columns=columns,
@@ -380,7 +384,7 @@ class Measured(FromFiles, Naming, Target):
         names = [*self.input]
         (rows,) = read_rows(gathered_inputs, [path], [names])
         # Number the runs as those of the measurements; inputs without names of runs are those of all.
-        is_shared = gathered_inputs.runs == [ONE_RUN]
+        is_shared = gathered_inputs.runs == [ONE_RUN]  # the name of a run without a name
         chosen = [] if is_shared else gathered.runs
         without = [name for name in chosen if name not in gathered_inputs.runs]
         if without:
@@ -469,7 +473,7 @@ class Measured(FromFiles, Naming, Target):
         return truth
 
     def start(self, timeline: Timeline) -> Array:
-        """Return the position of the first scan, as the true state is unknown."""
+        """Return NaN: nothing is configured about the first state."""
         return np.full(len(self.components), np.nan)
 
     def path(self, timeline: Timeline) -> Array:
@@ -479,7 +483,10 @@ class Measured(FromFiles, Naming, Target):
     def fly(
         self, start: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int
     ) -> Flight:
-        """Return the recorded runs of these numbers; a run beyond the last is empty."""
+        """Return the recorded runs with the numbers of the streams ``rng``.
+
+        Nothing is drawn: a run beyond the last recorded one has no measurements.
+        """
         recording = self._recording
         steps = len(timeline.steps)
         measurements = np.concatenate([recording.scans, recording.measurements], axis=1)
