@@ -83,7 +83,7 @@ def measure(
         for i in turn:
             filter_pass = passes[i]
             if isinstance(filter_pass, _Pass):
-                passes[i] = _call_guarded(guard, filter_pass.repeated)
+                passes[i] = _call_guarded(guard, filter_pass.time_repeat)
         tick()
     simulate.cache_clear()  # a plugin may have written to the data
     times = []
@@ -136,6 +136,7 @@ class _Pass:
         repeated = {min(max(_FIRST_REPEATED, i), T - 1) for i in evenly_spaced}
         spent: list[float] = []
         state = self._task.filter.init(self._model, prior_of(self._data, self._model), rng)
+        # A pass that takes long ends once there is a state to repeat a step from.
         while len(spent) < T and not (self._states and sum(spent) > _PASS_S):
             i = len(spent)
             if i in repeated:
@@ -157,12 +158,14 @@ class _Pass:
         """Return the state as it is now: objects of one run change with each step."""
         if not self._task.filter.loops_over_runs:
             return state
+        # The second argument keeps the model, which the objects share, from being copied.
         return deepcopy(state, {id(self._model): self._model})
 
-    def repeated(self) -> "_Pass":
-        """Time one of the steps, several times if it is short; return the pass.
+    def time_repeat(self) -> "_Pass":
+        """Repeat one of the stored steps and add its CPU seconds; return the pass.
 
-        The next call times the next of the steps that are repeated.
+        A short step is made several times, and its mean time counts. The next call takes the next of the
+        stored steps.
         """
         stored = list(self._states.items())
         i, state = stored[len(self._seconds) % len(stored)]
@@ -193,6 +196,7 @@ class _Pass:
         # A pass that was cut short is extrapolated by the operations of the other steps.
         weights = _weights(self._operations, len(self._steps))
         block_seconds = pass_seconds / weights[: len(self._spent)].sum() * self._steps_per_step
+        # A coarse clock may show no time at all: nothing is divided by zero.
         median_of_repeat = np.maximum(medians, _LEAST**2)[turns]
         run_seconds = block_seconds / self._task.width * seconds / median_of_repeat
         if not self._operations.any():
@@ -205,7 +209,10 @@ class _Pass:
 
 
 def _weights(counts: Array, T: int) -> Array:
-    """Return the share (T,) of each step in a run's work by its operations (2, steps)."""
+    """Return the share (T,) of each step in a run's work, by the operations ``counts`` (2, steps).
+
+    Steps that were not counted have an average share. So have all if a step has no counted operation.
+    """
     weights = np.full(T, 1.0 / T)
     of_step = counts.sum(axis=0)
     if of_step.all():
