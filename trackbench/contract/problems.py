@@ -274,8 +274,9 @@ def why_not(tracker: AnyFilter, scenario: Scenario) -> str:
     for requirement in tracker.all_requirements:
         if not meets_requirement(scenario, requirement):
             return f"needs {requirement}"
-    for what in filter_conflicts(tracker, scenario).values():
-        return what
+    conflicts = list(filter_conflicts(tracker, scenario).values())
+    if conflicts:
+        return conflicts[0]
     return ""
 
 

@@ -45,6 +45,7 @@ def groups_with_counts() -> str:
         number = len(group_names)
         if group == "metrics":
             number = len(METRICS)  # the names are the common ones alone
+        # Five names and dots; with at most five names the slice drops the dots.
         first_names = ", ".join([*group_names[:5], "..."][:number])
         rows.append((group, f"{number:>3}", first_names))
     return "\n".join(["groups (trackbench list GROUP):", *columns(rows)])
@@ -214,7 +215,7 @@ def _describe_hooks(group: Group) -> str:
 
 def _describe_kind(kind: str, group: Group, cls: type[Part]) -> str:
     """Document a kind: its docstring, keys, presets, notes and explanation."""
-    lines = [f"{kind} ({group[:-1]})", ""]
+    lines = [f"{kind} ({group[:-1]})", ""]  # without the plural's s: filter, target
     lines += [paragraph + "\n" for paragraph in _paragraphs(cls.__doc__ or "")]
     lines += columns(_rows(group, cls))
     for name, keys in cls.presets.items():
