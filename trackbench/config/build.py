@@ -109,6 +109,7 @@ def build(
     if not isinstance(data, dict):
         source.add_problem(keys, f"{shown(data)} is not a mapping")
         return None
+    # The reader collects the components that are built, so that an error in them is known as a plugin's.
     reader = _Reader(source=source, keys=keys, parts=[], path=[])
     try:
         with plugin_code(cls, reader.parts):
@@ -170,8 +171,10 @@ def _build_component(group: Group, data: object, source: Source, keys: Keys) -> 
 def _describe_missing_kind(group: Group, data: object, source: Source, keys: Keys) -> str:
     """Explain that a component needs a kind, and how to write one."""
     what = "needs a kind" if isinstance(data, dict) else "is not a mapping with a kind"
-    what += f", as {{kind: {min(kinds(group), key=len)}}}; see `trackbench list {group}`"
-    # A filter's own model replaces that of the scenario; nothing is inherited.
+    example = min(kinds(group), key=len)
+    what += f", as {{kind: {example}}}; see `trackbench list {group}`"
+    # A filter's own model, at ("filters", LABEL, "assume", ...), replaces that of the scenario; nothing
+    # is inherited.
     scenario_model = ("scenario", "assume", *keys[3:])
     is_filter_model = keys[2:3] == ("assume",)
     if is_filter_model and source.has((*scenario_model, "kind")):
@@ -267,6 +270,7 @@ class _Reader(NamedTuple):
         """Build the component of a mapping; a word is a kind without keys of its own."""
         if isinstance(value, str):
             value = {"kind": value}
+            # The config gets the mapping, too, so that later mistakes find their keys in it.
             if self.source.has(keys):
                 mark = self.source.mark(keys)
                 put(self.source.at(keys[:-1]), keys[-1], marked(value, mark), mark)
@@ -287,7 +291,7 @@ def _make_paths_absolute(cls: type, source: Source, keys: Keys, values: dict[str
         annotations: set[object] = set()
         for annotated_type in get_args(hints_of(cls)[key]):
             annotations |= set(annotations_of(annotated_type))
-        if IS_VARIABLE in annotations:
+        if IS_VARIABLE in annotations:  # names of environment variables are no paths
             continue
         folder = _folder_of(source.mark((*keys, key)))
         may_be_word = IS_WORD in annotations

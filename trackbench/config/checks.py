@@ -92,6 +92,7 @@ def meets_requirement(scenario: Scenario, requirement: str) -> bool:
         return scenario.components == position_velocity_names(2)
     if component == "prior":
         prior_type = scenario.prior_type
+        # A field of a dataclass without a default is no attribute of the class.
         return hasattr(prior_type, name) or name in getattr(prior_type, "__dataclass_fields__", ())
     model_component = getattr(scenario.model, component)
     return any(hasattr(model_component, attribute) for attribute in name.split("|"))
@@ -407,7 +408,7 @@ def with_recorded_runs(source: Source, settings: Settings, points: list[Point]) 
     runs = recorded_runs
     if "runs" in source.data and settings.runs <= recorded_runs:
         runs = settings.runs
-    elif "runs" in source.data and source.mark(("runs",)).file != QUICK:
+    elif "runs" in source.data and source.mark(("runs",)).file != QUICK:  # that of --quick is cut
         what = f"{settings.runs} is more than the {recorded_runs} recorded runs"
         source.add_problem(("runs",), what)
     block = settings.block

@@ -200,7 +200,7 @@ def _check_grid(source: Source, settings: Settings) -> bool:
 
 
 def _has_overlaps(source: Source, grid: dict[str, list[object]]) -> bool:
-    """Add a mistake to the source for two axes that set one value; return True if there are any."""
+    """Add a mistake to the source for each two axes that set one value; return True if there are any."""
     has_overlaps = False
     axis_by_keys: dict[Keys, str] = {}
     for path in grid:
@@ -252,7 +252,9 @@ def axis_values(text: str, mark: Mark) -> Sequence[object]:
     values = []
     for i in range(int(number)):
         share = i / intervals
-        value = low * (high / low) ** share if log else low + (high - low) * share
+        value = low + (high - low) * share
+        if log:
+            value = low * (high / low) ** share
         values.append(float(f"{value:.12g}"))  # 0.3, not 0.30000000000000004
     # Between whole ends, values that are whole except for rounding are whole numbers.
     if isinstance(scalar(first), int) and isinstance(scalar(last), int):

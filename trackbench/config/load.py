@@ -435,6 +435,7 @@ def _read_published(
             labels,
             mark=source.mark(("published",)),
             points=point_values,
+            # A table with the key `of` may show the rows of another experiment.
             also=[str(table.get("of")) for table in settings.tables.values()],
         )
     except UserError as error:

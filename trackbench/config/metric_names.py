@@ -42,7 +42,7 @@ def stored_metrics(settings: Settings, file: str) -> frozenset[str] | None:
     if settings.metrics is None:
         return None
     bases = [measured(name).base for name in settings.metrics]
-    return frozenset(["lost", "gated", *bases])
+    return frozenset(["lost", "gated", *bases])  # the first two are always stored
 
 
 def is_stored(stored: frozenset[str] | None, base: str) -> bool:

@@ -63,6 +63,7 @@ def nearest(word: str, known: Sequence[str]) -> str:
     if len(lower) > 2:
         longer = [other for other in known if other.lower().startswith(lower)]
         if longer:
+            # A metric of the position is meant most often; else the shortest word.
             return min(longer, key=lambda other: ("position" not in other, len(other)))
     near = get_close_matches(word, known, 1, 0.5) or get_close_matches(lower, known, 1, 0.5)
     if not near:
@@ -140,6 +141,7 @@ def _merge_union_problems(problems: Collection[Problem]) -> list[Problem]:
         has_inner_problems = any(p.path.startswith(f"{problem.path}.") for p in problems)
         if verb and has_inner_problems:
             continue
+        # A text on a mapping's type begins with the mapping; that on its kind does not.
         has_problem_of_kind = any(
             p.path == problem.path and not p.what.startswith("{") for p in problems
         )
@@ -292,14 +294,19 @@ def _advise_spelling(type_name: str, value: object) -> str:
     written = value.strip()
     if isinstance(scalar(written), int | float) and not isinstance(scalar(written), bool):
         return f"; write {written} without quotation marks"
+    # 10_000
     if re.fullmatch(r"[-+]?[0-9]+(_[0-9]+)+(\.[0-9]+)?", written):
         return f"; write {written.replace('_', '')}"
+    # 10,000
     if re.fullmatch(r"[-+]?[0-9]{1,3}(,[0-9]{3})+", written) and type_name == "int":
         return f"; write {written.replace(',', '')}"
+    # 0,5
     if re.fullmatch(r"[-+]?[0-9]+,[0-9]+", written):
         return f"; write {written.replace(',', '.')} with a point"
+    # 5 %
     if type_name != "int" and re.fullmatch(r"[0-9]+(\.[0-9]+)?\s*%", written):
         return f"; write the share, {float(written.rstrip('% ')) / 100.0:g}"
+    # 3 km or 20m/s, but neither 0x1f nor 1e5x
     if re.fullmatch(r"[-+]?[0-9]+(\.[0-9]+)?\s*(?![xe])[a-zA-Z%°µ][a-zA-Z0-9%/°²^]*", written):
         return "; write the number alone, in the unit of the key"
     return ""

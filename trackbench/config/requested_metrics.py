@@ -128,7 +128,7 @@ def _requests_of_tuning(settings: Settings) -> Iterator[MetricRequest]:
 
 
 def requests_of(parts: dict[Group, dict[str, Exhibit]]) -> Iterator[MetricRequest]:
-    """Yield the metrics of tables and figures: by keys of a type such as `OfRun`, and by ``needs``."""
+    """Yield the metrics of tables and figures: by keys of a type such as `OfRun`, and by `requires`."""
     for group, built in parts.items():
         for name, part in built.items():
             for word, role in part.requires.items():
@@ -192,7 +192,7 @@ def _why_unknown(request: MetricRequest, names: Names, settings: Settings) -> st
         what = "a log score is a logarithm, and ratios of it mean nothing; take minus(...)"
         return f"'{measure}': {what}"
     if word not in known and not names.has_truth and needs_truth:
-        # Of many similar metrics, only a few are suggested.
+        # Of many similar metrics, only a few are suggested: autocorrelation_1, and not those at 2 to 10.
         rarely_useful = re.compile(r"(bias|std)_.*|lost|autocorrelation_(?!1$).*")
         bases = {measured(name).base for name in known}
         suggested = sorted(name for name in bases if not rarely_useful.fullmatch(name))
@@ -255,7 +255,11 @@ def _why_not_computable(measure: Measure, settings: Settings) -> str | None:
 
 
 def _role_and_name(request: MetricRequest, settings: Settings) -> tuple[str, str]:
-    """Return a requested metric's role in `Names.of`, such as its file, and its name there."""
+    """Return a requested metric's role in `Names.of`, such as its file, and its name there.
+
+    A number at a step is looked up in per_step.csv, a statistic over runs or a win rate in per_run.csv,
+    and a comparison under the expression of one filter.
+    """
     measure = request.measure
     if request.role == "base":
         return "base", measure.base

@@ -354,7 +354,7 @@ class _Assembler:
         if word.endswith((".yaml", ".yml")):
             return self.home / word
         try:
-            return located(Path(word), lambda line: None)
+            return located(Path(word), lambda line: None)  # nothing is printed
         except UserError as error:
             what = "; ".join(p.what if isinstance(p, Problem) else str(p) for p in error.problems)
             mark = self.suite.mark(keys)
@@ -518,7 +518,8 @@ def _fit_roster(
 def _idle_keys(assembled: _AssembledProblem, error: UserError) -> list[Keys]:
     """Return the keys that `--set` gives the user's own filters, and that have no effect here.
 
-    `late` has none where all measurements arrive on time.
+    ``error`` has the mistakes of the problem. The key `late`, for example, has no effect where all
+    measurements arrive on time.
     """
     idle_keys = []
     for problem in error.problems:
@@ -555,7 +556,10 @@ def _leaves_out_owner(problem: FittedProblem, path: str) -> bool:
 
 
 def _misfits(source: Source, error: UserError) -> dict[str, str]:
-    """Return by label why filters do not fit; empty unless each mistake is one of a filter's entry."""
+    """Return by label why filters do not fit; empty unless every mistake is in a filter's entry.
+
+    A mistake of the reference filter, without which the problem cannot be run, also makes it empty.
+    """
     reference = source.data.get("reference")
     reasons: dict[str, str] = {}
     for problem in error.problems:
@@ -572,8 +576,9 @@ def _label_of(source: Source, path: str) -> str | None:
     """Return the label of the filter whose entry ``path`` is or lies in; None if there is none."""
     labels = [*source.data["filters"]]
     labels += [f"{label}, smoothed" for label in source.data.get("smoothed", ())]
-    labels = [label for label in labels if f"{path}.".startswith(f"filters.{label}.")]
-    return max(labels, key=len, default=None)
+    owners = [label for label in labels if f"{path}.".startswith(f"filters.{label}.")]
+    # A label may have dots: of the labels `a` and `a.b` the longer one is meant.
+    return max(owners, key=len, default=None)
 
 
 def _remove_filter(source: Source, label: str) -> None:
@@ -605,7 +610,8 @@ def _filters_without_problem(
     fit. ``added`` are the user's own filters, each of which must fit a problem of any group.
     """
     problems = []
-    for group_name, group in settings.groups.items() if is_whole else ():
+    checked_groups = settings.groups if is_whole else {}
+    for group_name, group in checked_groups.items():
         group_problems = [problem for problem in fitted if problem.group == group_name]
         if not group_problems:
             continue

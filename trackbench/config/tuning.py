@@ -101,6 +101,7 @@ class Axis:
         if self.choices:
             for i, choice in enumerate(self.choices):
                 if choice == value:
+                    # The middle of the choice's part of the axis.
                     return (i + 0.5) / len(self.choices)
             return None
         if not is_number(value) or not self.low <= value <= self.high:
@@ -252,7 +253,10 @@ def _run_metric(measure: Measure) -> str:
 
 
 def bad_terms(metric: str | Mapping[str, float] | None) -> Iterator[tuple[str, str]]:
-    """Yield terms that are no statistic over runs, and why."""
+    """Yield each term of the objective that cannot be minimized, and why.
+
+    It is no statistic over runs, or it is a spread of a metric that is better larger.
+    """
     words = [metric] if isinstance(metric, str) else metric or ()
     for word in words:
         measure = _read_term(word)
