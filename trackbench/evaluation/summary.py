@@ -78,7 +78,7 @@ def merge(blocks: Iterable[BlockResult]) -> FilterResult:
 
 
 def _merged_tracks(parts: list[Tracks]) -> Tracks | None:
-    """Join the tracks of several blocks along the runs."""
+    """Join the tracks of several blocks along the runs; None if no block has any."""
     if not parts:
         return None
     covs = [tracks.cov for tracks in parts if tracks.cov is not None]
@@ -155,7 +155,7 @@ def per_component(m: Measure, sizes: Mapping[str, int]) -> Iterator[tuple[str, i
     """
     if m.steps is not None:
         return
-    _, quantity = m.family
+    quantity = m.quantity
     for metric, name in metrics_of(m.metric):
         if metric.per_component:
             yield in_window(name, m.window), sizes[quantity]
@@ -301,7 +301,7 @@ def exact_rows(
 
 def is_exact(m: Measure) -> bool:
     """Test whether a measure follows from exact mean squares, unlike ``mean(rmse)``, a mean of roots."""
-    metric, _ = m.family
+    metric = m.definition
     is_quadratic = (metric.series or metric.name) in QUADRATIC
     return is_quadratic and m.statistic in ("", TIME_MEAN, metric.over_steps)
 
@@ -355,16 +355,17 @@ def series_of(m: Measure) -> str | None:
 
     A share is what one run contributes to a number over steps. None if the measure has no shares.
     """
-    family, quantity = m.family
+    definition = m.definition
+    quantity = m.quantity
     if m.statistic == TIME_MEAN and not m.steps:
-        if family.name != "rmse":
+        if definition.name != "rmse":
             return None
-        return joined(family.series, quantity)
+        return joined(definition.series, quantity)
     # Only a number at a step of one filter has shares besides a time mean.
-    if m.statistic or not m.steps or family.name == "efficiency":
+    if m.statistic or not m.steps or definition.name == "efficiency":
         return None
-    if family.series:
-        return joined(family.series, quantity)
+    if definition.series:
+        return joined(definition.series, quantity)
     return m.metric
 
 
@@ -374,7 +375,7 @@ def statistic_of(m: Measure) -> str | None:
         return None
     if m.statistic:
         return "mean"
-    return m.family[0].over_runs or "mean"
+    return m.definition.over_runs or "mean"
 
 
 def with_shares(
@@ -418,7 +419,8 @@ def _errors_at_step(
     if number not in steps:
         return None
     row = rows[steps.index(number)]
-    metric, quantity = m.family
+    metric = m.definition
+    quantity = m.quantity
     if metric.over_runs == "rms":
         return np.sqrt(row)
     if metric.per_component:
