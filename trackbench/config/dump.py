@@ -152,6 +152,7 @@ def _components_with_varied_defaults(experiment: Experiment) -> set[Keys]:
         path_keys = split_path(experiment.source, path)
         if path_keys[-1] not in ("kind", "preset"):
             continue
+        # The keys of a component are ("scenario",) or ("filters", LABEL).
         is_of_scenario = path_keys[0] == "scenario"
         components.add(path_keys[:1] if is_of_scenario else path_keys[:2])
     return components

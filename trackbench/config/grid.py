@@ -112,6 +112,7 @@ def combinations(
 ) -> list[Places]:
     """List the points in order, each as the indices of its paths' values.
 
+    ``labels`` are those of the filters, ``reference`` that of the reference filter, if there is one.
     With ``every`` each combination of the values is a point. Otherwise one group of filters is varied at
     a time, and the paths of other groups keep their first values.
     """
@@ -227,6 +228,7 @@ def add_axis(source: Source, text: str) -> None:
     path = dotted(keys)
     if not isinstance(source.data.get("grid"), dict):
         override(source, ("grid",), {}, mark)
+    # A mark without a line is that of an earlier option.
     if path in source.data["grid"] and not source.mark(("grid", path)).line:
         raise UserError(Problem(mark, dotted(("grid", path)), "is given twice"))
     override(source, ("grid", path), axis_values(values, mark), mark)

@@ -240,6 +240,7 @@ def _validate_with_plugin_errors(
     except Exception as error:
         what = foreign_line(error)
         if not what:
+            # Without a line of a plugin only a RunError, which has its own message, is a mistake.
             if not isinstance(error, RunError):
                 raise
             what = str(error)

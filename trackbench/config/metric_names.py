@@ -247,6 +247,7 @@ def _error_series(
     """Yield the names of a filter's series of errors."""
     if not scenario.has_truth:
         return
+    # The names of errors are those at any state.
     origin = np.zeros((len(scenario.components), 1))
     for quantity, error in scenario.errors(origin, origin).items():
         yield joined("squared", quantity)

@@ -184,9 +184,10 @@ def _problems_of(
     for step in steps:
         if source.has((*where, step)):
             where = (*where, step)
-    # Step 2: a key that the dataclass lacks, or that the mapping lacks.
+    # Step 2: a key that the dataclass lacks, or that the mapping lacks: the location ends with it.
     if error_type in ("unexpected_keyword_argument", "extra_forbidden"):
-        owner = _find_dataclass(cls, where[len(keys) : -1], location)
+        keys_of_owner = where[len(keys) : -1]  # below the mapping that was read as ``cls``
+        owner = _find_dataclass(cls, keys_of_owner, location)
         what = _describe_unknown_key(str(location[-1]), owner, also if owner is cls else ())
         return [Problem(source.key_mark(where), dotted(where), what)]
     if error_type == "missing" and isinstance(location[-1], int):
@@ -248,6 +249,7 @@ def _describe_value(
         return "the name of a folder it lies in is not UTF-8, and no config could hold it"
     if isinstance(value, float) and isnan(value):
         return "NaN is not a finite number"
+    # A finite number is one of an interval with infinite ends.
     if isinstance(value, float) and isinf(value) and error_type in ("less_than", "greater_than"):
         return f"{text} is not a finite number"
     # Numbers beyond a limit, words that are not in a list, texts that do not match.

@@ -68,6 +68,7 @@ def _table_components(
     if key == "truth":
         if target.get("state"):
             return [target["state"]]
+        # Another number of axes is a mistake that the validation reports.
         axes = target.get("axes", 2)
         return [position_velocity_names(axes) if axes in (1, 2, 3) else ("x",)]
     # Step 1: build the sensors.

@@ -336,9 +336,10 @@ class _Assembler:
         added = add_filters(source, self.filter_files)
         for text in self.filter_overrides:
             filter_keys, value, mark_of_option = assignment(source, text)
-            if filter_keys[1] not in added:
+            label = filter_keys[1]  # of filters.LABEL.KEY
+            if label not in added:
                 what = (
-                    f"no filter of --filter is called {filter_keys[1]!r}; the rosters are "
+                    f"no filter of --filter is called {label!r}; the rosters are "
                     "`groups.GROUP.filters`"
                 )
                 raise UserError(Problem(mark_of_option, dotted(filter_keys), what))
@@ -383,7 +384,7 @@ class _Assembler:
         elif problem.runs and self.runs is None:
             put(data, "runs", problem.runs, mark)
         else:
-            put(data, "runs", self.settings.runs, mark)
+            put(data, "runs", self.settings.runs, mark)  # that of --runs, if it is given
         # Blocks as wide as the runs need: a suite has few runs, and no more are added later.
         put(data, "block", "fit", mark)
         put(data, "per_step", [], mark)  # no series over time is stored
@@ -539,7 +540,10 @@ def _remove_key(source: Source, keys: Keys) -> None:
 
 
 def _idle_overrides(overrides: Sequence[str], fitted: Sequence[FittedProblem]) -> list[Problem]:
-    """Return a mistake for each key of the user's own filters that has no effect on any problem."""
+    """Return a mistake for each key of the user's own filters that has no effect on any problem.
+
+    ``overrides`` are assignments ``filters.LABEL.KEY=VALUE`` of these keys, ``fitted`` the problems.
+    """
     problems = []
     for text in overrides:
         path = text.partition("=")[0]

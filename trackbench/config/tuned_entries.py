@@ -265,7 +265,8 @@ def tuned_axes(
     _check_tuning(source, settings, points, training)
     axes_by_label: dict[str, tuple[Axis, ...]] = {}
     for label, keys in settings.tune.items():
-        if label not in settings.filters and label != TRAINING_SCENARIO[1]:
+        # An entry `scenario` under `tune` was meant for `tuning`, and gets a message of its own.
+        if label not in settings.filters and label != "scenario":
             add_label_problem(source, settings, ("tune", label), label)
             continue
         what = _why_not_tunable(settings, label, len(keys))

@@ -102,11 +102,11 @@ def turn(problem: ModelDraws, angle: Angle, values: Array, ahead: Array, seed: i
 class _Turning:
     """Turns the prior means (n, M) of a problem about the sensor until an angle has its value.
 
-    ``ahead`` (M,) is the number of steps after which it has this value. The other components that the
-    sensor measures keep their values.
+    The other components that the sensor measures keep their values.
     """
 
     def __init__(self, problem: ModelDraws, angle: Angle, ahead: Array) -> None:
+        """Note the ``angle`` and the number of steps ``ahead`` (M,) after which it has its value."""
         self.model = problem.model
         self.angle = angle
         self.ahead = ahead
@@ -231,7 +231,10 @@ class _Turning:
         return np.stack(derivatives, axis=1)
 
     def rotation(self, n: int, angle: Array) -> Array:
-        """Return matrices (n, n, M) that rotate positions, velocities and accelerations."""
+        """Return matrices (n, n, M) that rotate positions, velocities and accelerations.
+
+        They rotate by ``angle`` (M,), rad, in the plane.
+        """
         G = np.repeat(np.eye(n)[..., None], len(angle), axis=2)
         for i, j in self.planar:
             G[i, i] = np.cos(angle)
@@ -456,6 +459,7 @@ def _compare(tracker: AnyFilter, problem: ModelDraws, angle: Angle) -> _Comparis
     tested = run_filter(tracker, problem, data)
     references = [run_filter(f, problem, data) for f in filters]
     rows = problem.angle_rows
+    # The truth in place of a filter: its covariance is not used.
     truth = Estimates(mean=data.truth, cov=references[0].cov, random=False, series={})
     errors = [deviation(truth, reference, rows) for reference in references]
     best = int(np.argmin([np.median(error) for error in errors]))

@@ -292,6 +292,7 @@ def _check_interval(tracker: AnyFilter, scenario: Scenario) -> None:
     changed_problems: dict[str, Scenario] = {"the interval dt": make_problem(T=4.0)}
     if scenario is PLANAR and runs_on(tracker, UNEQUAL):
         changed_problems["intervals after the first"] = UNEQUAL
+    # The data stay the same: only the times and the model that the filter gets change.
     for name, problem in changed_problems.items():
         if alike(first, run_filter(tracker, problem, data)):
             what = f"the estimates do not depend on {name}: is it ignored?"

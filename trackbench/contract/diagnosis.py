@@ -258,7 +258,8 @@ def mistaken_track(tracker: AnyFilter, problem: Tracking) -> str:
     if np.array_equal(estimates.mean[:, 1], moved_estimates.mean[:, 1]):
         return "the estimates do not depend on the mean of the prior: is it ignored?"
 
-    # Step 2: positions (2, T + 1, M) of the filter, of a prediction alone, and measured.
+    # Step 2: positions (2, T + 1, M) of the filter, of a prediction alone, and measured. They are the
+    # rows 0 and 2 of a state.
     z = data.measurements
     position = estimates.mean[:4:2]
     without_measurements = data._replace(measurements=np.full_like(z, np.nan))

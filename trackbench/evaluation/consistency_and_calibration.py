@@ -41,13 +41,14 @@ _AT_ONCE = 4096
 
 
 class ConsistencySeries:
-    """Normalized errors squared of the whole state and of its marginals, many steps at a time.
-
-    Estimates and truth are ``mean`` and ``truth`` (n, T, M). The caller writes a step's estimate to
-    ``mean`` before it adds the step's covariance.
-    """
+    """Normalized errors squared of the whole state and of its marginals, many steps at a time."""
 
     def __init__(self, scenario: Scenario, mean: Array, truth: Array) -> None:
+        """Begin before the first step.
+
+        Estimates and truth are ``mean`` and ``truth`` (n, T, M). The caller writes a step's estimate to
+        ``mean`` before it adds the step's covariance.
+        """
         self._mean = mean
         self._truth = truth
         self._angles = scenario.angle_rows
@@ -56,8 +57,11 @@ class ConsistencySeries:
         for name, rows in scenario.marginals.items():
             self._rows[f"nees_{name}"] = as_slice(rows)
         self._at_a_time = max(1, _AT_ONCE // mean.shape[-1])
+        """number of steps that one call scores"""
         self._waiting: list[Array] = []
+        """covariances of the steps that wait for a call"""
         self._scored = 0
+        """number of steps scored so far"""
         self._series = {name: np.empty(mean.shape[1:]) for name in self._rows}
         self._unused: dict[str, Array] = {}
 

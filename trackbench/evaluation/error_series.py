@@ -134,7 +134,7 @@ def per_run_metrics(
     metrics = {"lost": lost}
     metrics |= sums.over_windows(values)
     for name, numbers in metrics.items():
-        # Even a sum of finite squares may be infinite.
+        # Even a sum of finite squares may be infinite: the run is then lost, also in `metrics`.
         if name.startswith("rmse"):
             lost[(lost == NOT_LOST) & np.isinf(numbers)] = NOT_FINITE
     for name, weight_of_steps in (weights or {}).items():
@@ -156,8 +156,10 @@ def per_run_metrics(
     # Step 3: a lost run keeps the reason in `lost`; its other numbers are NaN.
     if not lost.any():
         return metrics
-    of_runs_left = {name: np.where(lost > 0, np.nan, numbers) for name, numbers in metrics.items()}
-    return of_runs_left | {"lost": lost}
+    without_lost_runs = {}
+    for name, numbers in metrics.items():
+        without_lost_runs[name] = np.where(lost == NOT_LOST, numbers, np.nan)
+    return without_lost_runs | {"lost": lost}
 
 
 def rejections(z: Array, twin: Array, diagnostics: Mapping[str, Array]) -> dict[str, Array]:
@@ -230,11 +232,15 @@ def over_windows(
 class SeriesSums:
     """Sums of series: over the steps of each window for each run, over the runs at each step.
 
-    A series is added in pieces of consecutive steps. ``counts`` names the diagnostics whose metric is
-    the sum over the steps, not the mean.
+    A series is added in pieces of consecutive steps.
     """
 
     def __init__(self, windows: Mapping[str, Mask], counts: Collection[str]) -> None:
+        """Begin without series.
+
+        ``windows`` are the masks (T + 1,) of the steps by name. ``counts`` names the diagnostics whose
+        metric is the sum over the steps, not the mean.
+        """
         self._windows = windows
         self._counts = counts
         self._masks = np.stack([*windows.values()])
@@ -293,13 +299,13 @@ class SeriesSums:
     def over_windows(self, values: Mapping[str, Array]) -> dict[str, Array]:
         """Return each metric of each run (M,) over each window; ``values`` are the whole series."""
         by_window: list[dict[str, Array]] = [{} for _ in self._windows]
-        last = [np.flatnonzero(mask)[-1] for mask in self._masks]
+        last_steps = [np.flatnonzero(mask)[-1] for mask in self._masks]
         for series, reductions in self._reductions.items():
             if not reductions:
                 continue
             sums = self._window_sums[series, "values"]
             mean = sums.total / sums.number
-            reduced = {"sum": sums.total, "mean": mean, "last": values[series][last]}
+            reduced = {"sum": sums.total, "mean": mean, "last": values[series][last_steps]}
             if "rms" in reductions.values():
                 reduced["rms"] = np.sqrt(mean)  # the values are squares
             if "root" in reductions.values():
@@ -364,7 +370,10 @@ def step_sums(rows: Array, lost: Array) -> StepSums:
 
 
 def with_unused(steps: dict[str, StepSums]) -> dict[str, StepSums]:
-    """Complete the sums of components that a NEES or NIS lacks: zeros for each that lacks none."""
+    """Complete the sums of how many components each NEES or NIS lacks: zeros for one that lacks none.
+
+    ``steps`` are the sums by series, such as ``nees_position`` and ``unused_nees_position``.
+    """
     completed = dict(steps)
     for name, sums in steps.items():
         if name == "nis" or name.partition("_")[0] == "nees":

@@ -78,6 +78,7 @@ def why_not_exact(task: BlockTask) -> str | None:
     if task.scenario.recorded_runs is not None:
         return "the measurements are recorded: nothing of them is random"
     try:
+        # Four runs, one with each vector.
         data, output = _run_with_streams(task, _FixedNormals(_dense), 4)
     except NotImplementedError:
         what = (

@@ -88,11 +88,7 @@ class Step(NamedTuple):
 
 
 class PredictionScorer:
-    """Predictive series of one filter over one block, computed step by step.
-
-    ``wanted`` are the requested `Kind` of series. ``rng`` draws the noise of steps aside, which only the
-    scores need and after which the filter does not go on.
-    """
+    """Predictive series of one filter over one block, computed step by step."""
 
     def __init__(
         self,
@@ -103,6 +99,12 @@ class PredictionScorer:
         hold_out: int | None,
         rng: Generator,
     ) -> None:
+        """Begin before the first step.
+
+        ``measurements`` (n_z, T, M) are all that the filter could be given; if ``hold_out`` is n, every
+        n-th one is held out. ``wanted`` are the requested `Kind` of series. ``rng`` draws the noise of
+        steps aside, which only the scores need and after which the filter does not go on.
+        """
         self._tracker = tracker
         self._model = model
         self._rng = rng

@@ -188,7 +188,10 @@ def _view_runs(rows: Any, first: int, width: int) -> Any:
 
 
 def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int, BlockResult]:
-    """Return the block's metrics by the number of runs that they are computed from."""
+    """Reduce the ``output`` of the filter over the block's ``data`` to metrics.
+
+    They are returned by the number of runs that they are computed from.
+    """
     check_names(task.filter.summed_diagnostics)
     exact_mean: Array | None = None
     predictive = dict(output.diagnostics)

@@ -168,7 +168,7 @@ def _make_refilter(
 ) -> Refilter:
     """Return the `Refilter` that repeats steps when a measurement of z (n_z, T, M) arrives late."""
     tracker = task.filter
-    steps = task.scenario.steps[1:].tolist()
+    steps = task.scenario.steps[1:].tolist()  # without that of the prior
 
     def repeat(state: Any, z: Array, first: int) -> Iterator[Any]:
         """Yield the state after each measurement of z, the first of which has the index ``first``."""
@@ -239,7 +239,10 @@ def prior_of(data: Simulation, model: Model) -> Distribution:
 
 
 def _run_filter(task: BlockTask, covariances: int) -> FilterOutput:
-    """Run the filter over the block's own data; the output is read-only."""
+    """Run the filter over the block's own data; the output is read-only.
+
+    ``covariances`` is the number of first runs whose covariances are recorded.
+    """
     try:
         output = run_filter(task, task.data, covariances)
     except ProgramRunError as error:
@@ -260,12 +263,13 @@ run_twin = LatestResults(lambda task: _run_filter(task, 0), size=1)
 
 
 class _Recorder:
-    """Recorder of copies, step by step, since the filter may write to its own arrays.
-
-    ``covariances`` is the number of first runs whose covariances are recorded.
-    """
+    """Recorder of copies, step by step, since the filter may write to its own arrays."""
 
     def __init__(self, task: BlockTask, data: Simulation, model: Model, covariances: int) -> None:
+        """Begin before the estimate of the prior.
+
+        ``covariances`` is the number of first runs whose covariances are recorded.
+        """
         scenario = task.scenario
         self._task = task
         self._data = data
@@ -305,7 +309,7 @@ class _Recorder:
         """Record the state and the estimate of the next step, in the components of the truth."""
         check_estimate(estimate, self._sizes, self._task.runs)
         k = self._next_step
-        n = self._sizes[0]
+        n, _ = self._sizes  # the number of the truth's components
         # Drop the components that only the filter's motion has: the truth has none of them.
         if len(estimate.mean) > n:
             estimate = Gaussian(estimate.mean[:n], estimate.cov[:n, :n])
@@ -336,7 +340,7 @@ class _Recorder:
         """Record the estimates and diagnostics of many steps."""
         check_estimate(steps.estimate, self._sizes, *steps.estimate.mean.shape[1:])
         # Only the truth's components, which come first.
-        n = self._sizes[0]
+        n, _ = self._sizes
         mean = steps.estimate.mean[:n]
         cov = steps.estimate.cov[:n, :n]
         _, count, runs = mean.shape

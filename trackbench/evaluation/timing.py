@@ -64,7 +64,8 @@ def measure(
 ) -> list[Measured | Exception]:
     """Time filters over their blocks, in turns; return times, or the exception of a filter.
 
-    ``tick`` is called after each filter's pass and after each of the `REPEATS` turns.
+    ``guard`` opens the context in which a filter runs, as it may be a plugin's. ``tick`` is called after
+    each filter's pass and after each of the `REPEATS` turns.
     """
     keep_freed_memory()
     passes: list[_Pass | Measured | Exception] = []
@@ -105,10 +106,11 @@ class _Pass:
     """A filter's pass through its block, with the states before the steps that are repeated."""
 
     def __init__(self, task: BlockTask) -> None:
+        """Simulate the block, and make the pass: once, or twice if it is short."""
         self._task = task
         self._model = freeze(task.assumed_scenario.model)
         self._data = task.data
-        self._steps = task.scenario.steps[1:].tolist()
+        self._steps = task.scenario.steps[1:].tolist()  # without that of the prior
         self._operations = operations(task)
         # A filter that goes back for a late measurement makes some steps more than once.
         self._steps_per_step = 1.0
@@ -132,6 +134,7 @@ class _Pass:
         """Step through the block, or its beginning; return the CPU seconds (steps,) of each step."""
         T = len(self._steps)
         rng = block_stream(self._task.seed, 0)
+        # Steps spread over the run, but not the very first ones.
         evenly_spaced = [j * T // _REPEATED_STEPS for j in range(_REPEATED_STEPS)]
         repeated = {min(max(_FIRST_REPEATED, i), T - 1) for i in evenly_spaced}
         spent: list[float] = []
@@ -186,10 +189,11 @@ class _Pass:
         whole run is.
         """
         seconds = np.array(self._seconds)
-        # Index of the repeated step of each repeat.
+        # Index of the repeated step of each repeat: the steps take turns.
         turns = np.arange(len(seconds)) % len(self._states)
         medians = np.array([np.median(seconds[turns == j]) for j in range(turns.max() + 1)])
-        # Seconds of the block = those of the pass, slower or faster as its repeated steps.
+        # Seconds of the block = those of the pass, slower or faster as its repeated steps. With fewer
+        # repeats than stored steps only the first steps have a median.
         repeated_steps = list(self._states)[: len(medians)]
         in_pass = self._spent[repeated_steps]
         pass_seconds = self._spent.sum() * medians.sum() / in_pass.sum()
@@ -203,9 +207,8 @@ class _Pass:
             return Measured(run_seconds.tolist(), likelihoods=None, covariances=None)
         # Mean operations of a step.
         means = self._steps_per_step * self._operations.mean(axis=1)
-        return Measured(
-            run_seconds.tolist(), likelihoods=float(means[0]), covariances=float(means[1])
-        )
+        likelihoods, covariances = means.tolist()
+        return Measured(run_seconds.tolist(), likelihoods=likelihoods, covariances=covariances)
 
 
 def _weights(counts: Array, T: int) -> Array:

@@ -51,7 +51,8 @@ def at_step(pit: Array) -> Histogram:
     stderr = np.sqrt(shares * (1.0 - shares) / max(M, 1))
     if M < TENTHS:
         return Histogram(shares=shares, stderr=stderr, runs=M)
-    # Step 2: Pearson's test; a group of ranks expects runs in proportion to its places.
+    # Step 2: Pearson's test; a group of ranks expects runs in proportion to its places. Transforms by a
+    # density have no places, and are counted in tenths.
     cells = places or TENTHS
     groups = min(cells, TENTHS)
     group_of = np.arange(cells) * groups // cells

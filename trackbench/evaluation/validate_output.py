@@ -129,7 +129,10 @@ def _is_real(value: Any, *shapes: tuple[int, ...]) -> bool:
 def _wrong_array(
     method: str, subject: str, value: Any, *shapes: tuple[int, ...]
 ) -> WrongReturnError:
-    """Return the error about a value that is no array of real numbers in one of the shapes."""
+    """Return the error about a value that is no array of real numbers in one of the shapes.
+
+    ``method`` returned the value, and ``subject`` names it in the message.
+    """
     if type(value) is np.ndarray:
         got = f"an array {value.shape} of {value.dtype}"
     else:
