@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.evaluation.precision_check import checkpoints, exact_after
+from trackbench.evaluation.precision_check import checkpoints, precise_after
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.intervals import deviations, spread, tail_index
 from trackbench.statistics.over_runs import OVER_RUNS, influence, interval, mean
@@ -181,7 +181,7 @@ def ended(
             stops = list(checkpoints(least, most))
             exact = [m.stderr <= share * m.value for m in (mean(x[:n]) for n in stops)]
             first = stops[exact.index(True)] if any(exact) else most
-            runs = first if least == 50 else exact_after(stops, exact) or most
+            runs = first if least == 50 else precise_after(stops, exact) or most
             low, high = interval("mean", x[:runs])
             rule.append((runs, mean(x[:runs]).value - 1.0, low <= 1.0 <= high))
     return [tuple(np.mean(rule, axis=0)) for rule in found]

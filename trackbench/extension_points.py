@@ -138,13 +138,14 @@ def overridden_hooks(cls: type, base: type[Part]) -> list[str]:
 
 def _declared(base: type[Part]) -> dict[str, object]:
     """Return the hooks that a base class declares, with their defaults, by name."""
-    # The first owner of a name declares it; an annotation without a value is a hook without default.
+    # The first owner of a name declares it; an annotation without a value is a hook without default. A
+    # class must have such a hook, unless it is one of an optional capability, which is noted as None.
     declared: dict[str, object] = {}
     for owner in _owners(base):
-        bare: object = _NOTHING
+        without_default: object = _NOTHING
         if owner in base.optional_capabilities:
-            bare = None
-        hooks_of_owner = dict.fromkeys(inspect.get_annotations(owner), bare)
+            without_default = None
+        hooks_of_owner = dict.fromkeys(inspect.get_annotations(owner), without_default)
         hooks_of_owner |= dict(vars(owner))
         for name, hook in hooks_of_owner.items():
             declared.setdefault(name, hook)
@@ -173,6 +174,7 @@ def mistakes(cls: type, base: type[Part]) -> Iterator[tuple[str, int, str]]:
         actual = getattr_static(cls, name, declared)
         if name not in keys and actual is declared and _is_needed(declared):
             yield *_place(cls, "class"), f"{cls.__name__} has no `{name}`"
+        # A key without a default takes the hook of its name for one.
         if declared is not None and keys.get(name) is declared:
             yield *_place(cls, name), f"the key `{name}` is a hook, too: give it a default"
         if isinstance(declared, property) and inspect.isfunction(actual):
@@ -201,7 +203,10 @@ def _place(cls: type, name: str) -> tuple[str, int]:
 
 
 def _text(name: str, declared: object, base: type[Part]) -> str:
-    """Take the first paragraph of a docstring; of an attribute the string under it."""
+    """Return the first paragraph on a hook: of its docstring, or of the string under an attribute.
+
+    ``declared`` is the hook's default, which has the docstring.
+    """
     if inspect.isroutine(declared) or isinstance(declared, property | classmethod):
         text = inspect.getdoc(declared) or ""
     else:

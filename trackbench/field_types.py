@@ -180,6 +180,7 @@ class HoldsComponents:
         def read(
             value: object, validate: "ValidatorFunctionWrapHandler", info: "ValidationInfo"
         ) -> object:
+            """Validate the dataclass while its key is in the path of the context."""
             reader: Any = info.context
             reader.path.append(key)
             try:

@@ -60,7 +60,8 @@ METRICS: dict[str, Metric] = {}
 def metric(name: str, help: str, unit: str = "", better: Better = "") -> None:
     """Declare a metric of a plugin: a filter's diagnostic or a scenario's run metric.
 
-    Raises ValueError if the name is one of the package's own, or `better` is an unknown direction.
+    ``help`` is one line for people, and ``better`` is the better direction, if there is one. Raises
+    ValueError if the name is one of the package's own, or `better` is an unknown direction.
     """
     if name in _PACKAGE or is_reserved(name):
         raise ValueError(f"there is a metric {name!r} already")
@@ -97,8 +98,10 @@ def metrics_of(series: str, counts: Collection[str] = ()) -> Iterator[tuple[Metr
     elif head in _OF_SERIES:
         yield from ((m, joined(m.name, quantity)) for m in _OF_SERIES[head])
     else:
-        of_series, _ = metric_of(series)
-        yield (replace(of_series, over_steps="sum") if series in counts else of_series), series
+        diagnostic, _ = metric_of(series)
+        if series in counts:
+            diagnostic = replace(diagnostic, over_steps="sum")
+        yield diagnostic, series
 
 
 def is_reserved(name: str) -> bool:
@@ -124,7 +127,8 @@ def unit_of(name: str) -> str:
     head, _, component = quantity.partition("_")
     if head in ("predicted", "held"):
         quantity = component.rpartition(".")[2]  # of several sensors it begins with a number
-    return _UNITS.get(quantity) or without_unit(quantity)[1]
+    _, unit_in_name = without_unit(quantity)
+    return _UNITS.get(quantity) or unit_in_name
 
 
 def without_unit(name: str) -> tuple[str, str]:

@@ -127,7 +127,7 @@ def kinds(group: Group) -> dict[str, type[Part]]:
         _scanned.add(group)
         import_own(group)
         for entry in _entries(group):
-            restore_normal_exit()
+            restore_normal_exit()  # Python then writes the files that the entry's code leaves open
             entry.load()
     return dict(sorted(_kinds[group].items()))
 

@@ -266,7 +266,7 @@ def _reported(problem: Problem | str, path: Path, data: Path) -> Problem | str:
 
 
 def _words_of_name(noun: str, name: str) -> list[str]:
-    """Split a name at - and _ into words; raises UserError for a bad name or one that is known."""
+    """Split a name at -, _ and spaces into words; raises UserError for a bad or a known name."""
     mark = Mark(f"new {noun} {name}")
     if len(name) > 60 or not _NAME.fullmatch(name):
         rule = "a name starts with a letter and holds letters, digits, - and _"

@@ -79,7 +79,7 @@ def put(node: Any, key: str | int, value: object, mark: Mark, key_mark: Mark | N
 
 
 def marked(value: object, mark: Mark) -> Any:
-    """Return a copy of plain data in which everything stands at one position."""
+    """Return a copy of plain data in which everything stands at one position, ``mark``."""
     if isinstance(value, dict):
         mapping = MarkedMapping()
         for key, inner in value.items():
@@ -111,7 +111,10 @@ class Source:
         return value
 
     def mark(self, keys: Keys) -> Mark:
-        """Return the position of a value, or of the nearest one around it; list items may be named."""
+        """Return the position of a value, or of the nearest one around it.
+
+        The index of a list's item may be a word of digits.
+        """
         node: Any = self.data
         mark = self.start
         for key in keys:
@@ -165,9 +168,12 @@ class Source:
     def replaced(self, keys: Keys, value: object) -> "Source":
         """Return a config with another value at ``keys``; it shares everything else, but problems."""
         # Copy the mappings on the way to the value.
-        data = node = MarkedMapping(self.data)
+        data = MarkedMapping(self.data)
+        node = data
         for key in keys[:-1]:
-            node[str(key)] = node = MarkedMapping(node[str(key)])
+            inner = MarkedMapping(node[str(key)])
+            node[str(key)] = inner
+            node = inner
         put(node, keys[-1], value, self.mark(keys))
         return Source(data, self.start, programs=self.programs)
 
@@ -296,7 +302,8 @@ def _explain_invalid_yaml(error: yaml.MarkedYAMLError, text: str, name: str) -> 
         second = "not valid YAML: a second document begins here (---); write each into its own file"
         return mark, second
     if "block end" in problem and problem.endswith(("'}'", "']'")):
-        return mark, f"not valid YAML: the bracket {problem[-2]} here closes nothing; leave it out"
+        bracket = problem[-2]  # the last letter is the quotation mark
+        return mark, f"not valid YAML: the bracket {bracket} here closes nothing; leave it out"
     start = error.context_mark
     if start is not None:
         place = Mark(name, start.line + 1, start.column + 1)
@@ -329,7 +336,10 @@ def _explain_invalid_yaml(error: yaml.MarkedYAMLError, text: str, name: str) -> 
 
 
 def _find_odd_space(lines: list[str], mark: Mark) -> tuple[Mark, str] | None:
-    """Find a space of a word processor or a web page: near the place, or in an indentation above."""
+    """Find a space of a word processor or a web page: near the place, or in an indentation above.
+
+    ``mark`` is the place where the parser stops. Return the space's place with a message, or None.
+    """
     for number in range(min(mark.line, len(lines)), 0, -1):
         line = lines[number - 1]
         is_near = number > mark.line - 3
@@ -343,7 +353,10 @@ def _find_odd_space(lines: list[str], mark: Mark) -> tuple[Mark, str] | None:
 
 
 def _find_merge_conflict(lines: list[str], mark: Mark) -> tuple[Mark, str] | None:
-    """Find a line of a conflict that git has left, above the place or at it."""
+    """Find a line of a conflict that git has left, above the place ``mark`` or at it.
+
+    Return the line's place with a message, or None.
+    """
     for number, line in enumerate(lines[: mark.line], 1):
         if line.startswith(("<<<<<<< ", "=======", ">>>>>>> ")):
             message = (
@@ -354,7 +367,10 @@ def _find_merge_conflict(lines: list[str], mark: Mark) -> tuple[Mark, str] | Non
 
 
 def _find_missing_space(lines: list[str], mark: Mark) -> tuple[Mark, str] | None:
-    """Find ``KEY:VALUE`` in the line above, if the place itself is the first key of its line."""
+    """Find ``KEY:VALUE`` in the line above, if the place ``mark`` itself is the first key of its line.
+
+    Return the place of the key with a message, or None.
+    """
     if not 1 < mark.line <= len(lines):
         return None
     line_above = lines[mark.line - 2]
@@ -454,6 +470,10 @@ class _Builder:
         return Mark(self.name, node.start_mark.line + 1, node.start_mark.column + 1)
 
     def _build_mapping(self, node: yaml.MappingNode, keys: Keys) -> MarkedMapping:
+        """Return the mapping of a node; add a problem for each key that a config cannot have.
+
+        These keys are left out.
+        """
         mapping = MarkedMapping()
         value_before: yaml.Node | None = None
         for key_node, value_node in node.value:
@@ -463,6 +483,7 @@ class _Builder:
                 and value_before is not None
                 and _is_after_comma(value_before, key_node, value_node)
             ):
+                # {q: 0,1} reads as q: 0 and a key 1: the number is that of the key before.
                 number = f"{value_before.value},{key_node.value}"
                 keys_before = (*keys, str(list(mapping)[-1]))
                 comma = f"{number} has a decimal comma; write {number.replace(',', '.')}"
@@ -495,7 +516,7 @@ class _Builder:
 
     def _build_scalar(self, node: yaml.Node, keys: Keys) -> Scalar:
         """Return the value of a scalar; add a problem for one that a config cannot have."""
-        # Only a scalar without quotes can be other than a word.
+        # Only a scalar without quotes can be other than a word, whose tag is the first.
         allowed_tags = _PLAIN_TAGS[:1]
         if _is_plain(node):
             allowed_tags = _PLAIN_TAGS
@@ -516,7 +537,8 @@ class _Builder:
         space = _ODD_ENDS.search(str(node.value))
         if space is not None:
             mark = self.mark(node)
-            self._add_problem(mark, keys, _describe_space(mark.line, space.group().strip(":")))
+            character = space.group().strip(":")  # the match may begin with a colon
+            self._add_problem(mark, keys, _describe_space(mark.line, character))
 
     def _check_text(self, text: str, mark: Mark, keys: Keys) -> None:
         """Add a problem for a text with an unprintable character."""

@@ -25,7 +25,7 @@ class Row(NamedTuple):
     @property
     def is_score(self) -> bool:
         """Return whether more is better, and a ratio means nothing."""
-        return measured(self.expression).family[0].is_score
+        return measured(self.expression).definition.is_score
 
     @property
     def entries(self) -> Iterator[str]:

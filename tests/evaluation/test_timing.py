@@ -128,13 +128,13 @@ def test_a_second_pass_that_is_cut(
 
 def test_filters_take_turns(monkeypatch: pytest.MonkeyPatch) -> None:
     order: list[float] = []
-    repeated = timing._Pass.repeated
+    repeated = timing._Pass.time_repeat
 
     def noted(one: Any) -> Any:
         order.append(one._task.filter.seconds)
         return repeated(one)
 
-    monkeypatch.setattr(timing._Pass, "repeated", noted)
+    monkeypatch.setattr(timing._Pass, "time_repeat", noted)
     monkeypatch.setattr(timing, "REPEATS", 4)
     measure([task(Busy(s)) for s in (1e-5, 2e-5, 3e-5)])
     assert [round(1e5 * s) for s in order] == [1, 2, 3, 3, 2, 1, 1, 2, 3, 3, 2, 1]

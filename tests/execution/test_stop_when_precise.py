@@ -20,7 +20,7 @@ from trackbench.evaluation.precision_check import (
     PrecisionCheck,
     PrecisionTarget,
     checkpoints,
-    exact_after,
+    precise_after,
 )
 from trackbench.evaluation.summary import SummaryRow
 
@@ -146,7 +146,7 @@ def test_looks_do_not_hang_on_what_is_seen() -> None:
     ],
 )
 def test_two_looks_in_a_row_have_to_succeed(exact: list[bool], after: int | None) -> None:
-    assert exact_after([33, 50, 75, 112], exact) == after
+    assert precise_after([33, 50, 75, 112], exact) == after
 
 
 @pytest.mark.parametrize(("law", "share"), [("HDEPF", 0.02), ("rare", 0.01), ("lognormal", 0.04)])

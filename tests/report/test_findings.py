@@ -358,7 +358,7 @@ def test_what_is_said_of_shipped_results_is_in_their_files(name: str, tmp_path: 
     power = 2 if rms else 1
     mine = (values["value"] ** power).groupby(values["filter"]).mean()
     others = [rival.filter.label for rival in found.rivals]
-    sign = -1.0 if found.metric.family[0].more_is_better else 1.0
+    sign = -1.0 if found.metric.definition.more_is_better else 1.0
     assert sign * mine[best] == (sign * mine[[best, *others]]).min()
     pairs = pd.read_csv(results.folder / "paired.csv", keep_default_na=False)
     pairs = pairs[pairs["metric"] == (f"rms({metric})" if rms else metric)]

@@ -130,7 +130,10 @@ class Order:
         )
 
     def to_filter(self, mean: Array, cov: Array) -> Pair:
-        """Reorder the scenario's first state, mean (n_x,) and cov (n_x, n_x), in new arrays."""
+        """Reorder the scenario's first state, mean (n_x,) and cov (n_x, n_x), for the filter.
+
+        Return new arrays, mean (n,) and cov (n, n), of the n components of the filter's state.
+        """
         filter_mean = np.zeros(len(self.first_cov))
         filter_mean[self.places] = mean[self.shared]
         filter_cov = self.first_cov.copy()
@@ -195,10 +198,10 @@ def partial_update(
 ) -> Iterator[tuple[Array, Functions]]:
     """Prepare filterpy's objects for an update with the measured components of z (n_z,).
 
-    Yield the z and the keywords of the update. If H is a matrix or a keyword, the rows of the missing
-    components are left out of H, R and z. Otherwise R gets vast variances for them. ``parts`` are
-    the filters of an IMM, or the only filter. Raises ValueError for an IMM whose filters have no H, as
-    vast variances would make its likelihoods wrong.
+    ``is_measured`` (n_z,) marks these components. Yield the z and the keywords of the update. If H is a
+    matrix or a keyword, the rows of the missing components are left out of H, R and z. Otherwise R gets
+    vast variances for them. ``parts`` are the filters of an IMM, or the only filter. Raises ValueError
+    for an IMM whose filters have no H, as vast variances would make its likelihoods wrong.
     """
     has_rows = "HJacobian" in keywords or all(hasattr(part, "H") for part in parts)
     if not all(hasattr(part, "R") for part in parts) or (len(parts) > 1 and not has_rows):
@@ -230,9 +233,9 @@ def partial_update(
 
 
 def _keywords_of_part(keywords: Functions, is_measured: Mask) -> Functions:
-    """Return an extended filter's functions of the measurement, without its missing components.
+    """Return an extended filter's functions of the measurement, restricted to the measured components.
 
-    ``is_measured`` (n_z,) marks the others.
+    ``is_measured`` (n_z,) marks these components.
     """
 
     def select_rows(function: Callable[..., Array]) -> Callable[..., Array]:

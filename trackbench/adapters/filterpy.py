@@ -75,8 +75,8 @@ class FilterPy(PerRun):
         """Call the object's update, with the measured components."""
         target = self._object
         # Step 1: update. The filters of an IMM are restricted to the measured components, too.
-        self._is_measured = np.asarray(z == z)
-        self._predicted_weights = getattr(target, "cbar", None)
+        self._is_measured = np.asarray(z == z)  # NaN, a missing component, differs from itself
+        self._predicted_weights = getattr(target, "cbar", None)  # those of an IMM's models
         parts = _imm_filters(target) or (target,)
         if self._is_measured.all():
             target.update(_in_form_of_state(z, parts[0]), **self._keywords)
@@ -86,7 +86,7 @@ class FilterPy(PerRun):
                 target.update(_in_form_of_state(z_restricted, parts[0]), **keywords)
         # Step 2: diagnostics of an IMM, or of a filter with an innovation.
         if hasattr(target, "mu"):
-            self._diagnostics = {"mode": 1.0 - float(target.mu[0])}
+            self._diagnostics = {"mode": 1.0 - float(target.mu[0])}  # all models but the first
         elif hasattr(target, "SI"):
             self._diagnostics = {"nis": self._nis()}
         return target.x, target.P

@@ -104,7 +104,8 @@ class RunFunctions:
     ) -> Array:
         """Return the Jacobian of a motion or sensor, or the central differences of its mean.
 
-        ``mean`` computes the mean from states (n, M), ``difference`` subtracts two means.
+        ``mean`` computes the mean from states (n, M), ``difference`` subtracts two means. P (n, n) is
+        the covariance of the state x (n,); None if it is unknown.
         """
         column = _as_column(x)
         if isinstance(component, WithJacobian):
@@ -288,14 +289,16 @@ def _checked_moments(returned: object, n: int, run_class: type) -> tuple[Array, 
 
     ``run_class`` is the class of the run. Raises WrongReturnError for other values.
     """
+    # The method that the class defines: the step of PerRun returns the value of `update`.
     method = "step" if "step" in vars(run_class) else "update"
     if not isinstance(returned, tuple | list) or len(returned) != 2:
         what = (
             f"{run_class.__name__} gives a {type(returned).__name__}, not a mean and a covariance"
         )
         raise WrongReturnError(method, what)
-    mean = _checked_array(method, "mean", returned[0], (n,))
-    cov = _checked_array(method, "covariance", returned[1], (n, n))
+    returned_mean, returned_cov = returned
+    mean = _checked_array(method, "mean", returned_mean, (n,))
+    cov = _checked_array(method, "covariance", returned_cov, (n, n))
     return mean, cov
 
 
@@ -392,6 +395,7 @@ class PerRun:
     contract_exemptions: ClassVar[dict[str, str]] = {}
 
     def __init_subclass__(cls, *, kind: str | None = None, **others: object) -> None:
+        """Make the subclass a dataclass, and register the filter of it if there is a ``kind``."""
         super().__init_subclass__(**others)
         dataclass(eq=False, kw_only=True)(cls)
         # Mistakes in the class that would surface late, in the middle of a run.

@@ -75,14 +75,14 @@ class StoneSoup(PerRun):
         self._now = self._predictor.predict(self._now, timestamp=now)
         if z is not None:
             # Step 2: update, with no weight on missing components.
-            is_measured = np.asarray(z == z)
+            is_measured = np.asarray(z == z)  # NaN, a missing component, differs from itself
             sensor = self._updater.measurement_model or self._measurement
             if not is_measured.all():
                 sensor = _without_missing(sensor, is_measured)
                 z = np.where(is_measured, z, 0.0)
             detection = Detection(z, timestamp=now, measurement_model=sensor)
             if self._measurement is not None:
-                sensor.near = z
+                sensor.near = z  # predicted angles then lie within half a turn of the measured ones
             self._now = self._updater.update(SingleHypothesis(self._now, detection))
             # Step 3: keep the innovation for the NIS and the log score.
             predicted = self._now.hypothesis.measurement_prediction

@@ -23,7 +23,7 @@ def models(run: PerRun) -> tuple[Foreign, Foreign]:
     motion: Foreign = run.model.motion
     sensor: Foreign = run.model.sensor
     x = np.zeros((len(motion.components), 1))
-    # A covariance that has a third axis, over states, depends on the state.
+    # At any state and step: a covariance that has a third axis, over states, depends on the state.
     R = np.asarray(sensor.measurement(x + 1.0, 0).cov)
     if R.ndim != 2:
         raise ValueError("the sensor's noise depends on the state: write Stone Soup's own model")

@@ -104,7 +104,7 @@ def gate(
     from trackbench.commands.gate import gate as run_gate
     from trackbench.commands.gate import limit_of
 
-    if (against is None) == (not against_ref):
+    if (against is None) == (not against_ref):  # neither is given, or both are
         raise typer.BadParameter("name either --against DIR or --against-ref REF")
     if md is not None and not md.absolute().parent.is_dir():
         raise typer.BadParameter(f"--md {md}: there is no such folder")

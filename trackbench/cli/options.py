@@ -90,15 +90,16 @@ def assignments(ctx: typer.Context, incomplete: str) -> Iterator[str]:
 
     config = _config_in_line(ctx)
     for field in fields(Settings):
-        value = config.get(field.name)
-        group = {"scenario": "scenarios"}.get(field.name, field.name)
-        if field.name == "scenario":
-            yield from _key_paths(value, group, "scenario.")
-        elif field.name in ("filters", "tables", "figures") and isinstance(value, dict):
+        key = field.name
+        value = config.get(key)
+        if key == "scenario":
+            yield from _key_paths(value, "scenarios", "scenario.")
+        elif key in ("filters", "tables", "figures") and isinstance(value, dict):
+            # The key is also the group of the kinds below it.
             for label, component in value.items():
-                yield from _key_paths(component, group, f"{group}.{label}.")
+                yield from _key_paths(component, key, f"{key}.{label}.")
         else:
-            yield f"{field.name}="
+            yield f"{key}="
 
 
 def _key_paths(component: Any, group: str | None, path: str) -> Iterator[str]:
@@ -120,7 +121,7 @@ def _key_paths(component: Any, group: str | None, path: str) -> Iterator[str]:
             known["preset"] = str
     if group == "filters":
         known |= {f"assume.{key}": hint for key, hint in hints_of(Assume).items()}
-        known["late"] = known.pop("assume.late")
+        known["late"] = known.pop("assume.late")  # this key is written beside `assume`
     for key in dict.fromkeys([*known, *component]):
         hint = known.get(key)
         group_of_key = part_group(hint)
@@ -259,7 +260,7 @@ def _shared(
 def runs_experiments(command: Callable[..., None]) -> Callable[..., None]:
     """Add the shared options to a command, in its ``**given``; its own options come first."""
     specific = dict(inspect.signature(command).parameters)
-    given = specific.popitem()[1]
+    _, given = specific.popitem()  # the last parameter
     assert given.kind is inspect.Parameter.VAR_KEYWORD
     shared = {k: p for k, p in inspect.signature(_shared).parameters.items() if k not in specific}
     parameters = [*specific.values(), *shared.values()]
@@ -282,12 +283,14 @@ def api_options(given: dict[str, Any]) -> "Options":
         options["formats"] = files or ["png", "svg"]
     if given.get("no_times"):
         options["times"] = False
-    fit = []
+    overrides = []
     if given.get("quick"):
-        fit = ["block=fit"]
+        # Few runs need no blocks as wide as those of many.
+        overrides.append("block=fit")
         options |= {"quick": True, "times": False}
         options["spare"] = not given.get("force")
-    return api.Options(**options, set=(*fit, *(given["set_"] or ())))
+    overrides += given["set_"] or ()
+    return api.Options(**options, set=tuple(overrides))
 
 
 MARKDOWN = "markdown"

@@ -45,14 +45,15 @@ def exit_if_stdout_fails() -> Iterator[None]:
     except OSError as error:
         from trackbench.errors import reason
 
-        if error.filename is not None:
+        if error.filename is not None:  # it is of a file, and not of stdout
             raise
         code = f"error: stdout: {reason(error)}"
     if _is_real_stdout(sys.stdout):
         with suppress(OSError):
             sys.stdout.flush()
             sys.exit(code)
-        os.dup2(os.open(os.devnull, os.O_WRONLY), _STDOUT)  # Python writes the rest as it ends
+        # What could not be flushed is written again as Python ends, which must not fail.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), _STDOUT)
     sys.exit(code)
 
 
@@ -83,9 +84,8 @@ def _duplicated_stdout() -> Iterator[TextIO]:
         yield objects
     finally:
         try:
-            with suppress(
-                OSError
-            ):  # the reader has ended, or an object could not be written before
+            # Closing fails if the reader has ended, or if an object could not be written before.
+            with suppress(OSError):
                 objects.close()
         finally:
             os.dup2(duplicate, _STDOUT)

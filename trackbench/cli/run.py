@@ -401,13 +401,18 @@ def _stamps(files: Iterable[Path], known: Stamps) -> Stamps:
 
 
 def _stamp(file: Path, known: Stamp | None) -> Stamp | None:
-    """Read a file's content for its stamp only if it was written since ``known``."""
+    """Stamp a file; its content is read only if it was written since the stamp ``known``.
+
+    Return None for a missing file.
+    """
     try:
         status = file.stat()
         if not S_ISREG(status.st_mode):
             return None
-        if known is not None and known[:2] == (status.st_mtime_ns, status.st_size):
-            return known
+        if known is not None:
+            is_as_known = (known.time_ns, known.size) == (status.st_mtime_ns, status.st_size)
+            if is_as_known:
+                return known
         with file.open("rb") as content:
             digest = hashlib.file_digest(content, "sha256").hexdigest()
         return Stamp(status.st_mtime_ns, status.st_size, digest)

@@ -72,7 +72,9 @@ def _print_table(table: TextTable, console: Console) -> None:
         console.print(Styled(table.title, "bold"))
     widths = _column_widths(table, console.width)
     for columns in _columns_of_parts(table, widths, console.width):
-        grid = Grid(box=SIMPLE_HEAD, pad_edge=False, padding=(0, _GAP - 1, 0, 0), show_edge=False)
+        # The box itself has a space between two columns.
+        padding = (0, _GAP - 1, 0, 0)
+        grid = Grid(box=SIMPLE_HEAD, pad_edge=False, padding=padding, show_edge=False)
         for i in columns:
             justify: JustifyMethod = "right" if _is_numeric(table, i) else "left"
             head = table.heads[i]
@@ -149,7 +151,8 @@ def _column_widths(table: TextTable, room: int) -> dict[int, int]:
     widths = {i: _longest([table.heads[i], *cells[i]]) for i in columns}
     if sum(widths.values()) + gaps > room:
         widths = {i: _longest([*table.heads[i].split(), *cells[i]]) for i in columns}
-    # Step 2: cells that are wrapped between words, the widest columns first.
+    # Step 2: cells that are wrapped between words, the widest columns first. The first pattern matches
+    # cells that begin with no digit, the second any cell.
     for pattern in (r"(?!\d)", ""):
         least_widths = {i: _least_width(table, i, pattern) for i in columns}
         if sum(least_widths.values()) + gaps <= room:
@@ -158,7 +161,8 @@ def _column_widths(table: TextTable, room: int) -> dict[int, int]:
                 widest = max(wrappable, key=widths.__getitem__)
                 widths[widest] -= 1
             return widths
-    # Step 3: in parts. A column of words takes a quarter of the room at most.
+    # Step 3: in parts, by the least widths of the second pattern. A column of words takes a quarter of
+    # the room at most.
     for i in columns:
         if _is_numeric(table, i):
             widths[i] = least_widths[i]

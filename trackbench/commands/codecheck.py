@@ -34,7 +34,10 @@ def codecheck_text(folders: Sequence[Path], root: Path) -> str:
 
 
 def _outputs(results: Results, root: Path) -> Iterator[dict[str, str]]:
-    """Yield tables and figures with their titles, then the data of the runs."""
+    """Yield tables and figures with their titles, then the data of the runs.
+
+    Paths of files are relative to ``root``.
+    """
     for group, suffix in (("tables", "csv"), ("figures", "svg")):
         entries = results.config.get(group) or {}
         for name, entry in entries.items():

@@ -67,7 +67,7 @@ def limit_of(text: str) -> Limit:
     if match is None:
         what = "is no limit such as 3sigma, or 3sigma,1% (both must be exceeded)"
         raise UserError(Problem(Mark(f"--worse {text}"), "", what))
-    sigmas, percent = match.groups(default=_DEFAULT_PERCENT)
+    sigmas, percent = match.groups(default=_DEFAULT_PERCENT)  # only the percent may be missing
     return Limit(sigmas=float(sigmas), share=float(percent) / 100.0)
 
 
@@ -100,6 +100,7 @@ def gate(
     name = prepare(config, new_options).settings.name
     with TemporaryDirectory() as home:
         if against is not None:
+            # The folder is one of results, or contains those of several experiments.
             folder_of_config = against / name
             has_results = (folder_of_config / "config.yaml").is_file()
             stored = open_results(folder_of_config if has_results else against)
@@ -252,8 +253,9 @@ def _errors_and_scores(results: Results) -> dict[str, list[str]]:
 def judge(rows: Sequence[Row], limit: Limit) -> list[Row]:
     """Return the rows with their verdicts, by one-sided tests that Holm's method corrects.
 
-    A significant difference is negligible unless it is larger than the share ``limit.share`` of the
-    stored value. A share of runs, which has no such limit, is always worse or better.
+    A positive z of `Row.worse` says that the new number is worse than the stored one. A significant
+    difference is negligible unless it is larger than the share ``limit.share`` of the stored value. A
+    share of runs, which has no such limit, is always worse or better.
     """
     zs = [nan if row.how == EQUAL else row.worse.z for row in rows]
     p_values, signs = rules.beyond(zs, limit.sigmas)
@@ -262,7 +264,8 @@ def judge(rows: Sequence[Row], limit: Limit) -> list[Row]:
         if row.how == EQUAL:
             word = EQUAL
         elif sign:
-            least_change = limit.share * abs(row.change.b.value)
+            stored_number = row.change.b  # a is the new one
+            least_change = limit.share * abs(stored_number.value)
             if is_event(row.metric) or abs(row.difference.value) > least_change:
                 word = WORSE if sign == 1 else BETTER
             else:
@@ -304,12 +307,14 @@ def _compare_costs(stored: Results, new: Results, largest_ratio: float) -> list[
             if new_cost > largest_ratio * stored_cost:
                 word = WORSE
             change = compare_independent(
-                RunEstimate(new_cost, nan, None, 1), RunEstimate(stored_cost, nan, None, 1)
+                RunEstimate(value=new_cost, stderr=nan, influences=None, runs=1),
+                RunEstimate(value=stored_cost, stderr=nan, influences=None, runs=1),
             )
+            *values, label = key
             rows.append(
                 Row(
-                    point=dict(zip(new.grid, key, strict=False)),
-                    filter=key[-1],
+                    point=dict(zip(new.grid, values, strict=True)),
+                    filter=label,
                     metric=kind,
                     how=EQUAL if is_equal else "cost",
                     change=change,

@@ -91,7 +91,7 @@ class SuiteReport:
 
 
 def prepare_suite(file: Path, options: Options, problems: Sequence[str] = ()) -> Suite:
-    """Read and validate a suite with the options' overrides."""
+    """Read and validate a suite with the options' overrides; ``problems`` names those to run."""
     for name in _UNUSED:
         if getattr(options, name):
             what = "`trackbench suite` has no such option; use `trackbench run`"

@@ -109,6 +109,7 @@ def build(
     if not isinstance(data, dict):
         source.add_problem(keys, f"{shown(data)} is not a mapping")
         return None
+    # The reader collects the components that are built, so that an error in them is known as a plugin's.
     reader = _Reader(source=source, keys=keys, parts=[], path=[])
     try:
         with plugin_code(cls, reader.parts):
@@ -168,10 +169,15 @@ def _build_component(group: Group, data: object, source: Source, keys: Keys) -> 
 
 
 def _describe_missing_kind(group: Group, data: object, source: Source, keys: Keys) -> str:
-    """Explain that a component needs a kind, and how to write one."""
+    """Explain that a component needs a kind, and how to write one.
+
+    ``data`` is the value that the config has at ``keys`` in place of the component.
+    """
     what = "needs a kind" if isinstance(data, dict) else "is not a mapping with a kind"
-    what += f", as {{kind: {min(kinds(group), key=len)}}}; see `trackbench list {group}`"
-    # A filter's own model replaces that of the scenario; nothing is inherited.
+    example = min(kinds(group), key=len)
+    what += f", as {{kind: {example}}}; see `trackbench list {group}`"
+    # A filter's own model, at ("filters", LABEL, "assume", ...), replaces that of the scenario; nothing
+    # is inherited.
     scenario_model = ("scenario", "assume", *keys[3:])
     is_filter_model = keys[2:3] == ("assume",)
     if is_filter_model and source.has((*scenario_model, "kind")):
@@ -181,7 +187,10 @@ def _describe_missing_kind(group: Group, data: object, source: Source, keys: Key
 
 
 def _find_class(group: Group, kind: object, source: Source, keys: Keys) -> type[Part] | None:
-    """Find the class of a kind; None, with a problem added, if there is none."""
+    """Find the class of the kind that the component at ``keys`` has.
+
+    Return None, with a problem added to the source, if there is no such kind.
+    """
     cls = None
     if kind is None:
         what = f"has no value; {unknown('', list(kinds(group)))}"
@@ -217,12 +226,13 @@ def _folder_of(mark: Mark) -> Path:
 
 
 def _is_allowed(source: Source, values: Mapping[str, object]) -> bool:
-    """Test whether the program of a filter's ``command`` may be run."""
+    """Test whether the program of a filter's ``command``, among its keys ``values``, may be run."""
     command = values.get("command")
     if source.programs is None:  # all are allowed
         return True
     if not isinstance(command, list) or not command:  # it cannot be run, and is reported
         return True
+    # The user has allowed files, and no further words: with these a program may do anything.
     return len(command) == 1 and command[0] in list(source.programs)
 
 
@@ -264,9 +274,13 @@ class _Reader(NamedTuple):
         return tuple(parts)
 
     def _build_part(self, group: Group, value: object, keys: Keys) -> Part | None:
-        """Build the component of a mapping; a word is a kind without keys of its own."""
+        """Build the component of a mapping; a word is a kind without keys of its own.
+
+        Return None if it has mistakes, which are then in the source.
+        """
         if isinstance(value, str):
             value = {"kind": value}
+            # The config gets the mapping, too, so that later mistakes find their keys in it.
             if self.source.has(keys):
                 mark = self.source.mark(keys)
                 put(self.source.at(keys[:-1]), keys[-1], marked(value, mark), mark)
@@ -281,13 +295,14 @@ def _allows_type(hint: object, cls: type) -> bool:
 def _make_paths_absolute(cls: type, source: Source, keys: Keys, values: dict[str, object]) -> None:
     """Make the paths of files in ``values`` absolute.
 
-    They count from the folder of the YAML file that names them. ``cls`` is the class of the values.
+    They count from the folder of the YAML file that names them. ``cls`` is the class of the values,
+    which the config has at ``keys``.
     """
     for key in file_keys(cls) & values.keys():
         annotations: set[object] = set()
         for annotated_type in get_args(hints_of(cls)[key]):
             annotations |= set(annotations_of(annotated_type))
-        if IS_VARIABLE in annotations:
+        if IS_VARIABLE in annotations:  # names of environment variables are no paths
             continue
         folder = _folder_of(source.mark((*keys, key)))
         may_be_word = IS_WORD in annotations
@@ -299,7 +314,10 @@ def _make_paths_absolute(cls: type, source: Source, keys: Keys, values: dict[str
 
 
 def _absolute_path(path: object, folder: Path, may_be_word: bool) -> object:
-    """Return a path counted from the folder; a word that names no file there stays as it is."""
+    """Return a path counted from the folder.
+
+    If it ``may_be_word`` of a command line, a word that names no file there stays as it is.
+    """
     if not isinstance(path, str):
         return path
     if not may_be_word or os.path.isfile(folder / path):

@@ -88,17 +88,21 @@ def meets_requirement(scenario: Scenario, requirement: str) -> bool:
     ``motion.T|F`` one of the two attributes is enough.
     """
     component, _, name = requirement.partition(".")
-    if component == "state":
+    if component == "state":  # `state.planar`
         return scenario.components == position_velocity_names(2)
     if component == "prior":
         prior_type = scenario.prior_type
+        # A field of a dataclass without a default is no attribute of the class.
         return hasattr(prior_type, name) or name in getattr(prior_type, "__dataclass_fields__", ())
     model_component = getattr(scenario.model, component)
     return any(hasattr(model_component, attribute) for attribute in name.split("|"))
 
 
 def check_fit(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario) -> None:
-    """Check that the scenario meets a filter's requirements and conflicts."""
+    """Check that the scenario meets a filter's requirements and has no conflict with the filter.
+
+    ``keys`` lead to the filter's entry, where the mistakes are reported.
+    """
     sensor = scenario.model.sensor
     kind_mark = source.mark((*keys, "kind"))
     # Step 1: what the filter requires of the scenario.
@@ -176,7 +180,7 @@ def check_idle(source: Source, points: list[Point]) -> None:
         if any(path.startswith(("scenario.", entry)) for path in mistaken):
             continue
         trackers = [point.filters[label] for point in points]
-        # Reasons by key, at each point.
+        # Reasons by key, at each point. A key that is idle everywhere is so at the first point.
         idle_keys = [
             call_hook(tracker.idle_keys, dict, point.assumed_scenario(label))
             for tracker, point in zip(trackers, points, strict=True)
@@ -229,6 +233,7 @@ def check_exact(source: Source, settings: Settings, point: Point) -> None:
         tracker = point.filters[label]
         assume = point.assumed.get(label)
         with plugin_code(tracker, point.scenario, assume):
+            # Neither the seed nor the number of runs matters.
             one_run = BlockTask(
                 scenario=point.scenario,
                 filter=tracker,
@@ -407,7 +412,7 @@ def with_recorded_runs(source: Source, settings: Settings, points: list[Point]) 
     runs = recorded_runs
     if "runs" in source.data and settings.runs <= recorded_runs:
         runs = settings.runs
-    elif "runs" in source.data and source.mark(("runs",)).file != QUICK:
+    elif "runs" in source.data and source.mark(("runs",)).file != QUICK:  # that of --quick is cut
         what = f"{settings.runs} is more than the {recorded_runs} recorded runs"
         source.add_problem(("runs",), what)
     block = settings.block

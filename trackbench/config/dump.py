@@ -102,6 +102,7 @@ def entry_keys(assume: Assume, shown: Callable[[str], str] = str) -> PlainData:
     assumed = {k: v for k, v in as_config(assume, shown).items() if v is not None}
     late = assumed.pop("late", None)
     entry: PlainData = {}
+    # Assumptions that equal the defaults are still written, as an empty mapping.
     if assumed or late is None:
         entry["assume"] = assumed
     if late is not None:
@@ -110,7 +111,10 @@ def entry_keys(assume: Assume, shown: Callable[[str], str] = str) -> PlainData:
 
 
 def data_files(experiment: Experiment, folder: Path) -> dict[str, Path]:
-    """List the data files that a results folder has, by name: those from Python, and its own."""
+    """List the data files in a results folder by name: those from Python, and those that lie there.
+
+    Files elsewhere are named by a path and stay where they are.
+    """
     path_by_name: dict[str, Path] = {}
 
     def note_path(path: str) -> str:
@@ -124,7 +128,7 @@ def data_files(experiment: Experiment, folder: Path) -> dict[str, Path]:
 
 
 def data_from_python(experiment: Experiment, folder: Path) -> list[str]:
-    """Name the data files that the run writes into the folder."""
+    """Name the data files that the run writes into the folder: those that do not lie there already."""
     names = []
     for name, path in data_files(experiment, folder).items():
         if path.resolve() != (folder / name).resolve():
@@ -148,6 +152,7 @@ def _components_with_varied_defaults(experiment: Experiment) -> set[Keys]:
         path_keys = split_path(experiment.source, path)
         if path_keys[-1] not in ("kind", "preset"):
             continue
+        # The keys of a component are ("scenario",) or ("filters", LABEL).
         is_of_scenario = path_keys[0] == "scenario"
         components.add(path_keys[:1] if is_of_scenario else path_keys[:2])
     return components

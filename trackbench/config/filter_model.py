@@ -48,7 +48,10 @@ def read_assumed(source: Source, label: str) -> Assume | None:
 
 
 def check_late(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario) -> None:
-    """Check that a filter has a treatment of late measurements, and that it can apply it."""
+    """Check that a filter has a treatment of late measurements, and that it can apply it.
+
+    ``keys`` lead to the filter's entry, where mistakes are reported.
+    """
     # With mistakes in these keys, the scenario's treatment is unknown.
     entry_paths = tuple(dotted((*keys, key)) for key in ENTRY_KEYS)
     if any(problem.path.startswith(entry_paths) for problem in source.problems):

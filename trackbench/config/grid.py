@@ -112,6 +112,7 @@ def combinations(
 ) -> list[Places]:
     """List the points in order, each as the indices of its paths' values.
 
+    ``labels`` are those of the filters, ``reference`` that of the reference filter, if there is one.
     With ``every`` each combination of the values is a point. Otherwise one group of filters is varied at
     a time, and the paths of other groups keep their first values.
     """
@@ -200,7 +201,7 @@ def _check_grid(source: Source, settings: Settings) -> bool:
 
 
 def _has_overlaps(source: Source, grid: dict[str, list[object]]) -> bool:
-    """Add a mistake to the source for two axes that set one value; return True if there are any."""
+    """Add a mistake to the source for each two axes that set one value; return True if there are any."""
     has_overlaps = False
     axis_by_keys: dict[Keys, str] = {}
     for path in grid:
@@ -227,6 +228,7 @@ def add_axis(source: Source, text: str) -> None:
     path = dotted(keys)
     if not isinstance(source.data.get("grid"), dict):
         override(source, ("grid",), {}, mark)
+    # A mark without a line is that of an earlier option.
     if path in source.data["grid"] and not source.mark(("grid", path)).line:
         raise UserError(Problem(mark, dotted(("grid", path)), "is given twice"))
     override(source, ("grid", path), axis_values(values, mark), mark)
@@ -252,7 +254,9 @@ def axis_values(text: str, mark: Mark) -> Sequence[object]:
     values = []
     for i in range(int(number)):
         share = i / intervals
-        value = low * (high / low) ** share if log else low + (high - low) * share
+        value = low + (high - low) * share
+        if log:
+            value = low * (high / low) ** share
         values.append(float(f"{value:.12g}"))  # 0.3, not 0.30000000000000004
     # Between whole ends, values that are whole except for rounding are whole numbers.
     if isinstance(scalar(first), int) and isinstance(scalar(last), int):

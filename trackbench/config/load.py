@@ -240,6 +240,7 @@ def _validate_with_plugin_errors(
     except Exception as error:
         what = foreign_line(error)
         if not what:
+            # Without a line of a plugin only a RunError, which has its own message, is a mistake.
             if not isinstance(error, RunError):
                 raise
             what = str(error)
@@ -435,6 +436,7 @@ def _read_published(
             labels,
             mark=source.mark(("published",)),
             points=point_values,
+            # A table with the key `of` may show the rows of another experiment.
             also=[str(table.get("of")) for table in settings.tables.values()],
         )
     except UserError as error:

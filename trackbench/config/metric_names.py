@@ -42,7 +42,7 @@ def stored_metrics(settings: Settings, file: str) -> frozenset[str] | None:
     if settings.metrics is None:
         return None
     bases = [measured(name).base for name in settings.metrics]
-    return frozenset(["lost", "gated", *bases])
+    return frozenset(["lost", "gated", *bases])  # the first two are always stored
 
 
 def is_stored(stored: frozenset[str] | None, base: str) -> bool:
@@ -247,6 +247,7 @@ def _error_series(
     """Yield the names of a filter's series of errors."""
     if not scenario.has_truth:
         return
+    # The names of errors are those at any state.
     origin = np.zeros((len(scenario.components), 1))
     for quantity, error in scenario.errors(origin, origin).items():
         yield joined("squared", quantity)

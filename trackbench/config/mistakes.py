@@ -63,6 +63,7 @@ def nearest(word: str, known: Sequence[str]) -> str:
     if len(lower) > 2:
         longer = [other for other in known if other.lower().startswith(lower)]
         if longer:
+            # A metric of the position is meant most often; else the shortest word.
             return min(longer, key=lambda other: ("position" not in other, len(other)))
     near = get_close_matches(word, known, 1, 0.5) or get_close_matches(lower, known, 1, 0.5)
     if not near:
@@ -140,6 +141,7 @@ def _merge_union_problems(problems: Collection[Problem]) -> list[Problem]:
         has_inner_problems = any(p.path.startswith(f"{problem.path}.") for p in problems)
         if verb and has_inner_problems:
             continue
+        # A text on a mapping's type begins with the mapping; that on its kind does not.
         has_problem_of_kind = any(
             p.path == problem.path and not p.what.startswith("{") for p in problems
         )
@@ -182,9 +184,10 @@ def _problems_of(
     for step in steps:
         if source.has((*where, step)):
             where = (*where, step)
-    # Step 2: a key that the dataclass lacks, or that the mapping lacks.
+    # Step 2: a key that the dataclass lacks, or that the mapping lacks: the location ends with it.
     if error_type in ("unexpected_keyword_argument", "extra_forbidden"):
-        owner = _find_dataclass(cls, where[len(keys) : -1], location)
+        keys_of_owner = where[len(keys) : -1]  # below the mapping that was read as ``cls``
+        owner = _find_dataclass(cls, keys_of_owner, location)
         what = _describe_unknown_key(str(location[-1]), owner, also if owner is cls else ())
         return [Problem(source.key_mark(where), dotted(where), what)]
     if error_type == "missing" and isinstance(location[-1], int):
@@ -246,6 +249,7 @@ def _describe_value(
         return "the name of a folder it lies in is not UTF-8, and no config could hold it"
     if isinstance(value, float) and isnan(value):
         return "NaN is not a finite number"
+    # A finite number is one of an interval with infinite ends.
     if isinstance(value, float) and isinf(value) and error_type in ("less_than", "greater_than"):
         return f"{text} is not a finite number"
     # Numbers beyond a limit, words that are not in a list, texts that do not match.
@@ -292,14 +296,19 @@ def _advise_spelling(type_name: str, value: object) -> str:
     written = value.strip()
     if isinstance(scalar(written), int | float) and not isinstance(scalar(written), bool):
         return f"; write {written} without quotation marks"
+    # 10_000
     if re.fullmatch(r"[-+]?[0-9]+(_[0-9]+)+(\.[0-9]+)?", written):
         return f"; write {written.replace('_', '')}"
+    # 10,000
     if re.fullmatch(r"[-+]?[0-9]{1,3}(,[0-9]{3})+", written) and type_name == "int":
         return f"; write {written.replace(',', '')}"
+    # 0,5
     if re.fullmatch(r"[-+]?[0-9]+,[0-9]+", written):
         return f"; write {written.replace(',', '.')} with a point"
+    # 5 %
     if type_name != "int" and re.fullmatch(r"[0-9]+(\.[0-9]+)?\s*%", written):
         return f"; write the share, {float(written.rstrip('% ')) / 100.0:g}"
+    # 3 km or 20m/s, but neither 0x1f nor 1e5x
     if re.fullmatch(r"[-+]?[0-9]+(\.[0-9]+)?\s*(?![xe])[a-zA-Z%°µ][a-zA-Z0-9%/°²^]*", written):
         return "; write the number alone, in the unit of the key"
     return ""

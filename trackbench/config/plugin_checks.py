@@ -129,7 +129,7 @@ def load_plugins(
     names = source.data.get("plugins") or []
     if not isinstance(names, list):
         return ()  # the validation of the whole reports it
-    # Step 1: the declared files, which are digested only if plugins may run.
+    # Step 1: the declared files, whose digests are computed only if plugins may run.
     may_run = allowed or bool(chosen)
     files, problems = _digest_declared_files(source, folder, may_run)
     environment = _words_of_list(source, "environment")
@@ -218,7 +218,7 @@ def _read_file(
     variables.
     """
     # The package's own kinds are imported first, so that a plugin can neither take their names nor
-    # change their functions.
+    # change their functions. `kinds` is called for its imports.
     import_own(*BLOCK_GROUPS)
     kinds("filters")
     kinds("scenarios")
@@ -229,10 +229,12 @@ def _read_file(
 
 
 def check_kind(cls: type[Part]) -> None:
-    """Raise PluginError for a class that no config could name."""
-    for what in _class_mistakes(cls):
+    """Raise PluginError, with the first mistake, for a class that no config could name."""
+    mistake = next(_class_mistakes(cls), None)
+    if mistake is not None:
+        # An error that names no method has the location of the class.
         location = location_of(WrongReturnError("", ""), cls)
-        raise PluginError(f"{location}{cls.__name__}: {what}")
+        raise PluginError(f"{location}{cls.__name__}: {mistake}")
 
 
 def _class_mistakes(cls: type[Part]) -> Iterator[str]:
@@ -259,6 +261,7 @@ def _class_mistakes(cls: type[Part]) -> Iterator[str]:
         adapter(cls)
     except Exception as error:
         first_line = str(error).split("\n", 1)[0]
+        # pydantic's advice, "Set `arbitrary_types_allowed=True` ...", does not help here.
         without_advice = first_line.split(". Set `arb", 1)[0]
         yield f"has a key of a type that no YAML can hold: {without_advice}"
 

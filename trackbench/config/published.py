@@ -281,7 +281,7 @@ def _misspelt_experiments(known: _Known, folders: list[Path]) -> Iterator[Proble
 
 
 def _experiment_names(folder: Path) -> Iterator[str]:
-    """Yield the names of the experiments in a folder."""
+    """Yield the names of the experiments in a folder: the key `name` of each file, or its own name."""
     for path in glob(f"{escape(str(folder))}/*.yaml"):
         with suppress(OSError):
             name = re.search(r"^name: *[\"']?([\w.-]+)", text_of(Path(path)), re.MULTILINE)
@@ -400,7 +400,10 @@ def _check_labels(row: PublishedNumber | Claim, source: Source, labels: list[str
 
 
 def _check_steps(row: PublishedNumber | Claim, source: Source) -> None:
-    """Check that a number is of one step, and that both sides of a claim are of equal steps."""
+    """Check that a number is of one step, and that both sides of a claim are of equal steps.
+
+    A right side that names no range of steps is compared with each step of the left side.
+    """
     left = row.expression
     if isinstance(row, PublishedNumber):
         if left and left.is_many:

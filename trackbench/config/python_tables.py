@@ -48,6 +48,7 @@ def put_tables(source: Source, tables: Mapping[str, object]) -> None:
         paths = []
         for i, table in enumerate(tables_of_key):
             name = f"{key}-{i + 1}" if i else key
+            # Without known components, the mistake in the sensors is reported later.
             columns = components[i] if i < len(components) else ()
             frame = _build_frame(table, columns, Mark(name))
             paths.append(str(_write_frame(frame, name)))
@@ -67,6 +68,7 @@ def _table_components(
     if key == "truth":
         if target.get("state"):
             return [target["state"]]
+        # Another number of axes is a mistake that the validation reports.
         axes = target.get("axes", 2)
         return [position_velocity_names(axes) if axes in (1, 2, 3) else ("x",)]
     # Step 1: build the sensors.
@@ -170,6 +172,7 @@ def name_rows(error: UserError) -> None:
     for problem in error.problems:
         if isinstance(problem, Problem) and _is_from_python(problem.mark.file):
             place = Path(problem.mark.file).stem
+            # Line 1 of the file has the names of the columns, line 2 is row 0 of the table.
             if problem.mark.line > 1:
                 place += f", row {problem.mark.line - 2}"
             problem = replace(problem, mark=Mark(place), what=without_folders(problem.what))

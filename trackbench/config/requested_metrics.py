@@ -72,7 +72,8 @@ def check_metrics(
     """Check that every metric named by tables, figures and settings exists and is stored.
 
     ``points`` are all, or none if any has mistakes: the metrics are unknown then. Metrics of filters
-    that are not run may be named. Diagnostics of filters with mistakes or errors are unknown.
+    that are ``left_out`` of the run may be named. Diagnostics of filters with mistakes or errors are
+    unknown.
     """
     requests = [*_requests_of_settings(settings), *requests_of(parts)]
     if not points:
@@ -128,7 +129,7 @@ def _requests_of_tuning(settings: Settings) -> Iterator[MetricRequest]:
 
 
 def requests_of(parts: dict[Group, dict[str, Exhibit]]) -> Iterator[MetricRequest]:
-    """Yield the metrics of tables and figures: by keys of a type such as `OfRun`, and by ``needs``."""
+    """Yield the metrics of tables and figures: by keys of a type such as `OfRun`, and by `requires`."""
     for group, built in parts.items():
         for name, part in built.items():
             for word, role in part.requires.items():
@@ -150,7 +151,7 @@ def _requests_in_value(value: object, hint: object, keys: Keys) -> Iterator[Metr
         yield MetricRequest(keys, value, role)
         # A rank histogram also needs each of its bars.
         if role == "rank" and not value.steps:
-            for bar in bars(value.family[1]):
+            for bar in bars(value.quantity):
                 yield MetricRequest(keys, value._replace(metric=bar), role="per_run", named=False)
     elif is_dataclass(value) and not isinstance(value, type):
         yield from _requests_of_component(value, keys)
@@ -167,6 +168,7 @@ def _nearest_metric(word: str, known: Collection[str], bases: Sequence[str]) -> 
     """
     lower = word.lower()
     base = nearest(word, bases) if word.isidentifier() else ""
+    # A beginning or a part of a metric's name, as `position` of `rmse_position`, may lack a statistic.
     if base.startswith(lower) or lower in base.split("_"):
         for expression in (base, f"rms({base})", f"mean({base})"):
             if expression in known:
@@ -185,14 +187,15 @@ def _why_unknown(request: MetricRequest, names: Names, settings: Settings) -> st
     # Step 1: metrics that cannot exist here, with the reason.
     known = names.of(role)
     measure = request.measure
-    metric, quantity = measure.family
+    metric = measure.definition
+    quantity = measure.quantity
     is_of_prediction = quantity.startswith(("predicted_", "held_"))
     needs_truth = metric.series in ("damage", *_ERROR_SERIES) and not is_of_prediction
     if measure.relation in ("gain", "ratio") and metric.is_score:
         what = "a log score is a logarithm, and ratios of it mean nothing; take minus(...)"
         return f"'{measure}': {what}"
     if word not in known and not names.has_truth and needs_truth:
-        # Of many similar metrics, only a few are suggested.
+        # Of many similar metrics, only a few are suggested: autocorrelation_1, and not those at 2 to 10.
         rarely_useful = re.compile(r"(bias|std)_.*|lost|autocorrelation_(?!1$).*")
         bases = {measured(name).base for name in known}
         suggested = sorted(name for name in bases if not rarely_useful.fullmatch(name))
@@ -214,7 +217,7 @@ def _why_unknown(request: MetricRequest, names: Names, settings: Settings) -> st
     if metric.name in ("nees", "anees") and quantity in ("position", "velocity"):
         hint = f"`score: {{marginals: [{quantity}]}}` of the scenario adds it"
         return f"{word!r} is no metric here; {hint}"
-    has_metric = any(measured(name).family[0] is metric for name in known)
+    has_metric = any(measured(name).definition is metric for name in known)
     if metric.name in _ADDED_BY and not has_metric:
         return f"{word!r} is no metric here; the key {_ADDED_BY[metric.name]} adds it"
     known_bases = sorted({measured(name).base for name in known})
@@ -229,13 +232,15 @@ def _why_not_stored(request: MetricRequest, names: Names, settings: Settings) ->
     if role == "efficiency":
         return _why_not_computable(request.measure, settings)
     stored = stored_metrics(settings, "per_step.csv" if role == "per_step" else "summary.csv")
+    # Settings such as `metrics` and `until` need no file: they have the roles base, series and row.
     if role in ("base", "series", "row") or stored is None or request.measure.base in stored:
         return None
     # For the bars of a rank histogram, the problem is that of its transform.
-    if request.measure.family[0].name == "rank" and not request.named:
+    if request.measure.definition.name == "rank" and not request.named:
         return None
     if word in names.filter_numbers:
         return None
+    # A metric that a kind always shows may be none of this experiment.
     if not request.named and word not in names.of(role):
         return None
     key = "per_step" if role == "per_step" and settings.per_step is not None else "metrics"
@@ -255,7 +260,11 @@ def _why_not_computable(measure: Measure, settings: Settings) -> str | None:
 
 
 def _role_and_name(request: MetricRequest, settings: Settings) -> tuple[str, str]:
-    """Return a requested metric's role in `Names.of`, such as its file, and its name there."""
+    """Return a requested metric's role in `Names.of`, such as its file, and its name there.
+
+    A number at a step is looked up in per_step.csv, a statistic over runs or a win rate in per_run.csv,
+    and a comparison under the expression of one filter.
+    """
     measure = request.measure
     if request.role == "base":
         return "base", measure.base
@@ -350,7 +359,7 @@ class Contributions:
 
 def requested_contributions(experiment: Experiment) -> Contributions:
     """Collect the contributions that tables, figures and published files request."""
-    # Step 1: measures of every filter.
+    # Step 1: measures of every filter; of a comparison, the expression of one filter.
     measures = [request.measure for request in requests_of(experiment.parts)]
     measures += experiment.published.expressions
     everywhere = set()

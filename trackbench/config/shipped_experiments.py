@@ -139,6 +139,7 @@ def located(config: Path, note: Callable[[str], None]) -> Path:
     experiment. ``note`` is called with a line to print if the word is both.
     """
     word = str(config)
+    # A word with a point or a slash is a path, and can be no shipped name.
     if config.is_file() or not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", word):
         shipped_file = files().get(config.stem)
         if shipped_file is not None and word == config.stem:
@@ -276,6 +277,7 @@ def with_parts(file: Path, files: frozenset[Path] = frozenset()) -> frozenset[Pa
 
     files |= {file}
     if file.suffix in (".yaml", ".yml") and file.is_file():
+        # Every word with an ending may be the path of a file.
         parts = {file.parent / word for word in _walk_words(read(file).data)}
         for part in sorted(part for part in parts - files if part.suffix):
             files = with_parts(part, files)

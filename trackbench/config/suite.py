@@ -336,9 +336,10 @@ class _Assembler:
         added = add_filters(source, self.filter_files)
         for text in self.filter_overrides:
             filter_keys, value, mark_of_option = assignment(source, text)
-            if filter_keys[1] not in added:
+            label = filter_keys[1]  # of filters.LABEL.KEY
+            if label not in added:
                 what = (
-                    f"no filter of --filter is called {filter_keys[1]!r}; the rosters are "
+                    f"no filter of --filter is called {label!r}; the rosters are "
                     "`groups.GROUP.filters`"
                 )
                 raise UserError(Problem(mark_of_option, dotted(filter_keys), what))
@@ -354,7 +355,7 @@ class _Assembler:
         if word.endswith((".yaml", ".yml")):
             return self.home / word
         try:
-            return located(Path(word), lambda line: None)
+            return located(Path(word), lambda line: None)  # nothing is printed
         except UserError as error:
             what = "; ".join(p.what if isinstance(p, Problem) else str(p) for p in error.problems)
             mark = self.suite.mark(keys)
@@ -383,7 +384,7 @@ class _Assembler:
         elif problem.runs and self.runs is None:
             put(data, "runs", problem.runs, mark)
         else:
-            put(data, "runs", self.settings.runs, mark)
+            put(data, "runs", self.settings.runs, mark)  # that of --runs, if it is given
         # Blocks as wide as the runs need: a suite has few runs, and no more are added later.
         put(data, "block", "fit", mark)
         put(data, "per_step", [], mark)  # no series over time is stored
@@ -518,7 +519,8 @@ def _fit_roster(
 def _idle_keys(assembled: _AssembledProblem, error: UserError) -> list[Keys]:
     """Return the keys that `--set` gives the user's own filters, and that have no effect here.
 
-    `late` has none where all measurements arrive on time.
+    ``error`` has the mistakes of the problem. The key `late`, for example, has no effect where all
+    measurements arrive on time.
     """
     idle_keys = []
     for problem in error.problems:
@@ -538,7 +540,10 @@ def _remove_key(source: Source, keys: Keys) -> None:
 
 
 def _idle_overrides(overrides: Sequence[str], fitted: Sequence[FittedProblem]) -> list[Problem]:
-    """Return a mistake for each key of the user's own filters that has no effect on any problem."""
+    """Return a mistake for each key of the user's own filters that has no effect on any problem.
+
+    ``overrides`` are assignments ``filters.LABEL.KEY=VALUE`` of these keys, ``fitted`` the problems.
+    """
     problems = []
     for text in overrides:
         path = text.partition("=")[0]
@@ -555,7 +560,10 @@ def _leaves_out_owner(problem: FittedProblem, path: str) -> bool:
 
 
 def _misfits(source: Source, error: UserError) -> dict[str, str]:
-    """Return by label why filters do not fit; empty unless each mistake is one of a filter's entry."""
+    """Return by label why filters do not fit; empty unless every mistake is in a filter's entry.
+
+    A mistake of the reference filter, without which the problem cannot be run, also makes it empty.
+    """
     reference = source.data.get("reference")
     reasons: dict[str, str] = {}
     for problem in error.problems:
@@ -572,8 +580,9 @@ def _label_of(source: Source, path: str) -> str | None:
     """Return the label of the filter whose entry ``path`` is or lies in; None if there is none."""
     labels = [*source.data["filters"]]
     labels += [f"{label}, smoothed" for label in source.data.get("smoothed", ())]
-    labels = [label for label in labels if f"{path}.".startswith(f"filters.{label}.")]
-    return max(labels, key=len, default=None)
+    owners = [label for label in labels if f"{path}.".startswith(f"filters.{label}.")]
+    # A label may have dots: of the labels `a` and `a.b` the longer one is meant.
+    return max(owners, key=len, default=None)
 
 
 def _remove_filter(source: Source, label: str) -> None:
@@ -605,7 +614,8 @@ def _filters_without_problem(
     fit. ``added`` are the user's own filters, each of which must fit a problem of any group.
     """
     problems = []
-    for group_name, group in settings.groups.items() if is_whole else ():
+    checked_groups = settings.groups if is_whole else {}
+    for group_name, group in checked_groups.items():
         group_problems = [problem for problem in fitted if problem.group == group_name]
         if not group_problems:
             continue

@@ -175,6 +175,7 @@ def _is_tuned_run(source: Source, label: str) -> bool:
 
 def _add_exhibit(source: Source, group: str, name: str, exhibit: dict[str, object]) -> None:
     """Add a table or figure of tuning unless the config has it."""
+    # A mark without a line is of no file, as that of an option.
     mark = source.key_mark(("tune",))
     if not mark.line:
         mark = Mark("tune")
@@ -264,7 +265,8 @@ def tuned_axes(
     _check_tuning(source, settings, points, training)
     axes_by_label: dict[str, tuple[Axis, ...]] = {}
     for label, keys in settings.tune.items():
-        if label not in settings.filters and label != TRAINING_SCENARIO[1]:
+        # An entry `scenario` under `tune` was meant for `tuning`, and gets a message of its own.
+        if label not in settings.filters and label != "scenario":
             add_label_problem(source, settings, ("tune", label), label)
             continue
         what = _why_not_tunable(settings, label, len(keys))
@@ -414,9 +416,11 @@ def held_out_data(experiment: Experiment) -> str:
     if judged.scenario.recorded_runs or training.scenario.recorded_runs:
         return PATH
     # Simulated data: compare the path of the first judged run with that of the first training run.
+    # Training runs count down from -1.
     seed = experiment.settings.seed
     judged_path = simulate(judged.scenario, seed, 0, 1).truth
     training_path = simulate(training.scenario, seed, -1, 1).truth
+    # The two scenarios may differ in components and steps: compare those of both.
     n, steps = np.minimum(judged_path.shape[:2], training_path.shape[:2])
     is_same_path = np.array_equal(
         judged_path[:n, :steps], training_path[:n, :steps], equal_nan=True
@@ -425,7 +429,7 @@ def held_out_data(experiment: Experiment) -> str:
 
 
 def training_cautions(experiment: Experiment) -> list[str]:
-    """Warn of filters that are tuned on the very path that judges them."""
+    """Warn of filters that are tuned on the very path that judges them; empty without such filters."""
     if not experiment.tuned or held_out_data(experiment) != NOISE:
         return []
     return [

@@ -89,7 +89,9 @@ class Axis:
         """Return low^(1 - s) high^s on a logarithmic axis, low + s (high - low) on a linear one."""
         if self.log:
             logs = elementary.log(np.array([self.low, self.high]))
-            value = float(elementary.exp(logs[:1] + share * (logs[1:] - logs[:1]))[0])
+            log_low = logs[:1]
+            log_high = logs[1:]
+            value = float(elementary.exp(log_low + share * (log_high - log_low))[0])
         else:
             value = self.low + share * (self.high - self.low)
         # Four digits, which may round beyond an end.
@@ -101,6 +103,7 @@ class Axis:
         if self.choices:
             for i, choice in enumerate(self.choices):
                 if choice == value:
+                    # The middle of the choice's part of the axis.
                     return (i + 0.5) / len(self.choices)
             return None
         if not is_number(value) or not self.low <= value <= self.high:
@@ -190,7 +193,8 @@ class Objective(NamedTuple):
     def _score_term(self, word: str, per_run: Mapping[str, Array]) -> tuple[float, Array]:
         """Return the minimized value of the term ``word``, and each run's influence (M,) on it."""
         measure = _read_term(word)
-        metric, quantity = measure.family
+        metric = measure.definition
+        quantity = measure.quantity
         # Step 1: the statistic of the runs that are not lost, and each run's influence on it.
         x = per_run[_run_metric(measure)]
         is_finite = ~np.isnan(x)
@@ -211,7 +215,7 @@ class Objective(NamedTuple):
 def as_expression(word: str) -> str:
     """Write the term as tables do."""
     measure = _read_term(word)
-    if measure.family[0].per_component:
+    if measure.definition.per_component:
         return word
     return str(measure)
 
@@ -228,31 +232,34 @@ def objective_target(word: str) -> float | None:
     measure = _read_term(word)
     if measure.statistic not in _LOCATIONS:
         return None
-    return _TARGETS.get(measure.family[0].better)
+    return _TARGETS.get(measure.definition.better)
 
 
 def _read_term(word: str) -> Measure:
     """Parse the term; ANEES and log scores stand for their means."""
     measure = measured(word)
-    metric = measure.family[0]
+    metric = measure.definition
     if measure.is_row and (metric.per_component or metric.is_score):
         return measure._replace(statistic="mean")
     return measure
 
 
 def _is_maximized(measure: Measure) -> bool:
-    return measure.statistic in _LOCATIONS and measure.family[0].more_is_better
+    return measure.statistic in _LOCATIONS and measure.definition.more_is_better
 
 
 def _run_metric(measure: Measure) -> str:
     """Return the name of the values per run that the statistic is taken of."""
-    if measure.family[0].per_component:
+    if measure.definition.per_component:
         return in_window(measure.base, measure.window)
     return measure.name
 
 
 def bad_terms(metric: str | Mapping[str, float] | None) -> Iterator[tuple[str, str]]:
-    """Yield terms that are no statistic over runs, and why."""
+    """Yield each term of the objective that cannot be minimized, and why.
+
+    It is no statistic over runs, or it is a spread of a metric that is better larger.
+    """
     words = [metric] if isinstance(metric, str) else metric or ()
     for word in words:
         measure = _read_term(word)
@@ -261,7 +268,7 @@ def bad_terms(metric: str | Mapping[str, float] | None) -> Iterator[tuple[str, s
                 word,
                 f"{word!r} is no statistic over runs, such as rms(rmse_position), anees, log_score",
             )
-        elif measure.family[0].more_is_better and measure.statistic not in _LOCATIONS:
+        elif measure.definition.more_is_better and measure.statistic not in _LOCATIONS:
             better = measured(word)._replace(statistic="mean")
             yield word, f"{word!r}: of a metric that is better larger take {better}"
 

@@ -116,7 +116,8 @@ def check_file(
     classes = {kind: cls for kind, cls in registered.items() if issubclass(cls, Filter)}
     if on is None:
         return {kind: list(check_filter(cls)) for kind, cls in classes.items()}
-    # Step 3: the entries of the config with these filters, or its problem if there is no entry.
+    # Step 3: the entries of the config with these filters, or its problem if there is no entry. Only the
+    # first point of a grid is taken.
     point = load(on, allow_plugins=allow_plugins, chosen=[path]).points[0]
     findings: dict[str, list[Finding]] = {}
     for kind, cls in classes.items():
@@ -150,7 +151,8 @@ def _check_program(
     """Check the program ``path`` with the keys of each filter of the config ``on`` that runs it.
 
     ``labels`` are those of the filters. Without labels the program is checked without keys, on the
-    problem of the config. Without a config it is checked on the contract's problems.
+    problem of the config. Without a config it is checked on the contract's problems. Of a config's grid
+    only the first point is taken.
     """
     if not labels and not is_program(path):
         what = "`--on CONFIG` checks a script, by the command of its filter there"
@@ -360,7 +362,7 @@ def _choose_scenario(
     for scenario in candidates:
         why = why_not(tracker, scenario) or why_program_fails(tracker, scenario)
         if not why:
-            # The reason is read only if the scenario is not the first candidate of the contract.
+            # Without reasons the scenario is ``on``, or PLANAR, for which no caller reads the text.
             return scenario, "; ".join(reasons) or "is checked on the config's problem"
         if why not in reasons:
             reasons.append(why)

@@ -102,11 +102,11 @@ def turn(problem: ModelDraws, angle: Angle, values: Array, ahead: Array, seed: i
 class _Turning:
     """Turns the prior means (n, M) of a problem about the sensor until an angle has its value.
 
-    ``ahead`` (M,) is the number of steps after which it has this value. The other components that the
-    sensor measures keep their values.
+    The other components that the sensor measures keep their values.
     """
 
     def __init__(self, problem: ModelDraws, angle: Angle, ahead: Array) -> None:
+        """Note the ``angle`` and the number of steps ``ahead`` (M,) after which it has its value."""
         self.model = problem.model
         self.angle = angle
         self.ahead = ahead
@@ -159,6 +159,7 @@ class _Turning:
         row = self.angle.row
         start = self.values(mean)
         whole_angle = wrap_angle(values - start[row])
+        # An angle of the state is itself changed; nothing else turns with it.
         if self.angle.kind == "state":
             turned_mean = mean.copy()
             turned_mean[row] += whole_angle
@@ -169,6 +170,7 @@ class _Turning:
         support = (1e-12 * J.max(axis=(0, 1)) < J).any(axis=-1)
         moved = [i for i in range(len(mean)) if support[row, i]]
         others = [i for i in range(len(mean)) if not support[row, i]]
+        # As many equations as unknowns: the angle's, and those of some fixed components.
         rows = [row, *self._fixed_rows(support)[: len(moved) - 1]]
         # Step 2: rotate the components that the angle does not depend on by a small angle at each stage,
         # and adjust the others by Newton's method.
@@ -209,6 +211,7 @@ class _Turning:
         for j, name in enumerate(components):
             if j == row or j in measured_angle_rows(self.model.sensor):
                 continue
+            # `2.range` is of sensor 2; a name without a number is of the only sensor.
             is_of_sensor = name.partition(".")[0] in (sensor_name, name)
             depends_on_others = (support[j] & ~support[row]).any()
             if is_of_sensor and not depends_on_others:
@@ -228,7 +231,10 @@ class _Turning:
         return np.stack(derivatives, axis=1)
 
     def rotation(self, n: int, angle: Array) -> Array:
-        """Return matrices (n, n, M) that rotate positions, velocities and accelerations."""
+        """Return matrices (n, n, M) that rotate positions, velocities and accelerations.
+
+        They rotate by ``angle`` (M,), rad, in the plane.
+        """
         G = np.repeat(np.eye(n)[..., None], len(angle), axis=2)
         for i, j in self.planar:
             G[i, i] = np.cos(angle)
@@ -275,8 +281,9 @@ def measured_without_cut(
         predicted = np.asarray(motion.transition(center.mean[:, i], k).mean)
         expected = np.asarray(sensor.measurement(predicted, k).mean)
         innovation = sensor.innovation(z[:, i], expected)[row]
-        turn_down = 2.0 * np.pi * np.ceil((expected[row] - cut) / (2.0 * np.pi))
-        z[row, i] = expected[row] - turn_down + innovation
+        # The whole turns by which the expected angle is above (cut - 2 pi, cut].
+        whole_turns = 2.0 * np.pi * np.ceil((expected[row] - cut) / (2.0 * np.pi))
+        z[row, i] = expected[row] - whole_turns + innovation
     return data._replace(measurements=z)
 
 
@@ -294,6 +301,7 @@ def name_of_unwrapped(
     for angle in angles_of(problem):
         if angle.kind == "state" or not runs.any():
             continue
+        # A filter counts the angle from -pi to pi, or from 0 to 2 pi.
         for cut in (np.pi, 2.0 * np.pi):
             shifted = measured_without_cut(problem, data, center, angle.row, cut)
             estimates = run_filter(tracker, unwrapped_problem, shifted)
@@ -313,7 +321,8 @@ def is_unwrapped(
 ) -> bool:
     """Test whether a whole turn added to some measurements of an angle changes the estimates.
 
-    Only the runs of the comparison in which the angle is far from any cut count.
+    Only the runs of the comparison in which the angle is far from any cut count. In half of them an
+    estimate must change by more than a standard deviation.
     """
     # Measured angles are wrapped before a program gets them, unless the sensor does not wrap.
     sent_problem = _without_wrap(problem) if tracker.runs_program else problem
@@ -450,6 +459,7 @@ def _compare(tracker: AnyFilter, problem: ModelDraws, angle: Angle) -> _Comparis
     tested = run_filter(tracker, problem, data)
     references = [run_filter(f, problem, data) for f in filters]
     rows = problem.angle_rows
+    # The truth in place of a filter: its covariance is not used.
     truth = Estimates(mean=data.truth, cov=references[0].cov, random=False, series={})
     errors = [deviation(truth, reference, rows) for reference in references]
     best = int(np.argmin([np.median(error) for error in errors]))

@@ -74,7 +74,8 @@ def _check_shapes(tracker: AnyFilter, scenario: Scenario) -> None:
     if all_steps is not None and all_steps.estimate.mean.shape[1] != len(scenario.steps) - 1:
         what = f"{all_steps.estimate.mean.shape[1]} states, not one per measurement"
         raise ContractError(f"all_steps gives {what}")
-    # Step 2: step through the scenario; check the estimate and the other numbers at each step.
+    # Step 2: step through the scenario; check the estimate and the other numbers at each step. The first
+    # step (i = 0) is that of the prior, which has no measurement.
     has_single_precision = True
     for i, k in enumerate(scenario.steps):
         if i:
@@ -238,6 +239,8 @@ def _check_gaps(tracker: AnyFilter, scenario: Scenario) -> None:
     """Check that a filter predicts where a measurement is missing, and does not take it as a number."""
     data = simulate(scenario, 6)
     z = data.measurements
+    # The second measurement of every other run is missing: the third estimate, since the first one is
+    # that of the prior.
     is_gap = np.zeros(z.shape, dtype=bool)
     is_gap[:, 1, ::2] = True
 
@@ -285,9 +288,11 @@ def _check_interval(tracker: AnyFilter, scenario: Scenario) -> None:
     make_problem: Callable[..., Scenario] = radar if scenario is RADAR else planar
     data = simulate(make_problem(), 3)
     first = run_filter(tracker, make_problem(), data)
+    # Twice the interval of the contract's problems.
     changed_problems: dict[str, Scenario] = {"the interval dt": make_problem(T=4.0)}
     if scenario is PLANAR and runs_on(tracker, UNEQUAL):
         changed_problems["intervals after the first"] = UNEQUAL
+    # The data stay the same: only the times and the model that the filter gets change.
     for name, problem in changed_problems.items():
         if alike(first, run_filter(tracker, problem, data)):
             what = f"the estimates do not depend on {name}: is it ignored?"
@@ -406,7 +411,10 @@ def _check_against_kalman(tracker: AnyFilter, scenario: Scenario) -> None:
 
 
 def _difference_from_ekf(tracker: AnyFilter, scenario: Scenario, runs: int) -> str:
-    """Describe how estimates differ from the EKF's; empty if rounding or chance explain it."""
+    """Describe how estimates differ from the EKF's; empty if rounding or chance explain it.
+
+    If the EKF does not run on the scenario, the text says so.
+    """
     if why_not(EKF(), scenario):
         return "the EKF does not run there"
     data = with_gaps(simulate(scenario, runs))

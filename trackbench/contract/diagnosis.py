@@ -72,9 +72,11 @@ def score(
     n = len(data.truth)
     n_z = len(data.measurements)
     angle_rows = scenario.angle_rows
-    # Index 0 of the steps is the prior.
+    # Index 0 of the steps is the prior. If the scenario scores no step after it, all are taken.
     after_prior = scenario.windows[""][1:]
-    scored = 1 + np.flatnonzero(after_prior if after_prior.any() else ~after_prior)
+    if not after_prior.any():
+        after_prior = np.ones_like(after_prior)
+    scored = 1 + np.flatnonzero(after_prior)
     cov = estimates.cov[:, :, scored]
     reference_cov = reference.cov[:, :, scored]
 
@@ -213,7 +215,8 @@ def _guess_cause(estimates: Estimates, path: Array, differences: dict[str, float
     """Guess why estimates differ from a reference or from the truth, as a text after the differences.
 
     ``path`` (n, T + 1, M) are the states of the reference or of the truth. ``differences`` are those of
-    the scores, by their names.
+    the scores by their names: the filter's mean score minus a reference's. The text is empty if only the
+    distance from the reference differs.
     """
     mean = estimates.mean[: len(path)]
 
@@ -255,7 +258,8 @@ def mistaken_track(tracker: AnyFilter, problem: Tracking) -> str:
     if np.array_equal(estimates.mean[:, 1], moved_estimates.mean[:, 1]):
         return "the estimates do not depend on the mean of the prior: is it ignored?"
 
-    # Step 2: positions (2, T + 1, M) of the filter, of a prediction alone, and measured.
+    # Step 2: positions (2, T + 1, M) of the filter, of a prediction alone, and measured. They are the
+    # rows 0 and 2 of a state.
     z = data.measurements
     position = estimates.mean[:4:2]
     without_measurements = data._replace(measurements=np.full_like(z, np.nan))

@@ -130,7 +130,8 @@ def radar(
 ) -> Tracking:
     """Make a radar's problem; by default the target is about where the azimuth jumps by 2 pi.
 
-    ``sigma`` is the standard deviation of the range in m, and of the azimuth in mrad.
+    ``q`` is the intensity of the target's random acceleration. ``sigma`` is the standard deviation of
+    the range in m, and of the azimuth in mrad. The target starts at ``x`` and ``y``, m.
     """
     sensor = RangeAzimuth(sigma_range=sigma, sigma_azimuth_mrad=sigma)
     return _tracking(sensor, Launch(x=x, vx=150.0, y=y, vy=-10.0), q, T)
@@ -214,7 +215,7 @@ def run_filter(tracker: AnyFilter, scenario: Scenario, data: Simulation) -> Esti
     covs = [per_run_moments(estimate).cov for estimate in estimates]
     means = [estimate.mean for estimate in estimates]
     series = {}
-    for name in rows[-1]:
+    for name in rows[-1]:  # each step has the same names
         series[name] = np.array([row[name] for row in rows])
     has_drawn = _state_words(rng) != _state_words(new_rng())
     return Estimates(
@@ -274,8 +275,9 @@ def why_not(tracker: AnyFilter, scenario: Scenario) -> str:
     for requirement in tracker.all_requirements:
         if not meets_requirement(scenario, requirement):
             return f"needs {requirement}"
-    for what in filter_conflicts(tracker, scenario).values():
-        return what
+    conflicts = list(filter_conflicts(tracker, scenario).values())
+    if conflicts:
+        return conflicts[0]
     return ""
 
 

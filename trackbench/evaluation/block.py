@@ -116,7 +116,10 @@ class BlockTask:
 
     @property
     def reference_task(self) -> "BlockTask":
-        """Task of the reference in the same runs, equal to its own task if it is among the filters."""
+        """Task of the reference in the same runs.
+
+        It is the reference's own `filtering_key` if the reference is also one of the filters.
+        """
         assert self.reference is not None
         return replace(self.filtering_key, filter=self.reference, assume=self.reference_assume)
 
@@ -128,6 +131,7 @@ class BlockTask:
             return None
         assume = self.assume
         if assume is not None:
+            # Without faults there are none that the filter may know.
             assume = replace(assume, faults=None)
         return replace(self.filtering_key, scenario=scenario.without_scoring, assume=assume)
 

@@ -41,13 +41,14 @@ _AT_ONCE = 4096
 
 
 class ConsistencySeries:
-    """Normalized errors squared of the whole state and of its marginals, many steps at a time.
-
-    Estimates and truth are ``mean`` and ``truth`` (n, T, M). The caller writes a step's estimate to
-    ``mean`` before it adds the step's covariance.
-    """
+    """Normalized errors squared of the whole state and of its marginals, many steps at a time."""
 
     def __init__(self, scenario: Scenario, mean: Array, truth: Array) -> None:
+        """Begin before the first step.
+
+        Estimates and truth are ``mean`` and ``truth`` (n, T, M). The caller writes a step's estimate to
+        ``mean`` before it adds the step's covariance.
+        """
         self._mean = mean
         self._truth = truth
         self._angles = scenario.angle_rows
@@ -56,8 +57,11 @@ class ConsistencySeries:
         for name, rows in scenario.marginals.items():
             self._rows[f"nees_{name}"] = as_slice(rows)
         self._at_a_time = max(1, _AT_ONCE // mean.shape[-1])
+        """number of steps that one call scores"""
         self._waiting: list[Array] = []
+        """covariances of the steps that wait for a call"""
         self._scored = 0
+        """number of steps scored so far"""
         self._series = {name: np.empty(mean.shape[1:]) for name in self._rows}
         self._unused: dict[str, Array] = {}
 
@@ -91,6 +95,7 @@ class ConsistencySeries:
     def _reduce(self, cov: Array) -> None:
         """Compute each NEES of the next S steps, with covariances (n, n, S, M), in one call."""
         steps = slice(self._scored, self._scored + cov.shape[2])
+        # Angles of the truth are moved by whole turns next to the estimates.
         truth = near(self._truth[:, steps], self._mean[:, steps], self._angles)
         error = self._mean[:, steps] - truth
         # Marginals: some rows of the error, the same rows and columns of the covariance.
@@ -109,7 +114,7 @@ class ConsistencySeries:
 def side_by_side(covs: Sequence[Array]) -> Array:
     """Stack the covariances, (n, n) or (n, n, M) each, of S steps to one array (n, n, S, M).
 
-    It is (n, n, S, 1) if the runs of every step share one covariance.
+    The array is (n, n, S, 1) if the runs of every step share one covariance.
     """
     if all(cov.ndim == 2 for cov in covs):
         return np.stack(covs, axis=2)[..., None]
@@ -127,7 +132,7 @@ def observable_errors(
     """Return the squared and signed errors (M,) of the scenario's observables at one step, by series.
 
     The filter's expectations from its ``state`` are compared with the values at the ``truth`` (n_x, M).
-    There are none if the filter has no expectations, or the scenario no observables.
+    The result is empty if the filter has no expectations, or the scenario no observables.
     """
     if not has_expectations(tracker):
         return {}
@@ -272,8 +277,8 @@ def likelihood_ratio(scores: Mapping[str, Array], exact: Mapping[str, Array]) ->
 def noncredibility(nees: Array, n: int, rank: Array | None = None) -> Array:
     """Return ``10 log10 NEES`` minus its mean for a Gaussian posterior; positive means overconfident.
 
-    ``nees`` (T, M) is of states of n components. ``rank`` (T, M) is the number of components whose
-    covariance is not zero; None if it is n everywhere.
+    ``nees`` (T, M) is of states of n components. ``rank`` (T, M) is the rank of their covariances; None
+    if it is n everywhere. The result is in dB.
     """
 
     def noncredibility_of_rank(squared: Array, r: int) -> Array:
@@ -319,9 +324,11 @@ def in_tenths(pit: Array, places: int = 0) -> Array:
     has the shares NaN.
     """
     if places:
-        # A rank fills its place: its share in a tenth is the part of the place between both edges.
+        # A rank r has the transform (r + 0.5) / places, and fills its place from r to r + 1. Its share
+        # in a tenth is the part of the place between both edges.
         edges = np.arange(TENTHS + 1)[:, None] * (places / TENTHS)
-        below = np.clip(edges - (pit * places - 0.5), 0.0, 1.0)
+        rank = pit * places - 0.5
+        below = np.clip(edges - rank, 0.0, 1.0)
         return np.round(below[1:] - below[:-1], 9)  # without rounding errors
     tenth = np.clip(np.floor(pit * TENTHS), 0, TENTHS - 1)
     return np.where(np.isnan(pit), np.nan, tenth == np.arange(TENTHS)[:, None])

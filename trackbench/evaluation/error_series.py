@@ -29,6 +29,8 @@ from trackbench.metrics import in_window, is_reserved, joined, metrics_of
 from trackbench.scenarios.base import Scenario
 
 _ERROR_OF_TRUTH = re.compile(r"squared(?!_(?:predicted|held)_)")
+"""Series of squared errors against the truth, as `squared_position`; not `squared_predicted_range`, of
+a measurement"""
 NOT_LOST = 0.0
 NOT_FINITE = 1.0
 TOO_FAR = 2.0
@@ -70,7 +72,7 @@ def series(
     Truth, mean and the reference's mean ``exact`` are (n_x, T + 1, M). ``nees`` and ``rank`` (T + 1, M)
     are those of the covariances; ``rank`` is None if it is full everywhere. ``twin`` is the mean of the
     same filter in the same runs without faults. Recorded data without a truth have no errors, and those
-    of a step without a truth are NaN.
+    of a step without a truth are NaN. The series ``rmsd`` has squares, like ``squared``.
     """
     rows: dict[str, Array] = {}
     if scenario.has_truth:
@@ -78,16 +80,16 @@ def series(
         rows["nees"] = nees
         n = len(truth)
 
-        def exceeds_gate(squared: Array, r: int) -> Array:
+        def is_outside_region(squared: Array, r: int) -> Array:
             # A NEES of rank r is stored times n / r.
-            return np.asarray(squared * (r / n) > _gate(r), dtype=float)
+            return np.asarray(squared * (r / n) > _limit_of_region(r), dtype=float)
 
-        outside = by_rank(exceeds_gate, nees, n, rank)
+        outside = by_rank(is_outside_region, nees, n, rank)
         rows["outside_region"] = np.where(np.isnan(nees), np.nan, outside)
     if twin is not None:
-        for name, squares in _errors(scenario, twin, truth, "damage").items():
-            with_faults = rows[name.replace("damage", "squared", 1)]
-            rows[name] = np.sqrt(with_faults) - np.sqrt(squares)
+        for name, squared_without_faults in _errors(scenario, twin, truth, "damage").items():
+            squared_with_faults = rows[name.replace("damage", "squared", 1)]
+            rows[name] = np.sqrt(squared_with_faults) - np.sqrt(squared_without_faults)
     if exact is not None:
         rows |= _errors(scenario, mean, exact, "rmsd")
     return rows
@@ -123,15 +125,16 @@ def per_run_metrics(
 
     ``values`` are the series (T + 1, M), and ``sums`` their sums. ``rmse`` is eq. 14 of the hdepf paper.
     The name of a metric contains its window, as ``rmse[k<=30]``. ``finite`` (M,) marks the runs whose
-    estimates stayed finite, ``finite_truth`` those whose simulated truth did. A series with ``weights``
-    (T + 1, M) has a weighted mean over the steps. Raises ValueError if two metrics have one name.
+    estimates stayed finite, ``finite_truth`` those whose simulated truth did; a recorded truth has none.
+    A series with ``weights`` (T + 1, M) has a weighted mean over the steps. Raises ValueError if two
+    metrics have one name.
     """
     # Step 1: the sums over the steps of each window.
     lost = lost_runs(scenario, values, finite, finite_truth)
     metrics = {"lost": lost}
     metrics |= sums.over_windows(values)
     for name, numbers in metrics.items():
-        # Even a sum of finite squares may be infinite.
+        # Even a sum of finite squares may be infinite: the run is then lost, also in `metrics`.
         if name.startswith("rmse"):
             lost[(lost == NOT_LOST) & np.isinf(numbers)] = NOT_FINITE
     for name, weight_of_steps in (weights or {}).items():
@@ -140,7 +143,8 @@ def per_run_metrics(
             with np.errstate(invalid="ignore"):  # a run may have no such measurement
                 mean = total_of_known(weight * values[name][mask]) / total(weight, axis=0)
             metrics[in_window(name, window)] = mean
-    # Step 2: add the scenario's own metrics, whose names must be new.
+    # Step 2: add the scenario's own metrics. Their names must be new: neither that of a metric of the
+    # errors nor that of one of the filter's diagnostics.
     for name, numbers in checked_metrics(scenario.run_metrics(values), len(lost)).items():
         if name in metrics and (name == "lost" or is_reserved(name)):
             raise WrongReturnError(
@@ -149,11 +153,13 @@ def per_run_metrics(
         if name in metrics:
             raise ValueError(f"{name!r} is a metric of the scenario: rename the diagnostic")
         metrics[name] = numbers
-    # Step 3: a lost run keeps the reason; its other numbers are NaN.
+    # Step 3: a lost run keeps the reason in `lost`; its other numbers are NaN.
     if not lost.any():
         return metrics
-    others = {name: np.where(lost > 0, np.nan, numbers) for name, numbers in metrics.items()}
-    return others | {"lost": lost}
+    without_lost_runs = {}
+    for name, numbers in metrics.items():
+        without_lost_runs[name] = np.where(lost == NOT_LOST, numbers, np.nan)
+    return without_lost_runs | {"lost": lost}
 
 
 def rejections(z: Array, twin: Array, diagnostics: Mapping[str, Array]) -> dict[str, Array]:
@@ -169,7 +175,9 @@ def rejections(z: Array, twin: Array, diagnostics: Mapping[str, Array]) -> dict[
     gated = diagnostics["gated"]
     nis = diagnostics["nis"]
     changed = (z != twin) & ~np.isnan(z)
+    # The first row is that of the prior, which has no measurement.
     bad = np.insert(changed.any(axis=0), 0, False, axis=0)
+    # A measurement that was given is refused by the gate, or has a NIS.
     given = (gated > 0.0) | ~np.isnan(nis)
     return {
         "rejected_good": np.where(given & ~bad, gated, np.nan),
@@ -201,7 +209,8 @@ def sensor_rejections(
 def _share_of_measurements(counted: Mask, decided: Mask) -> tuple[Array, Array]:
     """Return the share of the ``counted`` measurements (S, T, M) that are ``decided``, and their number.
 
-    Both results are (T + 1, M): they are over the sensors at each step.
+    Both results are (T + 1, M): they are over the S sensors at each step. In the first row, the prior's,
+    the share is NaN and the number 0.
     """
     number = counted.sum(axis=0).astype(float)
     with np.errstate(invalid="ignore"):
@@ -223,11 +232,15 @@ def over_windows(
 class SeriesSums:
     """Sums of series: over the steps of each window for each run, over the runs at each step.
 
-    A series is added in pieces of consecutive steps. ``counts`` names the diagnostics whose metric is
-    the sum over the steps, not the mean.
+    A series is added in pieces of consecutive steps.
     """
 
     def __init__(self, windows: Mapping[str, Mask], counts: Collection[str]) -> None:
+        """Begin without series.
+
+        ``windows`` are the masks (T + 1,) of the steps by name. ``counts`` names the diagnostics whose
+        metric is the sum over the steps, not the mean.
+        """
         self._windows = windows
         self._counts = counts
         self._masks = np.stack([*windows.values()])
@@ -257,15 +270,17 @@ class SeriesSums:
             }
         reductions = self._reductions[series].values()
         columns: dict[str, Array] = {}
+        # A series without a metric of a run needs no sums over steps.
         if reductions:
             columns["values"] = rows
         if "root" in reductions:
-            columns["roots"] = np.sqrt(rows)  # of squares
+            columns["roots"] = np.sqrt(rows)  # the values are squares
         # NaN is left out of the sums; the infinite NEES of collapsed particles is not.
         for name, column in columns.items():
             if (series, name) not in self._window_sums:
                 self._window_sums[series, name] = WindowSums(self._masks, rows.shape[1])
             self._window_sums[series, name].add(column, first)
+        # Which runs are lost shows only at the end: here all runs count.
         sums = step_sums(rows, np.full(rows.shape[1], NOT_LOST))
         self._step_sums.setdefault(series, []).append(sums)
 
@@ -284,15 +299,15 @@ class SeriesSums:
     def over_windows(self, values: Mapping[str, Array]) -> dict[str, Array]:
         """Return each metric of each run (M,) over each window; ``values`` are the whole series."""
         by_window: list[dict[str, Array]] = [{} for _ in self._windows]
-        last = [np.flatnonzero(mask)[-1] for mask in self._masks]
+        last_steps = [np.flatnonzero(mask)[-1] for mask in self._masks]
         for series, reductions in self._reductions.items():
             if not reductions:
                 continue
             sums = self._window_sums[series, "values"]
             mean = sums.total / sums.number
-            reduced = {"sum": sums.total, "mean": mean, "last": values[series][last]}
+            reduced = {"sum": sums.total, "mean": mean, "last": values[series][last_steps]}
             if "rms" in reductions.values():
-                reduced["rms"] = np.sqrt(mean)  # of squares
+                reduced["rms"] = np.sqrt(mean)  # the values are squares
             if "root" in reductions.values():
                 reduced["root"] = self._window_sums[series, "roots"].total / sums.number
             for i, metrics in enumerate(by_window):
@@ -316,18 +331,20 @@ def lost_runs(
 
     A run is lost if an estimate or an error is not finite, if the error exceeds the scenario's
     ``lost_beyond``, or if the simulated truth is not finite. ``values`` are the series (T + 1, M), and
-    ``finite`` and ``finite_truth`` (M,) mark the runs with finite estimates and with a finite truth.
+    ``finite`` and ``finite_truth`` (M,) mark the runs with finite estimates and with a finite truth. An
+    error that is NaN, as at a step without a truth, loses no run.
     """
-    errors = [rows for name, rows in values.items() if _ERROR_OF_TRUTH.match(name)]
+    # Squared errors against the truth, and not those of predicted measurements.
+    squared_errors = [rows for name, rows in values.items() if _ERROR_OF_TRUTH.match(name)]
     # Without a truth only estimates that are not finite count as lost.
-    if not errors:
+    if not squared_errors:
         return np.where(finite, NOT_LOST, NOT_FINITE)
-    infinite = np.logical_or.reduce([np.isinf(rows).any(axis=0) for rows in errors])
+    infinite = np.logical_or.reduce([np.isinf(rows).any(axis=0) for rows in squared_errors])
     lost = np.where(finite & ~infinite, NOT_LOST, NOT_FINITE)
     # The first error of the scenario is limited.
     limit = scenario.lost_beyond
     if limit is not None:
-        too_far = (errors[0] > limit * limit).any(axis=0)
+        too_far = (squared_errors[0] > limit * limit).any(axis=0)
         lost = np.where((lost == NOT_LOST) & too_far, TOO_FAR, lost)
     if finite_truth is not None:
         lost = np.where(finite_truth, lost, NO_TRUTH)
@@ -353,7 +370,10 @@ def step_sums(rows: Array, lost: Array) -> StepSums:
 
 
 def with_unused(steps: dict[str, StepSums]) -> dict[str, StepSums]:
-    """Complete the sums of components that a NEES or NIS lacks: zeros for each that lacks none."""
+    """Complete the sums of how many components each NEES or NIS lacks: zeros for one that lacks none.
+
+    ``steps`` are the sums by series, such as ``nees_position`` and ``unused_nees_position``.
+    """
     completed = dict(steps)
     for name, sums in steps.items():
         if name == "nis" or name.partition("_")[0] == "nees":
@@ -364,7 +384,7 @@ def with_unused(steps: dict[str, StepSums]) -> dict[str, StepSums]:
 
 
 @cache
-def _gate(n_x: int) -> float:
+def _limit_of_region(n_x: int) -> float:
     """Return the value that a chi-square variable of n_x degrees exceeds with probability 1e-6."""
     from scipy.special import chdtri
 

@@ -78,6 +78,7 @@ def why_not_exact(task: BlockTask) -> str | None:
     if task.scenario.recorded_runs is not None:
         return "the measurements are recorded: nothing of them is random"
     try:
+        # Four runs, one with each vector.
         data, output = _run_with_streams(task, _FixedNormals(_dense), 4)
     except NotImplementedError:
         what = (
@@ -127,10 +128,12 @@ def exact_series(task: BlockTask) -> dict[str, Array]:
             truth=data.truth,
             mean=output.mean,
             nees=output.nees,
-            exact=None,
+            exact=None,  # no reference filter
             rank=rank_of("nees", output.diagnostics, len(data.truth)),
         )
         # Step 2: E q = q(0) + sum_j [ (q(u_j) + q(-u_j)) / 2 - q(0) ]
+        # Run 0 has u = 0, the runs 1, 3, ... have a u_j each, and the runs 2, 4, ... its negative. The
+        # u_j beyond the last row of noise change nothing: their terms are zero.
         for name, q in (values | output.diagnostics).items():
             if name.partition("_")[0] not in QUADRATIC:
                 continue
@@ -150,6 +153,7 @@ def _unit_vectors(first: int) -> _FixedNormals:
     Run 1 has u_first and run 2 its negative, runs 3 and 4 have those of the next unit vector, and so
     on. The unit vector u_j is 1 in row j of the noise.
     """
+    # -1 is no row: run 0 has no noise.
     row_of_run = np.append(-1, np.arange(first, first + _UNITS).repeat(2))
     value_of_run = np.array([0.0, *([1.0, -1.0] * _UNITS)])
     return _FixedNormals(lambda rows: np.where(rows[:, None] == row_of_run, value_of_run, 0.0))

@@ -41,6 +41,7 @@ class Innovations:
         cov = np.broadcast_to(predicted.cov, (n, n, *z.shape[1:])).reshape(n, n, -1)
         together = Gaussian(predicted.mean.reshape(n, -1), cov)
         z = z.reshape(len(z), -1)
+        # `SensorOfSteps` has the numbers of the steps: the one given here matters to no sensor.
         self._computed.append(_innovation(model, together, z, steps[-1]))
 
     def joined(self, runs: int) -> tuple[Array, Array]:
@@ -92,14 +93,14 @@ def innovation_series(nu: Array, S: Array, refused: Mask) -> dict[str, Array]:
         missing[i] |= np.isnan(S[i, i])
     number = (~missing).sum(axis=0)
     if (refused.any(axis=0) & (number > 0)).any():
-        # Other sensors' components are used: their covariance is S without the refused components.
+        # Some components are refused and others are used: whiten these by S without the refused ones.
         S = kalman.drop_missing_cov(S, refused)
     whitened = list(linalg.whiten(linalg.cholesky(S), np.where(missing, 0.0, nu)))
     e = np.where(missing, np.nan, np.stack(whitened))
     series: dict[str, Array] = {}
     # Step 2: NIS = e' e, over the number of measured components.
     series["anis"] = _sum_of_known(np.square(e)) / number
-    series["innovations"] = np.where(number, number, np.nan)
+    series["innovations"] = np.where(number > 0, number, np.nan)
     # Step 3: products with the whitened innovations of the last LAGS measurements.
     for lag, products in enumerate(_lagged_products(e, missing), 1):
         series[f"autocovariance_{lag}"] = _sum_of_known(products)

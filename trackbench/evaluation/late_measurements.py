@@ -24,6 +24,7 @@ class Deliveries:
     """
 
     def __init__(self, task: BlockTask, data: Simulation) -> None:
+        """Plan the delivery of the measurements in ``data``, which have arrivals."""
         assumed = task.assumed_scenario
         arrival = data.arrival
         late = assumed.late
@@ -149,7 +150,8 @@ class Refilter:
 
         ``z`` (n_z, T, M) are the measurements, and ``delivered`` their delivery. ``repeat(state, z, i)``
         filters the measurements (n_z, L, M) from step i on, and yields the state after each. ``copy``
-        protects a state from the filter's next step. ``clock`` times the repeated steps.
+        protects a state from the filter's next step. ``rng`` has the filter's random numbers, and goes
+        back with the states. ``clock`` times the repeated steps.
         """
         self._z = z
         self._delivered = delivered

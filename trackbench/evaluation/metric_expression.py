@@ -92,27 +92,29 @@ class Measure(NamedTuple):
         return self._replace(relation="", other="")
 
     @property
-    def family(self) -> tuple[Metric, str]:
-        """The metric's meaning and its quantity."""
-        return metric_of(self.metric)
+    def definition(self) -> Metric:
+        """Declared metric: its name, unit and better direction, and the series that it is made of."""
+        definition, _ = metric_of(self.metric)
+        return definition
 
     @property
-    def declaration(self) -> Metric:
-        """Declaration of the metric: its name without quantity, unit and better direction."""
-        return self.family[0]
+    def quantity(self) -> str:
+        """Quantity of the metric, such as ``position`` of ``rmse_position``; empty if it has none."""
+        _, quantity = metric_of(self.metric)
+        return quantity
 
     @property
     def base(self) -> str:
         """Name of the stored metric that the number is from, without statistic, window and step."""
-        spec, quantity = self.family
         # Each bar `rank_x_1` of a histogram is stored under its transform `pit_x`.
-        if spec.name == "rank":
-            return joined("pit", quantity.rpartition("_")[0])
+        if self.definition.name == "rank":
+            return joined("pit", self.quantity.rpartition("_")[0])
         # The number of components that a NEES lacks is stored under the name of the NEES.
-        if spec.name == "unused":
-            return quantity
-        if spec.per_component:
-            return joined(spec.series, quantity)
+        if self.definition.name == "unused":
+            return self.quantity
+        # An ANEES is computed from the NEES.
+        if self.definition.per_component:
+            return joined(self.definition.series, self.quantity)
         return self.metric
 
     @property
@@ -123,8 +125,8 @@ class Measure(NamedTuple):
     @property
     def is_error(self) -> bool:
         """True if this is an error against the truth."""
-        spec, quantity = self.family
-        return spec.name == "rmse" and not quantity.startswith(("predicted_", "held_"))
+        is_of_prediction = self.quantity.startswith(("predicted_", "held_"))
+        return self.definition.name == "rmse" and not is_of_prediction
 
     @property
     def is_cpu_time(self) -> bool:
@@ -134,16 +136,15 @@ class Measure(NamedTuple):
     @property
     def is_efficiency(self) -> bool:
         """True if this is an efficiency, from the runs of a filter and of the reference."""
-        return self.family[0].name == "efficiency" and self.is_row
+        return self.definition.name == "efficiency" and self.is_row
 
     def made_of(self) -> tuple["Measure", "Measure"]:
         """Return the two measures that an efficiency is computed from.
 
         They are the RMSE of the reference, and the RMS difference of the filter from the reference.
         """
-        _, quantity = self.family
-        rmse = self._replace(metric=joined("rmse", quantity))
-        rmsd = self._replace(metric=joined("rmsd", quantity))
+        rmse = self._replace(metric=joined("rmse", self.quantity))
+        rmsd = self._replace(metric=joined("rmsd", self.quantity))
         return rmse, rmsd
 
     @property
@@ -154,7 +155,7 @@ class Measure(NamedTuple):
     @property
     def is_share(self) -> bool:
         """True if this is the share of runs with an event."""
-        return self.is_over_runs and self.statistic == "mean" and self.family[0].is_event
+        return self.is_over_runs and self.statistic == "mean" and self.definition.is_event
 
     @property
     def step(self) -> int | None:

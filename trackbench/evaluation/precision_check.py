@@ -32,7 +32,10 @@ class PrecisionTarget(NamedTuple):
         return cls(metric, float(error), relative=False)
 
     def share(self, row: SummaryRow) -> float:
-        """Return the standard error of a summary row over its target; NaN if the target is zero."""
+        """Return the standard error of a summary row divided by its target.
+
+        The result is NaN if the target is zero, as a share of a value that is zero.
+        """
         target = self.error
         if self.relative:
             target = self.error * abs(row.value)
@@ -71,18 +74,19 @@ def checkpoints(least: int, most: int) -> Iterator[int]:
     yield most
 
 
-def exact_after(stops: Sequence[int], exact: Sequence[bool]) -> int | None:
+def precise_after(stops: Sequence[int], precise: Sequence[bool]) -> int | None:
     """Return the number of runs at which the stopping rule stops; None if it never does.
 
-    ``exact`` has for each of the ``stops`` whether the errors are small enough after that number of
-    runs. They must be small enough at two stops in a row. Only the last stop may be alone.
+    ``stops`` are the numbers of runs at which the rule may stop. ``precise`` has for each of them, as
+    far as they were checked, whether the standard errors are small enough after so many runs. They must
+    be small enough at two stops in a row; at the last stop, once is enough.
     """
-    was_exact = False
-    for runs, is_exact in zip(stops, exact, strict=False):
-        if is_exact and was_exact:
+    was_precise = False
+    for runs, is_precise in zip(stops, precise, strict=False):
+        if is_precise and was_precise:
             return runs
-        was_exact = is_exact
-    if len(exact) == len(stops) and exact[-1]:
+        was_precise = is_precise
+    if len(precise) == len(stops) and precise[-1]:
         return stops[-1]
     return None
 
@@ -96,9 +100,10 @@ def check_precision(
 ) -> list[PrecisionCheck]:
     """Compare the standard errors of one filter after its first ``runs`` runs with the targets.
 
-    ``sizes`` has the number of components of each NEES, ``windows`` the masks (T + 1,) of the steps.
+    ``sizes`` has the number of components of each NEES, ``windows`` the masks (T + 1,) of the steps. A
+    target whose number the filter has not is left out.
     """
-    # Only the metrics behind the requested numbers, and only the first ``runs`` runs.
+    # Only the metrics behind the requested numbers, and only the first ``runs`` runs; None takes all.
     names = {target.metric for target in wanted}
     needed = {_per_run_values(name) for name in names}
     needed.add(_per_run_values("lost"))

@@ -53,8 +53,8 @@ def visible_to_filter(measurements: Array, hold_out: int | None) -> Array:
 def predictive_series(components: Sequence[str], scores: bool, hold_out: int | None) -> list[str]:
     """Return the names of all predictive series of measurements with these components.
 
-    ``scores`` if the filter has a log-likelihood. ``hold_out`` is every how many-th measurement is held
-    out, if any.
+    ``scores`` is true if the filter has a log-likelihood. ``hold_out`` is n if every n-th measurement is
+    held out, and None if none is.
     """
     names = []
     if scores:
@@ -88,10 +88,7 @@ class Step(NamedTuple):
 
 
 class PredictionScorer:
-    """Predictive series of one filter over one block, computed step by step.
-
-    ``wanted`` are the requested `Kind` of series, and ``rng`` draws the noise of steps aside.
-    """
+    """Predictive series of one filter over one block, computed step by step."""
 
     def __init__(
         self,
@@ -102,6 +99,12 @@ class PredictionScorer:
         hold_out: int | None,
         rng: Generator,
     ) -> None:
+        """Begin before the first step.
+
+        ``measurements`` (n_z, T, M) are all that the filter could be given; if ``hold_out`` is n, every
+        n-th one is held out. ``wanted`` are the requested `Kind` of series. ``rng`` draws the noise of
+        steps aside, which only the scores need and after which the filter does not go on.
+        """
         self._tracker = tracker
         self._model = model
         self._rng = rng
@@ -132,6 +135,7 @@ class PredictionScorer:
         """
         if not self._tracker.loops_over_runs:
             return state
+        # The second argument keeps the model, which the objects share, from being copied.
         return deepcopy(state, {id(self._model): self._model})
 
     def add(self, step: Step, i: int) -> None:
@@ -187,7 +191,8 @@ class PredictionScorer:
             self._held.add_steps(estimate, held, np.take(steps, index).tolist())
             self._held_steps += (index + piece.start).tolist()
             if self._has_likelihood:
-                # The runs of these steps are filtered side by side.
+                # The runs of these steps are filtered side by side. A filter with a state before any
+                # steps has a model that is equal at all steps: the number of the step does not matter.
                 side_by_side_z = freeze(held.reshape(len(held), -1))
                 before = many.before(index)
                 motion, sensor = self._model
@@ -259,6 +264,7 @@ class PredictionScorer:
         ``head`` is the word in their names: ``predicted``, or ``held`` for held-out measurements.
         """
         components = self._model.sensor.components
+        # The order of the names is that of the columns in files: all squares come first.
         series: dict[str, Array] = {}
         for component, innovation in zip(components, nu, strict=True):
             series[f"squared_{head}_{component}"] = innovation * innovation

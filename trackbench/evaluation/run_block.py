@@ -54,9 +54,9 @@ def run_whole_block(task: BlockTask) -> dict[int, BlockResult]:
 def run_stack(blocks: Sequence[BlockTask]) -> list[dict[int, BlockResult]]:
     """Filter several blocks side by side, to save calls of numpy; return the results of each block.
 
-    The results are by the number of runs that they are computed from. They have the same bytes as those
-    of each block alone. The blocks are adjacent blocks of one filter, or have the same runs and filters
-    of one structure (`JoinableFilter`).
+    The results of a block are by the number of runs that they are computed from. They have the same
+    bytes as if each block were filtered alone. The blocks are adjacent blocks of one filter, or have the
+    same runs and filters of one structure (`JoinableFilter`).
     """
     keep_freed_memory()
     stack = _join_blocks(blocks)
@@ -68,12 +68,13 @@ def run_stack(blocks: Sequence[BlockTask]) -> list[dict[int, BlockResult]]:
         if covariances and stack.copies > 1:
             covariances = stack.runs
     with np.errstate(all="ignore"):  # a run that is no longer finite is counted, not warned about
-        # The reference runs first, so that the filter's output is the last one and stays cached.
+        # The reference runs first, so that the filter's output is the last one and stays cached. The
+        # cache of references has room for one of each block.
         run_reference.size = max(run_reference.size, len(blocks))
         for block in blocks:
             if block.reference is not None:
                 _reference_output(block)
-        # If the filter is itself the reference, its output is cached already.
+        # If the filter is itself the reference, its output is cached already, without covariances.
         if not covariances:
             cached = [run_reference.cached(block.filtering_key) for block in blocks]
             outputs = [output for output in cached if output is not None]
@@ -102,6 +103,7 @@ def _reference_output(task: BlockTask) -> FilterOutput:
     reference = task.reference_task
     # If the reference is itself the filter of the task, its failure is raised.
     is_reference = (task.filter, task.assume) == (task.reference, task.reference_assume)
+    # A reference that failed before, beside another filter of the block, is not run again.
     unknown = _unknown_references.cached(reference)
     if unknown is not None and not is_reference:
         return unknown
@@ -142,7 +144,10 @@ def _join_blocks(blocks: Sequence[BlockTask]) -> BlockTask:
 
 
 def _cut_data(data: Simulation, first: int, width: int) -> Simulation:
-    """Return the data of one block of a stack: ``width`` runs from run ``first`` of the stack on."""
+    """Return the data of one block of a stack: ``width`` runs from run ``first`` of the stack on.
+
+    The prior, which only filters need, stays that of the whole stack.
+    """
     cut = data._replace(
         truth=_cut_runs(data.truth, first, width),
         measurements=_cut_runs(data.measurements, first, width),
@@ -183,7 +188,10 @@ def _view_runs(rows: Any, first: int, width: int) -> Any:
 
 
 def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int, BlockResult]:
-    """Return the block's metrics by the number of runs that they are computed from."""
+    """Reduce the ``output`` of the filter over the block's ``data`` to metrics.
+
+    They are returned by the number of runs that they are computed from.
+    """
     check_names(task.filter.summed_diagnostics)
     exact_mean: Array | None = None
     predictive = dict(output.diagnostics)

@@ -168,10 +168,10 @@ def _make_refilter(
 ) -> Refilter:
     """Return the `Refilter` that repeats steps when a measurement of z (n_z, T, M) arrives late."""
     tracker = task.filter
-    steps = task.scenario.steps[1:].tolist()
+    steps = task.scenario.steps[1:].tolist()  # without that of the prior
 
     def repeat(state: Any, z: Array, first: int) -> Iterator[Any]:
-        """Yield the states after the measurements z, the first of them at the step ``first``."""
+        """Yield the state after each measurement of z, the first of which has the index ``first``."""
         many = _filter_many(tracker, model, state, z, steps[first])
         for i in range(z.shape[1]):
             if many is None:
@@ -184,6 +184,7 @@ def _make_refilter(
         """Return the state, or a copy if a step may change it."""
         # A program's step changes its state, and so does that of a plugin that breaks the contract.
         if tracker.loops_over_runs or foreign_parts(tracker):
+            # The second argument keeps the model, which the objects share, from being copied.
             return deepcopy(state, {id(model): model})
         return state
 
@@ -201,7 +202,8 @@ def _assumed_data(task: BlockTask, data: Simulation) -> Simulation:
 def _filter_many(tracker: AnyFilter, model: Model, state: Any, z: Array, k: int) -> Steps | None:
     """Filter the measurements z (n_z, T, M) in one call; None if the filter has no `all_steps`.
 
-    ``k`` is the number of the first of these steps.
+    ``k`` is the number of the first of these steps. Raises WrongReturnError if the number of states is
+    not that of the measurements.
     """
     steps = tracker.all_steps(model, state, z, k)
     if steps is not None and steps.estimate.mean.shape[1:] != z.shape[1:]:
@@ -216,6 +218,7 @@ def _sealed(task: BlockTask, *shared: Any) -> Iterator[None]:
 
     They are read-only for numpy. A library that takes the address of an array can still write to it.
     """
+    # Only code of a plugin is watched.
     if not foreign_parts((task.filter, task.scenario, task.assume)):
         yield
         return
@@ -236,10 +239,14 @@ def prior_of(data: Simulation, model: Model) -> Distribution:
 
 
 def _run_filter(task: BlockTask, covariances: int) -> FilterOutput:
-    """Run the filter over the block's own data; the output is read-only."""
+    """Run the filter over the block's own data; the output is read-only.
+
+    ``covariances`` is the number of first runs whose covariances are recorded.
+    """
     try:
         output = run_filter(task, task.data, covariances)
     except ProgramRunError as error:
+        # The error counts runs from the block's first one: name the run of the experiment.
         raise error.after(task.first_run) from None
     for values in (output.mean, output.nees, output.cov, *output.diagnostics.values()):
         if values is not None:
@@ -256,12 +263,13 @@ run_twin = LatestResults(lambda task: _run_filter(task, 0), size=1)
 
 
 class _Recorder:
-    """Recorder of copies, step by step, since the filter may write to its own arrays.
-
-    ``covariances`` is the number of first runs whose covariances are recorded.
-    """
+    """Recorder of copies, step by step, since the filter may write to its own arrays."""
 
     def __init__(self, task: BlockTask, data: Simulation, model: Model, covariances: int) -> None:
+        """Begin before the estimate of the prior.
+
+        ``covariances`` is the number of first runs whose covariances are recorded.
+        """
         scenario = task.scenario
         self._task = task
         self._data = data
@@ -301,7 +309,7 @@ class _Recorder:
         """Record the state and the estimate of the next step, in the components of the truth."""
         check_estimate(estimate, self._sizes, self._task.runs)
         k = self._next_step
-        n = self._sizes[0]
+        n, _ = self._sizes  # the number of the truth's components
         # Drop the components that only the filter's motion has: the truth has none of them.
         if len(estimate.mean) > n:
             estimate = Gaussian(estimate.mean[:n], estimate.cov[:n, :n])
@@ -331,8 +339,8 @@ class _Recorder:
     def add_steps(self, steps: Steps) -> None:
         """Record the estimates and diagnostics of many steps."""
         check_estimate(steps.estimate, self._sizes, *steps.estimate.mean.shape[1:])
-        # The truth's components.
-        n = self._sizes[0]
+        # Only the truth's components, which come first.
+        n, _ = self._sizes
         mean = steps.estimate.mean[:n]
         cov = steps.estimate.cov[:n, :n]
         _, count, runs = mean.shape
@@ -342,6 +350,7 @@ class _Recorder:
         self._mean[:, piece] = mean
         self._consistency.add_steps(cov)
         if self._runs_with_covariance:
+            # One array (n, n, r) for each step, of the first r runs.
             per_run = np.broadcast_to(cov, (n, n, count, runs))
             self._covs += [*np.moveaxis(per_run[..., : self._runs_with_covariance], 2, 0).copy()]
         self._next_step = piece.stop

@@ -78,7 +78,7 @@ def merge(blocks: Iterable[BlockResult]) -> FilterResult:
 
 
 def _merged_tracks(parts: list[Tracks]) -> Tracks | None:
-    """Join the tracks of several blocks along the runs."""
+    """Join the tracks of several blocks along the runs; None if no block has any."""
     if not parts:
         return None
     covs = [tracks.cov for tracks in parts if tracks.cov is not None]
@@ -150,13 +150,15 @@ def summary_rows(
 def per_component(m: Measure, sizes: Mapping[str, int]) -> Iterator[tuple[str, int]]:
     """Yield the rows of the summary that are m per component, such as ANEES, with the number of these.
 
-    ``m`` is a metric per run, ``sizes`` has the number of components of each NEES.
+    ``m`` is a metric per run, ``sizes`` has the number of components of each NEES. A metric at a step
+    has no such row.
     """
     if m.steps is not None:
         return
+    quantity = m.quantity
     for metric, name in metrics_of(m.metric):
         if metric.per_component:
-            yield in_window(name, m.window), sizes[m.family[1]]
+            yield in_window(name, m.window), sizes[quantity]
 
 
 def _time_means(
@@ -222,9 +224,10 @@ def bound_summary(
     windows: Mapping[str, Mask],
     without: Sequence[Mapping[str, Array]] = (),
 ) -> Iterator[SummaryRow]:
-    """Yield a scenario's lower bounds on every RMSE (T + 1,), over each window, a mask (T + 1,).
+    """Yield a scenario's lower bounds on every RMSE over each window.
 
-    The standard error is from the bounds ``without`` each batch of simulated paths.
+    ``bounds`` are those at every step (T + 1,) by quantity, ``windows`` the masks (T + 1,). The standard
+    error is from ``without``, the bounds without one batch of simulated paths each.
     """
     reductions: dict[str, Callable[[Array], Array]] = {"rms": _root_mean_square, TIME_MEAN: average}
     for window, mask in windows.items():
@@ -242,9 +245,10 @@ def bound_summary(
 def bound_steps(
     bounds: Mapping[str, Array], without: Sequence[Mapping[str, Array]] = ()
 ) -> Iterator[StepColumns]:
-    """Yield a scenario's lower bounds (T + 1,), as `step_columns` has the RMSE.
+    """Yield a scenario's lower bounds at every step, as `step_columns` has the RMSE.
 
-    The standard error is from the bounds ``without`` each batch of simulated paths.
+    ``bounds`` (T + 1,) are by quantity. The standard error is from ``without``, the bounds without one
+    batch of simulated paths each.
     """
     for quantity, bound in bounds.items():
         stderr = np.full_like(bound, _jackknife([others[quantity] for others in without]))
@@ -297,7 +301,7 @@ def exact_rows(
 
 def is_exact(m: Measure) -> bool:
     """Test whether a measure follows from exact mean squares, unlike ``mean(rmse)``, a mean of roots."""
-    metric, _ = m.family
+    metric = m.definition
     is_quadratic = (metric.series or metric.name) in QUADRATIC
     return is_quadratic and m.statistic in ("", TIME_MEAN, metric.over_steps)
 
@@ -306,16 +310,21 @@ def _step_metrics(
     series: str, sums: StepSums, sizes: Mapping[str, int]
 ) -> Iterator[tuple[str, Estimates]]:
     """Yield the metrics of one series at every step (T + 1,), NaN where no run has a value."""
-    # The metric's definition decides: root of a mean square, spread, or mean per component.
-    average = mean_from_sums(sums.total, sums.squares, sums.number)
+    # The metric's definition decides: root of a mean square, spread, or mean per component. A metric
+    # without a definition over runs has no value at a step.
+    mean_over_runs = mean_from_sums(sums.total, sums.squares, sums.number)
     for metric, name in metrics_of(series):
         if metric.over_runs == "rms":
-            yield name, rooted(average)
+            yield name, rooted(mean_over_runs)
         elif metric.over_runs == "std":
             yield name, _spread(sums.total, sums.squares, sums.number)
         elif metric.over_runs:
-            n = sizes[metric_of(series)[1]] if metric.per_component else 1
-            yield name, Estimates(value=average.value / n, stderr=average.stderr / n)
+            n = 1
+            if metric.per_component:
+                _, quantity = metric_of(series)
+                n = sizes[quantity]
+            stderr = mean_over_runs.stderr / n
+            yield name, Estimates(value=mean_over_runs.value / n, stderr=stderr)
 
 
 def _spread(total: Array, squares: Array, number: Array) -> Estimates:
@@ -346,16 +355,17 @@ def series_of(m: Measure) -> str | None:
 
     A share is what one run contributes to a number over steps. None if the measure has no shares.
     """
-    family, quantity = m.family
+    definition = m.definition
+    quantity = m.quantity
     if m.statistic == TIME_MEAN and not m.steps:
-        if family.name != "rmse":
+        if definition.name != "rmse":
             return None
-        return joined(family.series, quantity)
+        return joined(definition.series, quantity)
     # Only a number at a step of one filter has shares besides a time mean.
-    if m.statistic or not m.steps or family.name == "efficiency":
+    if m.statistic or not m.steps or definition.name == "efficiency":
         return None
-    if family.series:
-        return joined(family.series, quantity)
+    if definition.series:
+        return joined(definition.series, quantity)
     return m.metric
 
 
@@ -365,7 +375,7 @@ def statistic_of(m: Measure) -> str | None:
         return None
     if m.statistic:
         return "mean"
-    return m.family[0].over_runs or "mean"
+    return m.definition.over_runs or "mean"
 
 
 def with_shares(
@@ -409,7 +419,8 @@ def _errors_at_step(
     if number not in steps:
         return None
     row = rows[steps.index(number)]
-    metric, quantity = m.family
+    metric = m.definition
+    quantity = m.quantity
     if metric.over_runs == "rms":
         return np.sqrt(row)
     if metric.per_component:
@@ -421,9 +432,10 @@ def _errors_at_step(
 def time_mean_shares(squared: Array, not_lost: Mask) -> Array:
     """Return runs' contributions (M,) to ``mean_k sqrt(mean_m e_km^2)`` from squared errors (K, M).
 
-    A run's share is ``value + 1 / K sum_k (e_km^2 - MSE_k) / (2 RMSE_k)``. The mean of the shares is
-    the value. Lost runs, whose ``not_lost`` (M,) is False, have the share NaN. A run without an error at
-    a step has no influence there.
+    If every run has an error at every step, a run's share is
+    ``value + 1 / K sum_k (e_km^2 - MSE_k) / (2 RMSE_k)``. A run without an error at a step has no
+    influence there, and the others have more. The mean of the shares is the value. Lost runs, whose
+    ``not_lost`` (M,) is False, have the share NaN.
     """
     counted = ~np.isnan(squared) & not_lost
     number = counted.sum(axis=1)

@@ -64,7 +64,8 @@ def measure(
 ) -> list[Measured | Exception]:
     """Time filters over their blocks, in turns; return times, or the exception of a filter.
 
-    ``tick`` is called after each filter's pass and after each of the `REPEATS` turns.
+    ``guard`` opens the context in which a filter runs, as it may be a plugin's. ``tick`` is called after
+    each filter's pass and after each of the `REPEATS` turns.
     """
     keep_freed_memory()
     passes: list[_Pass | Measured | Exception] = []
@@ -83,7 +84,7 @@ def measure(
         for i in turn:
             filter_pass = passes[i]
             if isinstance(filter_pass, _Pass):
-                passes[i] = _call_guarded(guard, filter_pass.repeated)
+                passes[i] = _call_guarded(guard, filter_pass.time_repeat)
         tick()
     simulate.cache_clear()  # a plugin may have written to the data
     times = []
@@ -105,10 +106,11 @@ class _Pass:
     """A filter's pass through its block, with the states before the steps that are repeated."""
 
     def __init__(self, task: BlockTask) -> None:
+        """Simulate the block, and make the pass: once, or twice if it is short."""
         self._task = task
         self._model = freeze(task.assumed_scenario.model)
         self._data = task.data
-        self._steps = task.scenario.steps[1:].tolist()
+        self._steps = task.scenario.steps[1:].tolist()  # without that of the prior
         self._operations = operations(task)
         # A filter that goes back for a late measurement makes some steps more than once.
         self._steps_per_step = 1.0
@@ -132,10 +134,12 @@ class _Pass:
         """Step through the block, or its beginning; return the CPU seconds (steps,) of each step."""
         T = len(self._steps)
         rng = block_stream(self._task.seed, 0)
+        # Steps spread over the run, but not the very first ones.
         evenly_spaced = [j * T // _REPEATED_STEPS for j in range(_REPEATED_STEPS)]
         repeated = {min(max(_FIRST_REPEATED, i), T - 1) for i in evenly_spaced}
         spent: list[float] = []
         state = self._task.filter.init(self._model, prior_of(self._data, self._model), rng)
+        # A pass that takes long ends once there is a state to repeat a step from.
         while len(spent) < T and not (self._states and sum(spent) > _PASS_S):
             i = len(spent)
             if i in repeated:
@@ -157,12 +161,14 @@ class _Pass:
         """Return the state as it is now: objects of one run change with each step."""
         if not self._task.filter.loops_over_runs:
             return state
+        # The second argument keeps the model, which the objects share, from being copied.
         return deepcopy(state, {id(self._model): self._model})
 
-    def repeated(self) -> "_Pass":
-        """Time one of the steps, several times if it is short; return the pass.
+    def time_repeat(self) -> "_Pass":
+        """Repeat one of the stored steps and add its CPU seconds; return the pass.
 
-        The next call times the next of the steps that are repeated.
+        A short step is made several times, and its mean time counts. The next call takes the next of the
+        stored steps.
         """
         stored = list(self._states.items())
         i, state = stored[len(self._seconds) % len(stored)]
@@ -183,29 +189,33 @@ class _Pass:
         whole run is.
         """
         seconds = np.array(self._seconds)
-        # Index of the repeated step of each repeat.
+        # Index of the repeated step of each repeat: the steps take turns.
         turns = np.arange(len(seconds)) % len(self._states)
         medians = np.array([np.median(seconds[turns == j]) for j in range(turns.max() + 1)])
-        # Seconds of the block = those of the pass, slower or faster as its repeated steps.
+        # Seconds of the block = those of the pass, slower or faster as its repeated steps. With fewer
+        # repeats than stored steps only the first steps have a median.
         repeated_steps = list(self._states)[: len(medians)]
         in_pass = self._spent[repeated_steps]
         pass_seconds = self._spent.sum() * medians.sum() / in_pass.sum()
         # A pass that was cut short is extrapolated by the operations of the other steps.
         weights = _weights(self._operations, len(self._steps))
         block_seconds = pass_seconds / weights[: len(self._spent)].sum() * self._steps_per_step
+        # A coarse clock may show no time at all: nothing is divided by zero.
         median_of_repeat = np.maximum(medians, _LEAST**2)[turns]
         run_seconds = block_seconds / self._task.width * seconds / median_of_repeat
         if not self._operations.any():
             return Measured(run_seconds.tolist(), likelihoods=None, covariances=None)
         # Mean operations of a step.
         means = self._steps_per_step * self._operations.mean(axis=1)
-        return Measured(
-            run_seconds.tolist(), likelihoods=float(means[0]), covariances=float(means[1])
-        )
+        likelihoods, covariances = means.tolist()
+        return Measured(run_seconds.tolist(), likelihoods=likelihoods, covariances=covariances)
 
 
 def _weights(counts: Array, T: int) -> Array:
-    """Return the share (T,) of each step in a run's work by its operations (2, steps)."""
+    """Return the share (T,) of each step in a run's work, by the operations ``counts`` (2, steps).
+
+    Steps that were not counted have an average share. So have all if a step has no counted operation.
+    """
     weights = np.full(T, 1.0 / T)
     of_step = counts.sum(axis=0)
     if of_step.all():

@@ -51,7 +51,8 @@ def at_step(pit: Array) -> Histogram:
     stderr = np.sqrt(shares * (1.0 - shares) / max(M, 1))
     if M < TENTHS:
         return Histogram(shares=shares, stderr=stderr, runs=M)
-    # Step 2: Pearson's test; a group of ranks expects runs in proportion to its places.
+    # Step 2: Pearson's test; a group of ranks expects runs in proportion to its places. Transforms by a
+    # density have no places, and are counted in tenths.
     cells = places or TENTHS
     groups = min(cells, TENTHS)
     group_of = np.arange(cells) * groups // cells
@@ -82,6 +83,7 @@ def over_steps(shares: Array) -> Histogram:
     shares = shares[:, ~np.isnan(shares).any(axis=0)]
     M = shares.shape[1]
     if M <= TENTHS:
+        # Too few runs for the covariance of the shares.
         unknown = np.full(TENTHS, np.nan)
         return Histogram(shares=unknown, stderr=unknown, runs=M)
     center = mean(shares)
@@ -109,11 +111,12 @@ def over_steps(shares: Array) -> Histogram:
 def number_of_places(pit: Array) -> int:
     """Find how many places the values (M,) are ranks of: they are middles (i + 0.5) / places.
 
-    A truth among N particles has N + 1 places. The number is 0 if the values are no ranks.
+    A truth among N particles has N + 1 places. The least number that fits is returned, and 0 if the
+    values are no ranks or fewer than ten.
     """
     if len(pit) < TENTHS:
         return 0
-    sizes = np.arange(3, _MOST_PLACES)
+    sizes = np.arange(3, _MOST_PLACES)  # 3 places are those of two particles
     # Try all sizes on ten values, and the few that remain on all values.
     remaining = sizes[_are_middles(pit[:TENTHS, None], sizes).all(axis=0)]
     for size in remaining:

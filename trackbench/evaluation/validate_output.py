@@ -74,7 +74,8 @@ def check_axes(first: Gaussian, prior_mean: Array) -> None:
 def checked_numbers(kind: str, values: dict[str, Any], *batch: int) -> dict[str, Array]:
     """Return copies of real numbers (*batch) by name; raises ValueError for anything else.
 
-    ``kind`` is a key of `_METHODS`.
+    ``kind`` is the word for the numbers, such as ``diagnostic``. By it `_METHODS` has the name of the
+    method that returned them.
     """
     check_numbers(kind, values, *batch)
     return {name: np.array(row, dtype=np.float64) for name, row in values.items()}
@@ -83,7 +84,8 @@ def checked_numbers(kind: str, values: dict[str, Any], *batch: int) -> dict[str,
 def check_numbers(kind: str, values: dict[str, Any], *batch: int) -> None:
     """Raise ValueError for anything but real numbers (*batch) by name.
 
-    ``kind`` is a key of `_METHODS`.
+    ``kind`` is the word for the numbers, such as ``diagnostic``. By it `_METHODS` has the name of the
+    method that returned them.
     """
     method = _METHODS[kind]
     if not isinstance(values, dict):
@@ -127,7 +129,10 @@ def _is_real(value: Any, *shapes: tuple[int, ...]) -> bool:
 def _wrong_array(
     method: str, subject: str, value: Any, *shapes: tuple[int, ...]
 ) -> WrongReturnError:
-    """Return the error about a value that is no array of real numbers in one of the shapes."""
+    """Return the error about a value that is no array of real numbers in one of the shapes.
+
+    ``method`` returned the value, and ``subject`` names it in the message.
+    """
     if type(value) is np.ndarray:
         got = f"an array {value.shape} of {value.dtype}"
     else:

@@ -71,7 +71,10 @@ def decode(content: bytes, key: str) -> BlockResult | None:
 
 
 def _arrays(result: BlockResult) -> Iterator[tuple[_ArrayPath, Array]]:
-    """Yield the arrays of a block, each with the names that lead to it in the result."""
+    """Yield the arrays of a block, each with the names that lead to it in the result.
+
+    In files the first name of a stored series is ``kept``.
+    """
     for name, values in result.per_run.items():
         yield ("per_run", name), values
     for name, sums in result.steps.items():

@@ -35,13 +35,14 @@ def block_key(task: BlockTask, used: int) -> str:
 
     It is a digest of everything that the block depends on.
     """
-    shown = task.runs_with_tracks_among(used)
+    runs_with_tracks = task.runs_with_tracks_among(used)
+    has_covariances = task.keep_covariance and runs_with_tracks > 0
     facts: list[Any] = [
         _facts_of(task.scenario),
         _facts_of(task.filter),
         [_facts_of(task.reference), _facts_of(task.reference_assume), _facts_of(task.assume)],
         [task.seed, task.index, task.width, used],
-        [shown, task.keep_covariance and shown > 0, task.keep_steps],
+        [runs_with_tracks, has_covariances, task.keep_steps],
         [task.predictive_metrics, task.hold_out],
     ]
     facts.append([code_digest(), code_digests.own_arithmetic()])
@@ -78,12 +79,13 @@ def _facts_of(component: Any) -> list[Any] | None:
 
 
 def _foreign_code(cls: type[Any]) -> Iterator[str]:
-    """Yield digests of the code of a class and its bases, of those that are from another package."""
+    """Yield digests of the code of those of a class and its bases that are from another package."""
     for base in cls.__mro__:
         name = base.__module__
         if name.partition(".")[0] in ("trackbench", "builtins", "typing"):
             continue
         module = sys.modules[name]
+        # A plugin's module has the plugin's identity, and a module that it imports that of the plugin.
         digest = getattr(module, "__plugin_digest__", "")
         digest += getattr(module, "__plugin_brought__", "")
         yield digest or _package_digest(name.partition(".")[0])
@@ -188,6 +190,7 @@ class FolderSize(NamedTuple):
         """Count the files of some folders."""
         sizes = []
         for folder in folders:
+            # Every file that trackbench writes there has an ending.
             for path in folder.rglob("*.*"):
                 if path.is_file():
                     sizes.append(path.stat().st_size)

@@ -164,12 +164,12 @@ def _uses_own_arithmetic_only(component: Any) -> bool:
         if isinstance(component, Scenario):
             motion = component.model.motion
         elif isinstance(component, Motion):
-            motion = component.sampled(1.0)
+            motion = component.sampled(1.0)  # the interval does not matter
     return not isinstance(motion, GammaMotion) or random_streams.is_erlang(motion.noise.shape)
 
 
 def _inputs() -> tuple[Array, Array]:
-    """Return two fixed arrays (8192,) of numbers inside (0, 1)."""
+    """Return two fixed arrays (8192,) of numbers inside (0, 1), which are hashes of 0, 1, 2, ..."""
     n = np.arange(8192, dtype=np.uint64)
     x_words = n * np.uint64(2654435761) % np.uint64(2**32)
     y_words = n * np.uint64(2246822519) % np.uint64(2**32)

@@ -51,6 +51,7 @@ class Plan:
         ranks: dict[BlockTask, int] = {}
         places: dict[BlockTask, tuple[int, int]] = {}
         for tasks in self.tasks.values():
+            # Filters that compute the same estimates have one rank: that of their first blocks.
             rank = ranks.setdefault(tasks[0].filtering_key, len(ranks))
             for task in tasks:
                 places.setdefault(task, (task.index, rank))
@@ -257,7 +258,7 @@ def check_memory(experiment: Experiment, save_tracks: bool = False) -> None:
             particles = tracker.max_particle_count * _kept_states(tracker, point, label)
             of_run = 2 * (n_x + 1) * particles + n_x * steps
             width = _block_width_of(settings, tracker, point.scenario)
-            needed = 8 * (width * of_run + of_runs + of_tracks)
+            needed = 8 * (width * of_run + of_runs + of_tracks)  # bytes, 8 of each number
             if needed > memory():
                 what = (
                     f"needs at least {needed / 1e9:.1f} GB of memory and this machine has "
@@ -306,7 +307,10 @@ def announced(experiment: Experiment, plan: Plan, workers: int, kept: int = 0) -
 
 
 def cautions(points: Iterable[Point]) -> list[str]:
-    """Return the cautions of scenarios and filters, each once, after the labels of its filters."""
+    """Return the cautions of scenarios and filters, each once.
+
+    Before a caution of filters stand the labels of all filters that have it.
+    """
     labels_by_text: dict[str, list[str]] = {}
     for point in points:
         for text in point.scenario.cautions:

@@ -49,18 +49,22 @@ class Queue:
     """
 
     def __init__(self, workers: int, store: BlockStore) -> None:
+        """Begin without tasks; ``workers`` is the number of processes that compute them."""
         self.failed: dict[tuple[object, ...], str] = {}
+        """reasons why filters failed, by `algorithm`"""
         self._first_failed: dict[tuple[object, ...], int] = {}
+        """first run of the failed block with the lowest runs, by `algorithm`"""
         self.deaths: Counter[BlockTask] = Counter()
+        """number of workers that died over each block"""
         self.hungriest: tuple[BlockTask, int] | None = None
         """block of the worker with the largest memory, and its bytes"""
         self._workers = workers
         self._store = store
-        self._remote = False
+        self._remote = False  # True for the workers of a cluster
         self._waiting: deque[Stack] = deque()
         self._running: dict[Future[list[Computed]], list[Stack]] = {}
-        self._seconds: dict[tuple[object, ...], float] = {}  # of a block, by filter
-        self._plugins: dict[BlockTask, tuple[Plugin, ...]] = {}
+        self._seconds: dict[tuple[object, ...], float] = {}  # of a block, by `algorithm`
+        self._plugins: dict[BlockTask, tuple[Plugin, ...]] = {}  # of every task ever added
 
     def add(self, tasks: Sequence[BlockTask], plugins: tuple[Plugin, ...]) -> None:
         """Append the tasks that are new to the queue, in stacks; ``plugins`` is the code they need.
@@ -79,6 +83,7 @@ class Queue:
             of_filter = replace(task, index=0, runs_used=0)
             stack = last_stack.get(of_filter)
             # A stack has adjacent blocks of one filter: begin a new one if it is full, or after a gap.
+            # The numbers of training blocks count down from -1.
             if (
                 stack is None
                 or len(stack) >= min(most, stack_limit(task))
@@ -108,6 +113,7 @@ class Queue:
                         least_seconds = max(_TASK_SECONDS, 2.0 * _SCHEDULER_SECONDS * self._workers)
                     yield from self._drain(executor, least_seconds, shared)
             except BrokenExecutor as error:
+                # An engine that broke without a running block has not started.
                 unstarted = 0 if self._running else unstarted + 1
                 if unstarted == _MOST_DEATHS:
                     raise RunError(f"no worker process could be started ({error})") from error
@@ -154,7 +160,8 @@ class Queue:
         while self._waiting or self._running:
             while self._waiting and len(self._running) < self._limit():
                 batch = self._next_batch(least_seconds)
-                plugins = self._plugins[batch[0][0]]
+                first_task = batch[0][0]  # all tasks of a batch have the same plugins
+                plugins = self._plugins[first_task]
                 restore_modules(plugins)  # pickle looks for the tasks' classes in these modules
                 works = []
                 for stack in batch:
@@ -180,6 +187,7 @@ class Queue:
                 outcomes = [Computed(results=outcomes, seconds=nan, memory=0)]
             for stack, computed in zip(batch, outcomes, strict=True):
                 yield from self._finish(stack, computed)
+            # The limit falls if a worker has died or takes much memory.
             if len(self._running) > self._limit():
                 self._take_back()
 
@@ -222,6 +230,7 @@ class Queue:
             if batch and self._plugins[stack[0]] != self._plugins[batch[0][0]]:
                 break
             batch.append(stack)
+            # A stack whose filter has not been timed yet ends the batch.
             seconds += self._seconds.get(algorithm(stack[0]), inf) * len(stack)
             if seconds >= least_seconds:
                 break
@@ -253,9 +262,9 @@ class Queue:
         return max(1, memory() // peak)
 
     def _after_death(self) -> Iterator[tuple[BlockTask, Exception]]:
-        """Queue the blocks that ran as a worker died again, one at a time.
+        """After a worker's death, queue the blocks that were running again, each alone.
 
-        Yield those over which too many workers have died, with an error.
+        Yield the blocks over which too many workers have died, with an error.
         """
         suspects = list(chain.from_iterable(self._running.values()))
         if not suspects:

@@ -88,7 +88,8 @@ def execute(
 ) -> Generator[Outcome]:
     """Compute and store every missing block of the plans; ``fresh`` computes all blocks.
 
-    ``more`` returns the plan with which a finished one continues, or None.
+    ``more`` is called with the number and the outcome of a finished plan. It returns the plan of more
+    runs with which this plan continues, or None.
 
     Yields an outcome per plan, in their order, as soon as its blocks are complete; meanwhile the workers
     compute the next plan. If a filter raises, its other blocks are dropped and the other filters
@@ -142,6 +143,7 @@ def _failures(plan: Plan, queue: Queue) -> dict[Key, str]:
     """Return why filters of the plan failed."""
     failures = {}
     for key, tasks in plan.tasks.items():
+        # All blocks of a filter have one `algorithm`.
         reason = queue.failed.get(algorithm(tasks[0]))
         if reason is not None:
             failures[key] = reason
@@ -185,7 +187,7 @@ def _record_result(
         for outcome in outcomes:
             outcome.missing.difference_update(dropped)
         return
-    outcomes[0].store.put(task, computed)
+    outcomes[0].store.put(task, computed)  # the store of all plans
     for outcome in outcomes:
         if task in outcome.missing:
             outcome.missing.remove(task)
@@ -262,7 +264,7 @@ def imprecise(
 
 
 def stop_reason(experiment: Experiment, most: int, outcome: Outcome) -> Iterator[str]:
-    """Yield why the runs ended, if the config has `until`."""
+    """Yield why the runs ended, if the config has `until`; ``most`` is the largest number of runs."""
     if not experiment.settings.until:
         return
     runs = experiment.settings.runs

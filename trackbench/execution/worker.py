@@ -60,7 +60,7 @@ def compute(
     for plugin in plugins:
         load_plugin(plugin)
     blocks: list[BlockTask] = pickle.loads(stack)
-    block = blocks[0]
+    block = blocks[0]  # the others differ in their runs, or in the numbers of their filters
     if digests.numpy != expected.numpy and code_digests.uses_numpy_arithmetic(
         block.scenario, *(b.filter for b in blocks), block.reference, block.assume
     ):
@@ -69,6 +69,7 @@ def compute(
             "filter or scenario takes its functions: use workers of one kind"
         )
     components = (block.scenario, block.filter, block.reference, block.assume)
+    # Only a plugin may replace functions of the package; without one there is nothing to undo.
     before = own_values() if foreign_parts(components) else ([], {})
     try:
         with guarded(), working_folder(working_folder_of(plugins)):

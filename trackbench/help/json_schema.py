@@ -34,7 +34,7 @@ def schema() -> JsonSchema:
     # Step 2: in place of mappings of any keys, refer to the kinds.
     properties = top["properties"]
     _replace_schema(properties, "scenario", {"$ref": _ref("scenarios")})
-    changes_of_scenario = {"anyOf": [_IN_FILE[0], {"type": "object"}], "default": None}
+    changes_of_scenario = {"anyOf": [_PATH, {"type": "object"}], "default": None}
     _replace_schema(definitions["Tuning"]["properties"], "scenario", changes_of_scenario)
     for group in _TOP:
         by_name = {"type": "object", "additionalProperties": {"$ref": _ref(group)}}
@@ -47,8 +47,9 @@ def schema() -> JsonSchema:
     }
 
 
+_PATH: JsonSchema = {"type": "string", "description": "path of a YAML file that holds the mapping"}
 _IN_FILE: list[JsonSchema] = [
-    {"type": "string", "description": "path of a YAML file that holds the mapping"},
+    _PATH,
     {
         "type": "object",
         "required": ["use"],

@@ -45,6 +45,7 @@ def groups_with_counts() -> str:
         number = len(group_names)
         if group == "metrics":
             number = len(METRICS)  # the names are the common ones alone
+        # Five names and dots; with at most five names the slice drops the dots.
         first_names = ", ".join([*group_names[:5], "..."][:number])
         rows.append((group, f"{number:>3}", first_names))
     return "\n".join(["groups (trackbench list GROUP):", *columns(rows)])
@@ -117,7 +118,7 @@ def _rows_of_metrics(words: Iterable[str]) -> Iterator[JsonRow]:
 
 
 def description(kind: str) -> str:
-    """Document a kind, a metric, or a group's hooks; raises UserError."""
+    """Document a kind, a metric, or a group's hooks; raises UserError for an unknown word."""
     if kind in GROUPS:
         return _describe_hooks(kind)
     texts = [_describe_kind(kind, group, cls) for group, cls in _classes_of(kind)]
@@ -138,7 +139,7 @@ def entries(kind: str) -> Iterator[JsonRow]:
             "group": group,
             "kind": kind,
             "text": "\n\n".join(_paragraphs(cls.__doc__ or "")),
-            "keys": _as_data(_rows(group, cls)),
+            "keys": _as_data(_rows_of_keys(group, cls)),
             "presets": cls.presets if group == "filters" else {},
             "notes": list(_notes(group, cls)),
         }
@@ -177,7 +178,10 @@ def _as_data(rows: list[tuple[str, str, str]]) -> list[dict[str, str]]:
 
 
 def _classes_of(kind: str) -> list[tuple[Group, type[Part]]]:
-    """Find the groups with a kind of this name, each with its class; none for a metric."""
+    """Find the groups with a kind of this name, each with its class; none for a metric.
+
+    Raises UserError if there is no metric of this name, either.
+    """
     from trackbench.config.mistakes import unknown
     from trackbench.errors import Mark, Problem, UserError
 
@@ -192,8 +196,8 @@ def _classes_of(kind: str) -> list[tuple[Group, type[Part]]]:
     return classes
 
 
-def _rows(group: str, cls: type[Part]) -> list[tuple[str, str, str]]:
-    """Describe every key, including `assume`: key, default and text."""
+def _rows_of_keys(group: str, cls: type[Part]) -> list[tuple[str, str, str]]:
+    """Describe every key, of a filter those of `assume` too: key, default and text."""
     rows = list(_key_rows(cls, ""))
     if group == "filters":
         rows += _assume_rows()
@@ -214,9 +218,9 @@ def _describe_hooks(group: Group) -> str:
 
 def _describe_kind(kind: str, group: Group, cls: type[Part]) -> str:
     """Document a kind: its docstring, keys, presets, notes and explanation."""
-    lines = [f"{kind} ({group[:-1]})", ""]
+    lines = [f"{kind} ({group[:-1]})", ""]  # without the plural's s: filter, target
     lines += [paragraph + "\n" for paragraph in _paragraphs(cls.__doc__ or "")]
-    lines += columns(_rows(group, cls))
+    lines += columns(_rows_of_keys(group, cls))
     for name, keys in cls.presets.items():
         values = ", ".join(f"{key}: {value}" for key, value in keys.items()) or "the defaults"
         lines.append(f"\n  preset {name}: {values}")

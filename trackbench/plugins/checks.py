@@ -35,7 +35,7 @@ def filter_conflicts(tracker: AnyFilter, scenario: Scenario) -> dict[str, str]:
                 number = getattr(tracker, key, 1)
                 if not isinstance(number, int) or number < 1:
                     raise WrongReturnError(key, f"its {key} is {number!r}, no whole number")
-            hash(tracker)
+            hash(tracker)  # raises an exception for keys that cannot be hashed, such as lists
     except PluginError as error:
         return {"": str(error)}
     return conflicts
@@ -64,7 +64,7 @@ def call_hook(hook: Callable[[S], T], return_type: type, argument: S) -> T:
 def check_scenario(scenario: Scenario, bounded: bool) -> None:
     """Raise PluginError for mistakes in the plugin components of a scenario that would stop a run.
 
-    ``bounded``: a table or figure shows its lower bounds.
+    ``bounded`` is true if a table or figure shows the scenario's lower bounds, which are then computed.
     """
     plugins = foreign_parts(scenario)
     if not plugins:
@@ -105,6 +105,7 @@ def _check_sensor(sensor: SensorBase, n_x: int) -> None:
     ``n_x`` is the number of the state's components.
     """
     n = len(sensor.components)
+    # Two equal states (n_x, 2).
     x = np.add.outer(np.arange(1.0, n_x + 1.0), np.zeros(2))
     distribution: object = sensor.measurement(x, 1)
     if not isinstance(distribution, Gaussian):
@@ -138,7 +139,8 @@ def _simulate_and_score(scenario: Scenario, bounded: bool) -> None:
     for name, error in scenario.errors(truth, truth).items():
         _check_shape("errors", f"the error {name!r}", error, (len(error), steps, runs))
     scenario.observables(truth)
-    values = series(scenario, truth, truth, np.zeros((steps, runs)), None)
+    nees = np.zeros((steps, runs))
+    values = series(scenario, truth=truth, mean=truth, nees=nees, exact=None)
     sums = SeriesSums.from_series(values, scenario.windows, ())
     per_run_metrics(scenario, values, sums, np.ones(runs, dtype=bool))
     if bounded:

@@ -86,7 +86,10 @@ def message_of(error: BaseException) -> str:
 
 
 def location_of(error: BaseException, *parts: object) -> str:
-    """Write ``my_filter.py:12: ``, or an empty text."""
+    """Write the place that `located_message` begins with, ``my_filter.py:12: ``.
+
+    The text is empty for components of the package.
+    """
     files: set[str] = set()
     for part in walk_parts(parts):
         files.update(_file(cls) for cls in _plugin_classes(part))

@@ -89,6 +89,7 @@ class Plugin:
     def module(self) -> str:
         """Name of its module."""
         stem = "".join(c if c.isalnum() else "_" for c in Path(self.path).stem)
+        # The module has its name before the code runs: what running it may add is left out.
         read_before = replace(self, packages=(), opened=(), variables=())
         return f"trackbench_plugin_{stem}_{read_before.identity[:12]}"
 
@@ -154,7 +155,8 @@ def _files_in(folder: Path, around: tuple[str, ...]) -> Iterator[Path]:
             continue
         real = os.path.realpath(inner)
         for outer in around:
-            if os.path.commonpath((real, outer)) == real:
+            is_around = os.path.commonpath((real, outer)) == real
+            if is_around:
                 raise PluginError(
                     f"{inner}: is a link to {real}, a folder around it; under `files` name the files "
                     "and folders that the plugin reads"
@@ -215,7 +217,7 @@ def load_plugin(plugin: Plugin, check: Callable[[type[Part]], None] | None = Non
             )
     # Step 3: run its code, undo its changes of the package, and check its classes.
     package_values = own_values()
-    registry.restore_normal_exit()
+    registry.restore_normal_exit()  # Python then writes the files that the code leaves open
     module = _new_module(plugin)
     try:
         with guarded(), recorded() as opened:

@@ -53,7 +53,10 @@ def _function_body(function: FunctionType) -> tuple[Any, ...]:
 
 
 def undo_patches(before: OwnValues) -> list[str]:
-    """Restore replaced values; return their names, such as ``trackbench.core.kalman.condition``."""
+    """Restore the values that were replaced since ``before``, as `own_values` recorded them.
+
+    Return their names, such as ``trackbench.core.kalman.condition``.
+    """
     names, bodies = before
     replaced = []
     # Step 1: functions whose code or defaults changed.

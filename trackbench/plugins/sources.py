@@ -49,6 +49,7 @@ def is_installed(file: str) -> bool:
     path = Path(file)
     if path.is_relative_to(_HOME) or not path.is_absolute():  # such as <string>
         return True
+    # The nearest folder with installed packages decides.
     for folder in path.parents:
         installed_files = _installed_files(str(folder))
         if installed_files:
@@ -305,7 +306,7 @@ def _note_opened_file(event: str, arguments: tuple[Any, ...]) -> None:
         # A library or a database. Python does not pass on how it is opened.
         _note_update(name)
         return
-    flags = arguments[2]
+    flags = arguments[2]  # after the path and the mode
     if flags & (os.O_WRONLY | os.O_CREAT | os.O_TRUNC):
         for recorder in _recorders:
             recorder.written.add(name)

@@ -103,7 +103,7 @@ class Row(NamedTuple):
 
 def is_event(metric: str) -> bool:
     """Test whether a metric is a share of runs."""
-    return metric.endswith(INFINITE) or measured(metric).declaration.is_event
+    return metric.endswith(INFINITE) or measured(metric).definition.is_event
 
 
 def compare_folders(a: Results, b: Results) -> tuple[list[Row], str]:
@@ -358,7 +358,7 @@ def _compare_distances(
     z is NaN for a metric without a best value. ``compare_numbers`` compares two numbers as the change
     does: on common runs, or independent.
     """
-    best = measured(metric).declaration.better
+    best = measured(metric).definition.better
     if best == "lower" or is_event(metric) or change.is_equal:
         return change
     if best == "higher":

@@ -170,7 +170,7 @@ def cost_conflicts(
     if not points[0].values:
         return {"": f"there is no grid: give {key} of the filters several values"}
     conflicts = {}
-    if not (metric.is_efficiency or metric.declaration.over_steps == "rms"):
+    if not (metric.is_efficiency or metric.definition.over_steps == "rms"):
         conflicts["metric"] = f"'{metric}' is no RMSE, distance or efficiency"
     for naming_key, label in varied.items():
         number = len(own_sizes(points, label, key))

@@ -110,17 +110,18 @@ class Evaluator:
 
         Only the mean of a NEES or NIS is decided by runs in which the covariance collapsed.
         """
-        family, quantity = m.family
-        is_chi_square = family.name in ("nees", "anees", "nis", "anis")
+        definition = m.definition
+        quantity = m.quantity
+        is_chi_square = definition.name in ("nees", "anees", "nis", "anis")
         is_mean = not (m.relation or m.steps or m.statistic == "median")
         values = self.runs.get((m.filter, in_window(m.base, m.window)))
         if not is_chi_square or not is_mean or values is None:
             return ""
         # Divide by the number of components; ANIS is divided already.
         facts = self.results.facts(self.point)
-        if family.name == "anis":
+        if definition.name == "anis":
             components = 1
-        elif family.name == "nis":
+        elif definition.name == "nis":
             components = len(facts.measured)
         else:
             components = facts.sizes.get(quantity, 1)
@@ -199,7 +200,7 @@ class Evaluator:
         if m.relation == "controlled":
             return self._controlled(mine, other)
         # A score is a logarithm: a ratio of two depends on the unit and means nothing.
-        if m.declaration.is_score:
+        if m.definition.is_score:
             return MISSING
         common = self._common_runs(mine, other)
         ratio = quotient(self.term(mine, common), self.term(other, common))
@@ -291,7 +292,7 @@ class Evaluator:
             return _OverRuns(statistic=own_statistic, name=str(m))
         # Case 3: ANEES, which is the mean of each run's NEES over the number of components.
         nees = in_window(m.base, m.window)
-        if m.is_row and m.declaration.per_component and (m.filter, nees) in self.runs:
+        if m.is_row and m.definition.per_component and (m.filter, nees) in self.runs:
             mean_nees = self.stored.get((m.filter, f"mean({nees})"))
             anees = self.stored.get((m.filter, str(m)))
             # The mean NEES divided by ANEES is the number of components, if both are usable.

@@ -21,7 +21,7 @@ class Pair(NamedTuple):
     @property
     def word(self) -> str:
         """Better, worse, no significant difference, equal or untested: the word on a."""
-        return self.comparison.word(measured(self.metric).declaration.more_is_better)
+        return self.comparison.word(measured(self.metric).definition.more_is_better)
 
     @property
     def cells(self) -> list[Any]:
@@ -47,8 +47,8 @@ def primary_metrics(metrics: list[str]) -> list[str]:
         m = measured(name)
         if not m.is_row or m.window:
             continue
-        family = m.declaration
-        if family.name in ("rmse", "crps") or family.is_score:
+        definition = m.definition
+        if definition.name in ("rmse", "crps") or definition.is_score:
             primary.append(name)
     return primary
 

@@ -294,7 +294,7 @@ class Results(ResultsFolder):
             values = np.full(last_step - first_step + 1, np.nan)
             values[series["step"].astype(int) - first_step] = series["value"]
             # R = sqrt(mean e^2) changes by (e^2 - R^2) / (2 R) per step, to first order.
-            if measured(metric).declaration.name == "rmse":
+            if measured(metric).definition.name == "rmse":
                 rmse = float(runs[label, metric][0])
                 values = 0.5 * (rmse + np.square(values) / rmse) if rmse else 0.0 * values
             values_by_metric[label, metric] = values

@@ -132,10 +132,10 @@ def best_points(results: Results) -> Iterator[Best]:
 def _is_headline(metric: str) -> bool:
     """Test whether a row of summary.csv is in sweep.csv, by the name of its metric."""
     m = measured(metric)
-    family = m.declaration
-    if family.over_steps == "rms":
+    definition = m.definition
+    if definition.over_steps == "rms":
         return m.statistic == "rms"
-    return family.per_component or (m.statistic == "mean" and family.name != "nees")
+    return definition.per_component or (m.statistic == "mean" and definition.name != "nees")
 
 
 def _file_name(path: str) -> str:

@@ -89,7 +89,7 @@ class Losses(NamedTuple):
         codes = result.per_run["lost"]
         distances = []
         for name, values in result.per_run.items():
-            metric, _ = measured(name).family
+            metric = measured(name).definition
             if metric.name == "rmsd":
                 distances.append(values)
         # Without any finite distance the reference failed, unless all runs are lost.

@@ -62,6 +62,7 @@ class Search:
     """Search of at most ``budget`` values of the axes that begins at the shares ``start``."""
 
     def __init__(self, axes: Sequence[Axis], start: Shares, budget: int) -> None:
+        """Begin at the shares ``start`` of the axes; ``budget`` is the largest number of trials."""
         self.ranks: dict[Values, Rank] = {}
         self._axes = axes
         self._start = start
@@ -128,7 +129,8 @@ class Search:
     def _spread_places(self, place: Shares) -> list[Shares]:
         """Return the place with spread shares of the numeric axes.
 
-        They are multiples of powers of the generalized golden ratio, modulo one.
+        With d such axes and the generalized golden ratio g, the n-th place has the share 0.5 + n / g^j,
+        modulo one, on the j-th of them.
         """
         d = len(self._numeric_axes)
         steps = np.cumprod(np.full(d, 1.0 / _GOLDEN_RATIOS[d - 1]))
@@ -325,6 +327,7 @@ class Record:
             yield "no value that was tried keeps a single training run"
             return
         number = len(self.trials)
+        # The last trials are those around the best values.
         if self.trials.index(best) >= number - neighbor_budget(self.axes, number):
             yield "the best values came last, looking around: more evaluations may find better ones"
         if best.lost:
@@ -348,7 +351,7 @@ class Record:
 
 
 def write_tuning(path: Path, records: Mapping[str, Record]) -> None:
-    """Write tuning.csv."""
+    """Write the ``records`` of filters, given by label, to tuning.csv: a row for each key of a trial."""
     rows: list[list[Any]] = []
     for label, record in records.items():
         for n, trial in enumerate(record.trials):
@@ -380,7 +383,7 @@ def read_tuning(
         axes = tuple(read_axis(key, written) for key, written in keys.items())
         records[label] = Record(axes=axes, taken=taken.get(label))
     for (label, _), rows in rows_by_trial.items():
-        numbers = rows[0]
+        numbers = rows[0]  # all rows of a trial have the same objective
         trial = Trial(
             values={row["key"]: scalar(row["value"]) for row in rows},
             objective=float(numbers["objective"]),
@@ -397,9 +400,9 @@ def _follow_while_good(line: list[tuple[float, float]], limit: float) -> float:
     The line is interpolated linearly between its points. If it stays below the limit, the last share is
     returned.
     """
-    share, objective = line[0]
-    for next_share, next_objective in line[1:]:
-        if not next_objective <= limit:
+    (share, objective), *others = line
+    for next_share, next_objective in others:
+        if not next_objective <= limit:  # NaN, of a failed filter, is not good either
             fraction = 0.0
             if isfinite(next_objective):
                 fraction = (limit - objective) / (next_objective - objective)

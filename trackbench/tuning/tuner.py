@@ -92,6 +92,7 @@ class _Tuner:
     """Search of one filter with the blocks that it waits for."""
 
     def __init__(self, experiment: Experiment, label: str, blocks: _SessionBlocks) -> None:
+        """Begin the search, and request its first trials; ``blocks`` has the finished blocks."""
         self.label = label
         self.budget = experiment.settings.tuning.evaluations
         self.training = Training(experiment, label)
@@ -159,6 +160,7 @@ class Training:
     """Training runs of one filter of an experiment; the runs are the same for every filter."""
 
     def __init__(self, experiment: Experiment, label: str) -> None:
+        """Take the scenario, the axes and the objective of the filter ``label`` from the experiment."""
         self.axes: tuple[Axis, ...] = experiment.tuned[label]
         self._experiment = experiment
         self._label = label

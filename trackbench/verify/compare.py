@@ -210,6 +210,7 @@ def compare_derived(results: Results, folder: Path) -> Iterator[str]:
     The latter are written to the target folder of the results, and compared byte for byte.
     """
     write_tables(results, tex=True)
+    # A table that cannot be made again is a difference if the folder has it.
     for output, line in zip(results.unmade, results.unmade_lines, strict=True):
         if (folder / "tables" / f"{output.removeprefix('table ')}.csv").is_file():
             yield line
@@ -221,6 +222,7 @@ def compare_derived(results: Results, folder: Path) -> Iterator[str]:
     for name in sorted(written):
         stored = folder / name
         computed = results.target / name
+        # LaTeX tables and the facts of the run in run/ may be missing.
         is_optional = name.suffix == ".tex" or name.parts[0] == "run"
         if not stored.is_file():
             if not is_optional:

@@ -89,8 +89,11 @@ def _compare_search(
             wanted = search.send({values: ranks[values] for values in wanted})
         tried += wanted
     # Objectives may be equal in their stored digits. Their order is then unknown, and so is the search.
-    finite = [rank for rank in ranks.values() if isfinite(rank[1])]
-    is_ordered = len(set(finite)) == len(finite)
+    finite_ranks = []
+    for lost, objective in ranks.values():
+        if isfinite(objective):
+            finite_ranks.append((lost, objective))
+    is_ordered = len(set(finite_ranks)) == len(finite_ranks)
     if is_ordered and tried != list(ranks):
         number = 0
         for values, stored_values in zip(tried, ranks, strict=False):

@@ -238,7 +238,7 @@ def _draw_coverage(ax: Axes, coverage: _Coverage, label: str, look: LineStyle) -
 def _count_coverage(results: Results, point: GridPoint, label: str, metric: Measure) -> _Coverage:
     """Return the share of truths within a filter's regions of each level."""
     # The regions of a component are central intervals; those of the whole state grow from NEES = 0.
-    is_central = metric.family[1] != "nees"
+    is_central = metric.quantity != "nees"
     if metric.steps:
         return _coverage_at_step(pits(results, point, label, metric), is_central)
     return _coverage_over_steps(shares_of_runs(results, point, label, metric), is_central)

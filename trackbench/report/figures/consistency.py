@@ -46,7 +46,7 @@ class Anees(OverTime):
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
         """Reject another number of components than there are."""
         for point in points:
-            n = sizes(point.scenario).get(self.metric.family[1])
+            n = sizes(point.scenario).get(self.metric.quantity)
             if self.n_x is not None and n is not None and self.n_x != n:
                 problem = f"{self.n_x} components, and `{self.metric}` is of {n}; leave the key out"
                 return {"n_x": problem}
@@ -132,7 +132,7 @@ class Anees(OverTime):
     def _degrees_by_step(self, results: Results, point: GridPoint, label: str) -> dict[int, float]:
         """Count the degrees of freedom of a filter's metric over its runs, by step."""
         rows = results.columns("per_step", point).where(filter=label)
-        components = results.facts(point).sizes[self.metric.family[1]]
+        components = results.facts(point).sizes[self.metric.quantity]
         degrees = degrees_of(rows, str(self.metric), components)
         steps = rows.where(metric=str(self.metric))["step"].tolist()
         return dict(zip(steps, degrees.tolist(), strict=True))

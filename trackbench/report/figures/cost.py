@@ -164,7 +164,7 @@ class AccuracyVsCost(FigureKind):
 
     def _front(self, all_curves: Sequence[Curve]) -> list[Spot]:
         """Return the points of all curves that are better than all others of the same time or less."""
-        return list(front(_spots_of(all_curves), self.metric.declaration.more_is_better))
+        return list(front(_spots_of(all_curves), self.metric.definition.more_is_better))
 
 
 def _draw_curve(ax: Axes, curve: Curve, look: LineStyle) -> None:

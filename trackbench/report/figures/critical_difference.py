@@ -63,7 +63,7 @@ class CriticalDifference(FigureKind):
         # Step 1: mean ranks, where the smallest value is best.
         values = np.stack([runs[label, metric] for label in ranked])
         best = "smallest"
-        if self.metric.declaration.more_is_better:
+        if self.metric.definition.more_is_better:
             values = -values
             best = "largest"
         mean = mean_ranks(values)

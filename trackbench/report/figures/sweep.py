@@ -205,7 +205,7 @@ def _parameter_values(results: Results, path: str, rows: Columns) -> Array:
 
 def best_place(values: Array, metric: Measure) -> int:
     """Return the index of the best of the metric's values (n,), which may have NaN."""
-    better = metric.declaration.better
+    better = metric.definition.better
     if better == "higher":
         return int(np.nanargmax(values))
     if better == "one":
@@ -495,7 +495,7 @@ class SweepFigure(FigureKind):
                     **cross,
                 )
                 ax.plot([], [], color=style.ANY, label=_WITHOUT_NUMBER, **cross)
-        if panel.metric.declaration.better == "one":
+        if panel.metric.definition.better == "one":
             ax.axhline(1.0, color="black", linewidth=0.6)  # a consistent filter
         return heights
 

@@ -21,10 +21,11 @@ _SCORES = {"log_score": "log score", "held_log_score": "held-out log score"}
 
 def metric_words(metric: Measure) -> str:
     """Return ``position RMSE``, ``log score``."""
-    family, quantity = metric.family
-    if family.name in _SCORES:
-        return _SCORES[family.name]
-    return f"{without_unit(quantity)[0].replace('_', ' ')} {family.name.upper()}".strip()
+    definition = metric.definition
+    quantity = metric.quantity
+    if definition.name in _SCORES:
+        return _SCORES[definition.name]
+    return f"{without_unit(quantity)[0].replace('_', ' ')} {definition.name.upper()}".strip()
 
 
 def statistic_words(statistic: str, metric: Measure) -> str:
@@ -53,7 +54,8 @@ def axis_of(metric: Measure) -> str:
 
     Step and window stand behind: ``Position RMSE at step 20 (m)``. Any other metric has its expression.
     """
-    family, quantity = metric.family
+    definition = metric.definition
+    quantity = metric.quantity
     if metric.relation or metric.is_many:
         return str(metric)
     where = ""
@@ -65,10 +67,10 @@ def axis_of(metric: Measure) -> str:
         where = f" in {metric.window}"
     if metric.is_error and metric.statistic in ("", "mean", "rms"):
         return in_unit(f"{_capitalized(metric_words(metric))}{where}", _unit(metric))
-    if family.name in _SCORES and metric.statistic in ("", "mean"):
+    if definition.name in _SCORES and metric.statistic in ("", "mean"):
         return in_unit(f"{_capitalized(metric_words(metric))}{where}", _unit(metric))
-    if family.name in _CAPITALS and not metric.statistic:
-        return f"{family.name.upper()} {quantity.replace('_', ' ')}".rstrip() + where
+    if definition.name in _CAPITALS and not metric.statistic:
+        return f"{definition.name.upper()} {quantity.replace('_', ' ')}".rstrip() + where
     return str(metric)
 
 
@@ -94,7 +96,7 @@ def in_unit(words: str, unit: str) -> str:
 
 def _unit(metric: Measure) -> str:
     """Return the unit of a metric: nats of a log score."""
-    if metric.declaration.is_score:
+    if metric.definition.is_score:
         return "nats"
     return unit_of(metric.metric)
 

@@ -173,7 +173,7 @@ class Ranking(NamedTuple):
         for rival in self.rivals:
             if not (rival.comparison.is_tested or rival.comparison.is_equal):
                 return []
-        is_score = self.metric.declaration.is_score
+        is_score = self.metric.definition.is_score
         near: list[Rival] = []
         for tie in self.ties:
             if not (tie.is_near_score if is_score else tie.is_near):
@@ -284,7 +284,7 @@ def ranking_of(
     """
     m = measured(metric)
     # Times this sign, a lower number is a better one.
-    sign = -1 if m.declaration.more_is_better else 1
+    sign = -1 if m.definition.more_is_better else 1
     # Step 1: set the reference apart; sort the filters, each at its best values.
     reference_candidate = next((c for c in candidates if c.label == reference), None)
     tried = [c for c in candidates if c.label != reference]

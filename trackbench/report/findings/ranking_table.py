@@ -62,7 +62,7 @@ def _ranking_table(results: Results, ranking: Ranking, of_settings: bool) -> Tex
     candidates = [*ranking.order, *ranking.losing]
     if of_settings:
         candidates = candidates[:_MOST_SETTINGS]
-    is_score = ranking.metric.declaration.is_score
+    is_score = ranking.metric.definition.is_score
     # Step 1: title and heads.
     statistic = candidates[0].sample.statistic if ranking.runs > 1 else "rms"
     statistic_name = statistic_words(statistic, ranking.metric)
@@ -164,7 +164,7 @@ def _diverged_runs(
 
 def _far_from_best(ranking: Ranking) -> list[str]:
     """Name the filters that lost no run and have an error far beyond that of the best."""
-    if ranking.metric.declaration.is_score or not ranking.order:
+    if ranking.metric.definition.is_score or not ranking.order:
         return []
     limit = _FAR * ranking.order[0].overall.value
     return [c.name for c in ranking.order if not c.losses and c.overall.value > limit > 0.0]
@@ -280,7 +280,7 @@ def _ratio(ranking: Ranking, candidate: Candidate, matters: float) -> str:
     The mark is ``n.s.`` for a difference that is not significant, and ``tiny`` for a significant one
     below the share ``matters`` of the error. Of scores the text is the difference in nats.
     """
-    is_score = ranking.metric.declaration.is_score
+    is_score = ranking.metric.definition.is_score
     comparison = ranking.compared.get(candidate.name)
     if comparison is None:
         if candidate not in ranking.order[:1]:
@@ -335,7 +335,7 @@ def _ratio_to_best(metric: Measure, comparison: Comparison) -> tuple[float, floa
 
     Of a score these are how far it lies below the best.
     """
-    if metric.declaration.is_score:
+    if metric.definition.is_score:
         difference = comparison.swapped.difference
         value = difference.value
         low, high = difference.interval()
@@ -353,7 +353,7 @@ def _multiple_of_best(ranking: Ranking, candidate: Candidate) -> float:
     It is NaN if the filter is not compared with the best, as one that loses more runs.
     """
     if candidate in ranking.order[:1]:
-        return 0.0 if ranking.metric.declaration.is_score else 1.0
+        return 0.0 if ranking.metric.definition.is_score else 1.0
     comparison = ranking.compared.get(candidate.name)
     if comparison is None:
         return nan
@@ -512,7 +512,7 @@ def _table_over_scenes(results: Results, scene_rankings: Sequence[Ranking]) -> T
     """Count for each filter at how many scenarios of the grid it is among the best."""
     # Step 1: title and heads, which are those of the first scenario.
     first = scene_rankings[0]
-    is_score = first.metric.declaration.is_score
+    is_score = first.metric.definition.is_score
     statistic = [*first.order, *first.losing][0].sample.statistic
     paths = " and ".join(phrases.axis(path) for path in first.scene)
     title = f"Ranking over {len(scene_rankings)} values of {paths}"

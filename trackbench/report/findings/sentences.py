@@ -32,7 +32,7 @@ def headline(results: Results) -> str:
         return ""
     if not ranking.worse:
         return f"The {number} filters do not differ significantly."
-    extreme = "highest" if ranking.metric.declaration.is_score else "lowest"
+    extreme = "highest" if ranking.metric.definition.is_score else "lowest"
     statistic = ranking.best.sample.statistic if ranking.runs > 1 else "rms"
     words = statistic_words(statistic, ranking.metric)
     sentence = f"{ranking.best.name} has the {extreme} {words} of {number} filters."
@@ -122,7 +122,7 @@ def _undecided_pairs(ranking: Ranking) -> Iterator[str]:
             names_by_reason.setdefault(rival.difference.why, []).append(rival.filter.name)
     for reason, names in names_by_reason.items():
         yield f"Undecided between {listed([ranking.best.name, *names])}: {reason}."
-    is_score = ranking.metric.declaration.is_score
+    is_score = ranking.metric.definition.is_score
     is_correlated = any("autocorrelation" in reason for reason in names_by_reason)
     if ranking.runs == 1 and is_correlated and not is_score:
         yield (

@@ -27,7 +27,7 @@ def check_rank(m: Measure, *path: str) -> None:
 
     ``path`` are the keys of the config that lead to the measure.
     """
-    if m.declaration.name != "pit" or m.statistic or m.is_many or m.relation:
+    if m.definition.name != "pit" or m.statistic or m.is_many or m.relation:
         raise InvalidKeyError(f"{str(m)!r} is no PIT, such as pit_nees or pit_px@20", *path)
 
 
@@ -52,7 +52,7 @@ def shares_of_runs(results: Results, point: GridPoint, label: str, m: Measure) -
     It is (TENTHS, 0) if the filter does not have the PIT.
     """
     runs = results.runs(point)
-    names = [m._replace(metric=bar).name for bar in bars(m.family[1])]
+    names = [m._replace(metric=bar).name for bar in bars(m.quantity)]
     return np.stack([runs.get((label, name), np.empty(0)) for name in names])
 
 

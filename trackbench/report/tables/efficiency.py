@@ -185,7 +185,7 @@ class EqualCost(TableKind):
         # Every filter's error at this CPU time; None where its own times do not reach.
         errors = {curve.name: curve.error_at(budget.cost) for curve in rivals}
         reached = {name: error for name, error in errors.items() if error is not None}
-        comparison = _compare(reached, self.metric.declaration.more_is_better)
+        comparison = _compare(reached, self.metric.definition.more_is_better)
         marked = _marked(reached, comparison)
         for name, error in errors.items():
             if name in marked:

@@ -101,11 +101,12 @@ class Metrics(TableKind):
             table.notes += _lost_notes(results, point, labels)
             table.notes += _tail_notes(evaluator, labels, measures)
         # Notes on spreads over one run, filters that loop over runs, and filters that failed.
-        statistics = {m.statistic or m.declaration.over_runs for m in measures}
+        statistics = {m.statistic or m.definition.over_runs for m in measures}
         if results.config["runs"] == 1 and statistics & {"std", "variance"}:
             table.notes.append("One run has no standard deviation or variance over the runs.")
         for column, head in enumerate(self.columns):
-            metric, quantity = measures[column].family
+            metric = measures[column].definition
+            quantity = measures[column].quantity
             if metric.name in ("nees", "anees") and not quantity and column not in filled_columns:
                 table.notes.append(f"{head} {_WHY_NO_NEES}")
         slow = [label for label in labels if label in results.loops_over_runs]
@@ -129,8 +130,9 @@ def best_labels(evaluator: Evaluator, labels: Sequence[str], m: Measure) -> list
     the highest is best, for numbers that are zero in every run unless they are shares of runs, and for a
     step in fewer than five runs.
     """
-    lower_is_better = m.is_cpu_time or m.declaration.better == "lower"
-    if not (lower_is_better or m.declaration.is_score) or m.relation in ("gain", "win_rate"):
+    # The definition says whether less or more is better.
+    lower_is_better = m.is_cpu_time or m.definition.better == "lower"
+    if not (lower_is_better or m.definition.is_score) or m.relation in ("gain", "win_rate"):
         return []
     # Case 1: runs have values, and the filters are ranked by them.
     candidates: dict[str, Candidate] = {}

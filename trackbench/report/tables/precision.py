@@ -7,7 +7,7 @@ from trackbench.evaluation.precision_check import (
     PrecisionTarget,
     check_precision,
     checkpoints,
-    exact_after,
+    precise_after,
 )
 from trackbench.evaluation.summary import FilterResult
 from trackbench.field_types import Digits
@@ -56,7 +56,7 @@ class Precision(TableKind):
                         continue
                     row = looks[-1].row
                     cell = Cell(Estimate(row.value, row.stderr), runs=row.runs, lost=0)
-                    enough_after = exact_after(stops, [look.enough for look in looks]) or "no"
+                    enough_after = precise_after(stops, [look.enough for look in looks]) or "no"
                     keys = [*point.values(), label, target.metric, until[target.metric]]
                     table.add([*map(str, keys), str(enough_after)], [cell])
         return table

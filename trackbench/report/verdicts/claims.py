@@ -295,7 +295,7 @@ def _loses_more(evaluator: Evaluator, claim: Claim, right: str) -> str:
     lost_left = evaluator.runs.get((claim.left, "lost"))
     lost_right = evaluator.runs.get((right, "lost"))
     # Only a claim that the left side is better is affected.
-    more_is_better = claim.expression is not None and claim.expression.declaration.more_is_better
+    more_is_better = claim.expression is not None and claim.expression.definition.more_is_better
     better = ">" if more_is_better else "<"
     if claim.relation != better or lost_left is None or lost_right is None:
         return ""
