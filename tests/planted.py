@@ -5,6 +5,7 @@ to the problem of `OWN`.
 """
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -259,6 +260,7 @@ class HandPF(Filter[Cloud]):
         return (self.bug == "late" and state.before) or state.shown
 
 
+@cache
 def model_of(dt: float, q: float, bug: str) -> tuple[Array, Array]:
     """F and Q of straight flight, px, vx, py, vy."""
     dt = 1.0 if bug == "dt ignored" else dt
@@ -310,8 +312,8 @@ class HandKF(PerRun):
             # Sigma points of the cubature rule.
             L = np.linalg.cholesky(self.P)
             points = self.x + 2.0 * np.concatenate([L.T, -L.T])
-            seen = np.array([self.h(p) for p in points])
-            off = np.array([self.difference(s, seen[0]) for s in seen])
+            seen = self.h(points.T).T
+            off = self.difference(seen.T, seen[:1].T).T
             mean = off.mean(axis=0)
             S = (off - mean).T @ (off - mean) / 8 + (0.0 if bug == "R forgotten" else self.R)
             C = (points - self.x).T @ (off - mean) / 8

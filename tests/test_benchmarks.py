@@ -2,19 +2,21 @@
 
 import importlib
 import pkgutil
+import subprocess
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import benchmarks
-from benchmarks import growth, parts, runner_scale
+from benchmarks import growth, parts, processes, runner_scale
 from benchmarks.floors import floor
 from benchmarks.harness import Workload, measure
 from benchmarks.ours import data, make, ours, shipped
 from benchmarks.report import head, section
+from tests.commands import trackbench
 from trackbench.evaluation import run_filter
 
 OWN = sorted(m.name for m in pkgutil.iter_modules(benchmarks.__path__) if m.name != "__main__")
@@ -99,9 +101,32 @@ def test_workloads_run(name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
             assert outcome.mean is None or np.isfinite(outcome.mean).all()
 
 
+class _InThisProcess:
+    """A command of trackbench that is run in this process, in place of a `Popen`."""
+
+    def __init__(self, words: tuple[str, ...], cwd: Path, env: dict[str, str], **_: object) -> None:
+        assert words[0] == processes.PROGRAM
+        self.args = words
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("TRACKBENCH_CACHE", env["TRACKBENCH_CACHE"])
+            self.result = trackbench(*words[1:], cwd=cwd)
+
+    def wait(self) -> int:
+        """Return the exit code."""
+        return self.result.returncode
+
+
 @pytest.mark.parametrize("name", PROCESSES)
 def test_process_workloads_run(name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setenv("TRACKBENCH_CACHE", str(tmp_path / "cache"))
+    """The commands are run in this process, except for `trackbench --help` and Python alone."""
+
+    def popen(words: tuple[str, ...], **keys: Any) -> Any:
+        is_short = words[0] != processes.PROGRAM or "--help" in words
+        return subprocess.Popen(words, **keys) if is_short else _InThisProcess(words, **keys)
+
+    environment = processes.ENVIRONMENT | {"TRACKBENCH_CACHE": str(tmp_path / "cache")}
+    monkeypatch.setattr(processes, "ENVIRONMENT", environment)
+    monkeypatch.setattr(processes, "subprocess", SimpleNamespace(Popen=popen))
     for work in _least(name, monkeypatch, tmp_path).workloads():
         for entrant in work.entrants.values():
             assert entrant().seconds > 0.0

@@ -3,6 +3,7 @@
 import os
 import site
 import sqlite3
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -10,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.commands import BARE, spawned
+from tests.commands import trackbench
 from tests.conftest import plugins_forgotten
 from tests.papers import merwe_text
 from trackbench import api
@@ -59,8 +60,7 @@ filters:
   Half: {kind: half}
   UKF: {kind: ukf}
 """.replace("MERWE", merwe_text(T=4))
-RUN = ("run", "own.yaml", "--allow-plugins", "--workers", "1", *BARE)
-"""Words of a program of its own, for which `no_report` does nothing."""
+RUN = ("run", "own.yaml", "--allow-plugins", "--workers", "1")
 EDITS: dict[str, tuple[str, str, str, str]] = {
     "a module beside it": ("import helper", "helper.FACTOR", "helper.py", "FACTOR = {}"),
     "a module that this imports": (
@@ -130,10 +130,10 @@ def written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., No
     monkeypatch.setenv("TRACKBENCH_CACHE", str(tmp_path / "cache"))
     before = {*sys.modules}
 
-    def write(imports: str, factor: str, declared: str = "") -> None:
+    def write(imports: str, factor: str, declared: str = "", folder: Path = tmp_path) -> None:
         plugin = PLUGIN.replace("IMPORTS", imports).replace("FACTOR)", f"{factor})")
-        (tmp_path / "half.py").write_text(plugin)
-        (tmp_path / "own.yaml").write_text(CONFIG.replace("DECLARED", declared))
+        (folder / "half.py").write_text(plugin)
+        (folder / "own.yaml").write_text(CONFIG.replace("DECLARED", declared))
 
     yield write
     for name in {*sys.modules} - before:
@@ -230,7 +230,7 @@ def test_what_a_plugin_reads_undeclared_is_named_in_a_note(
     found = []
     for gain in ("1", "3"):
         monkeypatch.setenv("GAIN", gain)
-        done = spawned(*RUN, cwd=tmp_path)
+        done = trackbench(*RUN, cwd=tmp_path)
         assert done.returncode == 0, done.stderr
         notes = [line for line in done.stderr.splitlines() if line.startswith("note: half.py")]
         assert [note.split(" while ")[0] for note in notes] == [
@@ -240,7 +240,7 @@ def test_what_a_plugin_reads_undeclared_is_named_in_a_note(
         found.append((tmp_path / "results" / "own" / "per_run.csv").read_bytes())
     assert found[0] != found[1]
     written(reads, "W", "files: [w.txt]\nenvironment: [GAIN]\n")
-    done = spawned(*RUN, cwd=tmp_path)
+    done = trackbench(*RUN, cwd=tmp_path)
     assert "note: half.py read" not in done.stderr
 
 
@@ -404,25 +404,40 @@ HELPERS: dict[str, tuple[str, str, str]] = {
 }
 
 
-@pytest.mark.parametrize("case", HELPERS)
+FRESH_RUNS = """
+import sys
+from pathlib import Path
+from trackbench import api
+
+for folder in map(Path, sys.argv[1:]):
+    keys = {"allow_plugins": True, "quiet": True, "formats": (), "engine": "serial"}
+    api.run(folder / "own.yaml", out=folder / "fresh", fresh=True, **keys)
+"""
+"""A program that computes the configs of some folders anew."""
+
+
 def test_a_module_with_the_old_content_of_a_file_is_imported_again(
-    case: str, tmp_path: Path, written: Callable[..., None]
+    tmp_path: Path, written: Callable[..., None]
 ) -> None:
     """The module's own source stays; a new process must find no other number in the cache."""
-    helper, factor, declared = HELPERS[case]
-    written("import outer", f"outer.{factor}", declared)
-    (tmp_path / "outer.py").write_text("import helper\n")
-    (tmp_path / "helper.py").write_text(helper)
-    errors = []
-    for value in ("2.5", "7.5"):
-        (tmp_path / "w.txt").write_text(value)
-        errors.append(_run(tmp_path)[1])
-    assert errors[0] != errors[1]
-    done = spawned(*RUN, "--out", "fresh", "--fresh", cwd=tmp_path)
+    folders = {case: tmp_path / str(i) for i, case in enumerate(HELPERS)}
+    for case, folder in folders.items():
+        helper, factor, declared = HELPERS[case]
+        folder.mkdir()
+        written("import outer", f"outer.{factor}", declared, folder=folder)
+        (folder / "outer.py").write_text("import helper\n")
+        (folder / "helper.py").write_text(helper)
+        errors = []
+        for value in ("2.5", "7.5"):
+            (folder / "w.txt").write_text(value)
+            errors.append(_run(folder)[1])
+        assert errors[0] != errors[1], case
+    program = [sys.executable, "-W", "error", "-c", FRESH_RUNS, *map(str, folders.values())]
+    done = subprocess.run(program, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
-    assert (tmp_path / "fresh" / "per_run.csv").read_bytes() == (
-        tmp_path / "out" / "per_run.csv"
-    ).read_bytes()
+    for case, folder in folders.items():
+        fresh = (folder / "fresh" / "per_run.csv").read_bytes()
+        assert fresh == (folder / "out" / "per_run.csv").read_bytes(), case
 
 
 def test_a_module_keeps_nothing_of_what_an_earlier_content_of_the_plugin_set(

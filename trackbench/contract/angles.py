@@ -49,6 +49,7 @@ _FOLLOWS = 100.0  # times an honest deviation: a filter that is farther off ever
 _LEAST_RUNS = 3  # runs beyond it that are a fault
 _LEAST_SHARE = 0.05
 _CHANCE = 1e-3  # probability of such runs by chance, of a filter that draws
+_FAR = 3.0  # standard deviations from a reference, in a run that an unwrapped angle must explain
 _REMAINING = 0.2  # share of a faulty run's deviation that may remain when the angle has no cut
 _STILL_FAULTY = 0.2  # share of the faulty runs that may stay faulty then
 
@@ -288,25 +289,28 @@ def measured_without_cut(
 
 
 def name_of_unwrapped(
-    tracker: AnyFilter, problem: ModelDraws, data: Simulation, center: Estimates, runs: Mask
+    tracker: AnyFilter, problem: ModelDraws, data: Simulation, tested: Estimates, center: Estimates
 ) -> str:
     """Name the measured angle whose innovation a filter does not wrap; empty if there is none.
 
-    ``runs`` are those with large errors, as compared with the estimates ``center`` of a reference. An
-    angle explains these errors if most of the runs are right once it is measured without a cut.
+    ``tested`` are the estimates of the filter, ``center`` those of a reference. An angle explains large
+    errors if most of the runs that have one are right once it is measured without a cut.
     """
     rows = problem.angle_rows
+    deviations = deviation(tested, center, rows)
+    is_far = deviations > _FAR
+    if not is_far.any():
+        return ""
     unwrapped_problem = _without_wrap(problem)
-    limit = _REMAINING * deviation(run_filter(tracker, problem, data), center, rows)
     for angle in angles_of(problem):
-        if angle.kind == "state" or not runs.any():
+        if angle.kind == "state":
             continue
         # A filter counts the angle from -pi to pi, or from 0 to 2 pi.
         for cut in (np.pi, 2.0 * np.pi):
             shifted = measured_without_cut(problem, data, center, angle.row, cut)
             estimates = run_filter(tracker, unwrapped_problem, shifted)
-            is_still_wrong = deviation(estimates, center, rows) > limit
-            if is_still_wrong[runs].mean() <= _STILL_FAULTY:
+            is_still_wrong = deviation(estimates, center, rows) > _REMAINING * deviations
+            if is_still_wrong[is_far].mean() <= _STILL_FAULTY:
                 return angle.name
     return ""
 

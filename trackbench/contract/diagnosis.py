@@ -4,7 +4,7 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
-from trackbench.contract.angles import deviation, name_of_unwrapped
+from trackbench.contract.angles import name_of_unwrapped
 from trackbench.contract.problems import (
     Estimates,
     ModelDraws,
@@ -31,7 +31,6 @@ from trackbench.scenarios.tracking import Tracking
 _CAP = 10.0  # largest squared error that counts, in units of its expectation: that of a lost run
 _CAP_OF_DISTANCE = 2.0  # largest squared distance from the reference that counts
 _LOST = 1.9  # RMSE above the reference's 1, at which most squared errors are beyond the cap
-_FAR = 3.0  # standard deviations from a reference, in a run that the cause must explain
 _MAX_DEVIATION = 6.0  # standard errors of a paired difference
 
 
@@ -133,7 +132,6 @@ def misfit(tracker: AnyFilter, scenario: Scenario, runs: int, seed: int = 1) -> 
     if not references:
         return ""
     # Step 2: scores about the reference with the least error.
-    rows = scenario.angle_rows
     mean_errors = []
     for reference in references:
         scores = score(reference, references[0], data, scenario)
@@ -178,8 +176,7 @@ def misfit(tracker: AnyFilter, scenario: Scenario, runs: int, seed: int = 1) -> 
         reference_rmse = np.sqrt(reference_scores[0].squared_error.mean())
         differences["error"] = tested_rmse - reference_rmse
         if isinstance(scenario, ModelDraws):
-            is_far = deviation(tested, center, rows) > _FAR
-            unwrapped_angle = name_of_unwrapped(tracker, scenario, data, center, is_far)
+            unwrapped_angle = name_of_unwrapped(tracker, scenario, data, tested, center)
             if unwrapped_angle:
                 return f"{text}; the innovation of {unwrapped_angle} is not wrapped"
     if isinstance(scenario, ModelDraws) and has_constant_covariance(tested):
