@@ -388,6 +388,11 @@ def is_unit_of(quantity: str, unit: str) -> bool:
     return unit in _DIMENSIONS.get(_DIMENSION_OF.get(plain_name(quantity), ""), ())
 
 
+def have_one_dimension(unit: str, other: str) -> bool:
+    """Test whether two units are of one dimension, such as km and ft."""
+    return any(unit in units and other in units for units in _DIMENSIONS.values())
+
+
 def _mistaken_unit(key: str, unit: str, is_scalar: bool) -> str | None:
     """Explain why a quantity cannot have this unit; None if it can.
 

@@ -1,11 +1,16 @@
 """Guess the quantities and units of a table's columns from the words in their names."""
 
+import math
 import re
 import unicodedata
 from collections.abc import Collection, Iterable
 from typing import NamedTuple
 
-from trackbench.scenarios.recordings.column_mapping import UNITS, is_unit_of
+from trackbench.scenarios.recordings.column_mapping import (
+    UNITS,
+    have_one_dimension,
+    is_unit_of,
+)
 
 _WORDS: dict[str, str] = {
     "time": "stamp time timestamp t timesec datetime datetimeutc basedatetime utctime timeutc utc "
@@ -65,7 +70,9 @@ _UNITS = {
 }
 _OTHER_UNITS = frozenset(
     {"yd", "yds", "yard", "yards", "kyd", "fathom", "fathoms", "dm", "hm", "kft"}
-    | {"gon", "gons", "mil", "mils", "arcmin", "arcsec", "fpm"}
+    | {"in", "inch", "inches", "zoll", "sm"}
+    | {"gon", "gons", "mil", "mils", "arcmin", "arcsec", "mas", "fpm"}
+    | {"grade", "grades", "grads", "gradian", "gradians"}
 )
 """Words that are units of lengths, angles and speeds, and none that a recording may have."""
 _SUBSECONDS: dict[str, str] = {
@@ -90,6 +97,15 @@ _ODOMETRY_UNITS = {"v": ("m/s", "km/h", "cm/s", "mm/s"), "w": ("rad/s", "deg/s")
 _PER_SECOND = re.compile(
     r"(?<![a-z])(km|m|cm|mm|ft|deg|rad)(?:[_ ]per[_ ]|[_ .]?(?=[sh]\^?-1)|_)(s|h)(?:\^?-1)?(?![a-z0-9])"
 )
+_NAUTICAL_MILES = re.compile(r"(?:nautical|sea)[ _-]?miles?|seemeilen?|milles? marins?")
+_BRACKETS = re.compile(r"[\[(]([^\])]*)[\])]")
+_NUMBER = r"\d+(?:\.\d+)?(?:e[-+]?\d+)?(?:/\d+)?"
+_UNIT = "|".join(sorted(map(re.escape, {*_UNITS, *_OTHER_UNITS}), key=len, reverse=True))
+_SCALED_UNITS = (
+    re.compile(rf" *(?P<factor>{_NUMBER}) *[*x]? *(?P<unit>{_UNIT}) *"),
+    re.compile(rf" *(?P<unit>{_UNIT}) *(?P<sign>[*x/]) *(?P<factor>{_NUMBER}) *"),
+)
+"""A unit with a factor, as it stands in brackets: 0.1 m, 1/256 nm, 1e-7 deg, m*100."""
 _LETTERS = str.maketrans({"µ": "u", "μ": "u", "ø": "o", "ß": "s", "æ": "e"})
 
 
@@ -241,9 +257,22 @@ def looks_like(name: str, quantity: str) -> bool:
 def other_unit_of(name: str) -> str | None:
     """Return the last word of a column's name if it is a unit that a recording cannot have."""
     words = words_of(name)
-    if len(words) > 1 and words[-1] in _OTHER_UNITS:
+    if len(words) > 1 and _is_other_unit(words[-1]):
         return words[-1]
     return None
+
+
+def other_unit_in_line(cell: str) -> str | None:
+    """Return the unit in a cell of a line of units if a recording cannot have it; None otherwise."""
+    words = words_of(f"({cell})")
+    if words and _is_other_unit(words[-1]):
+        return words[-1]
+    return None
+
+
+def _is_other_unit(word: str) -> bool:
+    """Test whether a word is a unit that a recording cannot have, such as yd and 0.1*m."""
+    return word in _OTHER_UNITS or "*" in word
 
 
 def unit_in(words: Collection[str], quantity: str) -> str | None:
@@ -262,10 +291,42 @@ def words_of(name: str) -> list[str]:
     name = re.sub(r"([a-z])([A-Z])", r"\1 \2", name.replace("°", " deg")).lower()
     # m_s, m per s and m s^-1 are m/s.
     name = _PER_SECOND.sub(r"\1/\2", name)
-    return re.findall(r"rad/s|deg/s|km/h|cm/s|mm/s|m/s|ft/s|[a-z0-9]+", name)
+    name = _NAUTICAL_MILES.sub("nmi", name)
+    name = _BRACKETS.sub(_name_scaled_unit, name)
+    units = r"rad/s|deg/s|km/h|cm/s|mm/s|m/s|ft/s|deg/600000|deg/100|deg/10|kn/10"
+    return re.findall(rf"[0-9.e/+-]+\*[a-z0-9/]+|{units}|[a-z0-9]+", name)
+
+
+def _name_scaled_unit(match: re.Match[str]) -> str:
+    """Replace a unit with a factor in brackets by the known unit of this size: 0.01 m by cm.
+
+    Without such a unit it becomes one word, such as 0.1*m.
+    """
+    text = re.sub(r"10\^(-?\d+)", r"1e\1", match[1].replace(" x 10^", "*10^"))
+    for pattern in _SCALED_UNITS:
+        scaled = pattern.fullmatch(text)
+        if scaled is None:
+            continue
+        number, _, divisor = scaled["factor"].partition("/")
+        factor = float(number) / float(divisor or 1)
+        if "sign" in scaled.groupdict():
+            # A number in m*100 or m/100 counts hundredths of a meter.
+            factor = 1.0 / factor
+        unit = _UNITS.get(scaled["unit"], "")
+        if unit == "h" and factor in (12.0, 24.0):
+            return ""  # a clock of 12 or 24 hours
+        for other, size in UNITS.items():
+            if (
+                unit
+                and math.isclose(size, factor * UNITS[unit])
+                and have_one_dimension(unit, other)
+            ):
+                return f"({other.lower()})"
+        return f"({factor:g}*{scaled['unit']})"
+    return match[0]
 
 
 def _without_units(words: list[str]) -> list[str]:
     """Return the words without units; the first word stays."""
     units = _OTHER_UNITS.union(_UNITS)
-    return [word for i, word in enumerate(words) if i == 0 or word not in units]
+    return [word for i, word in enumerate(words) if i == 0 or not (word in units or "*" in word)]

@@ -28,7 +28,6 @@ from trackbench.scenarios.recordings.column_names import (
     other_unit_of,
     ranges_of,
     rest_of_stamp,
-    unit_in,
     unit_of,
     words_of,
 )
@@ -39,15 +38,19 @@ from trackbench.scenarios.recordings.csv_lines import (
     table_rows,
 )
 from trackbench.scenarios.recordings.csv_tables import (
-    first_rows,
     header,
     is_parquet,
-    number,
     parse_cells,
     read_table,
     without_thousands,
 )
 from trackbench.scenarios.recordings.dates import instant
+from trackbench.scenarios.recordings.guess_doubts import (
+    check_earth_centered,
+    check_slant_ranges,
+    check_split_angles,
+    check_zones,
+)
 from trackbench.scenarios.recordings.guess_errors import (
     ANGLES,
     SENSORS,
@@ -57,6 +60,7 @@ from trackbench.scenarios.recordings.guess_errors import (
     scatter,
     share_of_outliers,
 )
+from trackbench.scenarios.recordings.guess_sample import Sample
 from trackbench.scenarios.recordings.guess_time import DateForm, date_form
 from trackbench.scenarios.recordings.guess_units import (
     LENGTH_UNITS,
@@ -83,7 +87,6 @@ UnitByQuantity: TypeAlias = dict[str, str]
 ReasonByKey: TypeAlias = dict[str, str]
 """Comments for the config on keys that are guessed."""
 _TURN = 2.0 * np.pi
-_SAMPLE = 10_000  # rows
 _MOST_SENSORS = 50
 _MOST_LINES_OF_WORDS = 5
 _FIRST = 200  # rows that show the format
@@ -266,7 +269,7 @@ def _recognized_columns(path: str, user_naming: Naming) -> Guess:
     user_format = user_naming.format or TextFormat()
     form = _text_format(path, user_format, why)
     names = header(path, form)
-    sample = _Sample(path, names, form)
+    sample = Sample(path, names, form)
     columns, units = _columns(names, sample, user_naming, why)
     if "time" not in columns and "step" not in columns:
         _find_dates(sample, columns, why)
@@ -281,6 +284,11 @@ def _recognized_columns(path: str, user_naming: Naming) -> Guess:
         _check_thousands(path, sample, columns, form.thousands)
     measured = set(chain.from_iterable(sensor.quantities for sensor in sensors))
     _check_named_units(sample, columns, units, measured)
+    if {*_PLACE} <= measured:
+        check_split_angles(sample, columns)
+        check_earth_centered(sample, columns, units)
+        check_zones(sample, columns, user_naming.columns)
+    check_slant_ranges(sample, columns, units, user_naming.columns)
     clock = DateForm(user_naming.time_format, bool(user_naming.time_format))
     if "time" in columns and not clock.form:
         times = sample.cells(columns["time"])
@@ -534,7 +542,7 @@ def _thousands(cells: list[str]) -> str:
     return ""
 
 
-def _check_thousands(path: str, sample: "_Sample", columns: ColumnByQuantity, mark: str) -> None:
+def _check_thousands(path: str, sample: Sample, columns: ColumnByQuantity, mark: str) -> None:
     """Raise DataError for a column in which the mark may separate thousands or decimals.
 
     All its cells then have the mark once, before three digits.
@@ -559,7 +567,7 @@ def _lines_of_words(rows: list[list[str]]) -> int:
 
 
 def _columns(
-    names: list[str], sample: "_Sample", user_naming: Naming, why: ReasonByKey
+    names: list[str], sample: Sample, user_naming: Naming, why: ReasonByKey
 ) -> tuple[ColumnByQuantity, UnitByQuantity]:
     """Return columns and units by quantity, guessed from the names of columns and a line of units.
 
@@ -605,7 +613,7 @@ def _columns(
     return columns, units
 
 
-def _find_dates(sample: "_Sample", columns: ColumnByQuantity, why: ReasonByKey) -> None:
+def _find_dates(sample: Sample, columns: ColumnByQuantity, why: ReasonByKey) -> None:
     """Add the time to the columns if it is the only column whose cells are dates."""
     dated = []
     for name in sample.names:
@@ -620,7 +628,7 @@ def _find_dates(sample: "_Sample", columns: ColumnByQuantity, why: ReasonByKey) 
 
 
 def _guess_units_of_robot(
-    sample: "_Sample", columns: ColumnByQuantity, units: UnitByQuantity, why: ReasonByKey
+    sample: Sample, columns: ColumnByQuantity, units: UnitByQuantity, why: ReasonByKey
 ) -> None:
     """Add the units of a robot's measurements that the names of their columns do not have.
 
@@ -640,23 +648,33 @@ def _guess_units_of_robot(
 
 
 def _check_named_units(
-    sample: "_Sample", columns: ColumnByQuantity, units: UnitByQuantity, measured: set[str]
+    sample: Sample, columns: dict[str, str], units: dict[str, str], measured: set[str]
 ) -> None:
-    """Raise DataError for a column whose name has a unit that no recording may have.
+    """Raise DataError for a column with a unit that no recording may have.
 
-    Only columns that are read are checked: those of the ``measured`` quantities, velocities and inputs.
+    The unit stands in the column's name or in a line of units.
     """
-    for name in columns.keys() & {*measured, *_VELOCITY, *COURSE, *_ODOMETRY}:
-        other = other_unit_of(columns[name])
-        if other is not None and name not in units:
-            what = f"{columns[name]}: the unit {other} is unknown here"
+    names = {*measured, *_VELOCITY, *COURSE, *_ODOMETRY, "time"}
+    if not {*_PLACE} <= columns.keys():
+        names |= {*GEODETIC[:2]}
+    for name in sorted(columns.keys() & names):
+        column = columns[name]
+        if name in units or column not in sample.names:
+            continue
+        other = other_unit_of(column) or sample.other_unit(column)
+        if other is not None:
+            what = f"{column}: the unit {other.replace('*', ' ')} is unknown here"
             way = f"write the numbers in a known unit, and say it, such as --set units.{name}="
-            usual = "deg" if name in ANGLES or name == "course" else "m"
+            usual = "m"
+            if name in (*ANGLES, *GEODETIC, "course"):
+                usual = "deg"
+            elif name == "time":
+                usual = "s"
             raise DataError(Place(sample.path, 1, 1, f"{what}: {way}{usual}"))
 
 
 def _check_unused(
-    sample: "_Sample", columns: ColumnByQuantity, sensors: list[SensorGuess], user_naming: Naming
+    sample: Sample, columns: ColumnByQuantity, sensors: list[SensorGuess], user_naming: Naming
 ) -> None:
     """Raise DataError if only angles or only ranges are read, and another column may be the other part.
 
@@ -685,7 +703,7 @@ def _check_unused(
         raise DataError(Place(sample.path, 1, 1, f"{what} {way}"))
 
 
-def _hemispheres(names: list[str], sample: "_Sample", columns: ColumnByQuantity) -> dict[str, str]:
+def _hemispheres(names: list[str], sample: Sample, columns: ColumnByQuantity) -> dict[str, str]:
     """Find the columns of the letters N and S, and E and W, beside latitude and longitude.
 
     Return them by their key of `columns`, ``north_south`` or ``east_west``.
@@ -719,7 +737,7 @@ def _settle_twice_named(columns: ColumnByQuantity, user_naming: Naming) -> None:
         columns.pop("run")
 
 
-def _settle_landmarks(sample: "_Sample", columns: ColumnByQuantity, user_naming: Naming) -> bool:
+def _settle_landmarks(sample: Sample, columns: ColumnByQuantity, user_naming: Naming) -> bool:
     """Return whether the table is the log of a robot, whose bearings count from its heading.
 
     The ``columns`` of such a log are changed in place. Raises DataError with the possible answers if
@@ -766,7 +784,7 @@ def _settle_landmarks(sample: "_Sample", columns: ColumnByQuantity, user_naming:
 
 
 def _landmark_column(
-    sample: "_Sample", columns: ColumnByQuantity, user_naming: Naming, is_like_robot: bool
+    sample: Sample, columns: ColumnByQuantity, user_naming: Naming, is_like_robot: bool
 ) -> str | None:
     """Return the column that names landmarks; None without one.
 
@@ -815,7 +833,7 @@ def _no_time(names: list[str]) -> str:
 
 def _sensors(
     path: str,
-    sample: "_Sample",
+    sample: Sample,
     columns: ColumnByQuantity,
     names: list[str],
     units: UnitByQuantity,
@@ -896,7 +914,7 @@ def _check_one_kind(
     )
 
 
-def _no_position(columns: ColumnByQuantity, sample: "_Sample", names: list[str]) -> str:
+def _no_position(columns: ColumnByQuantity, sample: Sample, names: list[str]) -> str:
     """Return the message and the advice for a table, or a sensor of it, without measured quantities."""
     pairs = "x and y, latitude and longitude, range and azimuth, or range"
     known = ", ".join(names)[:200]
@@ -916,62 +934,13 @@ def _no_position(columns: ColumnByQuantity, sample: "_Sample", names: list[str])
     return f"no columns look like {pairs}; there are {known}: {way}"
 
 
-class _Sample:
-    """First rows of a table, as text."""
-
-    def __init__(self, path: str, names: list[str], form: TextFormat) -> None:
-        self.path = path
-        self.names = names
-        self.line = 1 if is_parquet(path) else layout_of(path, form).before + 1
-        self._rows = first_rows(path, form, _SAMPLE)
-        self._thousands = form.thousands
-        self._units: list[list[str]] = []
-        if form.skip:
-            self._units = first_rows(path, replace(form, skip=0), form.skip)
-
-    def __len__(self) -> int:
-        return len(self._rows)
-
-    def cells(self, column: str) -> list[str]:
-        """List the cells of a column; empty cells for the name "", no cells for an unknown name."""
-        if not column and column not in self.names:
-            return [""] * len(self)
-        if column not in self.names:
-            return []
-        place = self.names.index(column)
-        return [cells[place] for cells in self._rows]
-
-    def words(self, column: str) -> list[str]:
-        """List the words in a column."""
-        return [word for word in dict.fromkeys(self.cells(column)) if word]
-
-    def numbers(self, column: str) -> Array:
-        """Parse the numbers of a column, NaN for what is none."""
-        cells = self.cells(column)
-        if self._thousands:
-            cells = [without_thousands(cell, self._thousands) for cell in cells]
-        values, _ = parse_cells(number, [cell.replace(",", ".") for cell in cells])
-        return values
-
-    def unit(self, column: str, quantity: str) -> str | None:
-        """Return the unit of a quantity's column from the lines of units; None without one."""
-        if column not in self.names:
-            return None
-        place = self.names.index(column)
-        for row in self._units:
-            unit = unit_in(words_of(row[place]), quantity)
-            if unit:
-                return unit
-        return None
-
-
 class _Reading:
     """Choice of the units of a table, whose columns are known."""
 
     def __init__(
         self,
         path: str,
-        sample: _Sample,
+        sample: Sample,
         columns: ColumnByQuantity,
         units: UnitByQuantity,
         clock: DateForm,
@@ -1331,7 +1300,7 @@ class _Reading:
         return questions
 
 
-def _missing(sample: _Sample, columns: ColumnByQuantity, measured: set[str]) -> tuple[float, ...]:
+def _missing(sample: Sample, columns: ColumnByQuantity, measured: set[str]) -> tuple[float, ...]:
     """Return whole numbers far outside the others, which stand for missing cells in all columns.
 
     They are searched in the columns of the ``measured`` quantities and in latitude and longitude.
