@@ -1,6 +1,7 @@
 """Tables whose columns are easily taken for something else: they are read right, or asked about."""
 
 from collections.abc import Callable
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from tests.scenarios.test_device_tables import (
     KNOT,
+    MIDNIGHT,
     Numbers,
     Path2,
     check_path,
@@ -16,11 +18,15 @@ from tests.scenarios.test_device_tables import (
     lonlat,
     table,
     whole,
+    xy,
 )
 from trackbench.errors import UserError
 
 CAR, SHIP = Path2(rows=40), Path2(rows=40, usual_speed=6.0, every=10.0, latitude=53.5)
 EAST = Path2(rows=40, usual_speed=20.0, every=2.0)
+MINUTES = Path2(rows=40, usual_speed=2.0, every=60.0)
+HALF_PAST = datetime(2024, 5, 3, 9, 30, 0)
+MAY = datetime(2024, 5, 13, 10, 0, 0)
 RADAR = np.array([[-2000.0], [-3000.0]])
 
 
@@ -113,11 +119,85 @@ def small_degrees(path: Path2) -> str:
     )
 
 
+def clocked(names: str, clock: Callable[[Path2], list[list[str]]]) -> Callable[[Path2], str]:
+    """Return a table of x and y with columns of times before them."""
+    return lambda p: table(f"{names},x,y", *clock(p), *xy(p))
+
+
+def frames(path: Path2) -> list[list[str]]:
+    numbers = np.rint(25.0 * path.t).astype(int)
+    return [[f"10:00:{number // 25:02}:{number % 25:02}" for number in numbers]]
+
+
+def without_zeros(path: Path2) -> list[list[str]]:
+    """Return seconds and milliseconds joined without the zeros between them: 0.5 is 5 ms."""
+    thousandths = np.rint(1e3 * path.t).astype(int)
+    return [[f"{1714730400 + number // 1000}.{number % 1000}" for number in thousandths]]
+
+
+def clock_of_numbers(path: Path2) -> list[list[str]]:
+    dates = path.dates("%Y%m%d", MIDNIGHT)
+    return [dates, [str(int(clock)) for clock in path.dates("%H%M%S", MIDNIGHT)]]
+
+
+def several_a_second(path: Path2, false_detections: int = 0) -> str:
+    """Return a table of two targets in each second, or of one among false detections, without names."""
+    rng = np.random.default_rng(7)
+    rows = []
+    for time, (x, y) in zip(path.t, path.place.T, strict=True):
+        places = [(x, y), (x + 3000.0, y)]
+        if false_detections:
+            others = rng.uniform(-2000.0, 3000.0, (rng.poisson(false_detections), 2))
+            places = [(x, y), *map(tuple, others)]
+        rng.shuffle(places)
+        rows += [f"{time:.0f},{east:.1f},{north:.1f}" for east, north in places]
+    return "\n".join(["time,x,y", *rows]) + "\n"
+
+
+def phone(path: Path2) -> str:
+    speed, course = decimal(path.speed, 2), decimal(path.course, 1)
+    speed[:4] = ["-1"] * 4
+    course[:6] = ["-1.0"] * 6
+    names = "timestamp,latitude,longitude,speed,course"
+    return table(names, whole(1.7e9 + path.t), *lonlat(path)[::-1], speed, course)
+
+
+def no_names(path: Path2) -> str:
+    x, y = xy(path)
+    rows = zip(x, y, whole(path.t), strict=True)
+    return "".join(f"{east},{north},{time}\n" for east, north, time in rows)
+
+
+def eight_columns(path: Path2) -> str:
+    columns = xy(path), decimal(path.speed, 3), decimal(path.course, 3)
+    rows = zip(whole(path.t), *columns[0], *columns[1:], strict=True)
+    return "".join(f"{' '.join(row)} 1 0 3\n" for row in rows)
+
+
+def date_alone(path: Path2) -> str:
+    x, y = xy(path)
+    return table("date,x,y", ["2024-05-03"] * 20 + ["2024-05-04"] * 20, x, y)
+
+
 RIGHT: dict[str, tuple[Path2, Callable[[Path2], str]]] = {
     "kn/10 and deg/10 in brackets": (SHIP, scaled_speed),
     "1e-7 deg in a line of units": (CAR, small_degrees),
     "hundredths of a meter": (CAR, plane_table("t,x [0.01 m],y [m/100]", 0.01)),
     "a clock of 24 hours": (CAR, plane_table("time (24h),x (m),y (m)")),
+    "hours and minutes as a number": (MINUTES, clocked("time", lambda p: [p.dates("%H%M", HALF_PAST)])),
+    "a clock without zeros": (CAR, clocked("date,time", clock_of_numbers)),
+    "a.m. and p.m.": (
+        CAR,
+        clocked("time", lambda p: [[f"{d} a. m." for d in p.dates("%d/%m/%Y %I:%M:%S", MAY)]]),
+    ),
+    "measurements beside a truth": (
+        CAR,
+        lambda p: table("time,x,y,zx,zy", whole(p.t), whole(9.0 * p.t), whole(5.0 * p.t), *xy(p)),
+    ),
+    "translations": (
+        CAR,
+        lambda p: table("timestamp,translation_x,translation_y", whole(p.t), *xy(p)),
+    ),
 }
 ASKED: dict[str, tuple[Path2, Callable[[Path2], str], str]] = {
     "yards in a line of units": (
@@ -168,6 +248,29 @@ ASKED: dict[str, tuple[Path2, Callable[[Path2], str], str]] = {
         earth_centered,
         r"x, y and z count from the center of the Earth, 6367 km away: convert them to latitude",
     ),
+    "numbers of frames": (
+        Path2(rows=60, every=0.04),
+        clocked("time", frames),
+        r"m\.csv:2:1: '10:00:00:00' may end with the number of a frame.*%H:%M:%S:%f",
+    ),
+    "no zeros behind the point": (
+        Path2(rows=60, every=0.005),
+        clocked("time", without_zeros),
+        r"m\.csv:4:1: '1714730400\.10' comes after '1714730400\.5': are there no zeros behind",
+    ),
+    "two targets without names": (
+        CAR,
+        several_a_second,
+        r"m\.csv:3:1: rows of one time are far apart, and near those of other times.*same_time=spread",
+    ),
+    "false detections": (
+        EAST,
+        lambda p: several_a_second(p, 2),
+        r"rows of one time are far apart, .* or false detections\?",
+    ),
+    "days alone": (CAR, date_alone, r"time 0 s is there twice, as are 37 more"),
+    "no names, the time last": (CAR, no_names, r"no line names the columns: name all 3"),
+    "eight columns without names": (CAR, eight_columns, r"no line names the columns: name all 8"),
     "two zones": (EAST, two_zones, r"zone has 32T, 33T: each zone counts from a meridian"),
     "slant ranges": (
         EAST,
@@ -210,3 +313,46 @@ def test_miles_at_sea_are_others_than_on_land(tmp_path: Path, names: str, miles:
 def test_a_range_that_is_confirmed_is_read(tmp_path: Path) -> None:
     _, written = guessed(tmp_path, slant_ranges(EAST), "columns.range=slant_range_m")
     assert [sensor["kind"] for sensor in written["sensor"]] == ["range-azimuth"]
+
+
+def test_codes_of_phones_are_missing_cells(tmp_path: Path) -> None:
+    scenario, written = guessed(tmp_path, phone(CAR))
+    check_path(scenario, CAR)
+    assert [sensor["kind"] for sensor in written["sensor"]] == ["position", "velocity"]
+    measured = scenario.target._recording.measurements[2:, :, 0]
+    has_velocity = np.isfinite(measured).all(axis=0)
+    assert has_velocity.sum() == CAR.rows - 6
+    away = np.hypot(*(measured - CAR.velocity[:, 1:]))[has_velocity]
+    assert away.max() < 0.1
+    (tmp_path / "g.yaml").unlink()
+    # A course of -1 deg among others below zero is one.
+    course = decimal((CAR.course + 180.0) % 360.0 - 180.0 - 36.0, 1)
+    course[3] = "-1"
+    text = table("time,x,y,speed,course", whole(CAR.t), *xy(CAR), decimal(CAR.speed, 2), course)
+    scenario, _ = guessed(tmp_path, text, "columns.speed=speed", "columns.course=course")
+    assert not any("course -1" in note for note in scenario.cautions)
+
+
+@pytest.mark.parametrize("code", ["0", "-1.00"])
+def test_positions_without_a_detection_are_missing(tmp_path: Path, code: str) -> None:
+    x, y = (decimal(2000.0 + part, 2) for part in CAR.place)
+    for row in (5, 6, 20):
+        x[row] = y[row] = code
+    scenario, written = guessed(tmp_path, table("time,x,y", whole(CAR.t), x, y))
+    assert written["target"]["missing"] == [float(code)]
+    measured = scenario.target._recording.measurements[:2, :, 0]
+    assert np.isfinite(measured).all(axis=0).sum() == CAR.rows - 4
+    # The user may know better; and a path through 0, 0 has this place.
+    (tmp_path / "g.yaml").unlink()
+    text = table("time,x,y", whole(CAR.t), x, y)
+    _, written = guessed(tmp_path, text, "columns.x=x", "columns.y=y")
+    assert "missing" not in written["target"]
+
+
+def test_ranges_without_a_detection_are_missing(tmp_path: Path) -> None:
+    ranges, azimuths = polar(EAST)
+    cells = decimal(ranges, 1), decimal(azimuths, 2)
+    for row in (5, 20):
+        cells[0][row] = cells[1][row] = "0.0"
+    _, written = guessed(tmp_path, table("time,range_m,azimuth_deg", whole(EAST.t), *cells))
+    assert written["target"]["missing"] == [0.0]

@@ -63,12 +63,19 @@ class Impossible(NamedTuple):
 
 
 def blank_codes(quantity: str, values: Array, of_ais: bool, scale: float) -> Counter[str]:
-    """Replace "not available" codes of AIS by NaN in place; return the number of cells by code.
+    """Replace "not available" codes by NaN in place; return the number of cells by code.
+
+    These are the codes of AIS, and -1 for speeds and courses of phones if all others are positive.
 
     ``of_ais`` if the table has columns of AIS, which has further codes. ``scale`` is the unit of the
     values in SI: raw fields, in tenths of a degree or knot or 1/600000 deg, have codes in these units.
     """
     counts: Counter[str] = Counter()
+    if quantity in ("speed", "course"):
+        is_code = values == -1.0
+        if is_code.any() and not (values[~is_code] < 0.0).any():
+            counts[f"{quantity} -1"] = int(is_code.sum())
+            values[is_code] = np.nan
     raw_unit = ""
     for unit in _RAW_AIS:
         if scale == UNITS[unit]:

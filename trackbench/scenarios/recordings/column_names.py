@@ -16,7 +16,8 @@ _WORDS: dict[str, str] = {
     "time": "stamp time timestamp t timesec datetime datetimeutc basedatetime utctime timeutc utc "
     "tst czas seconds secs sec elapsed secondselapsed elapsedseconds elapsedtime millis ms "
     "epoch unixtime gpstime systime timeofday tod tow gpstow itow gpst measurementtime "
-    "tvsec gms sow secondsofweek updatetime hours jd juliandate mjd filetime when measuredat "
+    "tvsec gms sow secondsofweek sod secondsofday secofday updatetime hours jd juliandate mjd "
+    "filetime when measuredat datenum matlabtime micros micro microseconds usec timeusec timecode "
     "zeit zeitstempel uhrzeit temps heure hora tiempo tempo ora tid tijd klokkeslett",
     "date": "date dateutc utcdate datum fecha data dato jour",
     "step": "step k frame scan frameid",
@@ -30,8 +31,8 @@ _WORDS: dict[str, str] = {
     "breedtegraad",
     "longitude": "longitude lon lone longitudee lng long lange langengrad laenge laengengrad "
     "lengdegrad longitud longitudine lengtegraad",
-    "x": "x px posx xpos tx zx mx east easting e xm rechtswert xeast ostlig",
-    "y": "y py posy ypos ty zy my north northing n ym hochwert ynorth nordlig",
+    "x": "zx x px posx xpos tx mx east easting e xm rechtswert xeast ostlig",
+    "y": "zy y py posy ypos ty my north northing n ym hochwert ynorth nordlig",
     "vx": "vx velx vxm xvelocity velocityx speedx eastspeed veast ve vele",
     "vy": "vy vely vym yvelocity velocityy speedy northspeed vnorth vn veln",
     "range": "range rng rmsd rho distance dist slantrange slantrng rangeto entfernung abstand r",
@@ -50,7 +51,7 @@ _FILLERS = (
     "gpsfix fix navsatfix trkpt wpt local global map world odom odometry p z rs r s meas measured "
     "measurement obs observed est hat coord coordinate coordinates point xyz enu utm wgs84 filtered "
     "raw utc value mathrm text rm obj ego target veh vehicle robot uav drone frame from sensor base "
-    "enhanced osd custom tagblock"
+    "enhanced osd custom tagblock translation baseline"
 )
 """Words that may stand beside a quantity in a name: field.pose.pose.position.x, p_RS_R_x."""
 _UNITS = {

@@ -2,12 +2,14 @@
 
 import json
 import re
+from collections.abc import Collection
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
-from itertools import chain, islice
+from itertools import chain, islice, pairwise
 from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.field_types import DataError, Place, decimals
@@ -40,6 +42,7 @@ from trackbench.scenarios.recordings.csv_lines import (
 from trackbench.scenarios.recordings.csv_tables import (
     header,
     is_parquet,
+    number,
     parse_cells,
     read_table,
     without_thousands,
@@ -91,6 +94,15 @@ _MOST_SENSORS = 50
 _MOST_LINES_OF_WORDS = 5
 _FIRST = 200  # rows that show the format
 _MOST_A_SECOND = 20
+_MOST_COMPARED = 1000
+"""rows that show whether those of one time are several targets"""
+_TIMES_APART = 3.0
+"""ratio of the distance between rows of one time to that from the next time, of several targets"""
+_DAY = 86400.0  # s
+_FEWEST_MEASURED = 5
+"""rows beside which others may show that nothing was detected"""
+_FAR_STEPS = 10.0
+"""steps of nine of ten rows, from which on a position of zeros is none"""
 _PLACE = ("x", "y")
 _VELOCITY = ("vx", "vy")
 _MEASURED = ("x", "y", "latitude", "longitude", "range", "azimuth", "bearing")
@@ -304,7 +316,7 @@ def _recognized_columns(path: str, user_naming: Naming) -> Guess:
     if clock.why:
         why["time_format"] = clock.why
     # Step 3: choose the units by which times, positions and speeds agree.
-    missing = user_naming.missing or _missing(sample, columns, measured)
+    missing = user_naming.missing or _missing(sample, columns, measured, user_naming.columns)
     is_one_position = sensors[0].quantities == _PLACE and len(sensors) == 1
     has_velocity = is_one_position and _has_velocity(columns)
     reading = _Reading(path, sample, columns, units, clock, missing, why)
@@ -366,8 +378,10 @@ def _measured(path: str, naming: Naming, why: ReasonByKey, sensors: list[SensorG
     for sensor, rows in zip(sensors, rows_by_sensor, strict=True):
         measured = np.isfinite(rows.values[: len(sensor.quantities)]).all(axis=0)
         run_rows = rows.at(np.flatnonzero(measured & (rows.run == sizes.argmax())))
-        way = _same_time(gathered, run_rows)
-        if naming.same_time is None and way is not None:
+        way = None
+        if naming.same_time is None:
+            way = _same_time(gathered, run_rows, sensor.kind, in_degrees)
+        if way is not None:
             naming = replace(naming, same_time=way)
             gathered.naming = replace(naming, clockwise=())
             why["same_time"] = "guess: several rows of a whole second; or mean, or last"
@@ -506,7 +520,7 @@ def _text_format(path: str, user_format: TextFormat, why: ReasonByKey) -> TextFo
             names = _TUM
         elif width == 3:
             names = ("time", "x", "y")
-        if not names or (width == 3 and _may_be_degrees([layout.names, *rows])):
+        if not names or not _fits_names([layout.names, *rows], names):
             what = f"no line names the columns: name all {width},"
             way = "`--set 'format.names=[time, x, y, ...]'` (or latitude, longitude, range, ...)"
             raise DataError(Place(path, layout.header, 1, f"{what} {way}"))
@@ -523,10 +537,28 @@ def _text_format(path: str, user_format: TextFormat, why: ReasonByKey) -> TextFo
     return replace(user_format, **guessed)
 
 
-def _may_be_degrees(rows: list[list[str]]) -> bool:
-    """Test whether three columns may be a time, a latitude and a longitude, by their digits."""
-    places = list(chain.from_iterable(row[1:] for row in rows))
-    return all(re.fullmatch(r" *-?\d{1,3}\.\d{4,} *", cell) for cell in places)
+def _fits_names(rows: list[list[str]], names: tuple[str, ...]) -> bool:
+    """Test whether rows without a line of names may have a time and a position, or a TUM trajectory.
+
+    Times must not fall. Three columns must not be degrees, by their digits, nor may another column be
+    at equal intervals if the first is not. The last four columns of a trajectory are a unit quaternion.
+    """
+    if len(names) == 3:
+        places = list(chain.from_iterable(row[1:] for row in rows))
+        if all(re.fullmatch(r" *-?\d{1,3}\.\d{4,} *", cell) for cell in places):
+            return False
+    complete_rows = [row for row in rows if len(row) == len(names)]
+    cells = [cell.strip().replace(",", ".") for cell in chain.from_iterable(complete_rows)]
+    numbers = parse_cells(number, cells)[0].reshape(len(complete_rows), len(names)).T
+    if len(names) == len(_TUM):
+        size = np.sqrt(np.square(numbers[4:]).sum(axis=0))
+        return bool((np.abs(size - 1.0) < 0.05).mean() > 0.9)
+    intervals = np.diff(numbers, axis=1)
+    usual = np.median(intervals, axis=1)
+    # Written times are rounded, and some rows may be missing.
+    near_usual = np.abs(intervals - usual[:, None]) <= 0.1 * np.abs(usual[:, None])
+    is_clock = (near_usual.mean(axis=1) > 0.8) & (usual > 0.0) & (intervals >= 0.0).all(axis=1)
+    return bool(is_clock[0] or not is_clock[1:].any())
 
 
 def _thousands(cells: list[str]) -> str:
@@ -1300,10 +1332,16 @@ class _Reading:
         return questions
 
 
-def _missing(sample: Sample, columns: ColumnByQuantity, measured: set[str]) -> tuple[float, ...]:
+def _missing(
+    sample: Sample,
+    columns: ColumnByQuantity,
+    measured: set[str],
+    user_columns: Collection[str],
+) -> tuple[float, ...]:
     """Return whole numbers far outside the others, which stand for missing cells in all columns.
 
-    They are searched in the columns of the ``measured`` quantities and in latitude and longitude.
+    They are searched in the columns of the ``measured`` quantities and in latitude and longitude. The
+    ``user_columns`` are those that the user named.
     """
     names = sorted((measured | {*GEODETIC[:2], "speed", *_VELOCITY}) & columns.keys())
     values = {name: sample.numbers(columns[name]) for name in names}
@@ -1322,20 +1360,104 @@ def _missing(sample: Sample, columns: ColumnByQuantity, measured: set[str]) -> t
             )
             if value % 1 == 0 and is_code and value not in codes:
                 codes.append(value)
+    if not codes:
+        codes = _no_detections(sample, columns, values, user_columns)
     return tuple(codes)
 
 
-def _same_time(gathered: Gathered, rows: Rows) -> Literal["spread"] | None:
+def _no_detections(
+    sample: Sample,
+    columns: ColumnByQuantity,
+    values: dict[str, Array],
+    user_columns: Collection[str],
+) -> list[float]:
+    """Return 0 or -1 if positions or ranges of this value lie far from all rows before and after.
+
+    ``values`` (R,) are those of the quantities. Raises DataError if another quantity has the number,
+    too. A user who named the columns, among ``user_columns``, has said that they are measured.
+    """
+    for group in (_PLACE, ("range",)):
+        if not all(name in values for name in group) or not {*group}.isdisjoint(user_columns):
+            continue
+        places = np.stack([values[name] for name in group])
+        for code in (0.0, -1.0):
+            is_code = (places == code).all(axis=0)
+            measured = np.flatnonzero(np.isfinite(places).all(axis=0) & ~is_code)
+            if not is_code.any() or len(measured) < _FEWEST_MEASURED:
+                continue
+            steps = np.sqrt(np.square(np.diff(places[:, measured], axis=1)).sum(axis=0))
+            rows = np.flatnonzero(is_code)
+            after = np.searchsorted(measured, rows)
+            away = np.full(len(rows), np.inf)
+            for neighbor in (after - 1, after):
+                inside = (neighbor >= 0) & (neighbor < len(measured))
+                nearest = places[:, measured[neighbor[inside]]]
+                distance = np.sqrt(np.square(nearest - code).sum(axis=0))
+                away[inside] = np.minimum(away[inside], distance)
+            if away.min() <= _FAR_STEPS * np.quantile(steps, 0.9):
+                continue
+            others = [name for name, column in values.items() if (column[~is_code] == code).any()]
+            if not others:
+                return [code]
+            shown = " and ".join(columns[name] for name in group)
+            what = (
+                f"{len(rows)} rows with {shown} = {code:g} lie far from the rows before and after"
+            )
+            way = "empty these cells if nothing was measured"
+            option = " ".join(f"--set 'columns.{name}={columns[name]}'" for name in group)
+            place = Place(sample.path, sample.line + int(rows[0]), 1, "")
+            raise DataError(
+                place._replace(what=f"{what}: {way}; if they are measured, say {option}")
+            )
+    return []
+
+
+def _same_time(
+    gathered: Gathered, rows: Rows, kind: str, in_degrees: bool
+) -> Literal["spread"] | None:
     """Return "spread" for the key `same_time` if rows of one second differ and times are whole seconds.
 
-    None otherwise.
+    None otherwise. Raises DataError if these rows lie so far apart that they are those of several
+    targets. ``kind`` is the type of the rows' sensor; ``in_degrees`` if its angles are in degrees.
     """
     seconds = len(np.unique(rows.time))
     if gathered.stepped or (rows.time % 1.0).any() or not 1 < seconds < len(rows.time):
         return None
     if len(rows.time) > _MOST_A_SECOND * seconds:
         return None
+    if gathered.dated and not (rows.time % _DAY).any():
+        return None  # dates without a time of day
     twice = (np.diff(rows.ticks) == 0) & (np.diff(rows.values, axis=1) != 0.0).any(axis=0)
-    if twice.any():
-        return "spread"
-    return None
+    if not twice.any():
+        return None
+    if kind in ("position", "range-azimuth"):
+        places = rows.values[:2]
+        if kind == "range-azimuth":
+            azimuth = places[1] * (UNITS["deg"] if in_degrees else 1.0)
+            places = places[0] * np.stack([np.cos(azimuth), np.sin(azimuth)])
+        if _lie_apart(rows.ticks[:_MOST_COMPARED], places[:, :_MOST_COMPARED]):
+            what = "rows of one time are far apart, and near those of other times: are they several"
+            what += " targets, or false detections?"
+            way = "Give each target a number in a column, and say --set 'columns.run=ITS NAME'"
+            option = "if they are one target, say --set same_time=spread, or mean or last"
+            place = gathered.place(
+                rows, int(np.flatnonzero(twice)[0]) + 1, f"{what} {way}; {option}"
+            )
+            raise DataError(place)
+    return "spread"
+
+
+def _lie_apart(ticks: NDArray[np.integer[Any]], places: Array) -> bool:
+    """Test whether places (2, R) of one time lie farther apart than from those of the next time."""
+    apart = []
+    nearest = []
+    times, first = np.unique(ticks, return_index=True)
+    groups = [places[:, ticks == tick] for tick in times[np.argsort(first)]]
+    for group, following in pairwise(groups):
+        apart += np.hypot(*np.diff(group, axis=1)).tolist()
+        away = group[:, :, None] - following[:, None, :]
+        nearest += np.hypot(*away).min(axis=1).tolist()
+    if not apart:
+        return False
+    # Of false detections most are far from all rows of the next time.
+    return bool(np.quantile(apart, 0.25) > _TIMES_APART * np.quantile(nearest, 0.25))
