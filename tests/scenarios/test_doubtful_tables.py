@@ -184,7 +184,10 @@ RIGHT: dict[str, tuple[Path2, Callable[[Path2], str]]] = {
     "1e-7 deg in a line of units": (CAR, small_degrees),
     "hundredths of a meter": (CAR, plane_table("t,x [0.01 m],y [m/100]", 0.01)),
     "a clock of 24 hours": (CAR, plane_table("time (24h),x (m),y (m)")),
-    "hours and minutes as a number": (MINUTES, clocked("time", lambda p: [p.dates("%H%M", HALF_PAST)])),
+    "hours and minutes as a number": (
+        MINUTES,
+        clocked("time", lambda p: [p.dates("%H%M", HALF_PAST)]),
+    ),
     "a clock without zeros": (CAR, clocked("date,time", clock_of_numbers)),
     "a.m. and p.m.": (
         CAR,
