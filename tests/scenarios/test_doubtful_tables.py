@@ -179,6 +179,27 @@ def date_alone(path: Path2) -> str:
     return table("date,x,y", ["2024-05-03"] * 20 + ["2024-05-04"] * 20, x, y)
 
 
+def moving(
+    place: Callable[[Path2], list[list[str]]], knots: bool = False
+) -> Callable[[Path2], str]:
+    """Return a table of latitudes and longitudes from ``place``, speeds and courses."""
+
+    def write(path: Path2) -> str:
+        speed = path.speed / KNOT if knots else path.speed
+        motion = decimal(speed, 2), decimal(path.course, 1)
+        return table("time,lat,lon,speed,course", whole(path.t), *place(path), *motion)
+
+    return write
+
+
+def other_signs(latitude: float, longitude: float) -> Callable[[Path2], list[list[str]]]:
+    """Return latitudes and longitudes times these factors."""
+    return lambda p: [
+        decimal(latitude * p.degrees[1], 7),
+        decimal(longitude * p.degrees[0], 7),
+    ]
+
+
 RIGHT: dict[str, tuple[Path2, Callable[[Path2], str]]] = {
     "kn/10 and deg/10 in brackets": (SHIP, scaled_speed),
     "1e-7 deg in a line of units": (CAR, small_degrees),
@@ -274,6 +295,21 @@ ASKED: dict[str, tuple[Path2, Callable[[Path2], str], str]] = {
     "days alone": (CAR, date_alone, r"time 0 s is there twice, as are 37 more"),
     "no names, the time last": (CAR, no_names, r"no line names the columns: name all 3"),
     "eight columns without names": (CAR, eight_columns, r"no line names the columns: name all 8"),
+    "latitude and longitude exchanged": (
+        CAR,
+        moving(lambda p: [*lonlat(p)], knots=True),
+        r"lat and lon agree with speed and course only if they are exchanged: say .*latitude=lon",
+    ),
+    "positive degrees to the west": (
+        Path2(rows=40, latitude=37.8, longitude=-122.4),
+        moving(other_signs(1.0, -1.0)),
+        r"lon agrees with speed and course only with the opposite sign: .* west as negative",
+    ),
+    "positive degrees to the south": (
+        Path2(rows=40, latitude=-33.8, longitude=151.0),
+        moving(other_signs(-1.0, 1.0)),
+        r"lat agrees with speed and course only with the opposite sign: .* south as negative",
+    ),
     "two zones": (EAST, two_zones, r"zone has 32T, 33T: each zone counts from a meridian"),
     "slant ranges": (
         EAST,
@@ -359,3 +395,11 @@ def test_ranges_without_a_detection_are_missing(tmp_path: Path) -> None:
         cells[0][row] = cells[1][row] = "0.0"
     _, written = guessed(tmp_path, table("time,range_m,azimuth_deg", whole(EAST.t), *cells))
     assert written["target"]["missing"] == [0.0]
+
+
+def test_a_course_that_counts_from_x_is_none_from_north(tmp_path: Path) -> None:
+    course = decimal((90.0 - CAR.course) % 360.0, 1)
+    text = table("time,x,y,speed,course", whole(CAR.t), *xy(CAR), decimal(CAR.speed, 2), course)
+    _, written = guessed(tmp_path, text)
+    assert [sensor["kind"] for sensor in written["sensor"]] == ["position"]
+    assert "velocities are left out" in (tmp_path / "g.yaml").read_text()

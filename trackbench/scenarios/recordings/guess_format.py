@@ -69,6 +69,7 @@ from trackbench.scenarios.recordings.guess_units import (
     LENGTH_UNITS,
     Candidate,
     Numbers,
+    agreeing_reflection,
     is_usual_speed,
     likely_units,
 )
@@ -1000,6 +1001,8 @@ class _Reading:
             clocks = self._clocks()
         known_units = self._known_units(sensor)
         first, *others = likely_units(numbers, known_units, clocks)
+        if numbers.is_angle and has_velocity and not (first.agrees and first.same_way):
+            self._check_reflections(numbers, known_units)
         questions = self._questions([first, *others], numbers) if others else []
         for candidate in (first, *others):
             question = self._question_on_length(candidate, numbers, known_units)
@@ -1019,6 +1022,27 @@ class _Reading:
             self._why["time_format"] = f"guess: {self._reason(first)}"
             return self._clock._replace(form=first.time)
         return self._clock
+
+    def _check_reflections(self, numbers: Numbers, known_units: dict[str, str]) -> None:
+        """Raise DataError if a speed and course agree with exchanged or mirrored positions alone."""
+        change = agreeing_reflection(numbers, known_units)
+        if not change:
+            return
+        latitude = self._columns["latitude"]
+        longitude = self._columns["longitude"]
+        velocity = [name for name in (*COURSE, *_VELOCITY) if name in self._columns]
+        measured = " and ".join(self._columns[name] for name in velocity)
+        leave_out = " ".join(f"--set 'columns.{name}=\"\"'" for name in velocity)
+        if change == "exchanged":
+            what = f"{latitude} and {longitude} agree with {measured} only if they are exchanged"
+            way = f"say --set 'columns.latitude={longitude}' --set 'columns.longitude={latitude}'"
+        else:
+            column = self._columns[change]
+            what = f"{column} agrees with {measured} only with the opposite sign"
+            direction = "west" if change == "longitude" else "south"
+            way = f"write degrees to the {direction} as negative numbers"
+        way += f", or leave the velocities out, {leave_out}"
+        raise DataError(Place(self._path, self._sample.line, 1, f"{what}: {way}"))
 
     def check_azimuths(self, sensors: list[SensorGuess]) -> None:
         """Raise DataError if azimuths without a unit may be in radians as well as in degrees.

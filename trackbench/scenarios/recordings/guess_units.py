@@ -6,9 +6,9 @@ positions. The units with fewest points are written. If several are as likely, t
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -174,6 +174,29 @@ def likely_units(
     ranked = list(best.values())
     limit = ranked[0].points + _MARGIN
     return [candidate for candidate in ranked if candidate.points < limit]
+
+
+def agreeing_reflection(
+    numbers: Numbers, known_units: Mapping[str, str]
+) -> Literal["", "exchanged", "longitude", "latitude"]:
+    """Return the change of latitudes and longitudes with which a measured speed and course agree.
+
+    They are exchanged, or one has the wrong sign. Empty without such a change.
+    """
+    east, north = numbers.place
+    changes: dict[Literal["exchanged", "longitude", "latitude"], Array] = {
+        "exchanged": np.stack([north, east]),
+        "longitude": np.stack([-east, north]),
+        "latitude": np.stack([east, -north]),
+    }
+    points: dict[Literal["", "exchanged", "longitude", "latitude"], float] = {}
+    for change, place in changes.items():
+        first = likely_units(replace(numbers, place=place), known_units)[0]
+        if first.agrees and first.same_way:
+            points[change] = first.points
+    if not points:
+        return ""
+    return min(points, key=lambda change: points[change])
 
 
 def is_usual_speed(speed: float) -> bool:
@@ -498,6 +521,7 @@ def _course(
     units = [known_units["course"]] if "course" in known_units else COURSE_UNITS
     best = ""
     cosine = -1.0
+    swapped = -1.0
     for unit in units:
         course = numbers.course * UNITS[unit]
         # 511 deg is a code of AIS.
@@ -508,7 +532,9 @@ def _course(
         if unit_cosine > cosine + 0.01:
             best = unit
             cosine = unit_cosine
-    return best, cosine >= _SAME_WAY
+            # A course that counts from x is one from north with both axes exchanged.
+            swapped = _cosine(along[::-1], moves)
+    return best, cosine >= _SAME_WAY and cosine > swapped - 0.01
 
 
 def _cosine(velocity: Array, moves: _Moves) -> float:
