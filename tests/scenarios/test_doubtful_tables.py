@@ -1,5 +1,6 @@
 """Tables whose columns are easily taken for something else: they are read right, or asked about."""
 
+import gzip
 from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
@@ -21,6 +22,7 @@ from tests.scenarios.test_device_tables import (
     xy,
 )
 from trackbench.errors import UserError
+from trackbench.scaffold import write_config_for
 
 CAR, SHIP = Path2(rows=40), Path2(rows=40, usual_speed=6.0, every=10.0, latitude=53.5)
 EAST = Path2(rows=40, usual_speed=20.0, every=2.0)
@@ -310,6 +312,31 @@ ASKED: dict[str, tuple[Path2, Callable[[Path2], str], str]] = {
         moving(other_signs(-1.0, 1.0)),
         r"lat agrees with speed and course only with the opposite sign: .* south as negative",
     ),
+    "a clock that was set late": (
+        CAR,
+        clocked(
+            "time",
+            lambda p: [["1980-01-06 00:00:05"] * 2 + p.dates("%Y-%m-%d %H:%M:%S", MAY)[2:]],
+        ),
+        r"m\.csv:4:1: time rises by 44\.4 years, where rows usually are 1 s .* rows before \(2\)",
+    ),
+    "degrees in x and y": (
+        CAR,
+        lambda p: table("time,x,y", whole(p.t), *lonlat(p)),
+        r"or in degrees, --set 'columns\.longitude=x' --set 'columns\.latitude=y'$",
+    ),
+    "bearings from a ship": (
+        EAST,
+        lambda p: table(
+            "time,lat,lon,bearing", whole(p.t), *lonlat(p)[::-1], decimal(120.0 + 0.3 * p.t, 1)
+        ),
+        r"bearing is not the direction in which lat and lon move.*--set 'columns\.azimuth=bearing'",
+    ),
+    "a longitude called latitude": (
+        Path2(rows=40, latitude=35.0, longitude=139.0),
+        lambda p: table("time,lat,lon", whole(p.t), *lonlat(p)),
+        r"a latitude is within -90 and 90 deg: .*, or exchange latitude and longitude$",
+    ),
     "two zones": (EAST, two_zones, r"zone has 32T, 33T: each zone counts from a meridian"),
     "slant ranges": (
         EAST,
@@ -403,3 +430,35 @@ def test_a_course_that_counts_from_x_is_none_from_north(tmp_path: Path) -> None:
     _, written = guessed(tmp_path, text)
     assert [sensor["kind"] for sensor in written["sensor"]] == ["position"]
     assert "velocities are left out" in (tmp_path / "g.yaml").read_text()
+
+
+def test_a_bearing_along_the_way_is_no_question(tmp_path: Path) -> None:
+    course = decimal(CAR.course, 1)
+    _, written = guessed(
+        tmp_path, table("time,lat,lon,bearing", whole(CAR.t), *lonlat(CAR)[::-1], course)
+    )
+    assert [sensor["kind"] for sensor in written["sensor"]] == ["position"]
+
+
+def test_the_largest_range_stands_for_no_detection(tmp_path: Path) -> None:
+    ranges, azimuths = polar(EAST)
+    cells = decimal(ranges, 1)
+    for row in (5, 6, 20):
+        cells[row] = "10000.0"
+    text = table("time,range_m,azimuth_deg", whole(EAST.t), cells, decimal(azimuths, 2))
+    _, written = guessed(tmp_path, text)
+    assert written["target"]["missing"] == [10000.0]
+
+
+def test_a_code_of_ten_digits_is_written_in_full(tmp_path: Path) -> None:
+    longitude, latitude = (whole(1e7 * part) for part in CAR.degrees)
+    latitude[5] = longitude[5] = "2147483647"
+    scenario, written = guessed(tmp_path, table("time,lat,lon", whole(CAR.t), latitude, longitude))
+    assert written["target"]["missing"] == [2147483647]
+    assert np.isnan(scenario.target._recording.measurements[0, 4, 0])
+
+
+def test_a_compressed_table_is_named_so(tmp_path: Path) -> None:
+    (tmp_path / "m.csv.gz").write_bytes(gzip.compress(b"time,x,y\n0,1,2\n"))
+    with pytest.raises(UserError, match=r"m\.csv\.gz:1:1: is compressed: unpack it first"):
+        write_config_for(tmp_path / "m.csv.gz", "g", tmp_path)

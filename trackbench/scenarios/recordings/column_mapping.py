@@ -170,6 +170,8 @@ def _way_out(quantity: str, values: Array, wrong: Index) -> str:
     least, largest, _, usual_unit = _LIMITS[quantity]
     if usual_unit == "deg" and most_are_wrong:
         # NMEA writes degrees and minutes as one number: 4807.038 is 48 deg 7.038 min.
+        if quantity == "latitude" and np.abs(finite).max() <= 180.0:
+            return ", or exchange latitude and longitude"
         whole = not (finite % 1.0).any()
         minutes = np.abs(finite) % 100.0
         if not whole and quantity != "course" and (minutes < 60.0).all():
@@ -193,7 +195,7 @@ def _way_out(quantity: str, values: Array, wrong: Index) -> str:
             return f", or name their unit; say {ways}"
     if len(np.unique(values[wrong])) == 1 and not most_are_wrong:
         code = float(values[wrong[0]])
-        return f", or name their unit; say `missing: [{code:.9g}]` for a missing cell"
+        return f", or name their unit; say `missing: [{code:.15g}]` for a missing cell"
     return ", or name their unit"
 
 
@@ -619,9 +621,9 @@ class Columns:
             for value, n in outlying(values).items():
                 what = f"{n} cells are {value:.9g}, far outside the others: empty them"
                 others = self._columns_with(table, value, column)
-                way = f", or say `missing: [{value:.9g}]`, if they hold no measurement"
+                way = f", or say `missing: [{value:.15g}]`, if they hold no measurement"
                 if others:
-                    way = f" (`missing: [{value:.9g}]` would also empty cells of {others})"
+                    way = f" (`missing: [{value:.15g}]` would also empty cells of {others})"
                 self.far.append(f"{self.path}: {column}: {what}{way}")
 
     def _columns_with(self, table: Table, value: float, column: str) -> str:

@@ -74,7 +74,7 @@ def _truth_lines(truth: TruthGuess, path: str) -> Iterator[str]:
     if naming.time_format:
         keys.append(f"time_format: {json.dumps(naming.time_format)}")
     if naming.missing:
-        keys.append(f"missing: [{', '.join(f'{value:.9g}' for value in naming.missing)}]")
+        keys.append(f"missing: [{', '.join(f'{value:.15g}' for value in naming.missing)}]")
     if naming.same_time is not None:
         keys.append(f"same_time: {naming.same_time}")
     yield f"truth: {path}"
@@ -420,7 +420,7 @@ def _target_lines(guess: Guess, truth: TruthGuess | None) -> Iterator[str]:
     if naming.time_format:
         yield f"time_format: {json.dumps(naming.time_format)}{_comment(why, 'time_format')}"
     if naming.missing:
-        numbers = ", ".join(f"{value:.9g}" for value in naming.missing)
+        numbers = ", ".join(f"{value:.15g}" for value in naming.missing)
         yield f"missing: [{numbers}]{_comment(why, 'missing')}"
     if naming.clockwise and "azimuth" in columns:
         yield f"clockwise: [{', '.join(naming.clockwise)}]{_comment(why, 'clockwise')}"

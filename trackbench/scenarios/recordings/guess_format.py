@@ -70,8 +70,10 @@ from trackbench.scenarios.recordings.guess_units import (
     Candidate,
     Numbers,
     agreeing_reflection,
+    is_direction_of_movement,
     is_usual_speed,
     likely_units,
+    look_like_degrees,
 )
 from trackbench.scenarios.recordings.mixtures import is_word_column, role_of
 from trackbench.scenarios.recordings.row_order import in_order
@@ -100,8 +102,12 @@ _MOST_COMPARED = 1000
 _TIMES_APART = 3.0
 """ratio of the distance between rows of one time to that from the next time, of several targets"""
 _DAY = 86400.0  # s
+_LONGEST_PAUSE = 200.0 * _DAY
+"""s: beyond it a pause is rather a clock that was set"""
 _FEWEST_MEASURED = 5
 """rows beside which others may show that nothing was detected"""
+_FEWEST_LARGEST = 3
+"""equal largest ranges that may stand for none"""
 _FAR_STEPS = 10.0
 """steps of nine of ten rows, from which on a position of zeros is none"""
 _PLACE = ("x", "y")
@@ -320,7 +326,7 @@ def _recognized_columns(path: str, user_naming: Naming) -> Guess:
     missing = user_naming.missing or _missing(sample, columns, measured, user_naming.columns)
     is_one_position = sensors[0].quantities == _PLACE and len(sensors) == 1
     has_velocity = is_one_position and _has_velocity(columns)
-    reading = _Reading(path, sample, columns, units, clock, missing, why)
+    reading = _Reading(path, sample, columns, units, clock, missing, why, user_naming.columns)
     reading.check_azimuths(sensors)
     clock = reading.choose_units(sensors[0], names, has_velocity)
     naming = replace(
@@ -379,6 +385,7 @@ def _measured(path: str, naming: Naming, why: ReasonByKey, sensors: list[SensorG
     for sensor, rows in zip(sensors, rows_by_sensor, strict=True):
         measured = np.isfinite(rows.values[: len(sensor.quantities)]).all(axis=0)
         run_rows = rows.at(np.flatnonzero(measured & (rows.run == sizes.argmax())))
+        _check_clock(gathered, run_rows)
         way = None
         if naming.same_time is None:
             way = _same_time(gathered, run_rows, sensor.kind, in_degrees)
@@ -979,14 +986,18 @@ class _Reading:
         clock: DateForm,
         missing: tuple[float, ...],
         why: ReasonByKey,
+        user_columns: Collection[str],
     ) -> None:
         self._path = path
+        self._user_columns = user_columns
         self._sample = sample
         self._clock = clock
         self._why = why
         self._columns = columns
         self._units = units
         self._missing = missing
+        self._chosen_rows: Mask = np.array([], dtype=np.bool_)
+        """rows of one target and sensor, by which units are chosen"""
 
     def choose_units(self, sensor: SensorGuess, names: list[str], has_velocity: bool) -> DateForm:
         """Add the likeliest units to the known ones; return the form of dates.
@@ -1001,6 +1012,7 @@ class _Reading:
             clocks = self._clocks()
         known_units = self._known_units(sensor)
         first, *others = likely_units(numbers, known_units, clocks)
+        self._check_bearings(sensor, numbers, first)
         if numbers.is_angle and has_velocity and not (first.agrees and first.same_way):
             self._check_reflections(numbers, known_units)
         questions = self._questions([first, *others], numbers) if others else []
@@ -1022,6 +1034,32 @@ class _Reading:
             self._why["time_format"] = f"guess: {self._reason(first)}"
             return self._clock._replace(form=first.time)
         return self._clock
+
+    def _check_bearings(self, sensor: SensorGuess, numbers: Numbers, chosen: Candidate) -> None:
+        """Raise DataError for a bearing beside a position if it is not the direction of movement.
+
+        It may then be measured from there, as by a ship with a sonar. A column that the user named, or
+        one that is a course beside a speed, is no question.
+        """
+        columns = self._columns
+        bearing = columns.get("azimuth")
+        is_answered = not {*_PLACE, *GEODETIC[:2]}.isdisjoint(self._user_columns)
+        if sensor.quantities != _PLACE or bearing is None or "speed" in columns or is_answered:
+            return
+        angles = self._values("azimuth")[self._chosen_rows]
+        unit = self._units.get("azimuth")
+        if unit is None:
+            unit = "deg" if (np.abs(angles) > _TURN).any() else "rad"
+        if is_direction_of_movement(numbers, chosen, angles * UNITS[unit]):
+            return
+        names = _PLACE if columns.keys() >= {*_PLACE} else GEODETIC[:2]
+        places = " and ".join(columns[name] for name in names)
+        what = f"{bearing} is not the direction in which {places} move: was it measured from there?"
+        way = f"Say --set 'columns.azimuth={json.dumps(bearing)[1:-1]}'"
+        way += ", and give the sensor this path (`platform`)"
+        options = [f"--set 'columns.{name}={json.dumps(columns[name])[1:-1]}'" for name in names]
+        option = f"if positions were measured, say {' '.join(options)}"
+        raise DataError(Place(self._path, self._sample.line, 1, f"{what} {way}; {option}"))
 
     def _check_reflections(self, numbers: Numbers, known_units: dict[str, str]) -> None:
         """Raise DataError if a speed and course agree with exchanged or mirrored positions alone."""
@@ -1103,6 +1141,9 @@ class _Reading:
         columns = ", ".join(self._columns[name] for name in names)
         what = f"{columns}: no unit is named, and in m the usual speed would be {speed:.2g} m/s"
         way = f"say {options}, or with another unit: {', '.join(units[1:])}"
+        if names == ["x", "y"] and look_like_degrees(numbers):
+            x, y = (json.dumps(self._columns[name])[1:-1] for name in names)
+            way += f"; or in degrees, --set 'columns.longitude={x}' --set 'columns.latitude={y}'"
         return Place(self._path, self._sample.line, 1, f"{what}: {way}")
 
     def _numbers(self, sensor: SensorGuess, all_columns: list[str]) -> Numbers:
@@ -1120,6 +1161,7 @@ class _Reading:
             runs = np.array(sample.cells(columns["run"]))
             labels, sizes = np.unique(runs[rows], return_counts=True)
             rows &= runs == labels[sizes.argmax()]
+        self._chosen_rows = rows
         # Step 2: read the times, and the positions as they are written.
         time, is_dated = self._times()
         is_angle = False
@@ -1395,16 +1437,23 @@ def _no_detections(
     values: dict[str, Array],
     user_columns: Collection[str],
 ) -> list[float]:
-    """Return 0 or -1 if positions or ranges of this value lie far from all rows before and after.
+    """Return the number that stands for a position or range if nothing was detected; empty without one.
 
-    ``values`` (R,) are those of the quantities. Raises DataError if another quantity has the number,
-    too. A user who named the columns, among ``user_columns``, has said that they are measured.
+    It is 0, -1 or the largest range, and its rows lie far from all rows before and after. ``values``
+    (R,) are those of the quantities. Raises DataError if another quantity has the number, too. A user
+    who named the columns, among ``user_columns``, has said that they are measured.
     """
     for group in (_PLACE, ("range",)):
         if not all(name in values for name in group) or not {*group}.isdisjoint(user_columns):
             continue
         places = np.stack([values[name] for name in group])
-        for code in (0.0, -1.0):
+        codes = [0.0, -1.0]
+        if group == ("range",):
+            # Some radars write their largest range if nothing was detected.
+            largest = float(np.nanmax(places))
+            if (places == largest).sum() >= _FEWEST_LARGEST:
+                codes.append(largest)
+        for code in codes:
             is_code = (places == code).all(axis=0)
             measured = np.flatnonzero(np.isfinite(places).all(axis=0) & ~is_code)
             if not is_code.any() or len(measured) < _FEWEST_MEASURED:
@@ -1469,6 +1518,26 @@ def _same_time(
             )
             raise DataError(place)
     return "spread"
+
+
+def _check_clock(gathered: Gathered, rows: Rows) -> None:
+    """Raise DataError if a clock was set while it ran: dates of 1970 or 1980 before those of today."""
+    times, first_rows_of_times = np.unique(rows.time, return_index=True)
+    if gathered.stepped or len(times) < _FEWEST_MEASURED:
+        return
+    intervals = np.diff(times)
+    longest = int(np.argmax(intervals))
+    usual = usual_interval(times)
+    if intervals[longest] <= max(_LONGEST_PAUSE, 1e6 * usual):
+        return
+    what = f"time rises by {intervals[longest] / _DAY / 365.25:.3g} years, where rows usually are"
+    what += f" {usual:.6g} s apart: was the clock set only here?"
+    count = int((rows.time <= times[longest]).sum())
+    way = (
+        f"Leave out or correct the rows before ({count}); or give both parts a number in a column,"
+    )
+    row = int(first_rows_of_times[longest + 1])
+    raise DataError(gathered.place(rows, row, f"{what} {way} --set 'columns.run=ITS NAME'"))
 
 
 def _lie_apart(ticks: NDArray[np.integer[Any]], places: Array) -> bool:

@@ -199,6 +199,20 @@ def agreeing_reflection(
     return min(points, key=lambda change: points[change])
 
 
+def is_direction_of_movement(numbers: Numbers, chosen: Candidate, angles: Array) -> bool:
+    """Test whether angles (R,), rad clockwise from north or anticlockwise from x, are the movement's.
+
+    The positions are those of the ``numbers`` in the ``chosen`` units. True if nothing moves.
+    """
+    seconds = UNITS.get(chosen.time, 1.0)
+    meters = _meters(numbers.place, chosen.place, chosen.as_angle)
+    moves = _Moves.of_rows(numbers.time * seconds, meters)
+    if not np.isfinite(moves.usual_speed):
+        return True
+    along = np.stack([np.sin(angles), np.cos(angles)])
+    return max(_cosine(along, moves), _cosine(along[::-1], moves)) >= _SAME_WAY
+
+
 def is_usual_speed(speed: float) -> bool:
     """Test whether most things that are tracked may have this usual speed, m/s."""
     least, largest, _ = _USUAL_SPEEDS[0]
@@ -327,7 +341,12 @@ def _may_be_degrees(numbers: Numbers) -> bool:
     """Test whether x and y, the place in the ``numbers``, may be a longitude and a latitude."""
     has_speed = numbers.speed is not None or numbers.velocity is not None
     is_ais = bool(numbers.words.intersection(_AIS))
-    if len(numbers.place) != 2 or numbers.least_digits < 4 or not (has_speed or is_ais):
+    return (has_speed or is_ais) and look_like_degrees(numbers)
+
+
+def look_like_degrees(numbers: Numbers) -> bool:
+    """Test whether the place in the ``numbers`` has the size and the digits of degrees."""
+    if len(numbers.place) != 2 or numbers.least_digits < 4:
         return False
     longitude, latitude = _largest_sizes(numbers.place)
     return longitude <= 181.0 and latitude <= 91.0
