@@ -337,6 +337,19 @@ ASKED: dict[str, tuple[Path2, Callable[[Path2], str], str]] = {
         lambda p: table("time,lat,lon", whole(p.t), *lonlat(p)),
         r"a latitude is within -90 and 90 deg: .*, or exchange latitude and longitude$",
     ),
+    "coordinates called ECEF": (
+        CAR,
+        lambda p: earth_centered(p).replace("x,y,z", "ecefX,ecefY,ecefZ"),
+        r"coordinates from the center of the Earth \(ECEF\) are not read",
+    ),
+    "gon without a name": (
+        EAST,
+        lambda p: table(
+            "time,range,azimuth",
+            *(whole(p.t), decimal(polar(p)[0], 1), decimal((polar(p)[1] + 310.0) / 0.9, 2)),
+        ),
+        r"beyond a whole turn.*: if a turn has 400 gon, write degrees",
+    ),
     "two zones": (EAST, two_zones, r"zone has 32T, 33T: each zone counts from a meridian"),
     "slant ranges": (
         EAST,
@@ -462,3 +475,11 @@ def test_a_compressed_table_is_named_so(tmp_path: Path) -> None:
     (tmp_path / "m.csv.gz").write_bytes(gzip.compress(b"time,x,y\n0,1,2\n"))
     with pytest.raises(UserError, match=r"m\.csv\.gz:1:1: is compressed: unpack it first"):
         write_config_for(tmp_path / "m.csv.gz", "g", tmp_path)
+
+
+def test_steps_have_an_interval_that_the_user_writes(tmp_path: Path) -> None:
+    frame_numbers = [str(3 * k) for k in range(CAR.rows)]
+    places = [decimal(0.01 * part, 4) for part in CAR.place]
+    _, written = guessed(tmp_path, table("frame,x_m,y_m", frame_numbers, *places))
+    assert written["target"]["units"] == {"x": "m", "y": "m"}
+    assert written["T"] == 1

@@ -232,7 +232,9 @@ def unit_of(name: str, quantity: str) -> str | None:
         units = [_UNITS[word] for word in words[1:] if word in _UNITS]
         return next((unit for unit in units if unit in _ODOMETRY_UNITS[quantity]), None)
     # If all words together are the quantity's name, none is a unit: the D of ToD is no day.
-    if len(words) > 1 and "".join(words) in _WORDS.get(quantity, "").split():
+    # But x_m and time_sec are words of the quantity, too, without their units.
+    known = _WORDS.get(quantity, "").split()
+    if len(words) > 1 and "".join(words) in known and "".join(words[:-1]) not in known:
         return None
     return unit_in(words, quantity)
 

@@ -39,10 +39,11 @@ def config_parts(
     target_lines = [*_target_lines(guess, truth)]
     if truth is not None:
         target_lines += _truth_lines(truth, truth_path)
+    further_lines = _score_line(guess, truth) + _step_line(guess) + _last_line(guess)
     return {
         "@TARGET@": "\n".join(f"    {line}" for line in target_lines),
         "@SENSOR@": "\n".join(f"    {line}" for line in _sensor_lines(guess)),
-        "@START@": f"  start: {parts.start}{_score_line(guess, truth)}{_last_line(guess)}",
+        "@START@": f"  start: {parts.start}{further_lines}",
         "@ASSUME@": parts.assume,
         "@GRID@": _grid_line(guess),
         "@FILTERS@": "\n".join(parts.filters),
@@ -277,6 +278,13 @@ def left_out_filters(guess: Guess) -> list[str]:
         return []
     name = _particle_filter_kind(guess).upper()
     return [f"{name} is a comment in the config: {_WHY_NO_PARTICLES} ({guess.steps} steps)"]
+
+
+def _step_line(guess: Guess) -> str:
+    """Return the key `T`, by which speeds are in m/s, if the table numbers its steps; else empty."""
+    if "step" not in guess.naming.columns or "time" in guess.naming.columns:
+        return ""
+    return "\n  T: 1  # s from step to step: write yours; speeds and q were guessed for 1 s"
 
 
 def _last_line(guess: Guess) -> str:

@@ -963,6 +963,10 @@ def _no_position(columns: ColumnByQuantity, sample: Sample, names: list[str]) ->
         if cell and not np.isfinite(sample.numbers(columns[name])).any():
             what = f"{columns[name]}: {cell[:40]!r} is not a number, nor is any other of its cells"
             return f"{what}: write decimal numbers, such as -8.5042, without letters"
+    if any("ecef" in "".join(words_of(name)) for name in names):
+        what = "coordinates from the center of the Earth (ECEF) are not read; there are"
+        way = "convert them to latitude and longitude (EPSG:4978 to EPSG:4326)"
+        return f"{what} {known}: {way}"
     for name in names:
         if any(re.fullmatch(r"-?\d+\.\d+, *-?\d+\.\d+", cell) for cell in sample.cells(name)[:1]):
             return f"column {name} has two numbers in a cell: give each a column, latitude and longitude"
