@@ -289,6 +289,11 @@ ASKED: dict[str, tuple[Path2, Callable[[Path2], str], str]] = {
         several_a_second,
         r"m\.csv:3:1: rows of one time are far apart, and near those of other times.*same_time=spread",
     ),
+    "two targets in each frame": (
+        CAR,
+        lambda p: several_a_second(p).replace("time", "frame"),
+        r"m\.csv:3:1: rows of one time are far apart, and near those of other times",
+    ),
     "false detections": (
         EAST,
         lambda p: several_a_second(p, 2),
@@ -483,3 +488,12 @@ def test_steps_have_an_interval_that_the_user_writes(tmp_path: Path) -> None:
     _, written = guessed(tmp_path, table("frame,x_m,y_m", frame_numbers, *places))
     assert written["target"]["units"] == {"x": "m", "y": "m"}
     assert written["T"] == 1
+
+
+def test_a_course_over_ground_may_be_called_true(tmp_path: Path) -> None:
+    motion = decimal(SHIP.speed / KNOT, 1), decimal(SHIP.course + 10.0, 1), decimal(SHIP.course, 1)
+    names = "time,lat,lon,SOG (kn),COG (Mag),COG (True)"
+    text = table(names, whole(SHIP.t), *lonlat(SHIP)[::-1], *motion)
+    _, written = guessed(tmp_path, text)
+    assert written["target"]["columns"]["course"] == "COG (True)"
+    assert [sensor["kind"] for sensor in written["sensor"]] == ["position", "velocity"]

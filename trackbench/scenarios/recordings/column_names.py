@@ -41,7 +41,7 @@ _WORDS: dict[str, str] = {
     "speed": "speed spd sog speedoverground groundspeed gs velocity vel geschwindigkeit vitesse "
     "velocidad kts kt knots gspeed hspeed",
     "course": "course track trk gcrs cog courseoverground trackangle heading hdg direction bearing kurs "
-    "cap rumbo headmot",
+    "cap rumbo headmot cogtrue cogt courseovergroundt truecourse truetrack tracktrue",
 }
 """Names of each quantity's columns, without accents and white space, the surest first."""
 _PARTNERS = {"range": ("azimuth", ("r",)), "azimuth": ("range", ("angle", "phi"))}

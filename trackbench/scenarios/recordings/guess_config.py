@@ -432,6 +432,8 @@ def _target_lines(guess: Guess, truth: TruthGuess | None) -> Iterator[str]:
         yield f"missing: [{numbers}]{_comment(why, 'missing')}"
     if naming.clockwise and "azimuth" in columns:
         yield f"clockwise: [{', '.join(naming.clockwise)}]{_comment(why, 'clockwise')}"
+    elif "azimuth" in columns:
+        yield "# guess: azimuths count from x to y; of radars from north say `clockwise: [azimuth]`"
     if naming.same_time is not None:
         yield f"same_time: {naming.same_time}{_comment(why, 'same_time')}"
     if columns.get("sensor"):

@@ -1497,13 +1497,6 @@ def _same_time(
     None otherwise. Raises DataError if these rows lie so far apart that they are those of several
     targets. ``kind`` is the type of the rows' sensor; ``in_degrees`` if its angles are in degrees.
     """
-    seconds = len(np.unique(rows.time))
-    if gathered.stepped or (rows.time % 1.0).any() or not 1 < seconds < len(rows.time):
-        return None
-    if len(rows.time) > _MOST_A_SECOND * seconds:
-        return None
-    if gathered.dated and not (rows.time % _DAY).any():
-        return None  # dates without a time of day
     twice = (np.diff(rows.ticks) == 0) & (np.diff(rows.values, axis=1) != 0.0).any(axis=0)
     if not twice.any():
         return None
@@ -1521,6 +1514,13 @@ def _same_time(
                 rows, int(np.flatnonzero(twice)[0]) + 1, f"{what} {way}; {option}"
             )
             raise DataError(place)
+    seconds = len(np.unique(rows.time))
+    if gathered.stepped or (rows.time % 1.0).any() or seconds < 2:
+        return None
+    if len(rows.time) > _MOST_A_SECOND * seconds:
+        return None
+    if gathered.dated and not (rows.time % _DAY).any():
+        return None  # dates without a time of day
     return "spread"
 
 
