@@ -220,6 +220,26 @@ RIGHT: dict[str, tuple[Path2, Callable[[Path2], str]]] = {
         CAR,
         lambda p: table("time,x,y,zx,zy", whole(p.t), whole(9.0 * p.t), whole(5.0 * p.t), *xy(p)),
     ),
+    "northings beside a height": (
+        CAR,
+        lambda p: table(
+            "time,x,y,z",
+            *(whole(p.t), decimal(652e3 + p.place[0], 2), decimal(6.3e6 + p.place[1], 2)),
+            ["35.2"] * p.rows,
+        ),
+    ),
+    "zones that are areas": (
+        CAR,
+        lambda p: table("time,x,y,zone", whole(p.t), *xy(p), [1] * 20 + [2] * 20),
+    ),
+    "a moored ship": (
+        Path2(rows=40, usual_speed=0.02, every=60.0),
+        lambda p: table(
+            "time,mmsi,lat,lon,sog,cog",
+            *(whole(1.7e9 + p.t), [1] * p.rows, *lonlat(p)[::-1], ["0.0"] * p.rows),
+            decimal(p.course, 1),
+        ),
+    ),
     "translations": (
         CAR,
         lambda p: table("timestamp,translation_x,translation_y", whole(p.t), *xy(p)),
@@ -497,3 +517,10 @@ def test_a_course_over_ground_may_be_called_true(tmp_path: Path) -> None:
     _, written = guessed(tmp_path, text)
     assert written["target"]["columns"]["course"] == "COG (True)"
     assert [sensor["kind"] for sensor in written["sensor"]] == ["position", "velocity"]
+
+
+def test_tenths_of_degrees_of_a_radar_count_from_north(tmp_path: Path) -> None:
+    write = radar_table("time,range (m),azimuth (0.1 deg)", 1.0, 0.1)
+    _, written = guessed(tmp_path, write(EAST))
+    assert written["target"]["units"]["azimuth"] == "deg/10"
+    assert written["target"]["clockwise"] == ["azimuth"]

@@ -18,6 +18,7 @@ _WORDS: dict[str, str] = {
     "epoch unixtime gpstime systime timeofday tod tow gpstow itow gpst measurementtime "
     "tvsec gms sow secondsofweek sod secondsofday secofday updatetime hours jd juliandate mjd "
     "filetime when measuredat datenum matlabtime micros micro microseconds usec timeusec timecode "
+    "flytime "
     "zeit zeitstempel uhrzeit temps heure hora tiempo tempo ora tid tijd klokkeslett",
     "date": "date dateutc utcdate datum fecha data dato jour",
     "step": "step k frame scan frameid",

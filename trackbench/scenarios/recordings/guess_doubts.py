@@ -16,6 +16,8 @@ from trackbench.scenarios.recordings.guess_sample import Sample
 
 _RADII = (6.33e6, 6.43e6)
 """m: least and largest distance from the center of the Earth near its surface"""
+_HIGHEST = 1.5e4
+"""m: heights of aircraft and mountains are below"""
 _ZONE = re.compile(r"[1-9]\d?[C-X]?", re.IGNORECASE)
 _ELEVATIONS = ("elevation", "elev", "el", "depression", "elevationangle", "depressionangle")
 _LARGEST_SHARE = 0.005
@@ -63,13 +65,16 @@ def check_earth_centered(
     for name in sample.names:
         if name in columns.values() or "z" not in "".join(words_of(name)):
             continue
-        radius = np.sqrt(np.square(x) + np.square(y) + np.square(sample.numbers(name)))
-        radius = radius[np.isfinite(radius)]
-        if len(radius) < 3:
+        z = sample.numbers(name)
+        radius = np.sqrt(np.square(x) + np.square(y) + np.square(z))
+        known = np.isfinite(radius)
+        if known.sum() < 3:
             continue
         for scale in scales:
-            middle = float(np.median(radius)) * scale
-            if _RADII[0] <= middle <= _RADII[1]:
+            middle = float(np.median(radius[known])) * scale
+            # Northings may be as large; then z is a height.
+            is_height = float(np.median(np.abs(z[known]))) * scale < _HIGHEST
+            if _RADII[0] <= middle <= _RADII[1] and not is_height:
                 names = f"{columns['x']}, {columns['y']} and {name}"
                 what = f"{names} count from the center of the Earth, {middle / 1e3:.0f} km away"
                 way = "convert them to latitude and longitude (EPSG:4978 to EPSG:4326)"
@@ -87,7 +92,10 @@ def check_zones(sample: Sample, columns: Mapping[str, str], user_columns: Collec
         zones = sample.words(name)
         if "zone" not in words_of(name) or len(zones) < 2:
             continue
-        if all(map(_ZONE.fullmatch, zones)):
+        # A zone may also be an area, if neither names nor letters are those of UTM.
+        is_utm = "utm" in words_of(name) or {*words_of(columns["x"])} & {"east", "easting"}
+        has_letters = all(zone[-1:].isalpha() for zone in zones)
+        if all(map(_ZONE.fullmatch, zones)) and (is_utm or has_letters):
             what = f"{name} has {', '.join(zones[:4])}: each zone counts from a meridian of its own"
             way = "convert all rows to one zone or to latitude and longitude"
             option = f"--set 'columns.run={json.dumps(name)[1:-1]}' makes each zone a run"

@@ -475,7 +475,7 @@ def _with_clockwise(
         return naming
     is_positive = all((a[np.isfinite(a)] >= 0.0).all() for a in angles)
     says_so = not _NORTH.isdisjoint(words_of(column))
-    if not says_so and not (is_positive and naming.units.get("azimuth") == "deg"):
+    if not says_so and not (is_positive and naming.units.get("azimuth", "").startswith("deg")):
         return naming
     why["clockwise"] = (
         "guess: from 0 to 360 deg, as of radars; leave it out if it counts from x to y"

@@ -87,6 +87,12 @@ _USUAL_SPEEDS = ((0.05, 400.0, 0.0), (0.01, 3000.0, 1.0), (1e-3, 11200.0, 2.0))
 """Least and largest speed, m/s, and the points within; 4 beyond. 11.2 km/s leaves the Earth."""
 
 
+_STANDSTILL = 0.5
+"""m/s that something may seem to have whose measured speed is 0"""
+_TODAY = (1.0e9, 2.1e9)
+"""seconds since 1970 of the years 2001 to 2036"""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Numbers:
     """Numbers (R,) of one target's rows as they are written, in order of the table.
@@ -147,7 +153,12 @@ def likely_units(
         meters = _meters(numbers.place, place, as_angle)
         moves = _Moves.of_rows(numbers.time * seconds, meters)
         points = place_points + time_points
-        points += _points_of_speed(moves.usual_speed, as_angle)
+        # What stands still by its measured speed only seems to move, by its errors.
+        stands_still = numbers.speed is not None and not np.nan_to_num(numbers.speed).any()
+        if not (stands_still and moves.usual_speed < _STANDSTILL):
+            points += _points_of_speed(moves.usual_speed, as_angle)
+        if stands_still and moves.usual_speed >= _STANDSTILL:
+            points += 1.0
         points += _points_of_interval(numbers.time * seconds, as_angle)
         for speed, speed_points, agrees in _speeds(numbers, known_units, moves, as_angle):
             course, same_way = _course(numbers, known_units, moves, agrees)
@@ -247,6 +258,8 @@ def _times(
         if not is_date and largest > row.largest:
             points += 3.0
         if row.is_whole and not is_whole:
+            points += 1.0
+        if row.unit != "s" and not is_date and _TODAY[0] <= largest <= _TODAY[1]:
             points += 1.0
         if row.unit == "d" and is_date:
             if whole_seconds:
