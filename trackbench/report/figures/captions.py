@@ -17,7 +17,9 @@ def runs(results: Results) -> str:
 
 
 def filters(labels: Sequence[str]) -> str:
-    """Return the labels in words; of many the first, and how many more."""
+    """Return the labels in words; of many the first, and how many more. ``--only`` may leave none."""
+    if not labels:
+        return "no filter"
     return listed([named(label) for label in labels])
 
 
