@@ -103,7 +103,7 @@ class Settings:
     medians: list[str] = field(default_factory=list)
     """series whose median per step is computed, such as nees"""
     metrics: list[str] | None = None
-    """metrics kept in the CSV files, named without statistic and window: rmse_position; default: all"""
+    """metrics kept in CSV files, without statistic and window: rmse_position; default: all computed"""
     per_step: list[str] | None = None
     """metrics kept in per_step.csv, such as bias_x; default: as `metrics`"""
     grid: dict[str, list[object]] = field(default_factory=dict)
