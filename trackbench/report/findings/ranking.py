@@ -366,12 +366,13 @@ def ranking_of(
 
 
 def _common_steps(candidates: Sequence[Candidate]) -> CommonSteps | None:
-    """Return the steps at which all candidates have the metric; None if all have it at the same.
+    """Count the steps at which all candidates have the metric; None if all have it at the same steps.
 
     It is also None if the candidates are not of one recording.
     """
     if not candidates or any(c.sample.steps is None for c in candidates):
         return None
+    # (filters, T), and the number of steps of each filter.
     has_value = np.array([c.sample.steps.has_value for c in candidates if c.sample.steps])
     numbers = has_value.sum(axis=1)
     is_common = has_value.all(axis=0)
