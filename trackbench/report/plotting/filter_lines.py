@@ -57,6 +57,7 @@ def draw_error_band(
     are bars at some of the x, and no two lines have their bars at equal x. On a logarithmic axis
     (``log``) no band or bar reaches below a tenth of the value.
     """
+    # The page shows the standard errors of the line with this label.
     svg_file.set_stderr(ax, look["label"], stderr)
     if not (stderr > 0.0).any():  # a single run has no standard error
         return
@@ -118,7 +119,7 @@ def draw_gray_line(ax: Axes, x: Array, value: Array, steps: int = 1) -> None:
         return
     length = ceil(len(x) / _GRAY_POINTS)  # values in a window
     starts = np.arange(0, len(x), length)
-    lengths = np.diff([*starts, len(x)])
+    lengths = np.diff([*starts, len(x)])  # the last window may be shorter
     mean_x = np.add.reduceat(x, starts) / lengths
     mean_value = np.add.reduceat(value, starts) / lengths  # NaN, a gap, if the window has a NaN
     ax.plot(mean_x, mean_value, label="_gray", **_GRAY)
@@ -131,8 +132,8 @@ def draw_gray_line(ax: Axes, x: Array, value: Array, steps: int = 1) -> None:
 def cut_dwarfing_lines(axes: Sequence[Axes], errors: Mapping[str, Array]) -> None:
     """Cut off lines that would flatten the others; a mark shows where each leaves the vertical axis.
 
-    ``errors`` are those of each filter, by label. A filter's line is cut if its largest error dwarfs the
-    median filter's.
+    ``errors`` are those of each filter, by label. A filter's line is cut if its largest error is more
+    than `DWARFED` times that of the median filter.
     """
     largest: dict[str, float] = {}
     for label, values in errors.items():
@@ -161,6 +162,7 @@ def cut_dwarfing_lines(axes: Sequence[Axes], errors: Mapping[str, Array]) -> Non
 def _mark_first_exit(ax: Axes, line: Line2D, bottom: float, top: float) -> None:
     """Draw a triangle at the edge of the axis where the line is first beyond ``bottom`` or ``top``."""
     x, y = line_coordinates(line)
+    # The index of the first point outside, as an array (1,); empty if there is none.
     first_outside = np.flatnonzero((y < bottom) | (y > top))[:1]
     inset = 0.03 * (top - bottom)
     if (y[first_outside] > top).any():
