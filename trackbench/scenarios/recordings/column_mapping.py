@@ -514,7 +514,7 @@ class Columns:
             if name in self.naming.units:
                 scale = UNITS[self.naming.units[name]]
             seconds = table.columns[column] * scale
-            is_right = seconds < inf
+            is_right = seconds < inf  # False for NaN
             if name == "subsecond":
                 is_right = (seconds >= 0.0) & (seconds < 1.0)
             wrong = np.flatnonzero(~is_right)
@@ -815,7 +815,7 @@ class Columns:
         }
         for quantity, (key, positive, negative) in HEMISPHERES.items():
             if quantity in self._hemispheres or key in self.naming.columns:
-                continue
+                continue  # the config names the column, or says by an empty name that there is none
             for name, words in sample.items():
                 if name not in self.contents and words and words <= {*positive, *negative}:
                     self.contents[name] = "word"

@@ -191,7 +191,10 @@ def ranges_of(names: Iterable[str]) -> dict[str, NamedColumn]:
 
 
 def odometry_of(names: Iterable[str]) -> dict[str, NamedColumn]:
-    """Find the columns of a robot's speed (v) and turn rate (w), the surest names first."""
+    """Find the columns of a robot's speed (v) and turn rate (w).
+
+    If several columns may be one of them, it is the one with the surest name, and otherwise the first.
+    """
     columns = {}
     fillers = _FILLERS.split()
     for quantity, text in _ODOMETRY.items():
@@ -257,8 +260,11 @@ def unit_in(words: Collection[str], quantity: str) -> str | None:
 
 def words_of(name: str) -> list[str]:
     r"""Split a name into words in small letters: pos, x and km of posX_km, and vx of $\dot{x}$."""
+    # \dot{x} is vx.
     name = re.sub(r"\\dot\s*\{?\s*(\w)\s*\}?", r"v\1", name).translate(_LETTERS)
+    # Letters lose their accents.
     name = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
+    # posX is pos x.
     name = re.sub(r"([a-z])([A-Z])", r"\1 \2", name.replace("°", " deg")).lower()
     # m_s, m per s and m s^-1 are m/s.
     name = _PER_SECOND.sub(r"\1/\2", name)

@@ -230,8 +230,10 @@ class _Reading:
         self.comma = False
         """True if decimals follow a comma"""
         self.thousands = ""
+        """mark between groups of three digits"""
         self.mistakes: list[Place] = []
         self.dated: str | None = None
+        """type of the clock as `Table.dated`; None until the first time is read"""
         self._pieces: dict[str, list[Column]] = {name: [] for name in self.contents}
         self._codes: dict[str, dict[str, int]] = {
             name: {} for name, content in self.contents.items() if content in ("label", "word")

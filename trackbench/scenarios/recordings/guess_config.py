@@ -138,7 +138,10 @@ class _ModelParts(NamedTuple):
 
 
 def _begin_in_words(guess: Guess, begin: float | None) -> str:
-    """Return the time of the first state after "at", s or steps; "the start" if it is unknown."""
+    """Return words for the time of the first state, which stand after "at": t = 3 s, step 2, the start.
+
+    ``begin`` is that time, s, or its step, if it is known.
+    """
     if begin is None:
         return "the start"
     if "step" in guess.naming.columns:
@@ -161,7 +164,7 @@ def _target_parts(guess: Guess, when: str) -> _ModelParts:
             f"{{kind: given, mean: [X, 0, Y, 0], sigma: [100, {2 * speed:g}, 100, {2 * speed:g}]}}"
         )
         start += f"  # write x and y at {when}, m, and how well they are known"
-    # Process noise from the usual speed; the IMM's motions have a tenth of it and ten times it.
+    # Process noise (0.05 v)^2 of the usual speed v; the IMM's motions have a tenth and ten times of it.
     q = float(f"{max(0.0025 * speed * speed, 1e-3):.1g}")
     motions = f"[{{kind: cwna, q: {q / 10:g}}}, {{kind: cwna, q: {q * 10:g}}}]"
     chances = "[[0.95, 0.05], [0.05, 0.95]]"
@@ -355,6 +358,7 @@ def _lacks_origin(guess: Guess, truth: TruthGuess | None) -> bool:
     columns = guess.naming.columns
     kinds = {sensor.kind for sensor in guess.sensors}
     is_geodetic = "latitude" in columns and not {"x", "y"} <= columns.keys()
+    # Geodetic positions get their x and y by the origin; planar measurements have their own x = y = 0.
     has_geodetic = is_geodetic and "position" in kinds
     has_planar = len(kinds) > 1 or not has_geodetic
     if truth is not None:
@@ -464,7 +468,7 @@ def _sensor_lines(guess: Guess) -> Iterator[str]:
         if kind == "position":
             yield f"- {{kind: position, sigma: {max(sigmas):g}}}{comment}"
         elif kind.startswith("landmark"):
-            *sigma_range, angle = sigmas
+            *sigma_range, angle = sigmas  # the first is empty for a sensor without a range
             keys = [place_key, *(f"sigma_range: {value:g}" for value in sigma_range)]
             keys.append(f"sigma_bearing_mrad: {float(f'{1000.0 * angle:.3g}'):g}")
             yield f"- {{kind: landmark, {', '.join(keys)}}}{place_comment}; sigmas: guess"

@@ -208,14 +208,20 @@ def recognized(path: str, user_naming: Naming | None = None) -> Guess:
 def _check_given_keys(path: str, user_naming: Naming) -> None:
     """Raise DataError for a column of an unknown quantity."""
     for key, column in user_naming.columns.items():
+        # A quantity may have the number of its sensor before its name: 2.x.
         if key in _GIVEN_KEYS or key.rpartition(".")[2] in _MEASURED:
             continue
         what = f"there is no columns.{key}; known: {', '.join(_GIVEN_KEYS)}"
         if key.lower() in _SENSOR_KEYS:
-            name = json.dumps(column)[1:-1]
+            name = _in_option(column)
             what = f"there is no columns.{key}: a column that names landmarks or sensors is"
             what += f" `--set 'columns.sensor={name}'`"
         raise DataError(Place(path, 1, 1, what))
+
+
+def _in_option(name: str) -> str:
+    """Return a column's name as an option ``--set 'columns.x=NAME'`` has it: with escapes."""
+    return json.dumps(name)[1:-1]  # without the quotes
 
 
 def _found_labels(path: str, label_columns: dict[str, str]) -> list[Place]:
@@ -225,7 +231,7 @@ def _found_labels(path: str, label_columns: dict[str, str]) -> list[Place]:
     """
     places = []
     for key, column in label_columns.items():
-        name = json.dumps(column)[1:-1]
+        name = _in_option(column)
         other = "sensor" if key == "run" else "run"
         meaning = {"run": "targets", "sensor": "sensors or landmarks"}
         what = f"column {name} was taken to name {meaning[key]}, as its words split the rows"
@@ -246,7 +252,7 @@ def _key_of_labels(error: MixedRowsError) -> str:
         return "sensor"
     if error.role != "sensor":
         return "run"
-    column = json.dumps(error.column)[1:-1]
+    column = _in_option(error.column)
     what = (
         f"column {column} splits the rows into parts that lie apart: are they several targets, or"
     )
@@ -527,6 +533,7 @@ def _thousands(cells: list[str]) -> str:
     A cell shows it if the mark is twice in a number, or once and before a decimal sign.
     """
     for mark, decimal in ((".", ","), (",", "."), ("'", ".")):
+        # 1.234.567 and 1.234,5
         twice = rf"[-+]?\d{{1,3}}({re.escape(mark)}\d{{3}}){{2,}}({re.escape(decimal)}\d*)?"
         once = rf"[-+]?\d{{1,3}}{re.escape(mark)}\d{{3}}{re.escape(decimal)}\d+"
         if any(re.fullmatch(twice, cell) or re.fullmatch(once, cell) for cell in cells):
@@ -549,7 +556,10 @@ def _check_thousands(path: str, sample: "_Sample", columns: ColumnByQuantity, ma
 
 
 def _lines_of_words(rows: list[list[str]]) -> int:
-    """Return the number of rows of words above the first values; 0 if there are too many."""
+    """Return the number of rows of words above the first values.
+
+    0 if there are too many, or if one of them is empty.
+    """
     for count, row in enumerate(rows[: _MOST_LINES_OF_WORDS + 1]):
         if any(map(is_value, row)):
             return count
@@ -612,7 +622,8 @@ def _find_dates(sample: "_Sample", columns: ColumnByQuantity, why: ReasonByKey) 
         cells = sample.cells(name)
         # 2025-04-03 has digits with a separator; 20250403 may be a number.
         has_separators = all(re.search(r"\d\D+\d", cell) for cell in cells)
-        if cells and has_separators and not parse_cells(instant, cells)[1]:
+        _, no_dates = parse_cells(instant, cells)
+        if cells and has_separators and not no_dates:
             dated.append(name)
     if len(dated) == 1:
         columns["time"] = dated[0]
@@ -676,7 +687,7 @@ def _check_unused(
         if name in columns.values() or not has_numbers or role_of(name) == "quality":
             continue
         if looks_like(name, quantity):
-            candidates.append(json.dumps(name)[1:-1])
+            candidates.append(_in_option(name))
     if candidates:
         measured = columns[sensors[0].quantities[-1]]
         ways = " or ".join(f"--set 'columns.{quantity}={name}'" for name in candidates)
@@ -735,7 +746,7 @@ def _settle_landmarks(sample: "_Sample", columns: ColumnByQuantity, user_naming:
         may_be_robot = is_split or odometry.keys() >= {*_ODOMETRY}
         if not may_be_robot or angle is None or "azimuth" in user_naming.columns:
             return False
-        column = json.dumps(angle)[1:-1]
+        column = _in_option(angle)
         landmarks = f" of the landmarks ({place})" if is_split else ""
         what = f"{angle}: do the bearings{landmarks} count from the robot's heading?"
         other = "or do fixed sensors, such as radars, measure the direction to what moves, "
@@ -886,7 +897,7 @@ def _check_one_kind(
     positions = ("x", "y") if columns.keys() >= {*_PLACE} else GEODETIC[:2]
     ways = []
     for names in (radar, positions):
-        options = (f"--set 'columns.{n}={json.dumps(columns[n])[1:-1]}'" for n in names)
+        options = (f"--set 'columns.{n}={_in_option(columns[n])}'" for n in names)
         ways.append(" ".join(options))
     what = f"the rows have {columns['range']} and {columns['azimuth']}, and also"
     what += f" {columns[positions[0]]} and {columns[positions[1]]}: which ones were measured?"
@@ -1176,9 +1187,11 @@ class _Reading:
             if "date" in columns and columns["time"] != columns["date"]:
                 dates = sample.cells(columns["date"])
                 cells = [f"{date} {time}" for date, time in zip(dates, cells, strict=True)]
-            seconds = parse_cells(partial(instant, form=self._clock.form), cells)[0] / 1e6
-            if np.isnan(seconds).all():
-                seconds = parse_cells(instant, sample.cells(columns["time"]))[0] / 1e6
+            microseconds, _ = parse_cells(partial(instant, form=self._clock.form), cells)
+            if np.isnan(microseconds).all():
+                # The times are dates without those of the other column.
+                microseconds, _ = parse_cells(instant, sample.cells(columns["time"]))
+            seconds = microseconds / 1e6
         else:
             seconds = sample.numbers(columns["time"])
         return self._with_stamp_parts(seconds), self._clock.is_date

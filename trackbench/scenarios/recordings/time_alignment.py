@@ -404,6 +404,7 @@ def _interpolate(
 
     ``gap`` and ``angles`` are those of `truth_at`.
     """
+    # Rows before and after each time; at the ends these are the first two and the last two rows.
     after = np.clip(np.searchsorted(row_times, times), 1, max(len(row_times) - 1, 1))
     before = after - 1
     interpolated = np.full((len(values), len(times)), np.nan)
