@@ -311,7 +311,7 @@ class Tracking(Scenario):
     def position_sigma(self) -> float | None:
         """Largest standard deviation of the position by one scan at the first state, m.
 
-        In space an upper bound of it. None if a scan does not tell the position.
+        In space it is an upper bound of that deviation. None if a scan does not determine the position.
         """
         if not self.target.is_moving:
             return None

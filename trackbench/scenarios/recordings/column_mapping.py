@@ -349,8 +349,10 @@ class Naming:
             if name == "course":
                 what = "a course always counts clockwise from north; leave it out"
             raise InvalidKeyError(what, *within, "clockwise", i)
+        # Without positions and velocities x and z are numbers of any unit.
+        is_scalar = not {"px", "vx"} & {*components}
         for key, unit in self.units.items():
-            mistake = _mistaken_unit(key, unit, is_scalar=not {"px", "vx"} & {*components})
+            mistake = _mistaken_unit(key, unit, is_scalar)
             if mistake is not None:
                 raise InvalidKeyError(mistake, *within, "units", key)
 
@@ -895,7 +897,7 @@ def _is_across_a_cut(values: Array, scale: float) -> Mask:
 
 
 def _known_places(places: Geodetic, rows: Index) -> tuple[Geodetic, Mask]:
-    """Return the places of R of the rows, zero where they are missing, and which are known (R,)."""
+    """Return the places of the R rows with these indices, zero if unknown, and which are known (R,)."""
     finite = np.isfinite(places.latitude[rows])
     known = Geodetic(
         latitude=np.where(finite, places.latitude[rows], 0.0),

@@ -215,6 +215,7 @@ def unit_of(name: str, quantity: str) -> str | None:
     """Return the unit that the name of a quantity's column contains; None without one."""
     words = words_of(name)
     if quantity in _ODOMETRY_UNITS:
+        # The first word is the quantity's.
         units = [_UNITS[word] for word in words[1:] if word in _UNITS]
         return next((unit for unit in units if unit in _ODOMETRY_UNITS[quantity]), None)
     # If all words together are the quantity's name, none is a unit: the D of ToD is no day.
@@ -230,6 +231,7 @@ def heading_of(names: Iterable[str]) -> NamedColumn | None:
         words = _without_units(words_of(name))
         spellings = ("".join(words), "".join(word for word in words if word not in fillers))
         if any(spelling in _HEADINGS for spelling in spellings):
+            # Any unit of an angle, as of a course.
             return NamedColumn(column=name, unit=unit_of(name, "course"))
     return None
 

@@ -220,6 +220,10 @@ class _Reading:
     """A table on its way from cells to arrays, a piece at a time."""
 
     def __init__(self, path: str, contents: Mapping[str, Content], form: str) -> None:
+        """Begin a table without rows.
+
+        ``contents`` has the columns to be read and what their cells are, ``form`` is that of dates.
+        """
         # A date that stands beside the time is put before it.
         self._date = next((name for name, content in contents.items() if content == "date"), None)
         self.contents = {name: kind for name, kind in contents.items() if kind != "date"}

@@ -97,7 +97,9 @@ def _grid_line(guess: Guess) -> str:
 def _table_lines(guess: Guess, truth: TruthGuess | None) -> Iterator[str]:
     """Yield the lines of `hold_out` and of the tables: of errors with a truth, else of predictions."""
     if truth is None:
-        every = max(2, min(5, guess.runs[0][1] // 2))
+        # Every fifth measurement, and up to every second one of a very short run.
+        _, rows_of_longest_run = guess.runs[0]
+        every = max(2, min(5, rows_of_longest_run // 2))
         what = "every n-th measurement is not given to the filters, and predicted instead"
         yield f"hold_out: {every}  # {what}; without this key leave out the column Held out"
     yield "tables:"
@@ -298,7 +300,8 @@ def guessed_units(guess: Guess) -> list[str]:
         if name in guess.naming.units and reason.startswith("guess"):
             column = quoted(guess.naming.columns[name])
             unit = guess.naming.units[name]
-            lines.append(f"read {column} in {unit} ({reason.partition(': ')[2]})")
+            _, _, explanation = reason.partition(": ")
+            lines.append(f"read {column} in {unit} ({explanation})")
     if lines:
         lines[-1] += "; another unit: --set units.NAME=UNIT"
     return lines
@@ -307,6 +310,7 @@ def guessed_units(guess: Guess) -> list[str]:
 def usable_quantities(guess: Guess) -> list[str]:
     """Name quantities that an unused column may hold: those that the config does not read."""
     used = _used_columns(guess)
+    # The first name is the example: beside a speed a course is missing.
     names = ["speed", "course"]
     if "speed" in guess.naming.columns:
         names.reverse()

@@ -248,10 +248,12 @@ def _key_of_labels(error: MixedRowsError) -> str:
     """
     if error.role == "place":
         return "sensor"
+    # Rows of one target whose errors differ in size are those of several sensors.
     if error.split == "errors" or (error.role == "sensor" and error.split == "unknown"):
         return "sensor"
     if error.role != "sensor":
         return "run"
+    # The column's name says sensors, and the rows say targets.
     column = _in_option(error.column)
     what = (
         f"column {column} splits the rows into parts that lie apart: are they several targets, or"
@@ -911,14 +913,17 @@ def _no_position(columns: ColumnByQuantity, sample: "_Sample", names: list[str])
     """Return the message and the advice for a table, or a sensor of it, without measured quantities."""
     pairs = "x and y, latitude and longitude, range and azimuth, or range"
     known = ", ".join(names)[:200]
+    # Case 1: a column has the name of a measured quantity, and no numbers.
     for name in filter(columns.get, _MEASURED):
         cell = next((cell for cell in sample.cells(columns[name]) if cell), "")
         if cell and not np.isfinite(sample.numbers(columns[name])).any():
             what = f"{columns[name]}: {cell[:40]!r} is not a number, nor is any other of its cells"
             return f"{what}: write decimal numbers, such as -8.5042, without letters"
+    # Case 2: a cell is 54.32, 10.13.
     for name in names:
         if any(re.fullmatch(r"-?\d+\.\d+, *-?\d+\.\d+", cell) for cell in sample.cells(name)[:1]):
             return f"column {name} has two numbers in a cell: give each a column, latitude and longitude"
+    # Case 3: a sensor, or the whole table, measures nothing that is known.
     if columns.get("sensor"):
         words = ", ".join(sample.words(columns["sensor"]))[:80]
         what = f"column {columns['sensor']} names {words}, and one of them has no {pairs}"
@@ -931,12 +936,15 @@ class _Sample:
     """First rows of a table, as text."""
 
     def __init__(self, path: str, names: list[str], form: TextFormat) -> None:
+        """Read the first rows of a file with these columns, and the lines that may have units."""
         self.path = path
         self.names = names
         self.line = 1 if is_parquet(path) else layout_of(path, form).before + 1
+        """line of the first row"""
         self._rows = first_rows(path, form, _SAMPLE)
         self._thousands = form.thousands
         self._units: list[list[str]] = []
+        """lines between the names and the first row, which may have units"""
         if form.skip:
             self._units = first_rows(path, replace(form, skip=0), form.skip)
 
@@ -989,6 +997,10 @@ class _Reading:
         missing: tuple[float, ...],
         why: ReasonByKey,
     ) -> None:
+        """Begin with the known ``units``, to which the methods add, with reasons in ``why``.
+
+        ``clock`` is the form of dates, ``missing`` are numbers that stand for missing cells.
+        """
         self._path = path
         self._sample = sample
         self._clock = clock
@@ -1024,7 +1036,7 @@ class _Reading:
                 self._columns.pop(name)
                 self._units.pop(name, None)
             self._why["velocity"] = "velocities are left out: they disagree with the positions"
-        # Of two possible forms of dates the candidate's `time` is the other one; the first one is empty.
+        # The chosen one of two forms of dates; it is empty for the form that the clock has already.
         if first.time in clocks and first.time:
             self._why["time_format"] = f"guess: {self._reason(first)}"
             return self._clock._replace(form=first.time)
@@ -1214,6 +1226,7 @@ class _Reading:
                 unit = "s"
             elif unit is None and largest <= 1e3 * _WEEK:
                 unit = "ms"
+            # The clock's name says that it is a time of the week, or several weeks show it.
             is_known = not _TIME_OF_WEEK.isdisjoint(words_of(clock)) or np.ptp(weeks) > 0.0
             is_week = np.isfinite(weeks).all() and not (weeks % 1.0).any() and weeks.max() < 1e4
             if unit is not None and is_known and is_week and largest * UNITS[unit] <= _WEEK:
@@ -1377,6 +1390,7 @@ def _same_time(gathered: Gathered, rows: Rows) -> Literal["spread"] | None:
     seconds = len(np.unique(rows.time))
     if gathered.stepped or (rows.time % 1.0).any() or not 1 < seconds < len(rows.time):
         return None
+    # So many rows of one second may be those of many targets.
     if len(rows.time) > _MOST_A_SECOND * seconds:
         return None
     twice = (np.diff(rows.ticks) == 0) & (np.diff(rows.values, axis=1) != 0.0).any(axis=0)

@@ -482,6 +482,7 @@ def _possible_labels(columns: Columns, of_time: Collection[str]) -> list[str]:
     quantities = columns_of(columns.names)
     measured = {c.column for name, c in quantities.items() if name not in ("run", "sensor")}
     for name, cells in columns.first_cells.items():
+        # A column with the name of a quantity is measured, unless it may also name targets, as a track.
         is_measured = name in of_time or (name in measured and not role_of(name))
         if not is_measured and may_split(name, cells) and columns.take_words(name):
             labels.append(name)

@@ -120,6 +120,7 @@ def common_clock(
 def _checked_number(gathered: Gathered, number: float) -> int:
     """Return the number of steps as an integer. Raises DataError if there are too many to allocate."""
     if number > _MOST_RECORDED:
+        # The message has the limit of a scenario, which is lower.
         what = (
             f"gives {number:.9g} steps, more than {MOST_STEPS}: choose runs, or a longer `resample`"
         )
