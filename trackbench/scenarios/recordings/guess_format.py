@@ -544,17 +544,23 @@ def _thousands(cells: list[str]) -> str:
 
 
 def _check_thousands(path: str, sample: "_Sample", columns: ColumnByQuantity, mark: str) -> None:
-    """Raise DataError for a column in which the mark may separate thousands or decimals.
+    """Raise DataError for each column in which the mark may separate thousands or decimals.
 
     All its cells then have the mark once, before three digits.
     """
-    for name in columns.keys() & {"time", *_MEASURED, "speed", "course", *_VELOCITY}:
-        cells = [cell for cell in sample.cells(columns[name]) if cell]
+    numeric = {"time", *_MEASURED, "speed", "course", *_VELOCITY}
+    mistakes = []
+    for name, column in columns.items():
+        if name not in numeric:
+            continue
+        cells = [cell for cell in sample.cells(column) if cell]
         once = rf"[-+]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}"
         if cells and all(re.fullmatch(once, cell) for cell in cells):
-            what = f"{columns[name]}: {cells[0]} may be a thousand times as large, as other columns"
+            what = f"{column}: {cells[0]} may be a thousand times as large, as other columns"
             way = "have marks between thousands: write the numbers of the file without them"
-            raise DataError(Place(path, sample.line, 1, f"{what} {way}"))
+            mistakes.append(Place(path, sample.line, 1, f"{what} {way}"))
+    if mistakes:
+        raise DataError(*mistakes)
 
 
 def _lines_of_words(rows: list[list[str]]) -> int:
@@ -655,17 +661,21 @@ def _guess_units_of_robot(
 def _check_named_units(
     sample: "_Sample", columns: ColumnByQuantity, units: UnitByQuantity, measured: set[str]
 ) -> None:
-    """Raise DataError for a column whose name has a unit that no recording may have.
+    """Raise DataError for each column whose name has a unit that no recording may have.
 
     Only columns that are read are checked: those of the ``measured`` quantities, velocities and inputs.
     """
-    for name in columns.keys() & {*measured, *_VELOCITY, *COURSE, *_ODOMETRY}:
-        other = other_unit_of(columns[name])
-        if other is not None and name not in units:
-            what = f"{columns[name]}: the unit {other} is unknown here"
+    read = {*measured, *_VELOCITY, *COURSE, *_ODOMETRY}
+    mistakes = []
+    for name, column in columns.items():
+        other = other_unit_of(column)
+        if other is not None and name in read and name not in units:
+            what = f"{column}: the unit {other} is unknown here"
             way = f"write the numbers in a known unit, and say it, such as --set units.{name}="
             usual = "deg" if name in ANGLES or name == "course" else "m"
-            raise DataError(Place(sample.path, 1, 1, f"{what}: {way}{usual}"))
+            mistakes.append(Place(sample.path, 1, 1, f"{what}: {way}{usual}"))
+    if mistakes:
+        raise DataError(*mistakes)
 
 
 def _check_unused(
