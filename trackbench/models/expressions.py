@@ -167,8 +167,8 @@ class _Parser:
         known = ", ".join(sorted(self.names))
         what = f"unknown name {name!r}; known: {known}"
         if name in ("T", "t", "dt", "time") and "k" in self.names:
-            given = "" if "T" in self.names else " with `parameters: {T: 2}`"
-            what += f"; at equal intervals the time is k * T{given}"
+            way_to_name_T = "" if "T" in self.names else " with `parameters: {T: 2}`"
+            what += f"; at equal intervals the time is k * T{way_to_name_T}"
         raise _mistake(tree, what)
 
     def _call(self, tree: ast.expr, name: str, arguments: Sequence[ast.expr]) -> Node:

@@ -239,10 +239,7 @@ class Tracking(Scenario):
         return Model(sampled, self._fault_context.known_sensor(self.faults, sensor))
 
     def assumed_measurements(self, z: Array) -> Array:
-        """Return measurements z (n_z, T, M) as a filter corrects them that knows of the faults.
-
-        A filter that does not know of them gets z itself.
-        """
+        """Return measurements z (n_z, T, M), corrected for the faults if the filter knows of them."""
         if self.assume.faults is None:
             return z
         return self._fault_context.corrected(self.faults, z)
@@ -314,7 +311,7 @@ class Tracking(Scenario):
     def position_sigma(self) -> float | None:
         """Largest standard deviation of the position by one scan at the first state, m.
 
-        In space an upper bound of it. None if a scan does not tell the position.
+        In space it is an upper bound of that deviation. None if a scan does not determine the position.
         """
         if not self.target.is_moving:
             return None

@@ -349,8 +349,10 @@ class Naming:
             if name == "course":
                 what = "a course always counts clockwise from north; leave it out"
             raise InvalidKeyError(what, *within, "clockwise", i)
+        # Without positions and velocities x and z are numbers of any unit.
+        is_scalar = not {"px", "vx"} & {*components}
         for key, unit in self.units.items():
-            mistake = _mistaken_unit(key, unit, is_scalar=not {"px", "vx"} & {*components})
+            mistake = _mistaken_unit(key, unit, is_scalar)
             if mistake is not None:
                 raise InvalidKeyError(mistake, *within, "units", key)
 
@@ -514,7 +516,7 @@ class Columns:
             if name in self.naming.units:
                 scale = UNITS[self.naming.units[name]]
             seconds = table.columns[column] * scale
-            is_right = seconds < inf
+            is_right = seconds < inf  # False for NaN
             if name == "subsecond":
                 is_right = (seconds >= 0.0) & (seconds < 1.0)
             wrong = np.flatnonzero(~is_right)
@@ -815,7 +817,7 @@ class Columns:
         }
         for quantity, (key, positive, negative) in HEMISPHERES.items():
             if quantity in self._hemispheres or key in self.naming.columns:
-                continue
+                continue  # the config names the column, or says by an empty name that there is none
             for name, words in sample.items():
                 if name not in self.contents and words and words <= {*positive, *negative}:
                     self.contents[name] = "word"
@@ -895,7 +897,7 @@ def _is_across_a_cut(values: Array, scale: float) -> Mask:
 
 
 def _known_places(places: Geodetic, rows: Index) -> tuple[Geodetic, Mask]:
-    """Return the places of R of the rows, zero where they are missing, and which are known (R,)."""
+    """Return the places of the R rows with these indices, zero if unknown, and which are known (R,)."""
     finite = np.isfinite(places.latitude[rows])
     known = Geodetic(
         latitude=np.where(finite, places.latitude[rows], 0.0),

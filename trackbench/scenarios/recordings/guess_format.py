@@ -208,14 +208,20 @@ def recognized(path: str, user_naming: Naming | None = None) -> Guess:
 def _check_given_keys(path: str, user_naming: Naming) -> None:
     """Raise DataError for a column of an unknown quantity."""
     for key, column in user_naming.columns.items():
+        # A quantity may have the number of its sensor before its name: 2.x.
         if key in _GIVEN_KEYS or key.rpartition(".")[2] in _MEASURED:
             continue
         what = f"there is no columns.{key}; known: {', '.join(_GIVEN_KEYS)}"
         if key.lower() in _SENSOR_KEYS:
-            name = json.dumps(column)[1:-1]
+            name = _in_option(column)
             what = f"there is no columns.{key}: a column that names landmarks or sensors is"
             what += f" `--set 'columns.sensor={name}'`"
         raise DataError(Place(path, 1, 1, what))
+
+
+def _in_option(name: str) -> str:
+    """Return a column's name as an option ``--set 'columns.x=NAME'`` has it: with escapes."""
+    return json.dumps(name)[1:-1]  # without the quotes
 
 
 def _found_labels(path: str, label_columns: dict[str, str]) -> list[Place]:
@@ -225,7 +231,7 @@ def _found_labels(path: str, label_columns: dict[str, str]) -> list[Place]:
     """
     places = []
     for key, column in label_columns.items():
-        name = json.dumps(column)[1:-1]
+        name = _in_option(column)
         other = "sensor" if key == "run" else "run"
         meaning = {"run": "targets", "sensor": "sensors or landmarks"}
         what = f"column {name} was taken to name {meaning[key]}, as its words split the rows"
@@ -242,11 +248,13 @@ def _key_of_labels(error: MixedRowsError) -> str:
     """
     if error.role == "place":
         return "sensor"
+    # Rows of one target whose errors differ in size are those of several sensors.
     if error.split == "errors" or (error.role == "sensor" and error.split == "unknown"):
         return "sensor"
     if error.role != "sensor":
         return "run"
-    column = json.dumps(error.column)[1:-1]
+    # The column's name says sensors, and the rows say targets.
+    column = _in_option(error.column)
     what = (
         f"column {column} splits the rows into parts that lie apart: are they several targets, or"
     )
@@ -527,6 +535,7 @@ def _thousands(cells: list[str]) -> str:
     A cell shows it if the mark is twice in a number, or once and before a decimal sign.
     """
     for mark, decimal in ((".", ","), (",", "."), ("'", ".")):
+        # 1.234.567 and 1.234,5
         twice = rf"[-+]?\d{{1,3}}({re.escape(mark)}\d{{3}}){{2,}}({re.escape(decimal)}\d*)?"
         once = rf"[-+]?\d{{1,3}}{re.escape(mark)}\d{{3}}{re.escape(decimal)}\d+"
         if any(re.fullmatch(twice, cell) or re.fullmatch(once, cell) for cell in cells):
@@ -535,21 +544,30 @@ def _thousands(cells: list[str]) -> str:
 
 
 def _check_thousands(path: str, sample: "_Sample", columns: ColumnByQuantity, mark: str) -> None:
-    """Raise DataError for a column in which the mark may separate thousands or decimals.
+    """Raise DataError for each column in which the mark may separate thousands or decimals.
 
     All its cells then have the mark once, before three digits.
     """
-    for name in columns.keys() & {"time", *_MEASURED, "speed", "course", *_VELOCITY}:
-        cells = [cell for cell in sample.cells(columns[name]) if cell]
+    numeric = {"time", *_MEASURED, "speed", "course", *_VELOCITY}
+    mistakes = []
+    for name, column in columns.items():
+        if name not in numeric:
+            continue
+        cells = [cell for cell in sample.cells(column) if cell]
         once = rf"[-+]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}"
         if cells and all(re.fullmatch(once, cell) for cell in cells):
-            what = f"{columns[name]}: {cells[0]} may be a thousand times as large, as other columns"
+            what = f"{column}: {cells[0]} may be a thousand times as large, as other columns"
             way = "have marks between thousands: write the numbers of the file without them"
-            raise DataError(Place(path, sample.line, 1, f"{what} {way}"))
+            mistakes.append(Place(path, sample.line, 1, f"{what} {way}"))
+    if mistakes:
+        raise DataError(*mistakes)
 
 
 def _lines_of_words(rows: list[list[str]]) -> int:
-    """Return the number of rows of words above the first values; 0 if there are too many."""
+    """Return the number of rows of words above the first values.
+
+    0 if there are too many, or if one of them is empty.
+    """
     for count, row in enumerate(rows[: _MOST_LINES_OF_WORDS + 1]):
         if any(map(is_value, row)):
             return count
@@ -612,7 +630,8 @@ def _find_dates(sample: "_Sample", columns: ColumnByQuantity, why: ReasonByKey) 
         cells = sample.cells(name)
         # 2025-04-03 has digits with a separator; 20250403 may be a number.
         has_separators = all(re.search(r"\d\D+\d", cell) for cell in cells)
-        if cells and has_separators and not parse_cells(instant, cells)[1]:
+        _, no_dates = parse_cells(instant, cells)
+        if cells and has_separators and not no_dates:
             dated.append(name)
     if len(dated) == 1:
         columns["time"] = dated[0]
@@ -642,17 +661,21 @@ def _guess_units_of_robot(
 def _check_named_units(
     sample: "_Sample", columns: ColumnByQuantity, units: UnitByQuantity, measured: set[str]
 ) -> None:
-    """Raise DataError for a column whose name has a unit that no recording may have.
+    """Raise DataError for each column whose name has a unit that no recording may have.
 
     Only columns that are read are checked: those of the ``measured`` quantities, velocities and inputs.
     """
-    for name in columns.keys() & {*measured, *_VELOCITY, *COURSE, *_ODOMETRY}:
-        other = other_unit_of(columns[name])
-        if other is not None and name not in units:
-            what = f"{columns[name]}: the unit {other} is unknown here"
+    read = {*measured, *_VELOCITY, *COURSE, *_ODOMETRY}
+    mistakes = []
+    for name, column in columns.items():
+        other = other_unit_of(column)
+        if other is not None and name in read and name not in units:
+            what = f"{column}: the unit {other} is unknown here"
             way = f"write the numbers in a known unit, and say it, such as --set units.{name}="
             usual = "deg" if name in ANGLES or name == "course" else "m"
-            raise DataError(Place(sample.path, 1, 1, f"{what}: {way}{usual}"))
+            mistakes.append(Place(sample.path, 1, 1, f"{what}: {way}{usual}"))
+    if mistakes:
+        raise DataError(*mistakes)
 
 
 def _check_unused(
@@ -676,7 +699,7 @@ def _check_unused(
         if name in columns.values() or not has_numbers or role_of(name) == "quality":
             continue
         if looks_like(name, quantity):
-            candidates.append(json.dumps(name)[1:-1])
+            candidates.append(_in_option(name))
     if candidates:
         measured = columns[sensors[0].quantities[-1]]
         ways = " or ".join(f"--set 'columns.{quantity}={name}'" for name in candidates)
@@ -735,7 +758,7 @@ def _settle_landmarks(sample: "_Sample", columns: ColumnByQuantity, user_naming:
         may_be_robot = is_split or odometry.keys() >= {*_ODOMETRY}
         if not may_be_robot or angle is None or "azimuth" in user_naming.columns:
             return False
-        column = json.dumps(angle)[1:-1]
+        column = _in_option(angle)
         landmarks = f" of the landmarks ({place})" if is_split else ""
         what = f"{angle}: do the bearings{landmarks} count from the robot's heading?"
         other = "or do fixed sensors, such as radars, measure the direction to what moves, "
@@ -886,7 +909,7 @@ def _check_one_kind(
     positions = ("x", "y") if columns.keys() >= {*_PLACE} else GEODETIC[:2]
     ways = []
     for names in (radar, positions):
-        options = (f"--set 'columns.{n}={json.dumps(columns[n])[1:-1]}'" for n in names)
+        options = (f"--set 'columns.{n}={_in_option(columns[n])}'" for n in names)
         ways.append(" ".join(options))
     what = f"the rows have {columns['range']} and {columns['azimuth']}, and also"
     what += f" {columns[positions[0]]} and {columns[positions[1]]}: which ones were measured?"
@@ -900,14 +923,17 @@ def _no_position(columns: ColumnByQuantity, sample: "_Sample", names: list[str])
     """Return the message and the advice for a table, or a sensor of it, without measured quantities."""
     pairs = "x and y, latitude and longitude, range and azimuth, or range"
     known = ", ".join(names)[:200]
+    # Case 1: a column has the name of a measured quantity, and no numbers.
     for name in filter(columns.get, _MEASURED):
         cell = next((cell for cell in sample.cells(columns[name]) if cell), "")
         if cell and not np.isfinite(sample.numbers(columns[name])).any():
             what = f"{columns[name]}: {cell[:40]!r} is not a number, nor is any other of its cells"
             return f"{what}: write decimal numbers, such as -8.5042, without letters"
+    # Case 2: a cell is 54.32, 10.13.
     for name in names:
         if any(re.fullmatch(r"-?\d+\.\d+, *-?\d+\.\d+", cell) for cell in sample.cells(name)[:1]):
             return f"column {name} has two numbers in a cell: give each a column, latitude and longitude"
+    # Case 3: a sensor, or the whole table, measures nothing that is known.
     if columns.get("sensor"):
         words = ", ".join(sample.words(columns["sensor"]))[:80]
         what = f"column {columns['sensor']} names {words}, and one of them has no {pairs}"
@@ -920,12 +946,15 @@ class _Sample:
     """First rows of a table, as text."""
 
     def __init__(self, path: str, names: list[str], form: TextFormat) -> None:
+        """Read the first rows of a file with these columns, and the lines that may have units."""
         self.path = path
         self.names = names
         self.line = 1 if is_parquet(path) else layout_of(path, form).before + 1
+        """line of the first row"""
         self._rows = first_rows(path, form, _SAMPLE)
         self._thousands = form.thousands
         self._units: list[list[str]] = []
+        """lines between the names and the first row, which may have units"""
         if form.skip:
             self._units = first_rows(path, replace(form, skip=0), form.skip)
 
@@ -978,6 +1007,10 @@ class _Reading:
         missing: tuple[float, ...],
         why: ReasonByKey,
     ) -> None:
+        """Begin with the known ``units``, to which the methods add, with reasons in ``why``.
+
+        ``clock`` is the form of dates, ``missing`` are numbers that stand for missing cells.
+        """
         self._path = path
         self._sample = sample
         self._clock = clock
@@ -1013,7 +1046,7 @@ class _Reading:
                 self._columns.pop(name)
                 self._units.pop(name, None)
             self._why["velocity"] = "velocities are left out: they disagree with the positions"
-        # Of two possible forms of dates the candidate's `time` is the other one; the first one is empty.
+        # The chosen one of two forms of dates; it is empty for the form that the clock has already.
         if first.time in clocks and first.time:
             self._why["time_format"] = f"guess: {self._reason(first)}"
             return self._clock._replace(form=first.time)
@@ -1176,9 +1209,11 @@ class _Reading:
             if "date" in columns and columns["time"] != columns["date"]:
                 dates = sample.cells(columns["date"])
                 cells = [f"{date} {time}" for date, time in zip(dates, cells, strict=True)]
-            seconds = parse_cells(partial(instant, form=self._clock.form), cells)[0] / 1e6
-            if np.isnan(seconds).all():
-                seconds = parse_cells(instant, sample.cells(columns["time"]))[0] / 1e6
+            microseconds, _ = parse_cells(partial(instant, form=self._clock.form), cells)
+            if np.isnan(microseconds).all():
+                # The times are dates without those of the other column.
+                microseconds, _ = parse_cells(instant, sample.cells(columns["time"]))
+            seconds = microseconds / 1e6
         else:
             seconds = sample.numbers(columns["time"])
         return self._with_stamp_parts(seconds), self._clock.is_date
@@ -1201,6 +1236,7 @@ class _Reading:
                 unit = "s"
             elif unit is None and largest <= 1e3 * _WEEK:
                 unit = "ms"
+            # The clock's name says that it is a time of the week, or several weeks show it.
             is_known = not _TIME_OF_WEEK.isdisjoint(words_of(clock)) or np.ptp(weeks) > 0.0
             is_week = np.isfinite(weeks).all() and not (weeks % 1.0).any() and weeks.max() < 1e4
             if unit is not None and is_known and is_week and largest * UNITS[unit] <= _WEEK:
@@ -1364,6 +1400,7 @@ def _same_time(gathered: Gathered, rows: Rows) -> Literal["spread"] | None:
     seconds = len(np.unique(rows.time))
     if gathered.stepped or (rows.time % 1.0).any() or not 1 < seconds < len(rows.time):
         return None
+    # So many rows of one second may be those of many targets.
     if len(rows.time) > _MOST_A_SECOND * seconds:
         return None
     twice = (np.diff(rows.ticks) == 0) & (np.diff(rows.values, axis=1) != 0.0).any(axis=0)

@@ -191,7 +191,8 @@ def _times(
     arguments are those of `likely_units`.
     """
     if numbers.dated:
-        yield "", 1.0, clocks.get("", (1.0, 0.0))[1]
+        _, points_of_usual_form = clocks.get("", (1.0, 0.0))
+        yield "", 1.0, points_of_usual_form
         for form, (factor, points) in clocks.items():
             if form:
                 yield form, factor, points
@@ -211,6 +212,7 @@ def _times(
             points += 3.0
         if row.is_whole and not is_whole:
             points += 1.0
+        # Dates in days have fractions of days that are whole seconds; whole days are rare.
         if row.unit == "d" and is_date:
             if whole_seconds:
                 points -= 1.0
@@ -263,6 +265,7 @@ def _places(numbers: Numbers, known_units: Mapping[str, str]) -> Iterator[tuple[
         # 91 and 181 deg are codes of AIS.
         if latitude * in_degrees > 91.001 or longitude * in_degrees > 360.001:
             continue
+        # Large whole numbers are in a unit for whole numbers, all others are not.
         if row.is_whole != (is_whole and is_large):
             continue
         points = 0.0
@@ -282,6 +285,7 @@ def _lengths(numbers: Numbers, is_ais: bool) -> Iterator[tuple[str, bool, float]
 
     ``is_ais`` if the names of the columns are those of AIS messages.
     """
+    # Without a measured speed nothing shows that lengths are not in m.
     is_alone = numbers.speed is None and numbers.velocity is None
     for unit, unit_points in LENGTH_UNITS.items():
         if unit != "m" and is_alone:
@@ -304,9 +308,11 @@ def _may_be_degrees(numbers: Numbers) -> bool:
     """Test whether x and y, the place in the ``numbers``, may be a longitude and a latitude."""
     has_speed = numbers.speed is not None or numbers.velocity is not None
     is_ais = bool(numbers.words.intersection(_AIS))
+    # Degrees with less than four digits behind the point would be too coarse, beyond 10 m.
     if len(numbers.place) != 2 or numbers.least_digits < 4 or not (has_speed or is_ais):
         return False
     longitude, latitude = _largest_sizes(numbers.place)
+    # 181 and 91 deg are codes of AIS for a missing position.
     return longitude <= 181.0 and latitude <= 91.0
 
 
@@ -381,7 +387,7 @@ def _points_of_speed(speed: float, on_earth: bool) -> float:
     """
     if not np.isfinite(speed) or speed == 0.0:
         return 0.0
-    points = 4.0
+    points = 4.0  # of a speed beyond all usual ones
     for least, largest, points_within in _USUAL_SPEEDS:
         if least <= speed <= largest:
             points = points_within
@@ -412,7 +418,7 @@ def _points_of_interval(times: Array, is_gps: bool) -> float:
     if (np.abs(apart - usual) > 0.02 * usual).mean() > 1.0 - _REGULAR:
         return points
     if usual >= 20.0:
-        # 1000 s are no usual interval, and may be 1000 ms.
+        # Multiples of 30 s, and 20 s, are usual; 1000 s are not, and may be 1000 ms.
         if min(usual % 30.0, -usual % 30.0) <= 0.5 or abs(usual - 20.0) < 0.5:
             return points
         return points + (1.0 if usual > 60.0 else 0.5)

@@ -128,7 +128,7 @@ def _inputs_of_run(
     means[:, is_constant] = pieces[:, first_of_step[is_constant]]
     # Step 3: a step has no inputs outside the rows, nor if a piece within it is longer than the gap.
     is_long = np.diff(edges) > longest + TICK
-    is_long[[0, -1]] = False
+    is_long[[0, -1]] = False  # the margins
     longs_before = np.concatenate([[0], np.cumsum(is_long)])
     is_missing = longs_before[last_of_step + 1] > longs_before[first_of_step]
     is_missing |= (earlier < edges[0] - TICK) | (later > edges[-1] + TICK)

@@ -313,11 +313,11 @@ def read_rows(
     is_shared = len(patterns) == 1
     pieces: list[list[Rows]] = [[] for _ in sensors]
     for n, pattern in enumerate(patterns):
-        in_pattern = slice(None) if is_shared else slice(n, n + 1)
         first_sensor = 0 if is_shared else n
+        of_pattern = slice(None) if is_shared else slice(n, n + 1)
         for number, path in enumerate(files_of(pattern)):
             rows_by_sensor = _read_file(
-                gathered, path, sensors[in_pattern], least, str(number), names[in_pattern]
+                gathered, path, sensors[of_pattern], least, str(number), names[of_pattern]
             )
             for m, rows in enumerate(rows_by_sensor, first_sensor):
                 pieces[m].append(rows)
@@ -482,6 +482,7 @@ def _possible_labels(columns: Columns, of_time: Collection[str]) -> list[str]:
     quantities = columns_of(columns.names)
     measured = {c.column for name, c in quantities.items() if name not in ("run", "sensor")}
     for name, cells in columns.first_cells.items():
+        # A column with the name of a quantity is measured, unless it may also name targets, as a track.
         is_measured = name in of_time or (name in measured and not role_of(name))
         if not is_measured and may_split(name, cells) and columns.take_words(name):
             labels.append(name)

@@ -217,7 +217,7 @@ class Measured(FromFiles, Naming, Target):
         return recording
 
     def own_timeline(self, sensor: Sensors, start: Start, T: float) -> Timeline:
-        """Return the steps of the files, those first that the start uses up."""
+        """Return the steps of the files, which begin with those that the start uses up."""
         self._check(sensor, start)
         requested = (sensor.components, start.scans, T)
         # Read the files again only for another sensor, start or T.
@@ -449,6 +449,7 @@ class Measured(FromFiles, Naming, Target):
     def _read_truth(self, gathered: Gathered, clock: Clock) -> Array:
         """Read the truth (n_x, K + 1, M) at the clock's steps."""
         assert self.truth is not None
+        # By default the truth has the columns and units of the measurements.
         naming = self.truth_naming or replace(self, format=None)
         gathered_truth = replace(
             gathered,
@@ -512,7 +513,10 @@ class Measured(FromFiles, Naming, Target):
         return truth
 
     def run_metrics(self, values: Mapping[str, Array], scored: Scored) -> dict[str, Array]:
-        """Return the largest error in a window, m, and runs beyond ten sigmas, given a truth."""
+        """Return ``peak_position`` and ``beyond_10_sigma``, as `Flown` does; nothing without a truth.
+
+        Steps at which the truth is missing are left out.
+        """
         squared = values.get("squared_position")
         if squared is None:
             return {}
