@@ -23,7 +23,10 @@ OwnValues: TypeAlias = tuple[Names, Bodies]
 
 
 def own_values() -> OwnValues:
-    """Record the values of the modules and classes of the package, numpy and scipy."""
+    """Record the values of the package's, numpy's and scipy's modules and classes.
+
+    Of each function among the values its code and default values are recorded, too.
+    """
     names = []
     bodies = {}
     for holder in _modules_and_classes():
