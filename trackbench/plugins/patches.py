@@ -52,7 +52,8 @@ def _modules_and_classes() -> Iterator[Any]:
 
 
 def _function_body(function: FunctionType) -> tuple[Any, ...]:
-    return tuple(getattr(function, attribute) for attribute in _BODY)
+    # Written out for speed: some 16 000 functions are read for each block of a plugin's filter.
+    return function.__code__, function.__defaults__, function.__kwdefaults__
 
 
 def undo_patches(before: OwnValues) -> list[str]:

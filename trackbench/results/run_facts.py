@@ -7,6 +7,7 @@ import subprocess
 import sys
 from contextlib import suppress
 from datetime import UTC, datetime
+from functools import cache
 from importlib.metadata import PackageNotFoundError, distribution, version
 from importlib.resources import files
 from pathlib import Path
@@ -26,12 +27,18 @@ _PROCESSOR = re.compile(r"^model name\s*: (.+)$", re.MULTILINE)
 _PACKAGES = ("numpy", "scipy", "pandas", "matplotlib", "pydantic", "PyYAML")
 
 
+@cache
+def _package_versions() -> dict[str, str]:
+    """Return the versions of the packages that results depend on."""
+    return {name: version(name) for name in _PACKAGES}
+
+
 def facts_of_run(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
     """Collect the content of both manifests but for the format and the digests of the files."""
     filters = experiment.points[0].filters
     # Without the step of the initial state.
     steps = [len(point.scenario.steps) - 1 for point in experiment.points]
-    packages = {name: version(name) for name in _PACKAGES}
+    packages = dict(_package_versions())
     for plugin in experiment.plugins:
         packages.update(plugin.packages)
     failed = []
