@@ -180,7 +180,7 @@ def heading(point: GridPoint, units: Mapping[str, str] = MappingProxyType({})) -
         for single_path, single_value in zip(single_paths(path), values, strict=True):
             words, unit = quantity(single_path)
             unit = unit or units.get(path, "")
-            part = f"{words} = {number(single_value)} {unit}".rstrip()
+            part = f"{words} = {_value_words(single_value)} {unit}".rstrip()
             if part not in parts:  # the same key of several filters
                 parts.append(part)
     return ", ".join(parts)
@@ -189,14 +189,25 @@ def heading(point: GridPoint, units: Mapping[str, str] = MappingProxyType({})) -
 def _value_of_text(path: str, value: Any) -> Any:
     """Return the value of a path; a list that is a text, ``[1, 2]``, is parsed.
 
-    Paths that vary together have a list of values, which is a text if it was read from a CSV file.
+    A list is a text if it was read from a CSV file. Paths that vary together have a list of values.
     """
-    if len(single_paths(path)) == 1 or not isinstance(value, str):
+    is_list = isinstance(value, str) and value.startswith("[")
+    if not is_list:
         return value
     try:
         return literal_eval(value)
     except (SyntaxError, ValueError):
         return value
+
+
+def _value_words(value: Any) -> str:
+    """Return a grid's value for a title: ``2``; ``b2`` for ``[b2]``; ``[0, 1]`` as it is."""
+    if isinstance(value, list):
+        if len(value) == 1:
+            return _value_words(value[0])
+        if all(isinstance(item, str) for item in value):
+            return ", ".join(value)
+    return number(value)
 
 
 def at_point(point: GridPoint) -> str:
