@@ -399,7 +399,7 @@ class Results(ResultsFolder):
                 inner_words = words[1:]
             if not inner_words:  # the path varies a whole filter or scenario
                 continue
-            unit = _unit(settings, group, None, inner_words)
+            unit = _unit(settings, group=group, cls=None, keys=inner_words)
             if unit:
                 units[path] = unit
         return units
@@ -420,7 +420,7 @@ def _unit(settings: Any, group: str | None, cls: type[Any] | None, keys: Sequenc
     if cls is not None:
         hint = hints_of(cls).get(key)
     if key == "assume" and hint is None:
-        return _unit(settings[key], None, Assume, inner_keys)
+        return _unit(settings[key], group=None, cls=Assume, keys=inner_keys)
     if hint is None:
         return ""
     # A key of a component or dataclass inside this one.

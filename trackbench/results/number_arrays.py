@@ -48,7 +48,7 @@ def has_many_runs(experiment: Experiment) -> bool:
 def array_notes(experiment: Experiment) -> Iterator[str]:
     """Yield a note on each file of arrays that a run writes in place of a CSV file."""
     if is_long(experiment):
-        # The initial state is at one step more.
+        # Without the step of the initial state.
         steps = max(len(point.scenario.steps) - 1 for point in experiment.points)
         yield (
             f"{PER_STEP_FILE} has the numbers of all {steps} steps in place of per_step.csv, which "

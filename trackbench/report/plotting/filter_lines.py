@@ -46,13 +46,13 @@ def draw_error_band(
     value: Array,
     stderr: Array,
     look: LineStyle,
-    place: int,
-    places: int,
+    line_index: int,
+    lines: int,
     log: bool = False,
 ) -> None:
     """Draw two standard errors ``stderr`` around a filter's line, and explain them in legend and page.
 
-    ``place`` is the number of the line, from 0, among ``places`` lines of the panel. The errors of up to
+    ``line_index`` is the index of the line among the ``lines`` lines of the panel. The errors of up to
     three lines are bands. More bands would lie over each other to a gray, so the errors of more lines
     are bars at some of the x, and no two lines have their bars at equal x. On a logarithmic axis
     (``log``) no band or bar reaches below a tenth of the value.
@@ -67,13 +67,13 @@ def draw_error_band(
         low = np.maximum(low, 0.1 * value)
     color = look["color"]
     label = f"_{look['label']}"
-    if places <= MOST_BANDS:
+    if lines <= MOST_BANDS:
         ax.fill_between(x, low, high, alpha=0.15, lw=0, color=color, label=label)
         ax.fill_between([], [], [], color="#888888", alpha=0.4, lw=0, label=SPREAD)
     else:
         # Lines begin at different x, so that their bars lie beside each other.
         period = max(1, len(x) // _BARS)
-        chosen = slice(place * period // places, None, period)
+        chosen = slice(line_index * period // lines, None, period)
         ax.vlines(x[chosen], low[chosen], high[chosen], linewidth=1.0, color=color, label=label)
         explain_error_bars(ax)
 

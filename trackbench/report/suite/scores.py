@@ -598,6 +598,7 @@ def _resample_problem(
     errors = np.full(len(labels), inf)
     for i, label in enumerate(labels):
         values = runs.values.get(label)
+        # A filter that failed, is useless here, or has other runs is not compared.
         if values is None or not ratios[i] < WORST or len(values) != M:
             continue
         chosen = values[drawn]

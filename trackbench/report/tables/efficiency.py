@@ -190,6 +190,7 @@ class EqualCost(TableKind):
         comparison = _compare(reached, self.metric.definition.more_is_better)
         marked = _marked(reached, comparison)
         for name, error in errors.items():
+            # The number of rows so far is the index of this one.
             if name in marked:
                 table.best.add((len(table.keys), table.value_headers.index(str(self.metric))))
             cells = [Cell.missing()] * 4 if error is None else _cells(error, reference)
