@@ -460,7 +460,9 @@ class Tracking(Scenario):
         """Return ``diverged`` (M,), see `score.diverged`; then the target's own numbers per run."""
         if not self.has_truth:
             return {}
-        sigma = np.nan if self.position_sigma is None else self.position_sigma
+        sigma = self.position_sigma
+        if sigma is None:
+            sigma = np.nan
         scored = Scored(times=self.times, windows=self.windows, sigma=sigma)
         metrics = {"diverged": diverged(values, recorded=self.recorded_runs is not None)}
         metrics |= self.target.run_metrics(values, scored)

@@ -146,7 +146,9 @@ def impossible(quantity: str, values: Array, scale: float) -> Impossible | None:
     rows = np.flatnonzero((shown < least - room) | (shown > largest + room))
     if not len(rows):
         return None
-    limits = f"at least {least:g}" if largest == inf else f"within {least:g} and {largest:g}"
+    limits = f"within {least:g} and {largest:g}"
+    if largest == inf:
+        limits = f"at least {least:g}"
     first = f"{shown[rows[0]]:.9g} {unit} is impossible{and_others(len(rows))}"
     what = f"{first}; a {quantity} is {limits} {unit}"
     way = _way_out(quantity, values, rows)

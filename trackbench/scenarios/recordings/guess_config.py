@@ -149,7 +149,9 @@ def _begin_in_words(guess: Guess, begin: float | None) -> str:
     if "step" in guess.naming.columns:
         return f"step {begin:g}"
     if guess.is_dated:
-        return f"the first row, {begin:+.6g} s" if begin else "the first row"
+        if begin == 0.0:
+            return "the first row"
+        return f"the first row, {begin:+.6g} s"
     return f"t = {begin:.9g} s"
 
 

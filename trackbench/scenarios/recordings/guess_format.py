@@ -337,7 +337,9 @@ def _measured(path: str, naming: Naming, why: ReasonByKey, sensors: list[SensorG
     gathered = Gathered(replace(naming, clockwise=()), refuses_far_rows=False, has_inputs=is_robot)
     units = naming.units
     columns = naming.columns
-    by_name = [sensor.name for sensor in sensors] if columns.get("sensor") else []
+    by_name: list[str] = []
+    if columns.get("sensor"):
+        by_name = [sensor.name for sensor in sensors]
     quantities_by_sensor = [sensor.quantities for sensor in sensors]
     read = quantities_by_sensor
     if quantities_by_sensor == [_PLACE] and not by_name and _has_velocity(columns):
@@ -649,7 +651,9 @@ def _guess_units_of_robot(
         if name in units or name not in columns:
             continue
         numbers = np.abs(sample.numbers(columns[name]))
-        size = float(np.nanquantile(numbers, 0.9)) if np.isfinite(numbers).any() else 0.0
+        size = 0.0
+        if np.isfinite(numbers).any():
+            size = float(np.nanquantile(numbers, 0.9))
         if size > _LARGEST_OF_ROBOT[name]:
             options = " or ".join(f"--set units.{name}={unit}" for unit in (*others, si))
             what = f"{columns[name]}: no unit is named, and {size:.3g} {si} is unusual for a robot"
@@ -854,7 +858,10 @@ def _sensors(
     if not numbers.keys() >= {*_PLACE} and numbers.keys() >= {*GEODETIC[:2]}:
         numbers["x"] = numbers["longitude"]
         numbers["y"] = numbers["latitude"]
-    words = sample.words(columns["sensor"]) if columns.get("sensor") else [""]
+    # Names of the sensors; a table without them has one sensor.
+    words = [""]
+    if columns.get("sensor"):
+        words = sample.words(columns["sensor"])
     # The most telling type of sensor counts, but one whose columns the user names comes first.
     answered = {*user_naming.columns}
     if answered & {*GEODETIC[:2]}:
@@ -1032,7 +1039,9 @@ class _Reading:
             clocks = self._clocks()
         known_units = self._known_units(sensor)
         first, *others = likely_units(numbers, known_units, clocks)
-        questions = self._questions([first, *others], numbers) if others else []
+        questions = []
+        if others:
+            questions = self._questions([first, *others], numbers)
         for candidate in (first, *others):
             question = self._question_on_length(candidate, numbers, known_units)
             if question is not None:
@@ -1100,8 +1109,10 @@ class _Reading:
         seconds = 1.0 if numbers.dated else UNITS[chosen.time or "s"]
         if usual_interval(numbers.time[np.isfinite(numbers.time)]) * seconds > _LONG_INTERVAL:
             return None
-        azimuth = self._values("azimuth") if "azimuth" in self._columns else np.zeros(1)
-        if "azimuth" not in self._units and np.nanmax(np.abs(azimuth), initial=0.0) > 360.0:
+        largest_azimuth = 0.0
+        if "azimuth" in self._columns and "azimuth" not in self._units:
+            largest_azimuth = float(np.nanmax(np.abs(self._values("azimuth")), initial=0.0))
+        if largest_azimuth > 360.0:
             return None
         fitting = [unit for unit in LENGTH_UNITS if is_usual_speed(speed * UNITS[unit])]
         if not fitting:

@@ -5,7 +5,7 @@ things have, for an unusual interval between rows, and for a measured speed that
 positions. The units with fewest points are written. If several are as likely, the user is asked.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple
@@ -501,7 +501,9 @@ def _course(
     if numbers.course is None or numbers.speed is None or not agrees:
         return known_units.get("course", ""), False
     largest = float(np.nanmax(np.abs(numbers.course), initial=0.0))
-    units = [known_units["course"]] if "course" in known_units else COURSE_UNITS
+    units: Sequence[str] = COURSE_UNITS
+    if "course" in known_units:
+        units = [known_units["course"]]
     best = ""
     cosine = -1.0
     for unit in units:

@@ -36,7 +36,9 @@ def with_inputs_only(gathered: Gathered, names: Sequence[str], rows: Rows) -> In
     if len(partial):
         row = int(partial[0])
         name = names[int(np.flatnonzero(is_missing[:, row])[0])]
-        more = f", nor have {len(partial) - 1} more rows all inputs" if len(partial) > 1 else ""
+        more = ""
+        if len(partial) > 1:
+            more = f", nor have {len(partial) - 1} more rows all inputs"
         what = f"{name}: there is no value beside the other inputs{more}: fill the cell"
         raise DataError(gathered.place(rows, row, what))
     if not has_all.any():

@@ -193,8 +193,10 @@ class Gathered:
             raise columns.mistake(f"{what}: leave it out")
         if stepped and not self.dated:
             return time
-        # Dates are in microseconds.
-        seconds = (time - self.since) / 1e6 if self.dated else time * self.naming.scale("time")
+        seconds = time * self.naming.scale("time")
+        if self.dated:
+            # Dates are in microseconds.
+            seconds = (time - self.since) / 1e6
         if parts:
             seconds = seconds + columns.stamp_parts(table, parts)
         if self.dated:
