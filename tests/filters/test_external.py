@@ -180,23 +180,6 @@ def test_planted_faults_are_found(compiled: Path, fault: str) -> None:
     assert FAULTS[fault] in " ".join(str(f) for f in findings if f.verdict == "bad")
 
 
-def test_an_edited_program_is_compared_with_the_references_anew(
-    compiled: Path, tmp_path: Path
-) -> None:
-    """The filter of the edited program equals that of the program before."""
-    program_file = tmp_path / "mine"
-    halved = str([*FAULTS].index("process noise halved") + 1)
-    verdicts = []
-    for version in ("0", halved):
-        shutil.copy(compiled / version, program_file)
-        tracker = external(program_file, q=25.0, sigma=40.0)
-        (*_, errors) = check_filter(External, tracker, on=ModelDraws(base=planar(sigma=40.0)))
-        program.end_all()
-        program_file.unlink()
-        verdicts.append(errors.verdict)
-    assert verdicts == ["good", "bad"]
-
-
 def test_a_program_of_one_sensor_is_one_line_that_names_on(tmp_path: Path) -> None:
     for first in ("print('error needs an elevation', flush=True)", "sys.exit('no elevation')"):
         tracker = script(tmp_path, "print(good, flush=True)", first)
