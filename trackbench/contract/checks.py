@@ -315,9 +315,9 @@ def _check_unequal_intervals(tracker: AnyFilter, scenario: ModelDraws) -> None:
     # Step 1: its errors, in comparison with reference filters.
     precise_tracker = _with_many_particles(tracker)
     runs = _runs_for(tracker)
-    if compare_with_references(precise_tracker, scenario):
+    if _compare_with_references(precise_tracker, scenario):
         raise LeftOutError("the errors do not fit at equal intervals, either")
-    what = compare_with_references(precise_tracker, other)
+    what = _compare_with_references(precise_tracker, other)
     if what:
         raise ContractError(f"fits at equal intervals and not at unequal ones: {what}")
     # Step 2: its estimates, if they equal those of the EKF at equal intervals. They show a wrong Q,
@@ -330,10 +330,11 @@ def _check_unequal_intervals(tracker: AnyFilter, scenario: ModelDraws) -> None:
 
 
 @lru_cache(maxsize=4)
-def compare_with_references(tracker: AnyFilter, problem: ModelDraws) -> str:
+def _compare_with_references(tracker: AnyFilter, problem: ModelDraws) -> str:
     """Describe how a filter's errors and covariances differ from those of reference filters.
 
-    Two checks ask for the comparison on the problem of a config, so it is computed once.
+    Two checks ask for the comparison on the problem of a config, so it is computed once. A plugin or
+    program that was edited is another filter.
     """
     return misfit(tracker, problem, _runs_for(tracker))
 
@@ -380,7 +381,7 @@ def _check_consistency(tracker: AnyFilter, scenario: Scenario) -> None:
     precise_tracker = _with_many_particles(tracker)
     for problem in problems:
         drawn_problem = problem if isinstance(problem, ModelDraws) else ModelDraws(base=problem)
-        what = compare_with_references(precise_tracker, drawn_problem)
+        what = _compare_with_references(precise_tracker, drawn_problem)
         if what:
             raise ContractError(what)
 
