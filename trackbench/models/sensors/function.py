@@ -310,7 +310,7 @@ class FunctionSensor(SensorBase):
     def measurement(self, x: Array, k: int) -> Gaussian:
         """Return N(h(x, k), R) for x (n_x, *batch), of which the first components are the state's.
 
-        With `noise` they are the moments of the measurement.
+        With `noise` the mean and the covariance are those of the measurement with this noise.
         """
         h, R = self._programs
         # Further components of a filter's state do not enter h.

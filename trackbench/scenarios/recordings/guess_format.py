@@ -592,6 +592,7 @@ def _columns(
     columns = {n: c for n, c in columns.items() if c or n in ("run", "sensor")}
     for key, column in _hemispheres(names, sample, columns).items():
         columns = {n: c for n, c in columns.items() if c != column} | {key: column}
+    # Two components of a velocity come before speed and course, a time before numbers of steps.
     if columns.keys() >= {*_VELOCITY}:
         columns = {name: column for name, column in columns.items() if name not in COURSE}
     if "date" in columns and "time" not in columns:

@@ -712,8 +712,8 @@ def _find_sensor_rows(
     """
     words = [word for word in table.words[column] if word]
     known = names or [str(i + 1) for i in range(number)]
-    strange = [word for word in words if word not in known]
-    if strange and not names:
+    other_words = [word for word in words if word not in known]
+    if other_words and not names:
         what = f"column {column} names {len(words)} sensors ({', '.join(words[:8])[:80]})"
         way = "name them in the order of `sensor`, such as `sensors: "
         way += f'[{", ".join(map(json.dumps, words[:8]))}]`; `columns: {{sensor: ""}}` mixes all'
@@ -722,11 +722,12 @@ def _find_sensor_rows(
     if absent:
         what = f"column {column} has no {absent[0]!r}; there are {', '.join(words[:20])[:200]}"
         raise columns.mistake(what)
-    if strange and m == 0:  # noted once for all sensors
-        codes = [table.words[column].index(word) for word in strange]
+    # Rows of other sensors than those of the config are left out.
+    if other_words and m == 0:  # noted once for all sensors
+        codes = [table.words[column].index(word) for word in other_words]
         left_out = int(np.isin(table.columns[column], codes).sum())
         gathered.notices.append(
-            f"{left_out} rows of {', '.join(strange)[:80]} were left out (`sensors`)"
+            f"{left_out} rows of {', '.join(other_words)[:80]} were left out (`sensors`)"
         )
     code = -1  # no row has this code
     if known[m] in words:
