@@ -340,12 +340,25 @@ class Evaluator:
 
     @ignore_float_errors
     def _win_rate(self, mine: Measure, other: Measure) -> RunEstimate:
-        """Estimate the share of the common runs in which a filter's metric is below another's."""
+        """Estimate the share of the common runs in which a filter's metric is better than another's.
+
+        Larger is better for a score; for a metric that is best near zero the smaller size is better. For
+        any other metric the smaller value counts as better.
+        """
         a = self.runs.get((mine.filter, str(mine)))
         b = self.runs.get((other.filter, str(other)))
         if a is None or b is None:
             return MISSING
-        return self._share(mine.filter, np.where(np.isnan(a) | np.isnan(b), np.nan, a < b))
+        match mine.definition.better:
+            case "higher":
+                is_better = a > b
+            case "zero":
+                is_better = np.abs(a) < np.abs(b)
+            case "one":
+                is_better = np.abs(a - 1.0) < np.abs(b - 1.0)
+            case _:
+                is_better = a < b
+        return self._share(mine.filter, np.where(np.isnan(a) | np.isnan(b), np.nan, is_better))
 
     def _share(self, label: str, values: Array, common: Mask | bool = True) -> RunEstimate:
         """Return the share of the runs with a value (M,) above zero among those with a value.

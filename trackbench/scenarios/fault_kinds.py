@@ -11,7 +11,7 @@ from pydantic import Field, StringConstraints
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.random_streams import RunStreams
 from trackbench.field_types import (
-    ONE_LINE,
+    LEGEND_LABEL,
     ByComponent,
     Count,
     Finite,
@@ -47,7 +47,7 @@ class Stretch(NamedTuple):
 class Fault:
     """Base of the faults: when they are, and of which sensor."""
 
-    name: Annotated[str, StringConstraints(pattern=ONE_LINE, max_length=70)]
+    name: Annotated[str, StringConstraints(pattern=LEGEND_LABEL, max_length=70)]
     """window of metrics: rmse_position[burst], rmse_position[after burst]"""
     from_: Finite | None = None
     """time of the first wrong measurement, s; default: from the start"""
