@@ -86,6 +86,13 @@ def test_the_cause_is_named(base: type[Any], bug: str, cause: str) -> None:
     assert any(f.verdict == "bad" and cause in f.why for f in findings(with_bug(base, bug), None))
 
 
+def test_the_errors_of_an_angle_without_wrap_name_it() -> None:
+    """As a cause of large errors, whatever the check of the angles says."""
+    what = misfit(with_bug(HandEKF, "no wrap")(), ModelDraws(base=RADAR), 40)
+    assert "the innovation of azimuth is not wrapped" in what
+    assert "not wrapped" not in misfit(with_bug(HandEKF, "sigma")(), ModelDraws(base=RADAR), 40)
+
+
 RANDOM = ("apf", "enkf", "pf")
 
 

@@ -63,12 +63,22 @@ def test_a_worse_commit_fails_and_an_equal_one_passes(repository: Path) -> None:
     assert re.search(r"\| my-own \| rmse_position \(m\) \| .* \| worse \|", comment)
     assert "KF, IMM: unchanged, byte for byte." in comment.splitlines()
     (repository / "g.md").unlink()
-    assert "my-own is unchanged" in gate(
-        repository, "--against-ref", "HEAD", "--allow-plugins", "--md", "g.md", code=0
-    )
+    unchanged = gate(repository, "--against-ref", "HEAD", "--allow-plugins", "--md", "g.md", code=0)
+    assert unchanged.splitlines()[0] == PAGE[3].text.strip()
     assert len((repository / "g.md").read_text().splitlines()) <= 3
     (repository / "g.md").unlink()
     assert before == (git(repository, "status", "--porcelain"), git(repository, "worktree", "list"))
+
+
+def test_the_page_names_the_filters_of_the_config(repository: Path) -> None:
+    config = yaml.safe_load((repository / "my_own.yaml").read_text())
+    page = (ROOT / "docs" / "your-filter-in-ci.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `([^`]+)` \| (?:your|trackbench's) ", page, re.MULTILINE)
+    assert rows == [*config["filters"]]
+    default_q = re.search(r"q: Positive = (\S+)", (repository / "my_own.py").read_text())
+    assert default_q is not None
+    assert config["filters"]["my-own, q = 10"]["q"] == 10.0 * float(default_q[1])
+    assert f"has {config['runs']} runs" in page
 
 
 def test_the_workflow_of_the_page_runs_the_gate(repository: Path) -> None:

@@ -22,6 +22,7 @@ from docs.site.pages import pages, rewritten
 from tests.conftest import EXPERIMENT_FILES, ROOT
 from tests.test_shipped import NAMES
 from trackbench.commands.gate import NEGLIGIBLE
+from trackbench.commands.prepare import OPTION_NAMES
 from trackbench.config import shipped_experiments
 from trackbench.contract import Finding, check_filter
 from trackbench.contract.checks import CHECKS
@@ -72,6 +73,14 @@ def test_every_metric_statistic_key_and_command() -> None:
         assert f"\n## {name}" in PAGES()["reference/python.md"]
     for word in ("figure(name)", "frame", "per\\_run", "best"):
         assert word.replace("\\", "") in PAGES()["reference/python.md"].replace("\\", "")
+
+
+def test_the_page_on_programs_has_the_keywords_of_python() -> None:
+    """Copy the table from ``print(reference.options_table())`` when a field changes."""
+    page = (ROOT / "docs" / "programs.md").read_text(encoding="utf-8")
+    for name in OPTION_NAMES:
+        assert f"\n| `{name}` |" in reference.options_table()
+    assert reference.options_table() in page
 
 
 def test_the_gallery_has_every_experiment() -> None:

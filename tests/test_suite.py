@@ -47,6 +47,7 @@ from trackbench.report.suite.scores import (
     typical_ratios,
 )
 from trackbench.report.suite.tables import fails, filter_table, roster_table
+from trackbench.statistics.rules import FEWEST_RUNS
 
 SUITE = """\
 name: small
@@ -650,10 +651,14 @@ def test_the_page_has_the_state_and_measurement_of_the_problems() -> None:
         assert names.split(", ") == problems[state, measurement]
 
 
-def test_a_quick_suite_has_four_runs_and_leaves_out_what_takes_long() -> None:
+def test_a_quick_suite_has_few_runs_and_leaves_out_what_takes_long() -> None:
     quick = load_suite(Path("standard"), quick=True)
     assert quick.too_long == ("lorenz96-40",)
     assert "lorenz96-40" not in [problem.name for problem in quick.problems]
-    assert {problem.experiment.settings.runs for problem in quick.problems} == {4}
+    assert {problem.experiment.settings.runs for problem in quick.problems} == {QUICK_RUNS}
     (chosen,) = load_suite(Path("standard"), quick=True, chosen_problems=["lorenz96-40"]).problems
-    assert chosen.experiment.settings.runs == 4
+    assert chosen.experiment.settings.runs == QUICK_RUNS
+
+
+def test_a_quick_suite_has_enough_runs_to_test_ratios() -> None:
+    assert QUICK_RUNS >= FEWEST_RUNS

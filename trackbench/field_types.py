@@ -39,7 +39,12 @@ FORMULA = "=+-@"
 """Characters at which a spreadsheet begins a formula, even in a file from elsewhere."""
 _INVISIBLE = r"\x00-\x1f\x7f-\x9f\u2028\u2029"
 ONE_LINE = rf"^[^{_INVISIBLE}{re.escape(FORMULA)}][^{_INVISIBLE}]*$"
-"""Pattern of a label: one line of visible characters that does not begin a formula."""
+"""Pattern of a name: one line of visible characters that does not begin a formula."""
+LEGEND_LABEL = rf"^[^{_INVISIBLE}{re.escape(FORMULA)}_][^{_INVISIBLE}]*$"
+"""Pattern of a label of a legend: such a line that does not begin with ``_`` either.
+
+matplotlib leaves out of a legend what begins with ``_``.
+"""
 
 IS_FILE = "path of a data file"
 DataFile = Annotated[str, IS_FILE]

@@ -10,6 +10,7 @@ from itertools import pairwise
 from typing import Any
 
 import trackbench
+from trackbench import api
 from trackbench.help import kinds as catalog
 from trackbench.help import metrics
 from trackbench.metrics import METRICS
@@ -178,6 +179,14 @@ def _python() -> str:
     return _page(lines)
 
 
+def options_table() -> str:
+    """Fields of `trackbench.Options` as a table, which `docs/programs.md` has, too."""
+    return _table(
+        ["keyword", "what it is"],
+        [[f"`{name}`", _text(text)] for name, text in _fields(api.Options).items()],
+    )
+
+
 def _function(name: str, function: Any) -> Iterator[str]:
     shown = re.sub(r"\b(?:\w+\.)+(\w+)", r"\1", str(inspect.signature(function))).replace("'", "")
     yield f"```python\n{name}{shown}\n```"
@@ -206,8 +215,9 @@ def _fields(cls: type[Any]) -> dict[str, str]:
         if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
             said = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant)
             text = after.value.value if said else ""  # type: ignore[attr-defined]
-            if node.value and "default" not in text:
-                text = f"{text} (default: `{ast.unparse(node.value)}`)".lstrip()
+            default = ast.unparse(node.value) if node.value else ""
+            if default not in ("", "None", "()", "''") and "default" not in text:
+                text = f"{text} (default: `{default}`)".lstrip()
             found[node.target.id] = text
     return found
 

@@ -77,9 +77,10 @@ def again(experiment: Experiment, folder: Path) -> Experiment:
     (folder / "published").mkdir()
     for name, text in experiment.published.files.items():
         (folder / "published" / name).write_text(text)
-    (folder / "config.yaml").write_text(as_yaml(resolved(experiment, folder)))
+    text = resolved(experiment, folder)
+    (folder / "config.yaml").write_text(as_yaml(text))
     found = load(folder / "config.yaml")
-    assert resolved(found, folder) == resolved(experiment, folder)
+    assert resolved(found, folder) == text
     return found
 
 

@@ -272,3 +272,12 @@ def test_whole_powers_of_negative_numbers(text: str, k: int) -> None:
         assert value[i] == pytest.approx(eval(text, scope), rel=1e-11)
         exponent = {"x**k": k, "x**17": 17, "x**(-17)": -17}.get(text, 0)
         assert slope[i] == pytest.approx(exponent * a ** (exponent - 1.0), rel=1e-11)
+
+
+def test_the_derivative_of_the_power_zero_of_zero_is_zero() -> None:
+    """It is v u^(v - 1) u', in which 0 times 0^-1 is no number."""
+    node = derivative(parse("x**(k - 1) + y", NAMES), "x")
+    program = Program([node], ("x", "y"), ("k",))
+    x = np.array([0.0, 2.0])
+    slopes = [np.broadcast_to(program(x, x, k)[0], x.shape).tolist() for k in (1.0, 2.0, 3.0)]
+    assert slopes == [[0.0, 0.0], [1.0, 1.0], [0.0, 4.0]]

@@ -12,6 +12,7 @@ from tests.commands import ran, trackbench
 from tests.papers import banana_text
 from trackbench.config.tuning import Axis
 from trackbench.evaluation.metric_expression import measure
+from trackbench.report.figures import captions
 from trackbench.report.figures.banana import PosteriorEllipses
 from trackbench.report.figures.bars import Bars
 from trackbench.report.figures.calibration import CalibrationFigure
@@ -242,6 +243,11 @@ def test_captions_name_metric_filters_and_runs(results: Results) -> None:
     assert caption == (
         "Mean position RMSE over N, a panel for each value of sigma; 8 runs at each value."
     )
+
+
+def test_a_caption_of_no_filter_says_so() -> None:
+    # `--only` may leave out all filters that a figure names.
+    assert captions.filters([]) == "no filter"
 
 
 def test_a_sweep_says_that_it_leaves_out_the_figures_of_the_config(tmp_path: Path) -> None:

@@ -27,6 +27,7 @@ filters:
   Exact: {kind: grid, nodes: 40}
   None: {kind: prior-mean}
 published: [claims.csv]
+metrics: [log_score, bias]
 """.replace("MERWE", merwe_text(T=8))
 CLAIMS = """paper,claim,experiment,left,expression,relation,factor,right
 p,lower at every step,every,Exact,rmse@3..last,<,1,None
@@ -105,6 +106,19 @@ def test_the_weakest_step_decides(results):
         Claim(paper="p", claim="c", left="None", expression=asked, right="Exact"), evidence
     )
     assert turned.verdict.z == pytest.approx(weakest([-z for z in zs.values()], 6))
+
+
+def test_the_better_of_two_runs_has_the_higher_score_or_the_smaller_bias(results):
+    runs = results.runs({})
+    better = {
+        "log_score": runs["UKF", "log_score"] > runs["PF", "log_score"],
+        "bias": np.abs(runs["UKF", "bias"]) < np.abs(runs["PF", "bias"]),
+    }
+    evaluator = Evaluator(results, {})
+    for name, is_better in better.items():
+        term = evaluator.term(measure(f"win_rate({name}, PF)").of("UKF"))
+        assert term.value == is_better.sum() / 80
+        assert term.value != 1.0 - is_better.sum() / 80  # no test if as many are better as worse
 
 
 def test_a_share_of_runs(results):

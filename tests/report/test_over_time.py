@@ -104,8 +104,8 @@ def test_panels_of_nis_have_averages_over_steps(many: Results) -> None:
 
 def test_a_label_without_steps_has_no_panel(many: Results) -> None:
     steps = dict.fromkeys(LABELS, 200)
-    assert Anees(n_x=4).panel_titles(many, steps) == LABELS
-    assert Anees(n_x=4).panel_titles(many, steps | {"Bound": 0}) == LABELS[:6]
+    assert Anees(n_x=4).panel_labels(many, steps) == LABELS
+    assert Anees(n_x=4).panel_labels(many, steps | {"Bound": 0}) == LABELS[:6]
 
 
 def test_the_panels_of_estimates_have_the_errors_of_a_run(many: Results) -> None:

@@ -132,7 +132,9 @@ def test_the_axis_of_an_objective_is_no_expression(
 
 def test_paths_that_vary_together_have_a_value_each() -> None:
     assert heading({"scenario.Q & scenario.R": [1469.1, 15099]}) == "Q = 1469.1, R = 15099"
-    assert heading({"scenario.Q & scenario.P": "[1, [[2]]]"}) == "Q = 1, P = [[2]]"  # from a file
+    assert heading({"scenario.Q & scenario.P": "[1, [[2]]]"}) == "Q = 1, P = 2"  # from a file
+    assert heading({"scenario.target.runs": ["b2"]}) == "runs = b2"
+    assert heading({"scenario.target.runs": "['b2', 'b3']"}) == "runs = b2, b3"
     assert heading({"filters.KF.q & filters.EKF.q": 2}) == "q = 2"
     assert heading({"filters.KF.way & filters.EKF.way": "a b"}) == "way = a b"
     assert heading({"scenario.q": [1, 2]}) == "q = [1, 2]"

@@ -94,10 +94,8 @@ def test_arrays_of_equal_runs_are_the_same_bytes(folders, monkeypatch) -> None:
 
 def test_numbers_beyond_short_ones_stay_exact() -> None:
     positions = np.arange(3)
-    assert (
-        number_arrays._at_positions(np.array([1.0, 2.5, np.inf]), positions, 4).dtype == np.float32
-    )
-    huge = number_arrays._at_positions(np.array([1.0, 1e300, 1e-300]), positions, 4)
+    assert number_arrays._spread(np.array([1.0, 2.5, np.inf]), positions, 4).dtype == np.float32
+    huge = number_arrays._spread(np.array([1.0, 1e300, 1e-300]), positions, 4)
     assert huge.tolist()[:3] == [1.0, 1e300, 1e-300]
 
 

@@ -474,6 +474,18 @@ def _errors(tmp_path: Path, *faults: str) -> Array:
     return (z[1] - truth) / (z[0] - truth)
 
 
+def test_a_fault_in_which_its_sensor_measures_nothing_is_a_mistake(tmp_path: Path) -> None:
+    """Sensor 1 measures at steps 5, 10, 15 and so on."""
+    for steps, is_idle in (([6, 9], True), ([6, 10], False)):
+        fault = f"[{{name: B, kind: bias, sensor: 1, value: {{x: 9}}, steps: {steps}}}]"
+        (tmp_path / "two.yaml").write_text(TWO.replace("FAULTS", fault))
+        if not is_idle:
+            load(tmp_path / "two.yaml")
+            continue
+        with pytest.raises(UserError, match="the sensor measures at no step of it"):
+            load(tmp_path / "two.yaml")
+
+
 NOISE = "{name: N, kind: noise, factor: 10, steps: [10, 30]}"
 WITHIN = "{name: W, kind: noise, factor: 3, steps: [20, 25]}"
 SHARED = "{name: B, kind: outliers, factor: 7, share: 0.5, steps: [5, 9]}"

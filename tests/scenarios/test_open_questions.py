@@ -67,6 +67,13 @@ def test_units_that_no_recording_has_are_asked_for(tmp_path: Path) -> None:
     written(path, "units.range=ft")
 
 
+def test_every_column_in_an_unknown_unit_is_named_in_order(tmp_path: Path) -> None:
+    path = table(tmp_path / "m.csv", "t,y_yd,x_yd", T, Y / 0.9144, X / 0.9144)
+    lines = asked(path).splitlines()
+    named = [line.split(": ")[1] for line in lines if "is unknown here" in line]
+    assert named == ["x_yd", "y_yd"]
+
+
 def test_a_range_without_a_unit_and_with_an_odd_speed_is_asked_about(tmp_path: Path) -> None:
     path = table(tmp_path / "m.csv", "t,range,azimuth", T, RANGE / 1e3, NORTH)
     message = asked(path)

@@ -188,11 +188,11 @@ def _ref_error(ref: str, what: str) -> UserError:
     return UserError(Problem(Mark(f"--against-ref {ref}"), "", what))
 
 
-def _compare_results(stored: Results, new: Results, limit: Limit, largest_cost: float) -> Verdict:
+def _compare_results(stored: Results, new: Results, limit: Limit, largest_ratio: float) -> Verdict:
     """Judge the primary metrics of the filters that both results have.
 
-    The verdict also lists the filters that failed and what the new results lack. ``largest_cost`` is the
-    largest ratio of costs that is accepted; 0 compares no costs.
+    The verdict also lists the filters that failed and what the new results lack. ``largest_ratio`` is
+    the largest ratio of costs that is accepted; 0 compares no costs.
     """
     # Step 1: the tests of filters that both have.
     all_rows, why_not_paired = compare_folders(stored, new)
@@ -208,7 +208,7 @@ def _compare_results(stored: Results, new: Results, limit: Limit, largest_cost: 
     if not rows and not failed and not removed:
         raise UserError("nothing to compare: no filter has an error or score on both sides")
     # Step 3: costs, and notes on what is not compared.
-    rows += _compare_costs(stored, new, largest_cost)
+    rows += _compare_costs(stored, new, largest_ratio)
     notes = []
     if why_not_paired:
         notes.append(f"not paired: {why_not_paired}")

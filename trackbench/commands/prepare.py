@@ -43,51 +43,51 @@ class Options:
     """Options of a run. Those from `out` on, but `filters`, change no number."""
 
     set: Sequence[str] = ()
-    """overrides of keys, `PATH=VALUE` as on the command line"""
+    """values for keys of the config, each as `PATH=VALUE`"""
     only: Sequence[str] = ()
-    """labels of the filters to be run"""
+    """labels of the filters that run; default: all"""
     measurements: Any = None
     """recorded measurements in place of the target's file: a data frame, a mapping of columns, an array
-    (steps, n_z) or (runs, steps, n_z), or a list of them, one for each sensor"""
+    `(steps, n_z)` or `(runs, steps, n_z)`, or a list with one of these for each sensor"""
     truth: Any = None
-    """truth of these measurements: a data frame, a mapping of columns, or an array (runs, steps, n_x)"""
+    """true states that belong to `measurements`: a data frame, a mapping of columns, or an array
+    `(runs, steps, n_x)`"""
     runs: int | None = None
-    """Monte Carlo runs"""
+    """number of Monte Carlo runs; default: that of the config"""
     quick: bool = False
-    """20 runs unless `runs` says how many, and no more than there are recordings"""
+    """20 runs, or all recordings if there are fewer; `runs` sets another number"""
     seed: int | None = None
-    """seed of every random number"""
+    """seed of all random numbers; default: that of the config"""
     grid: Sequence[str] = ()
-    """grids, `PATH=V1,V2,...`, `a..b:n` or `log:a..b:n`"""
+    """values of keys for a sweep, each as `PATH=V1,V2,...`, `PATH=a..b:n` or `PATH=log:a..b:n`"""
     product: bool = False
-    """run every combination of keys of different filters, not one filter after the other"""
+    """combine values of different filters' keys, where otherwise one filter varies after the other"""
     out: Path | str | None = None
-    """results folder; of several configs the one that holds theirs; default: results/NAME"""
+    """results folder; of several configs the folder that contains theirs; default: `results/NAME`"""
     engine: Engine = "processes"
-    """processes, serial or dask"""
+    """where blocks are computed: `processes`, `serial` or `dask`"""
     workers: int | None = None
-    """worker processes; default: all processors"""
+    """number of worker processes; default: one for each processor"""
     scheduler: str | None = None
-    """address of a dask cluster, tcp://host:port"""
+    """address of a dask cluster, `tcp://host:port`"""
     fresh: bool = False
-    """compute again what is kept from before"""
+    """compute and draw everything again, in place of reading it from the cache"""
     times: bool = True
     """measure CPU times where a table, a figure, a published number or a claim names them"""
     save_tracks: bool = False
-    """write every run's track to tracks.npz"""
+    """write the truth, measurements and estimates of every run to `tracks.npz`"""
     formats: Sequence[str] = ("png", "svg")
-    """of figures and tables: png, svg, pdf, tex"""
+    """formats of figures and tables: `png`, `svg`, `pdf`, `tex`"""
     allow_plugins: bool = False
     """run the code of the config's plugins"""
     filters: Sequence[Path | str] = ()
     """Python files whose filters run beside those of the config, each under its kind; their code runs"""
     quiet: bool = False
-    """say nothing of the progress"""
+    """print no progress and no notes"""
     spare: bool = False
-    """write to NAME-quick/ if the results folder has results of more runs"""
-
+    """if the results folder has results of more runs, keep them and write to `NAME-quick/` beside it"""
     shard: str = ""
-    """i/n: compute the i-th of n parts of the blocks into the cache, and write no results"""
+    """`i/n`: compute the i-th of n parts of the blocks into the cache, and write no results"""
 
     def __new__(cls, **options: Any) -> "Options":
         """Return options to initialize; raises UserError for a wrong name."""

@@ -72,7 +72,7 @@ def hints_of(cls: type) -> dict[str, object]:
 
 @_cached
 def file_keys(cls: type) -> frozenset[str]:
-    """Return the keys of a dataclass that hold paths of files or names of environment variables."""
+    """Return the keys of a dataclass that may hold paths of files or names of environment variables."""
     names = set()
     for name, hint in hints_of(cls).items():
         # The annotation stands on the key's type, or on an option or item of it.

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, StringConstraints
 from trackbench.config.published import Published
 from trackbench.config.tuning import Axis, Tuning
 from trackbench.extension_points import Part
-from trackbench.field_types import ONE_LINE, Count, Natural, is_number
+from trackbench.field_types import LEGEND_LABEL, Count, Natural, is_number
 from trackbench.filters.base import AnyFilter
 from trackbench.models.sensors.base import Assume
 from trackbench.plugins.load import Plugin
@@ -43,7 +43,7 @@ Share = Annotated[float | str, AfterValidator(_check_error)]
 
 _DEFAULT_TUNING = Tuning()
 
-Label = Annotated[str, StringConstraints(pattern=ONE_LINE, max_length=80)]
+Label = Annotated[str, StringConstraints(pattern=LEGEND_LABEL, max_length=80)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,7 +103,7 @@ class Settings:
     medians: list[str] = field(default_factory=list)
     """series whose median per step is computed, such as nees"""
     metrics: list[str] | None = None
-    """metrics kept in the CSV files, named without statistic and window: rmse_position; default: all"""
+    """metrics kept in CSV files, without statistic and window: rmse_position; default: all computed"""
     per_step: list[str] | None = None
     """metrics kept in per_step.csv, such as bias_x; default: as `metrics`"""
     grid: dict[str, list[object]] = field(default_factory=dict)

@@ -117,7 +117,10 @@ def assignment(source: Source, text: str) -> tuple[Keys, object, Mark]:
 
 
 def split_assignment(source: Source, text: str, option: str) -> tuple[Keys, str, Mark]:
-    """Split an assignment and keep the value as typed."""
+    """Split ``PATH=VALUE``, given to ``option``, into the path's keys, the value as typed, and a mark.
+
+    Raises UserError for a text without ``=``.
+    """
     mark = Mark(f"{option} {text}")
     equals_places = [i for i, c in enumerate(text) if c == "=" and i > 0]
     if not equals_places or unprintable_reason(text):

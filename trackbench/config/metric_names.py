@@ -175,10 +175,11 @@ def names_of(
     # Step 1: the series of every filter, at the first point of each scenario and at the last.
     for point in _first_points_and_last(points):
         scenario = point.scenario
+        has_faults = scenario.without_faults is not scenario
         names.windows |= set(scenario.windows)
         series_by_counts: dict[frozenset[str], set[str]] = {}
         for label, tracker in (point.filters | left_out).items():
-            series = set(_error_series(settings, scenario, label, tracker))
+            series = set(_error_series(settings, scenario, has_faults, label, tracker))
             series |= set(_predictive_series(settings, scenario, tracker))
             counts: frozenset[str] = frozenset()
             if tracker is not None:
@@ -191,7 +192,7 @@ def names_of(
                     series |= _diagnostics(settings, point.assumed_scenario(label), tracker)
                 except Exception:  # the filter's run will report it
                     names.unprobed.append(_filter_class(settings, label))
-            if "gated" in series and scenario.without_faults is not scenario:
+            if "gated" in series and has_faults:
                 series |= {"rejected_good", "accepted_bad"}
             series_by_counts.setdefault(counts, set()).update(series)
         # Filters with equal counts are added together.
@@ -242,7 +243,7 @@ def _predictive_series(settings: Settings, scenario: Scenario, tracker: Made) ->
 
 
 def _error_series(
-    settings: Settings, scenario: Scenario, label: str, tracker: Made
+    settings: Settings, scenario: Scenario, has_faults: bool, label: str, tracker: Made
 ) -> Iterator[str]:
     """Yield the names of a filter's series of errors."""
     if not scenario.has_truth:
@@ -253,7 +254,7 @@ def _error_series(
         yield joined("squared", quantity)
         if len(error) == 1:
             yield joined("error", quantity)
-        if scenario.without_faults is not scenario:
+        if has_faults:
             yield joined("damage", quantity)
         if settings.reference is not None and label != settings.reference:
             yield joined("rmsd", quantity)

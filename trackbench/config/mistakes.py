@@ -13,7 +13,13 @@ from pydantic_core import ErrorDetails
 
 from trackbench.errors import Mark, Problem
 from trackbench.extension_points import Part, key_of
-from trackbench.field_types import ONE_LINE, DataError, InvalidKeyError, dataclasses_in
+from trackbench.field_types import (
+    LEGEND_LABEL,
+    ONE_LINE,
+    DataError,
+    InvalidKeyError,
+    dataclasses_in,
+)
 from trackbench.yaml_source import Keys, Source, dotted, formula, scalar
 
 REPORTED = "reported"
@@ -262,7 +268,9 @@ def _describe_value(
         return f"{context['tag']!r} is not one of {_without_quotes(context['expected_tags'])}"
     if error_type == "union_tag_not_found":
         return f"needs a {_without_quotes(context['discriminator'])}"
-    if error_type == "string_pattern_mismatch" and context["pattern"] == ONE_LINE:
+    if error_type == "string_pattern_mismatch" and context["pattern"] in (ONE_LINE, LEGEND_LABEL):
+        if str(value).startswith("_"):
+            return f"{text} begins with _, and legends leave such a label out; begin with a letter"
         return formula(str(value)) or f"{text} is not one line of visible characters"
     if error_type == "string_pattern_mismatch":
         return f"{text} must start with a letter or digit and hold only letters, digits, . _ -"

@@ -80,7 +80,7 @@ class PublishedNumber(Printed):
     """interpretation, in a few words: needed where several rows measure one number; the best counts"""
     expression: Measure | None = None
     """what to measure: `mean(rmse)`, `rmse@20`, `ratio(cpu_s_per_run, PF)`, `gain(...)`, `minus(...)`,
-    `win_rate(rmse, PF)`: the share of the runs in which it is less than PF's; `controlled(...)`"""
+    `win_rate(rmse, PF)`: the share of the runs in which it is better than PF's; `controlled(...)`"""
     factor: Positive = 1.0
     """the measured number is multiplied by it: 0.5 where the paper prints the mean over two axes"""
     point: str = ""

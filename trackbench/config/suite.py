@@ -32,8 +32,8 @@ from trackbench.yaml_source import (
     read,
 )
 
-QUICK_RUNS = 4
-"""Runs of each problem with `--quick`."""
+QUICK_RUNS = 8
+"""Runs of each problem with `--quick`: enough to test ratios (`statistics.rules.FEWEST_RUNS`)."""
 _QUICK_TUNING = {"evaluations": 6, "runs": 10}
 """Trials and training runs of each filter with `--quick`."""
 _COPIED = ("title", "paper", "seed", "scenario", "hold_out")

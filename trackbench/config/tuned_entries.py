@@ -379,7 +379,10 @@ TIME = "time"
 
 
 def training_point(source: Source, point: Point) -> Point | None:
-    """Build the point with the scenario that training simulates; None if its keys are mistaken."""
+    """Build the point with the scenario that training simulates; None if its keys are mistaken.
+
+    Without such a scenario in the config it is ``point`` itself, the first of the experiment.
+    """
     if not source.has(TRAINING_SCENARIO) or source.at(TRAINING_SCENARIO) is None:
         return point
     changes = source.at(TRAINING_SCENARIO)
@@ -411,6 +414,7 @@ def held_out_data(experiment: Experiment) -> str:
     judged = experiment.points[0]
     training = experiment.training
     assert training is not None
+    # Of the same recordings either other runs are for training, or the first part of each.
     if same_recordings(judged, training):
         return RUNS if training.scenario.training is None else TIME
     if judged.scenario.recorded_runs or training.scenario.recorded_runs:

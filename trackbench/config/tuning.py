@@ -88,6 +88,7 @@ class Axis:
     def _between_ends(self, share: float) -> float:
         """Return low^(1 - s) high^s on a logarithmic axis, low + s (high - low) on a linear one."""
         if self.log:
+            # These functions take arrays, here of one value.
             logs = elementary.log(np.array([self.low, self.high]))
             log_low = logs[:1]
             log_high = logs[1:]

@@ -1,8 +1,8 @@
 """Contract of a filter: shapes, purity, independence of the runs, agreement with the Kalman filter.
 
 Every check reports in one line. A filter that cannot pass a check by its nature gives the reason in
-a class attribute: ``contract_exemptions = {"kalman": "uses no measurement"}``. The other names are
-``shapes``, ``purity``, ``repeats``, ``independence``, ``gaps`` and ``angles``.
+a class attribute: ``contract_exemptions = {"kalman": "uses no measurement"}``. The names are those of
+`checks.CHECKS`.
 """
 
 import pickle

@@ -6,6 +6,7 @@ pi/2 and -pi/2 in some runs, and stays between them in others, which show how fa
 from a reference filter.
 """
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
@@ -346,16 +347,75 @@ def is_unwrapped(
     return False
 
 
-def deviation(estimates: Estimates, center: Estimates, rows: tuple[int, ...]) -> Array:
+def deviation(
+    estimates: Estimates, center: Estimates, rows: tuple[int, ...], horizon: int | None = None
+) -> Array:
     """Return the largest deviation (M,) of any mean from a reference's, in standard deviations.
 
-    ``center`` are the reference's estimates, ``rows`` those of the state's angles.
+    ``center`` are the reference's estimates, ``rows`` those of the state's angles. Only the first
+    ``horizon`` steps count; default: all.
     """
     sigma = np.sqrt(linalg.diagonal(center.cov))
     mean = near(estimates.mean[: len(sigma)], center.mean, rows)
     ratio = np.abs(mean - center.mean) / np.maximum(sigma, np.finfo(float).tiny)
     # Index 0 of the steps is the prior.
-    return np.nan_to_num(ratio[:, 1:].max(axis=(0, 1)), nan=np.inf)
+    last = None if horizon is None else horizon + 1
+    return np.nan_to_num(ratio[:, 1:last].max(axis=(0, 1)), nan=np.inf)
+
+
+def _steps_before_cuts(problem: ModelDraws, angle: Angle, data: Simulation) -> Array:
+    """Count the first steps (M,) of each run in which its angle passes none of its cuts.
+
+    The true angle and the measured one must stay in the quarter of the circle in which the true angle is
+    at the first step.
+    """
+    steps = problem.steps[1:].tolist()
+    if angle.kind == "state":
+        true_angle = data.truth[angle.row, 1:]
+        measured = np.full(true_angle.shape, np.nan)
+    else:
+        sensor = problem.model.sensor
+        expected = [sensor.measurement(data.truth[:, i], k).mean for i, k in enumerate(steps, 1)]
+        true_angle = np.stack([values[angle.row] for values in expected])
+        measured = data.measurements[angle.row]
+    quarter = _quarter_of_circle(true_angle)
+    measured_quarter = np.where(np.isnan(measured), quarter[0], _quarter_of_circle(measured))
+    stays = (quarter == quarter[0]) & (measured_quarter == quarter[0])
+    return np.logical_and.accumulate(stays, axis=0).sum(axis=0)
+
+
+def _select_runs(data: Simulation, runs: list[int]) -> Simulation:
+    """Return the data of some runs."""
+    prior = data.prior
+    return Simulation(
+        truth=data.truth[..., runs],
+        measurements=data.measurements[..., runs],
+        prior=Gaussian(prior.mean[:, runs], prior.cov[..., runs]),
+    )
+
+
+def _quarter_of_circle(values: Array) -> Array:
+    """Return the number 0 to 3 of the quarter in which angles lie; they count from 0."""
+    return np.floor(np.mod(values, 2.0 * np.pi) / (0.5 * np.pi))
+
+
+def _judged_runs(
+    problem: ModelDraws, angle: Angle, data: Simulation, groups: Sequence[str], ahead: Array
+) -> tuple[list[int], int]:
+    """Select the runs that show whether an angle's cut matters, and the number of steps to compare.
+
+    An angle that wanders also passes a cut in many of the runs elsewhere. Then only the first steps
+    count, up to the last one to which half of these runs pass no cut; the other half is left out. So is
+    a run of another group in which the angle reaches its cut, after ``ahead`` (M,) steps, too late.
+    """
+    is_elsewhere = np.array([name.startswith(_FAR_FROM_CUTS) for name in groups])
+    quiet_steps = _steps_before_cuts(problem, angle, data)
+    horizon = int(np.quantile(quiet_steps[is_elsewhere], 0.5, method="lower"))
+    if horizon <= ahead.min():
+        # The angle wanders so fast that nothing can be compared without a cut.
+        return [*range(len(groups))], len(problem.steps) - 1
+    is_judged = np.where(is_elsewhere, quiet_steps >= horizon, ahead < horizon)
+    return np.flatnonzero(is_judged).tolist(), horizon
 
 
 class _Comparison(NamedTuple):
@@ -448,11 +508,10 @@ def _compare(tracker: AnyFilter, problem: ModelDraws, angle: Angle) -> _Comparis
     group = [group[i] for i in reached]
     if "+-pi" not in group or not any(name.startswith(_FAR_FROM_CUTS) for name in group):
         return None
-    data = Simulation(
-        truth=data.truth[..., reached],
-        measurements=data.measurements[..., reached],
-        prior=Gaussian(data.prior.mean[:, reached], data.prior.cov[..., reached]),
-    )
+    data = _select_runs(data, reached)
+    judged, horizon = _judged_runs(problem, angle, data, group, ahead[reached])
+    group = [group[i] for i in judged]
+    data = _select_runs(data, judged)
     # Step 2: references.
     sensor = problem.model.sensor
     if has_own_density(sensor) and sensor.why_no_moments():
@@ -465,7 +524,7 @@ def _compare(tracker: AnyFilter, problem: ModelDraws, angle: Angle) -> _Comparis
     rows = problem.angle_rows
     # The truth in place of a filter: its covariance is not used.
     truth = Estimates(mean=data.truth, cov=references[0].cov, random=False, series={})
-    errors = [deviation(truth, reference, rows) for reference in references]
+    errors = [deviation(truth, reference, rows, horizon) for reference in references]
     best = int(np.argmin([np.median(error) for error in errors]))
     center = references[best]
     others = [reference for i, reference in enumerate(references) if i != best]
@@ -476,8 +535,9 @@ def _compare(tracker: AnyFilter, problem: ModelDraws, angle: Angle) -> _Comparis
     # reference itself is wrong do not count.
     scale = np.full(len(group), _LEAST_SCALE)
     for other in others:
-        scale = np.maximum(scale, deviation(other, center, rows))
-    ratio = np.where(errors[best] < _SOUND, deviation(tested, center, rows) / scale, 0.0)
+        scale = np.maximum(scale, deviation(other, center, rows, horizon))
+    deviations = deviation(tested, center, rows, horizon)
+    ratio = np.where(errors[best] < _SOUND, deviations / scale, 0.0)
     return _Comparison(
         ratio=ratio,
         group=tuple(group),
@@ -490,8 +550,9 @@ def _compare(tracker: AnyFilter, problem: ModelDraws, angle: Angle) -> _Comparis
 def _cut_of_fault(compared: _Comparison) -> str:
     """Return the cut at which the largest share of the runs is wrong, if these are too many; else "".
 
-    A cut is a value at which the angle may jump, such as +-pi or 0. The wrong runs of a filter that
-    draws are too many if chance does not explain them, in comparison with the runs elsewhere.
+    A cut is a value at which the angle may jump, such as +-pi or 0. A filter that draws is wrong in
+    some runs by chance, and so is one with a gate, which is then wrong in some runs elsewhere, too. Its
+    wrong runs are too many if chance does not explain them, in comparison with the runs elsewhere.
     """
     beyond = compared.ratio > compared.limit
     shares = {name: float(beyond[compared.of_group(name)].mean()) for name in {*compared.group}}
@@ -499,6 +560,7 @@ def _cut_of_fault(compared: _Comparison) -> str:
     # compare with the two best of them only.
     quiet = sorted(compared.elsewhere, key=shares.__getitem__)[:2]
     is_quiet = np.any([compared.of_group(name) for name in quiet], axis=0)
+    is_by_chance = compared.random or bool(beyond[compared.is_elsewhere].any())
     cuts = [name for name in _RUNS_BY_CUT if name in shares]
     for cut in sorted(cuts, key=shares.__getitem__, reverse=True):
         is_here = compared.of_group(cut)
@@ -508,7 +570,7 @@ def _cut_of_fault(compared: _Comparison) -> str:
         chance = _fisher(
             number, int(is_here.sum()), int(beyond[is_quiet].sum()), int(is_quiet.sum())
         )
-        if not compared.random or chance < _CHANCE:
+        if not is_by_chance or chance < _CHANCE:
             return cut
     return ""
 

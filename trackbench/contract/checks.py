@@ -4,6 +4,7 @@ import random
 from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import fields, is_dataclass, replace
+from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
@@ -314,9 +315,9 @@ def _check_unequal_intervals(tracker: AnyFilter, scenario: ModelDraws) -> None:
     # Step 1: its errors, in comparison with reference filters.
     precise_tracker = _with_many_particles(tracker)
     runs = _runs_for(tracker)
-    if misfit(precise_tracker, scenario, runs):
+    if _compare_with_references(precise_tracker, scenario):
         raise LeftOutError("the errors do not fit at equal intervals, either")
-    what = misfit(precise_tracker, other, runs)
+    what = _compare_with_references(precise_tracker, other)
     if what:
         raise ContractError(f"fits at equal intervals and not at unequal ones: {what}")
     # Step 2: its estimates, if they equal those of the EKF at equal intervals. They show a wrong Q,
@@ -326,6 +327,16 @@ def _check_unequal_intervals(tracker: AnyFilter, scenario: ModelDraws) -> None:
     what = _difference_from_ekf(precise_tracker, other, runs)
     if what:
         raise ContractError(f"is the EKF at equal intervals and not at unequal ones: {what}")
+
+
+@lru_cache(maxsize=4)
+def _compare_with_references(tracker: AnyFilter, problem: ModelDraws) -> str:
+    """Describe how a filter's errors and covariances differ from those of reference filters.
+
+    Two checks ask for the comparison on the problem of a config, so it is computed once. A plugin or
+    program that was edited is another filter.
+    """
+    return misfit(tracker, problem, _runs_for(tracker))
 
 
 def _runs_for(tracker: AnyFilter) -> int:
@@ -370,7 +381,7 @@ def _check_consistency(tracker: AnyFilter, scenario: Scenario) -> None:
     precise_tracker = _with_many_particles(tracker)
     for problem in problems:
         drawn_problem = problem if isinstance(problem, ModelDraws) else ModelDraws(base=problem)
-        what = misfit(precise_tracker, drawn_problem, _runs_for(precise_tracker))
+        what = _compare_with_references(precise_tracker, drawn_problem)
         if what:
             raise ContractError(what)
 

@@ -10,7 +10,7 @@ from numpy.random import Generator
 from trackbench.core.arrays import Array, Index, Mask, freeze
 from trackbench.core.random_streams import position_of, put_back
 from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.predictive_scores import after_first, visible_to_filter
+from trackbench.evaluation.predictive_scores import visible_to_filter, with_nan_first
 from trackbench.filters.base import WrongReturnError
 from trackbench.models.sensors.base import Sensors, rows_of
 from trackbench.scenarios.base import Simulation
@@ -110,7 +110,7 @@ class Deliveries:
         number = np.zeros(counted.shape[1:])
         run = np.nonzero(counted)[2]
         np.add.at(number, (self._arrival[counted], run), 1.0)
-        return after_first(number)
+        return with_nan_first(number)
 
     @property
     def steps_per_step(self) -> float:

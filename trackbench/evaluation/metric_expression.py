@@ -7,7 +7,7 @@
 ``efficiency``                 the reference's RMSE over the filter's, from its distance to it
 ``anees``, ``cpu_s_per_run``   a number of that name in summary.csv or timing.csv; a filter's key
 ``gain(mean(rmse), PF)``       percent below the filter PF; ``ratio`` to it, ``minus`` it
-``win_rate(rmse, PF)``         share of the runs in which the metric is below PF's
+``win_rate(rmse, PF)``         share of the runs in which the metric is better than PF's
 ``controlled(rms(rmse), KF)``  with KF, of which the exact error is known, as control variate
 =============================  ==================================================================
 """

@@ -214,7 +214,7 @@ class PredictionScorer:
             rows |= innovation_series(nu, S, refused)
         if self._held_out is not None:
             rows |= self._held_out_series(self._held_out)
-        return {name: after_first(values) for name, values in rows.items()}
+        return {name: with_nan_first(values) for name, values in rows.items()}
 
     def _step_aside(self, step: Step, z: Array) -> Any:
         """Return the state after the step if it is given z (n_z, M) instead of its own measurements."""
@@ -285,7 +285,7 @@ def _finite(stored: Gaussian | None) -> Gaussian | None:
     return stored
 
 
-def after_first(rows: Array) -> Array:
+def with_nan_first(rows: Array) -> Array:
     """Return the series (T + 1, M) of values (T, M), NaN for the first state."""
     return np.vstack([np.full_like(rows[:1], np.nan), rows])
 

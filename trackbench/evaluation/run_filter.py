@@ -22,7 +22,7 @@ from trackbench.evaluation.consistency_and_calibration import (
     observable_errors,
 )
 from trackbench.evaluation.late_measurements import Deliveries, Refilter, deliveries
-from trackbench.evaluation.predictive_scores import PredictionScorer, Step, after_first
+from trackbench.evaluation.predictive_scores import PredictionScorer, Step, with_nan_first
 from trackbench.evaluation.validate_output import (
     check_axes,
     check_estimate,
@@ -376,7 +376,7 @@ class _Recorder:
             unused = np.isnan(z)
             if refused is not None:
                 unused |= refused
-            number = after_first(unused.sum(axis=0).astype(float))
+            number = with_nan_first(unused.sum(axis=0).astype(float))
             series["unused_nis"] = np.where(np.isnan(nis), np.nan, number)
         # Covariances of the shown runs (n, n, T + 1, r).
         cov = np.stack(self._covs, axis=2) if self._covs else None

@@ -34,7 +34,7 @@ def estimate_cpu_s(task: BlockTask) -> float:
 
 
 def _trial_cpu_s(task: BlockTask, data: Simulation, steps: int) -> float:
-    """Measure the CPU seconds of the first steps."""
+    """Measure the CPU seconds in which the filter runs over the first ``steps`` steps."""
     scenario = cast(Scenario, _FirstSteps(task.scenario, steps))
     first_data = data._replace(
         truth=data.truth[:, : steps + 1],

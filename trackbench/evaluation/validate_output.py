@@ -111,7 +111,7 @@ def checked_metrics(values: dict[str, Any], runs: int) -> dict[str, Array]:
 
 
 def check_names(names: Iterable[str]) -> None:
-    """Raise ValueError at the name of a diagnostic that would replace a metric of the errors."""
+    """Raise ValueError at the name of a diagnostic that could be that of a metric of the errors."""
     for name in names:
         if is_reserved(name):
             why = "as metrics of errors are"

@@ -48,7 +48,7 @@ def start_forkserver(*modules: str) -> None:
 
 @contextmanager
 def _safe_path() -> Iterator[None]:
-    """Start Python processes that import nothing from the working folder.
+    """Let Python processes that start meanwhile import nothing from the working folder.
 
     Workers get the path of this process when they begin.
     """

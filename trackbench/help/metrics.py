@@ -17,7 +17,7 @@ how it is written:
   mean(rmse[turns])         a statistic over the runs, here of a window of steps
   rmse@20, rmse@last        a metric at a step
   gain(mean(rmse), PF)      percent below the filter PF; ratio(...) to it, minus(...) it
-  win_rate(rmse, PF)           share of the runs in which it is less than PF's
+  win_rate(rmse, PF)           share of the runs in which it is better than PF's
   controlled(rms(rmse), KF)    with a filter of the key `exact` as control variate"""
 
 

@@ -42,6 +42,7 @@ _STATES_PER_CALL = 512  # of a function that takes displaced states side by side
 _OF_SPREAD = 1e-4  # least step, in standard deviations of the component
 
 
+@cache
 def position_velocity_names(axes: int) -> tuple[str, ...]:
     """Return the names of position and velocity along ``axes`` axes in turn: px, vx, py, ..."""
     return tuple(kind + axis for axis, kind in product(AXES[:axes], "pv"))

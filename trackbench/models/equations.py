@@ -44,6 +44,7 @@ class Program:
     def __init__(
         self, outputs: Sequence[Node], arrays: Sequence[str], scalars: Sequence[str] = ()
     ) -> None:
+        """Compile the expressions ``outputs`` of the variables ``arrays`` and ``scalars``."""
         # A slot is the place of a value in a list of all values; the variables have the first ones.
         self._slots: dict[tuple[object, ...], int] = {
             ("name", name): i for i, name in enumerate((*arrays, *scalars))
@@ -171,6 +172,7 @@ class Equations:
         T: float | None = None,
         inputs: Sequence[str] = (),
     ) -> None:
+        """Add all names, the ``parts`` last and in order, as each may use the names before it."""
         self.components = tuple(components)
         self.scalars = (*scalars, *inputs)
         self.names: dict[str, Node] = {}
@@ -283,6 +285,10 @@ class ArrayProgram:
     """Expressions that fill an array (*shape, *batch) for states x (n_x, *batch)."""
 
     def __init__(self, equations: Equations, nodes: Sequence[Node], shape: tuple[int, ...]) -> None:
+        """Compile ``nodes``, the entries of an array of this shape in order of its memory.
+
+        ``equations`` have the names of the variables.
+        """
         self.shape = shape
         self._equations = equations
         self._nodes = nodes

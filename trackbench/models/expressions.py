@@ -167,8 +167,8 @@ class _Parser:
         known = ", ".join(sorted(self.names))
         what = f"unknown name {name!r}; known: {known}"
         if name in ("T", "t", "dt", "time") and "k" in self.names:
-            given = "" if "T" in self.names else " with `parameters: {T: 2}`"
-            what += f"; at equal intervals the time is k * T{given}"
+            way_to_name_T = "" if "T" in self.names else " with `parameters: {T: 2}`"
+            what += f"; at equal intervals the time is k * T{way_to_name_T}"
         raise _mistake(tree, what)
 
     def _call(self, tree: ast.expr, name: str, arguments: Sequence[ast.expr]) -> Node:
@@ -414,8 +414,11 @@ def _binary_derivative(node: Node, u: Node, v: Node, du: Node, dv: Node) -> Node
                 return _product(_product(TWO, u), du)
             return _product(_product(v, operate("**", u, number(v.value - 1.0))), du)
         case "**" if _is_number(dv, 0.0):
-            # The exponent is a number of the step, such as k.
-            lower = operate("**", u, operate("-", v, ONE))
+            # The exponent is a number of the step, such as k: (u^v)' = v u^(v - 1) u'. For v = 0 the
+            # factor u^(v - 1) becomes u^0, since 0 times 0^-1 is no number.
+            is_zero = operate("*", operate("not above", v, ZERO), operate("not above", ZERO, v))
+            exponent = operate("+", operate("-", v, ONE), is_zero)
+            lower = operate("**", u, exponent)
             return _product(_product(v, lower), du)
         case "**":
             # (u^v)' = u^v (v' log u + v u' / u)

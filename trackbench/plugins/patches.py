@@ -23,7 +23,10 @@ OwnValues: TypeAlias = tuple[Names, Bodies]
 
 
 def own_values() -> OwnValues:
-    """Record the values of the modules and classes of the package, numpy and scipy."""
+    """Record the values of the package's, numpy's and scipy's modules and classes.
+
+    Of each function among the values its code and default values are recorded, too.
+    """
     names = []
     bodies = {}
     for holder in _modules_and_classes():
@@ -49,7 +52,8 @@ def _modules_and_classes() -> Iterator[Any]:
 
 
 def _function_body(function: FunctionType) -> tuple[Any, ...]:
-    return tuple(getattr(function, attribute) for attribute in _BODY)
+    # Written out for speed: some 16 000 functions are read for each block of a plugin's filter.
+    return function.__code__, function.__defaults__, function.__kwdefaults__
 
 
 def undo_patches(before: OwnValues) -> list[str]:

@@ -121,6 +121,7 @@ def compare_folders(a: Results, b: Results) -> tuple[list[Row], str]:
     statistics = partial(compared_statistic, a.config)
     why_unpaired = _why_unpaired(a, b, points)
     stored = all(results.has_runs for results in (a, b))
+    # Filters whose numbers have no randomness.
     exact = set(a.deterministic) & set(b.deterministic)
     # A folder of an older version has fewer digits of filters without random numbers.
     rounded_labels = set()
@@ -149,10 +150,14 @@ def compare_folders(a: Results, b: Results) -> tuple[list[Row], str]:
 
 
 def judge_rows(rows: Sequence[Row]) -> list[Row]:
-    """Judge the rows by the rule for filters; the rows of a metric are a family of tests."""
+    """Return the rows with their verdicts, by the rule for filters.
+
+    The rows of a metric are a family of tests.
+    """
     row_by_index = dict(enumerate(rows))
     for metric in dict.fromkeys(row.metric for row in rows):
         metric_rows = {i: row for i, row in row_by_index.items() if row.metric == metric}
+        # The comparisons with p corrected for the number of tests.
         changes = as_family({i: row.change for i, row in metric_rows.items()})
         worse = as_family({i: row.worse for i, row in metric_rows.items()})
         for i, row in metric_rows.items():
@@ -161,11 +166,12 @@ def judge_rows(rows: Sequence[Row]) -> list[Row]:
 
 
 def _verdict(row: Row) -> str:
-    """Return the word on a row whose comparisons are corrected for their number."""
+    """Return the word on a row whose p-values are corrected for the number of tests."""
     if row.how == EQUAL:
         return EQUAL
     if not row.change.sign:
         return ALIKE if row.change.is_tested else UNTESTED
+    # The sign is positive if the second folder is significantly farther from the best value.
     if row.worse.sign > 0:
         return WORSE
     if row.worse.sign < 0:
@@ -190,14 +196,19 @@ def _why_unpaired(a: Results, b: Results, points: Iterable[GridPoint]) -> str:
 
 
 def _compared_scenario(results: Results, point: GridPoint) -> dict[str, Any]:
-    """Return the scenario's keys, its number of steps as ``#``, and a constant for ``assume``."""
+    """Return what decides the data: the scenario's keys, but for ``assume``, and the number of steps.
+
+    The number of steps is under ``#``, which is no key of a scenario. What filters assume changes no
+    data, so that ``assume`` has a constant.
+    """
     return {**results.facts(point).scenario, "#": results.steps(point), "assume": 0}
 
 
 def _agree(a: Any, b: Any, folder_a: Path, folder_b: Path) -> bool:
     """Test whether two scenarios, or values in them, agree in all common keys.
 
-    Two different paths, each in its folder, agree if their files have the same content.
+    Two different texts agree if they are paths of files, from ``folder_a`` and ``folder_b``, with the
+    same content.
     """
     if isinstance(a, dict) and isinstance(b, dict):
         return all(_agree(a[key], b[key], folder_a, folder_b) for key in a.keys() & b.keys())
@@ -240,10 +251,10 @@ def _numbers(
         if metric == "lost":
             values = (values != 0.0) * 1.0
         first_values = values[:runs]
-        # Normalized squares are compared per component.
-        values_by_name = {
-            row: first_values / n for row, n in per_component(measured(metric), sizes)
-        }
+        # Normalized squares are compared per component: `nees` is replaced with `anees`.
+        values_by_name = {}
+        for name, components in per_component(measured(metric), sizes):
+            values_by_name[name] = first_values / components
         for name, named_values in (values_by_name or {metric: first_values}).items():
             samples[label, name] = Sample(named_values, statistics(name))
     return samples
@@ -262,6 +273,7 @@ def _summary_rows(
         label = row["filter"]
         if label not in results.filters or not (m.is_row or m.statistic == statistics(m.metric)):
             continue
+        # A mean has the name of its metric, as in `with_statistic`: `rmse`, but `rms(rmse)`.
         name = m.name if m.statistic in ("", "mean") else str(m)
         numbers[label, name] = RunEstimate(
             value=row["value"], stderr=row["stderr"], influences=None, runs=row["runs"]
@@ -281,9 +293,10 @@ def rows_of(
     paired: bool,
     is_exact: bool,
 ) -> Iterator[Row]:
-    """Yield the row that compares a metric of two folders.
+    """Yield the row that compares a metric of two folders; no row if they have no run in common.
 
-    If the folders differ in which runs have infinite values, a row of their share comes before it.
+    If the folders differ in which runs have infinite values, a row with the share of these runs comes
+    before it.
 
     Parameters
     ----------
@@ -329,7 +342,7 @@ def rows_of(
         if is_exact:  # a difference of numbers without randomness is real
             change = change._replace(z=_infinite_z(change))
             worse = worse._replace(z=_infinite_z(worse))
-        elif is_event(row_metric):
+        elif is_event(row_metric):  # a larger share of runs is worse
             change = change._replace(z=sign_test(b.values, a.values))
             worse = change
     else:
@@ -353,12 +366,13 @@ def _infinite_z(comparison: Comparison) -> float:
 def _compare_distances(
     metric: str, change: Comparison, compare_numbers: Callable[..., Comparison]
 ) -> Comparison:
-    """Return the change of the distance from the metric's best value; positive means worse.
+    """Compare the distances of both folders' numbers from the metric's best value; positive is worse.
 
-    z is NaN for a metric without a best value. ``compare_numbers`` compares two numbers as the change
-    does: on common runs, or independent.
+    ``change`` compares the numbers themselves. z is NaN for a metric without a best value.
+    ``compare_numbers`` compares two numbers as the change does: on common runs, or independent.
     """
     best = measured(metric).definition.better
+    # The lower number is better, of a share of runs as well.
     if best == "lower" or is_event(metric) or change.is_equal:
         return change
     if best == "higher":
@@ -384,7 +398,7 @@ def _compare_distances(
 def table_of(title: str, rows: Sequence[Row], names: tuple[str, str]) -> TextTable:
     """Tabulate the numbers that differ; a note names the filters of which no number differs.
 
-    ``names`` are those of the two folders, as column headings.
+    ``names`` are the names of the first and second folder, as column headings.
     """
     heads = ["Filter", "Metric", *names, "Difference", "Change", "z", "Verdict"]
     table = TextTable(title, heads)
@@ -392,6 +406,7 @@ def table_of(title: str, rows: Sequence[Row], names: tuple[str, str]) -> TextTab
         if row.how == EQUAL:
             continue
         z = row.change.z
+        # The comparison ``change`` is of the second folder, its a, with the first, its b.
         numbers = [
             rounded(row.change.b.value, nan, 4),
             rounded(row.change.a.value, nan, 4),
@@ -416,7 +431,7 @@ def _with_unit(metric: str) -> str:
     if metric.endswith(INFINITE):
         return metric
     unit = unit_of(measured(metric).metric)
-    if unit == "1":
+    if unit == "1":  # a pure number
         return metric
     return phrases.in_unit(metric, unit)
 
@@ -433,7 +448,7 @@ def _change(row: Row) -> str:
     has the difference itself.
     """
     difference = row.difference.value
-    before = row.change.b.value
+    before = row.change.b.value  # the first folder's number
     if not isfinite(difference):
         return "–"
     if is_event(row.metric):
@@ -457,7 +472,10 @@ def changes(rows: Sequence[Row], verdict: str) -> list[str]:
 
 
 def conclusion(rows: Sequence[Row], names: tuple[str, str]) -> str:
-    """Write the comparison in sentences; ``names`` are those of the two folders."""
+    """Write the comparison in sentences.
+
+    ``names`` are the names of the first and second folder, ``a`` and ``b`` of `compare_folders`.
+    """
     equal = sum(row.how == EQUAL for row in rows)
     if equal == len(rows):
         return f"All {counted(equal, 'number')} are equal, byte for byte."
@@ -485,9 +503,10 @@ def conclusion(rows: Sequence[Row], names: tuple[str, str]) -> str:
 
 
 def draw(rows: Sequence[Row], names: tuple[str, str]) -> "Figure":
-    """Return a panel for each primary metric that changed: differences of the filters that did.
+    """Draw a panel for each primary metric that changed: the difference of each filter that changed.
 
-    ``names`` are those of the two folders.
+    A difference is the second folder's number minus the first's. ``names`` are the names of the first
+    and second folder. If nothing changed, all primary metrics are drawn.
     """
     primary = [row for row in rows if row.is_primary and isfinite(row.difference.value)]
     drawn = [row for row in primary if row.how != EQUAL] or primary
@@ -496,6 +515,7 @@ def draw(rows: Sequence[Row], names: tuple[str, str]) -> "Figure":
     counts = Counter(row.metric for row in drawn)
     most = max((counts[metric] for metric in metrics), default=1)
     with style.rc_context():
+        # The height of a panel grows with its rows, inches.
         figure, axes = style.panel_grid(len(metrics), 0.9 + 0.22 * most, 0.5)
         for ax, metric in zip(axes, metrics, strict=False):
             panel_rows = [row for row in drawn if row.metric == metric]

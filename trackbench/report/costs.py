@@ -108,7 +108,8 @@ class Curve:
         for left in reversed(range(len(log_costs) - 1)):
             ends = log_costs[left : left + 2]
             if min(ends) <= log_cost <= max(ends) and ends[0] != ends[1]:
-                return self._interpolate(left, log_costs, log_cost, logarithm(cost).stderr)
+                cost_stderr = logarithm(cost).stderr
+                return self._interpolate(left, log_costs, log_cost, cost_stderr)
         return None
 
     @ignore_float_errors
@@ -181,7 +182,10 @@ def cost_conflicts(
 
 
 def compared_labels(results: Results, labels: Collection[str] | None) -> list[str]:
-    """Return the filters that are compared: those of ``labels``, or all but the reference."""
+    """Return the filters that are compared: those of ``labels``, or if it is None all but the reference.
+
+    Bounds and exact errors are left out.
+    """
     reference = None
     if labels is None:
         reference = results.config.get("reference")
@@ -217,6 +221,7 @@ def curves(
             size = float(filters[label].get(key, np.nan))
             new_form = _Form(label=label, other_keys=other_keys, spots={})
             form = forms.setdefault((label, json.dumps(other_keys)), new_form)
+            # If several points of the grid give the filter the same keys, the first one counts.
             if size not in form.spots:
                 time = evaluator.term(_TIME.of(label))
                 steps = results.steps(point)
@@ -246,7 +251,7 @@ def logarithm(term: RunEstimate) -> RunEstimate:
 
 
 def _second_difference(x: Sequence[float], y: Sequence[RunEstimate], i: int) -> float:
-    """Return the divided difference ``f[x_i, x_i+1, x_i+2]``."""
+    """Return Newton's divided difference ``y[x_i, x_i+1, x_i+2]`` of the values y at the places x."""
     first = np.divide(y[i + 1].value - y[i].value, x[i + 1] - x[i])
     second = np.divide(y[i + 2].value - y[i + 1].value, x[i + 2] - x[i + 1])
     return float((second - first) / (x[i + 2] - x[i]))
@@ -260,7 +265,7 @@ def compare_at(a: AtCost, b: AtCost) -> Comparison:
 def front(spots: Sequence[Spot], higher: bool = False) -> Iterator[Spot]:
     """Yield the spots, the cheapest first, that are better than all others of the same cost or less.
 
-    A lower value is better, or a ``higher`` one, as of an efficiency.
+    The lower ``error`` is better; if ``higher``, as of an efficiency, the larger one is.
     """
     # Times this sign, a lower value is a better one.
     sign = -1.0 if higher else 1.0

@@ -73,6 +73,7 @@ class Evaluator:
         if m.is_efficiency:
             return self._efficiency(m, common)
         over_runs = self._statistic_over_runs(m)
+        # Without values per run the number itself is stored, and has no influences.
         if over_runs is None:
             if m.steps is None:
                 return self._plain(m)
@@ -96,7 +97,9 @@ class Evaluator:
         key = (m.filter, m.name)
         if not m.is_over_runs or m.statistic not in ("mean", "rms") or key not in self._steps:
             return None
-        return OfSteps.of(float(self.runs[key][0]), self._steps[key])
+        # Over one run its value is the mean as well as the rms.
+        value_of_run = float(self.runs[key][0])
+        return OfSteps.of(value_of_run, self._steps[key])
 
     @cached_property
     def _steps(self) -> dict[tuple[str, str], Array]:
@@ -132,8 +135,9 @@ class Evaluator:
 
         Returns
         -------
-        Name of the statistic, and the values (M,) of the runs, NaN where a run is lost. None for a
-        measure that is no statistic over runs, or not in the results.
+        Name of the statistic, and the values (M,) of the runs, NaN where a run is lost. Of a share of
+        runs the values are 1 in a run with the event and 0 in one without it. None for a measure that is
+        no statistic over runs, or not in the results.
         """
         over_runs = self._statistic_over_runs(m)
         if over_runs is None or (m.filter, over_runs.name) not in self.runs:
@@ -151,12 +155,12 @@ class Evaluator:
         per_step = self.results.columns("per_step", self.point)
         series = per_step.where(filter=m.filter, metric=m.metric)
         steps = {int(step) for step in series["step"]}
-        # Steps of which per_run.csv has each run's contribution.
+        # Steps of which per_run.csv has each run's value, under a name such as rmse@20.
         for label, name in self.runs:
             if label == m.filter:
-                share = measured(name)
-                if share.step is not None and share.metric == m.metric:
-                    steps.add(share.step)
+                stored_measure = measured(name)
+                if stored_measure.step is not None and stored_measure.metric == m.metric:
+                    steps.add(stored_measure.step)
         return m.at_each(sorted(steps))
 
     @ignore_float_errors
@@ -183,7 +187,7 @@ class Evaluator:
         # Two variances as such, neither of them a gain or a ratio to another filter.
         if all(m.statistic == "variance" and not m.relation for m in (left, right)):
             return as_difference_of_variances(term, a, b, factor)
-        # Of shares that are added the limits of their difference would be wrong.
+        # A negative factor adds the shares, and the limits of a difference would be wrong for a sum.
         if isinstance(a, Share) and isinstance(b, Share) and factor >= 0.0:
             return as_difference_of_proportions(term, a, b, factor)
         return term
@@ -208,7 +212,7 @@ class Evaluator:
             ratio = self._paired_times(mine, other) or ratio
         if m.relation == "ratio":
             return ratio
-        return gain(ratio)
+        return gain(ratio)  # how many percent the ratio is below one
 
     @ignore_float_errors
     def _controlled(self, mine: Measure, other: Measure) -> RunEstimate:
@@ -218,6 +222,7 @@ class Evaluator:
         """
         exact = self.exact(other)
         common = self._common_runs(mine, other)
+        # Influences are centered on zero, so that sums of their products are covariances.
         a = self.term(mine, common).influences
         b = self.term(other, common).influences
         if exact is None or a is None or b is None:
@@ -228,7 +233,7 @@ class Evaluator:
         return term._replace(value=term.value + beta * exact)
 
     def exact(self, m: Measure) -> float | None:
-        """Return the exact value of a linear filter's measure, if the results have it."""
+        """Return the exact value of a linear filter's measure; None if the results do not have it."""
         exact_measure = m.of(exact_label(m.filter))
         if m.steps:
             term = self._at_step(exact_measure)
@@ -265,7 +270,7 @@ class Evaluator:
         return estimates
 
     def _paired_times(self, mine: Measure, other: Measure) -> RunEstimate | None:
-        """Return the median ratio of two filters' CPU times, repeat by repeat.
+        """Return the ratio of the CPU times of ``mine`` and ``other``: the median over the repeats.
 
         None unless both have equally many repeats, at least two.
         """
@@ -279,7 +284,7 @@ class Evaluator:
         return RunEstimate(value=ratio.value, stderr=ratio.stderr, influences=None, runs=len(a))
 
     def _statistic_over_runs(self, m: Measure) -> _OverRuns | None:
-        """Return the statistic over the values per run that a measure is.
+        """Find the metric of per_run.csv and the statistic over its values that make the measure.
 
         None if per_run.csv has no such values, as for CPU times.
         """
@@ -302,7 +307,10 @@ class Evaluator:
         return None
 
     def _common_runs(self, *sides: Measure) -> Mask | bool:
-        """Find the runs (M,) that have a value of every side's measure; True for all runs."""
+        """Return a mask (M,) of the runs that have a value of every side's measure.
+
+        It is True, for all runs, if no side has values per run.
+        """
         common: Mask | bool = True
         for side in sides:
             # A side that relates two filters needs both of them.
@@ -316,12 +324,15 @@ class Evaluator:
         return common
 
     def _values_of(self, m: Measure) -> Array | None:
-        """Read the values (M,) of the runs that a measure is of, NaN where it has none."""
+        """Return values (M,) that are NaN in the runs without a value of the measure.
+
+        None if the measure is not made of values per run.
+        """
         if m.is_efficiency:
             floor, distance = self.reference_and_rmsd(m)
             if floor is None or distance is None:
                 return None
-            return floor + distance
+            return floor + distance  # NaN if either is: an efficiency has no value of a run
         over_runs = self._statistic_over_runs(m)
         if not over_runs:
             return None
@@ -329,12 +340,25 @@ class Evaluator:
 
     @ignore_float_errors
     def _win_rate(self, mine: Measure, other: Measure) -> RunEstimate:
-        """Estimate the share of the common runs in which a filter's metric is below another's."""
+        """Estimate the share of the common runs in which a filter's metric is better than another's.
+
+        Larger is better for a score; for a metric that is best near zero the smaller size is better. For
+        any other metric the smaller value counts as better.
+        """
         a = self.runs.get((mine.filter, str(mine)))
         b = self.runs.get((other.filter, str(other)))
         if a is None or b is None:
             return MISSING
-        return self._share(mine.filter, np.where(np.isnan(a) | np.isnan(b), np.nan, a < b))
+        match mine.definition.better:
+            case "higher":
+                is_better = a > b
+            case "zero":
+                is_better = np.abs(a) < np.abs(b)
+            case "one":
+                is_better = np.abs(a - 1.0) < np.abs(b - 1.0)
+            case _:
+                is_better = a < b
+        return self._share(mine.filter, np.where(np.isnan(a) | np.isnan(b), np.nan, is_better))
 
     def _share(self, label: str, values: Array, common: Mask | bool = True) -> RunEstimate:
         """Return the share of the runs with a value (M,) above zero among those with a value.
@@ -357,6 +381,7 @@ class Evaluator:
         """
         finite = ~np.isnan(values)
         is_lost = ~finite
+        # The metric ``lost`` is the code of the reason, and 0 in a run that is kept.
         codes = self.runs.get((label, "lost"))
         if codes is not None:
             is_lost = codes > 0
@@ -381,6 +406,7 @@ class Evaluator:
 
         Only runs in ``common`` (M,) count.
         """
+        # In each run the RMSE of the reference, and the RMS difference of the filter from it.
         floor, distance = self.reference_and_rmsd(m)
         if floor is None or distance is None:
             return MISSING
@@ -401,9 +427,9 @@ class Evaluator:
         )
 
     def reference_and_rmsd(self, m: Measure) -> tuple[Array | None, Array | None]:
-        """Return each run's RMSE of the reference and the filter's difference from it, (M,) each.
+        """Return each run's RMSE of the reference, and its RMS difference of the filter from it.
 
-        They are None if the results lack them. The reference differs from itself by zero.
+        Both are (M,), and None if the results lack them. The reference differs from itself by zero.
         """
         rmse, distance = m.made_of()
         reference = self.results.config.get("reference")
@@ -418,8 +444,10 @@ class Evaluator:
         step = m.steps.first if m.steps else "last"
         per_step = self.results.columns("per_step", self.point)
         rows = per_step.where(filter=m.filter, metric=series)
-        if len(rows):
-            rows = rows.where(step=rows["step"].max() if step == "last" else int(step))
+        if not len(rows):
+            return MISSING
+        number = rows["step"].max() if step == "last" else int(step)
+        rows = rows.where(step=number)
         if not len(rows):
             return MISSING
         row = next(rows.records())
@@ -444,7 +472,7 @@ class Evaluator:
         return RunEstimate(value=float(number), stderr=0.0, influences=None, runs=1)
 
     def values(self, m: Measure) -> Array | None:
-        """Return the values (M',) of the runs that a statistic is of, without lost runs.
+        """Return the values (M',) that a statistic over runs is computed from, without lost runs.
 
         None for a measure that is no statistic over runs, or not in the results.
         """
@@ -457,5 +485,5 @@ class Evaluator:
 
 
 def repeats_of(row: dict[str, Any]) -> Array:
-    """Return CPU seconds per run of each repeat, from a row of timing.csv."""
+    """Return CPU seconds per run of each repeat, from a row of timing.csv: ``0.12;0.13``."""
     return np.array([float(s) for s in str(row.get("repeats", "")).split(";") if s])

@@ -68,9 +68,10 @@ class FigureKind(DrawnExhibit):
         return ""
 
     def with_best(self, results: "Results") -> "FigureKind":
-        """Return the figure; if it compares some of the filters, the best ones are among them.
+        """Return the figure, with the best filters added to its key ``filters`` if it compares several.
 
-        A figure of one filter, or of all of them, is returned as it is.
+        They are the best filter of each scenario, or if none is best the one with the best number. A
+        figure of one filter, or of all of them, is returned as it is.
         """
         if self.filters is None or len(self.filters) < 2:
             return self

@@ -52,7 +52,7 @@ def explain_content_errors(folder: Path | str) -> Iterator[None]:
     except OSError as error:
         raise RunError(f"{error.filename or folder}: {reason(error)}") from error
     except Exception as error:
-        if foreign_line(error):
+        if foreign_line(error):  # the code of a plugin
             raise
         what = f"holds something that no run writes, {package_line(error)}"
         raise UserError(f"{folder}: {what}: {RUN_AGAIN}") from error
@@ -105,9 +105,10 @@ def check_folder(folder: Path) -> None:
 
 
 def open_with_notes(folder: Path, allow_plugins: bool = False) -> Results:
-    """Return the results in a folder, and print notes on other files that were changed.
+    """Return the results in a folder; print notes on files that were changed after the run.
 
-    Notes also name tables and figures of plugins whose code may not run.
+    Notes also name plugins that were changed, and tables and figures whose plugin is not loaded. With
+    ``allow_plugins`` the plugins of the config are loaded, which runs their code.
     """
     results = open_results(folder)
     lines = changed_files(results)
@@ -128,9 +129,9 @@ def open_with_notes(folder: Path, allow_plugins: bool = False) -> Results:
 
 
 def changed_files(results: Results) -> list[str]:
-    """Return lines on missing and changed files that are computed from the run's data.
+    """Return lines on missing and changed files other than the run's data.
 
-    These are tables, figures and the config.
+    These are the config, and what is computed from the data: tables, figures, verdicts.
     """
     recorded_digests = results.manifest["files"]
     other_digests = {}
@@ -156,6 +157,7 @@ def _check_manifest(results: Results) -> None:
         recorded_digests = dict(manifest["files"])
         valid = isinstance(manifest.get("commit") or "", str)
         for key, expected_type in _MANIFEST_TYPES.items():
+            # A missing entry is valid: `dict()`, `0.0` and so on stand for it.
             valid &= isinstance(manifest.get(key, expected_type()), expected_type)
         for row in results.failed:
             valid &= {"filter", "reason"} <= set(row)

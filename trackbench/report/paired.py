@@ -20,7 +20,7 @@ class Pair(NamedTuple):
 
     @property
     def word(self) -> str:
-        """Better, worse, no significant difference, equal or untested: the word on a."""
+        """Better, worse, no significant difference, equal or untested: the word on ``filter_a``."""
         return self.comparison.word(measured(self.metric).definition.more_is_better)
 
     @property
@@ -38,25 +38,24 @@ COLUMNS = ("filter_a", "filter_b", "metric", "difference", "stderr", "z", "runs"
 
 
 def primary_metrics(metrics: list[str]) -> list[str]:
-    """Select metrics over the whole run: ``rmse_<quantity>``, ``crps_...``, log scores.
+    """Select metrics over the whole run that filters are compared by: RMSE, CRPS and log scores.
 
-    Of a log score more is better: a positive difference is in favor of the first filter.
+    More is better of a log score, and less of the others.
     """
     primary = []
     for name in metrics:
         m = measured(name)
         if not m.is_row or m.window:
             continue
-        definition = m.definition
-        if definition.name in ("rmse", "crps") or definition.is_score:
+        if m.definition.name in ("rmse", "crps") or m.definition.is_score:
             primary.append(name)
     return primary
 
 
 def named_errors_first(config: Mapping[str, Any], errors: Sequence[str]) -> list[str]:
-    """Put the errors that the score of an experiment's ``config`` names before the others.
+    """Sort metrics such as ``rmse_position``: those that the ``config`` names under `score` come first.
 
-    They rank the filters: who writes ``errors: {position: [px, py]}`` asks for that error.
+    The first one ranks the filters. Who writes ``errors: {position: [px, py]}`` asks for that error.
     """
     scenario = config.get("scenario") or {}
     score = scenario.get("score") or {}
@@ -66,7 +65,7 @@ def named_errors_first(config: Mapping[str, Any], errors: Sequence[str]) -> list
 
 
 def compared_statistics(config: Mapping[str, Any]) -> dict[str, str]:
-    """Return the statistic, mean or rms, by which filters are compared, by metric.
+    """Return the statistic, mean or rms, by which filters are compared, for each metric of a table.
 
     It is that of the first column with the metric in the tables of kind `metrics` of the ``config``.
     """
@@ -83,9 +82,10 @@ def compared_statistics(config: Mapping[str, Any]) -> dict[str, str]:
 
 
 def compared_statistic(config: Mapping[str, Any], metric: str) -> str:
-    """Return the statistic of a metric by which filters are compared.
+    """Return the statistic of a metric by which filters are compared, mean or rms.
 
-    Without tables, and without figures but the default track, there is a default table of rms errors.
+    A config without tables, and without figures but the default track, has a default table of rms
+    errors. A metric in no table is compared by its mean.
     """
     has_tables = bool(config.get("tables"))
     figures = {*(config.get("figures") or ())}
@@ -103,6 +103,7 @@ def with_statistic(statistic: str, metric: str) -> str:
 
 def pairs_of(metric: str, samples: Mapping[str, Sample]) -> list[Pair]:
     """Compare every two filters with common runs, from their samples of a metric by label."""
+    # All samples have the same statistic.
     statistic = next((sample.statistic for sample in samples.values()), "mean")
     name = with_statistic(statistic, metric)
     return [Pair(a, b, name, comparison) for (a, b), comparison in compare_all(samples).items()]

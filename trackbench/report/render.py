@@ -65,7 +65,10 @@ class FigureCache:
 
     @classmethod
     def of(cls, results: Results) -> "FigureCache | None":
-        """Return the cache of these results; None if a settings file sets up matplotlib."""
+        """Return the cache of these results; None if a settings file sets up matplotlib.
+
+        Figures under such settings are not cached, as the digest does not cover the file.
+        """
         if any(path.is_file() for path in _matplotlibrc_paths()):
             return None
         # Code of a plugin, or of a notebook, may change how matplotlib draws any figure.
@@ -96,7 +99,7 @@ class FigureCache:
 
     def put(self, spec: FigureKind, files: Files) -> None:
         """Keep a figure's files. A file that cannot be written will be drawn again."""
-        # They are none of the results folder's files.
+        # This block keeps the paths from the list of files that were written to the results folder.
         with record_writes(), suppress(OSError, WriteError):
             for form, content in files:
                 path = self._path(spec, form)
@@ -139,10 +142,10 @@ def _matplotlibrc_paths() -> Iterator[Path]:
 
 
 def draw_figure(spec: FigureKind, results: Results, formats: Sequence[str]) -> Files:
-    """Draw a figure as the content of a file, for each format.
+    """Draw a figure; return its format and the content of its file, for each of the ``formats``.
 
-    There is no file if the figure needs tracks and every filter failed, and none if its panels are
-    crowded on this page. Raises OutputError if the drawing fails.
+    The list is empty if the figure needs tracks and every filter failed, and if its panels are crowded
+    on the page that `drawing_for` has set. Raises OutputError if the drawing fails.
     """
     with catch_errors(spec):
         if spec.shown_runs and not results.shown:
@@ -168,9 +171,9 @@ def drawing_pool(
 ) -> Iterator[Draw]:
     """Begin to draw an experiment's figures in other processes; yield a function that returns them.
 
-    The function draws in this process the figures of plugins, and those of a process that was killed.
-    ``processes`` is the number of processes; 1 draws all figures in this one. Unless ``fresh``, figures
-    in the cache are not drawn again.
+    The function returns one figure's files, by its name and the figure. It draws in this process the
+    figures of plugins, and those of a process that was killed. ``processes`` is the number of processes;
+    1 draws all figures in this one. Unless ``fresh``, figures in the cache are not drawn again.
     """
     # Step 1: figures that are in the cache, and those that other processes draw.
     figures: Mapping[str, FigureKind] = {}
@@ -286,7 +289,7 @@ def render(
 
 
 def conclusions(results: Results) -> list[str]:
-    """Return the sentences on the filters; none if they fail."""
+    """Return the sentences on the filters; empty if they cannot be computed."""
     return results.attempt("conclusions", lambda: answer(results), [])
 
 
@@ -332,6 +335,7 @@ def _table_files(results: Results, name: str, spec: TableKind) -> Iterator[tuple
     table = results.tables.get(name)
     if table is None:
         return
+    # The table itself if it has no CPU times, None if it has nothing else.
     reproducible = spec.without_cpu_times()
     if reproducible is not spec:
         yield "run/tables", table

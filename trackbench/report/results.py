@@ -49,8 +49,8 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-_ERROR = re.compile(r"rms\((rmse(?:_(\w+))?)\)")
-"""A row of summary.csv, ``rms(rmse_position)``, whose groups are its metric and its quantity."""
+_ERROR = re.compile(r"rms\((?P<metric>rmse(?:_(?P<quantity>\w+))?)\)")
+"""A row of summary.csv: ``rms(rmse_position)``."""
 _MOST_ROWS = 50
 """Of more there is `sweep.csv`."""
 
@@ -58,25 +58,27 @@ _MOST_ROWS = 50
 def default_keys(
     group: Group, metrics: Iterable[str], points: int, filters: int, config: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return the keys of the default table or figure, by ``group``; empty if there is none.
+    """Return the config keys of the default table or figure; empty if there is none.
 
-    The table shows the first two errors over the whole run among ``metrics``, those of summary.csv.
-    Errors that ``config`` names under `score` come first. ``points`` and ``filters`` are the numbers of
-    grid points and filters: a table with too many rows is left out.
+    ``group`` is "tables" or "figures". The table shows the first two errors over the whole run among
+    ``metrics``, those of summary.csv. Errors that ``config`` names under `score` come first. ``points``
+    and ``filters`` are the numbers of grid points and filters: a table with too many rows is left out.
     """
     metrics = list(dict.fromkeys(metrics))
-    matches = {match[1]: match for match in map(_ERROR.fullmatch, metrics) if match}
-    errors = [matches[name] for name in named_errors_first(config, [*matches])]
+    # A row such as rms(rmse_position), by its metric rmse_position.
+    rows = {match["metric"]: match for match in map(_ERROR.fullmatch, metrics) if match}
+    errors = [rows[name] for name in named_errors_first(config, [*rows])]
     if group == "figures":
         if points > 1 or not errors:
             return {}
-        return {"kind": "rmse-vs-time", "x": "time", "metric": measure(errors[0][1])}
+        return {"kind": "rmse-vs-time", "x": "time", "metric": measure(errors[0]["metric"])}
     columns = {}
     for error in errors[:2]:
         words = "RMSE"
-        if error[2]:
-            words += f" of {error[2]}"
-        columns[phrases.in_unit(words, unit_of(error[1]))] = error[0]
+        if error["quantity"]:
+            words += f" of {error['quantity']}"
+        row = error[0]  # the whole text
+        columns[phrases.in_unit(words, unit_of(error["metric"]))] = row
     if errors and "anees" in metrics:
         columns["ANEES"] = "anees"
     if not errors and "mean(nis)" in metrics:
@@ -116,8 +118,9 @@ class Results(ResultsFolder):
         return results_html(self.title, [f"{self.folder}/", *self.unmade_lines], tables, picture)
 
     def _repr_png_(self) -> bytes | None:
-        """Return the key figure; none where no filter has a track that it could show."""
+        """Return the key figure as PNG; None if there is none, if it fails, or without its tracks."""
         figure = self.parts("figures").get(self.key_figure)
+        # A figure of tracks cannot be drawn if every filter failed: then no tracks are stored.
         if figure is None or (figure.shown_runs and not self.shown):
             return None
         from trackbench.report.plotting.canvas import png
@@ -137,6 +140,7 @@ class Results(ResultsFolder):
         UserError : there is no figure of that name
         """
         figures = self.parts("figures")
+        # Without a name it is the key figure, if there is any figure.
         if name not in figures and (name or not figures):
             raise UserError(Problem(Mark("figure"), name, unknown(name, [*figures])))
         spec = figures[name or self.key_figure]
@@ -211,7 +215,10 @@ class Results(ResultsFolder):
         return tables
 
     def with_units(self, table: Table) -> Table:
-        """Return the table with the units of the grid's paths, and which of these are linked."""
+        """Set the units of the grid's paths in a table, and how many paths vary together; return it.
+
+        The head of paths that vary together is the first of them.
+        """
         table.units = {single_paths(path)[0]: unit for path, unit in self.grid_units.items()}
         for paths in map(single_paths, self.grid):
             if len(paths) > 1:
@@ -272,8 +279,8 @@ class Results(ResultsFolder):
     def judged_steps(self, point: GridPoint) -> dict[tuple[str, str], Array]:
         """Return what each step (T,) of a recording's one run adds to a number, by (filter, metric).
 
-        The mean over the steps is the number. A step without a value is NaN. The mapping is empty if the
-        runs are not judged by their steps.
+        The mean over the steps is the number. The steps are those that count; one without a value is
+        NaN. The mapping is empty unless the results are those of one recorded run.
         """
         key = tuple(point.items())
         if self._judged_steps.get(key):
@@ -293,7 +300,8 @@ class Results(ResultsFolder):
             series = series.chosen((steps >= first_step) & (steps <= last_step))
             values = np.full(last_step - first_step + 1, np.nan)
             values[series["step"].astype(int) - first_step] = series["value"]
-            # R = sqrt(mean e^2) changes by (e^2 - R^2) / (2 R) per step, to first order.
+            # R = sqrt(mean e^2) changes by (e^2 - R^2) / (2 R) per step, to first order. The step's
+            # value is R with this change: (R + e^2 / R) / 2.
             if measured(metric).definition.name == "rmse":
                 rmse = float(runs[label, metric][0])
                 values = 0.5 * (rmse + np.square(values) / rmse) if rmse else 0.0 * values
@@ -342,7 +350,7 @@ class Results(ResultsFolder):
 
     @cached_property
     def _usual_looks(self) -> dict[str, dict[str, Any]]:
-        """Usual looks of all labels of the config, with those that this run leaves out."""
+        """Color and dash of each label of the config, also of filters that this run leaves out."""
         black: list[str] = []
         gray: list[str] = []
         for figure in self.figure_configs.values():
@@ -371,12 +379,14 @@ class Results(ResultsFolder):
 
     @cached_property
     def grid_units(self) -> dict[str, str]:
-        """Units of paths of the grid that the keys' documentation names, not the keys."""
+        """Unit of each path of the grid whose key has one and whose name does not end in it."""
         units: dict[str, str] = {}
         for path in self.grid:
             _, unit_in_name = phrases.quantity(path)
             if unit_in_name:
                 continue
+            # Keys such as `filters`, `EKF`, `motion`, `q`, or `scenario`, `sensor`, `sigma`. Indices in
+            # lists are left out.
             keys = split_path(self.source, single_paths(path)[0])
             words = [str(key) for key in keys if not isinstance(key, int)]
             if words[0] == "filters":
@@ -387,9 +397,9 @@ class Results(ResultsFolder):
                 group = "scenarios"
                 settings = self.config[words[0]]
                 inner_words = words[1:]
-            if not inner_words:
+            if not inner_words:  # the path varies a whole filter or scenario
                 continue
-            unit = _unit(settings, group, None, inner_words)
+            unit = _unit(settings, group=group, cls=None, keys=inner_words)
             if unit:
                 units[path] = unit
         return units
@@ -404,12 +414,13 @@ def _unit(settings: Any, group: str | None, cls: type[Any] | None, keys: Sequenc
     key = keys[0]
     inner_keys = keys[1:]
     if group is not None:
+        # Only a filter may lack its kind: it is an EKF.
         cls = kinds(cast(Group, group)).get(settings.get("kind", "ekf"))
     hint = None
     if cls is not None:
         hint = hints_of(cls).get(key)
     if key == "assume" and hint is None:
-        return _unit(settings[key], None, Assume, inner_keys)
+        return _unit(settings[key], group=None, cls=Assume, keys=inner_keys)
     if hint is None:
         return ""
     # A key of a component or dataclass inside this one.
@@ -463,10 +474,10 @@ def catch_errors(exhibit: Any = None) -> Iterator[None]:
 
 
 def as_table(table: object, exhibit: Any) -> Table:
-    """Return what a table kind returned, if it is a table that can be written.
+    """Return ``table``, which the table kind ``exhibit`` returned, if it can be written.
 
-    ``exhibit`` is the kind. Raises WrongReturnError if it is no table, or a plugin's that cannot be
-    written.
+    Raises WrongReturnError if it is not a `Table`, or if it is a plugin's and cannot be written. An
+    error of the package's own kinds passes.
     """
     if not isinstance(table, Table):
         raise WrongReturnError("table", f"table gives a {type(table).__name__}, not a Table")
@@ -493,7 +504,10 @@ def as_figure(figure: object) -> "Figure":
 
 
 def missing_paths(points: Sequence[Point], **paths: str | None) -> dict[str, str]:
-    """Explain which keys name no path of the grid, by key; ``paths`` are the values of the keys."""
+    """Return the mistakes of keys that name no path of the grid, by key; empty if there are none.
+
+    ``paths`` are the keys with their values; None stands for a key that is not set.
+    """
     grid = list(points[0].values)
     problems = {}
     for key, path in paths.items():
@@ -527,11 +541,12 @@ def points_of(results: Results, scene: GridPoint) -> list[GridPoint]:
 
 def own_values(results: Results, point: GridPoint, label: str) -> GridPoint:
     """Return the values that a point of the grid gives the filter ``label``, by single path."""
-    # Linked paths have a list of values, which is a text in a point that is read from a file.
+    # Paths that vary together have a list of values. It is a text in a point that is read from a file,
+    # so take the point of the config.
     values = point
-    place = results.index_of(point)
-    if place is not None:
-        values = results.grid_points[place]
+    index = results.index_of(point)
+    if index is not None:
+        values = results.grid_points[index]
     value_by_path: GridPoint = {}
     for path, value in values.items():
         value_by_path |= zip(single_paths(path), values_of(path, value), strict=True)
@@ -544,9 +559,9 @@ def own_values(results: Results, point: GridPoint, label: str) -> GridPoint:
 
 
 def named_form(label: str, keys: GridPoint, variants: Sequence[GridPoint]) -> str:
-    """Name a filter by its label and the keys that differ between its forms.
+    """Name a form of a filter by its label and the keys that differ between its forms: ``EKF (q = 2)``.
 
-    ``keys`` are those of this form, ``variants`` those of every form of the filter.
+    ``keys`` are those of this form with their values, ``variants`` those of every form of the filter.
     """
     differing = {}
     for key, value in keys.items():

@@ -23,7 +23,10 @@ from trackbench.report.tables.best_settings import BestSettings
 from trackbench.results.point_facts import GridPoint
 
 _AXES = 2
+"""Paths that a figure shows, at most."""
 _TABLE = "best-settings"
+_MOST_LETTERS = 70
+"""Letters of a figure's name, at most, which is that of its file."""
 
 
 def as_sweep(experiment: Experiment) -> Experiment:
@@ -36,6 +39,7 @@ def as_sweep(experiment: Experiment) -> Experiment:
     tables = experiment.tables
     if independent_filter_paths(settings.grid, settings.filters, settings.reference):
         others = [name for name, table in tables.items() if not isinstance(table, BestSettings)]
+        # The table comes first; one of the config of this kind takes its place.
         tables = {free_name(_TABLE, others): BestSettings()} | tables
     return replace(
         experiment,
@@ -56,6 +60,7 @@ def _figures(settings: Settings) -> dict[str, DrawnExhibit]:
     groups = independent_filter_paths(grid, settings.filters, settings.reference)
     independent = set[str]().union(*groups)
     figures: dict[str, DrawnExhibit] = {}
+    # If no filter varies independently, one figure has all paths.
     for group in groups or [[]]:
         paths = [path for path in grid if path in group or path not in independent]
         if len(paths) > _AXES:
@@ -69,7 +74,7 @@ def _figures(settings: Settings) -> dict[str, DrawnExhibit]:
             labels |= dict.fromkeys(filters_of(path, settings.filters))
         if labels:
             title += f" of {listed(list(labels))}"
-        name = "-".join(["sweep", *map(_file_name, paths)])[:70]
+        name = "-".join(["sweep", *map(_file_name, paths)])[:_MOST_LETTERS]
         figures[free_name(name, figures)] = SweepFigure(paths=tuple(paths), title=title)
     return figures
 
@@ -94,9 +99,9 @@ class Best(NamedTuple):
     ties: list[GridPoint]
     """values without a significant difference from the best"""
     next: GridPoint
-    """of the others those that are nearest; empty if there are none"""
+    """of the significantly worse values those that are nearest to the best; empty if there are none"""
     difference: float
-    """of the metric's mean there to that at the best, on common runs"""
+    """metric's mean at ``next`` minus that at the best, on common runs"""
     difference_stderr: float
     text: str
     """in words"""

@@ -62,7 +62,7 @@ class TextTable:
         for row in self.rows:
             lines.append([cell.text for cell in row])
         widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-        lines.insert(1, ["-" * width for width in widths])
+        lines.insert(1, ["-" * width for width in widths])  # below the heads
         sides = ["<" if self._has_words_only(i) else ">" for i in range(len(widths))]
         shown = [self.title] if self.title else []
         if self.rows:
@@ -76,7 +76,8 @@ class TextTable:
 
         ``label`` is its name in the paper, after ``tab:``.
         """
-        # Step 1: the columns. Those of numbers are aligned at the decimal marker.
+        # Step 1: the columns. Those of numbers, of type S, are aligned at the decimal marker; siunitx
+        # takes any text in braces as it is.
         formats = [self._column_format(i) for i in range(len(self.heads))]
         heads = [_head_tex(head) for head in self.heads]
         rows = [[_cell_tex(cell) for cell in row] for row in self.rows]
@@ -90,6 +91,7 @@ class TextTable:
         # Step 2: the notes.
         notes = [_tex(note) for note in self.notes]
         cells = [cell for row in self.rows for cell in row if cell.tex]
+        # `in_tex` leaves out an error below half of the last digit, which the cell's text has.
         if any("±" in cell.text and "+-" not in (cell.tex or "") for cell in cells):
             notes.append("A number without a standard error has one below half of its last digit.")
         # Step 3: the lines.
@@ -118,7 +120,9 @@ class TextTable:
     def _column_format(self, column: int) -> str:
         """Return a column's type in LaTeX: ``l`` for words, ``r`` for other texts, ``S`` for numbers.
 
-        An ``S`` has the largest numbers of digits in the column, so that siunitx aligns them.
+        An ``S`` has the largest numbers of digits in the column, so that siunitx aligns them. For
+        example, ``S[table-format=-2.3(2)e-9]`` has a sign, two digits and three decimals, two digits of
+        the error, and an exponent of one digit with a sign.
         """
         numbers = []
         for row in self.rows:
@@ -206,7 +210,7 @@ def _cell_tex(cell: Text) -> str:
     text = cell.tex or _tex(cell.text)
     if not cell.best:
         return text
-    if text.startswith("{"):
+    if text.startswith("{"):  # within the braces
         return f"{{{_BOLD}{text[1:]}"
     return f"{_BOLD}{text}"
 
@@ -214,6 +218,7 @@ def _cell_tex(cell: Text) -> str:
 def _head_tex(text: str) -> str:
     """Write a column's head for LaTeX, formulas between $ as they are."""
     parts = []
+    # Text and formulas in turns, beginning with a text.
     for i, part in enumerate(_FORMULA.split(text)):
         is_formula = i % 2 == 1
         parts.append(part if is_formula else _tex(part))
@@ -221,11 +226,14 @@ def _head_tex(text: str) -> str:
 
 
 def _greek(c: str) -> str:
-    """Write a small Greek letter as a formula, since pdflatex has it in no font of text."""
+    """Write a small Greek letter as a formula, ``$\\mu$``, since pdflatex has it in no font of text.
+
+    Any other character stays as it is.
+    """
     before, _, letter = unicodedata.name(c, "").partition("GREEK SMALL LETTER ")
     if before or not letter:
         return c
-    return rf"$\{letter.lower().replace('lamda', 'lambda')}$"
+    return rf"$\{letter.lower().replace('lamda', 'lambda')}$"  # Unicode writes it "lamda"
 
 
 def _escaped(text: str) -> str:
@@ -385,7 +393,7 @@ class Table:
         for keys, cells in zip(self.keys, self.cells, strict=True):
             row: list[object] = [*keys]
             for cell in cells:
-                row += cell.estimate
+                row += cell.estimate  # value and standard error
             row.append(max(cell.lost for cell in cells))
             rows.append(row)
         return rows
@@ -415,6 +423,7 @@ class Table:
         """Write the keys of a row; linked paths of equal values, [100, 100], have the one value."""
         texts = []
         for head, key in zip(self.key_headers, keys, strict=True):
+            # As many values as paths are linked under this head, if its key is a list.
             values = key.strip("[]").split(", ")
             are_equal = len(values) == self.linked.get(head) and len({*values}) == 1
             texts.append(Text(values[0] if are_equal else key))
@@ -426,7 +435,7 @@ class Table:
         if isfinite(cell.estimate.value) and not cell.words:
             value, stderr = cell.estimate
             tex = in_tex(value, stderr, self.digits)
-            if cell.suffix:
+            if cell.suffix:  # braces hide a text that is no number from siunitx's column
                 tex = rf"{{\num{{{tex}}}{_tex(cell.suffix)}}}"
         return Text(text=self.text(cell), number=cell.estimate.value, tex=tex, best=best)
 
@@ -447,7 +456,7 @@ class Table:
 
 
 def _losses_text(cells: list[Cell]) -> Text:
-    """Write how many runs are lost in the cell of a row that has the most lost runs."""
+    """Write how many of its runs are lost, for the cell of a row that has the most lost runs."""
     most = max(cells, key=lambda cell: (cell.lost, cell.runs))
     runs = most.lost + most.runs
     if not runs:  # a bound has none
@@ -479,13 +488,16 @@ def rounded(value: float, stderr: float, digits: int) -> str:
     if not isfinite(value):
         return "infinite" if isinf(value) else "–"
     has_error = isfinite(stderr)
+    # Decimals down to the last of so many digits, as far as the error's first two digits allow.
     decimals = digits - 1 - _exponent(value)
     if has_error and stderr > _ROUNDING * abs(value):
         first_place = -_exponent(stderr)  # of the error's first digit, which is never cut to a zero
         second_place = first_place + 1
-        decimals = min(max(decimals, first_place), second_place) if value else second_place
+        decimals = min(max(decimals, first_place), second_place)
+        if not value:  # zero has no digits of its own
+            decimals = second_place
     decimals = max(decimals, 0)
-    # A longer number would be hard to read.
+    # A number with more decimals would be hard to read.
     needs_exponent = decimals > max(7, digits + 3) or abs(value) >= 1e6
     if needs_exponent and not has_error:
         return f"{value:.{_exact_places(digits)}e}"
@@ -526,6 +538,7 @@ def in_tex(value: float, stderr: float, digits: int) -> str:
     """
     text = rounded(value, stderr, digits)
     most_digits = max(digits, _USUAL_DIGITS)
+    # A number without an error: the text as it is, with a space before its exponent.
     if not isfinite(stderr):
         if "e" not in text:
             return text
@@ -542,8 +555,10 @@ def in_tex(value: float, stderr: float, digits: int) -> str:
     places = digits - 1 - _exponent(mantissa)
     if error > _ROUNDING * abs(mantissa):
         first_place = -_exponent(error)
-        places = max(places, first_place) if value else first_place + 1
-        places = min(places, first_place + 1)
+        second_place = first_place + 1
+        places = min(max(places, first_place), second_place)
+        if not value:
+            places = second_place
     first_digit = _exponent(larger) - exponent
     places = max(min(places, most_digits - 1 - first_digit), 0)
     # Step 3: the text.

@@ -22,6 +22,7 @@ def arrival_rows(experiment: Experiment, outcome: Outcome) -> Iterator[Row]:
     The row has the step of the measurement and the step at which it arrives, both as in per_step.csv.
     The latter is empty if the run ends before the arrival.
     """
+    # A key of `plan.tasks` is the index of a point and the label of a filter.
     delayed = [i for i, point in enumerate(experiment.points) if point.scenario.longest_delay]
     for i in delayed:
         point = experiment.points[i]
@@ -29,6 +30,7 @@ def arrival_rows(experiment: Experiment, outcome: Outcome) -> Iterator[Row]:
         keys = [key for key in outcome.plan.tasks if key[0] == i and key not in outcome.failures]
         if not keys:
             continue
+        # The first step has the initial state and no measurement.
         steps = point.scenario.steps[1:].tolist()
         sensors = rows_of(cast(Sensors, point.scenario.true_sensor))
         rows_of_a_run_at_all_points = len(steps) * len(sensors) * len(delayed)
@@ -41,6 +43,7 @@ def arrival_rows(experiment: Experiment, outcome: Outcome) -> Iterator[Row]:
                 head = [*point.values.values(), task.first_run + m]
                 for n, rows in enumerate(sensors):
                     is_measured = ~np.isnan(task.data.measurements[rows, :, m]).all(axis=0)
+                    # Indices of the steps of arrival; the number of steps stands for "after the end".
                     arrivals = task.data.arrival[n, :, m].tolist()
                     for j in np.flatnonzero(is_measured).tolist():
                         arrived = steps[arrivals[j]] if arrivals[j] < len(steps) else ""

@@ -102,8 +102,11 @@ class ResultsFolder:
         return self.config.get("figures") or {}
 
     def unavailable_kinds(self, group: Group) -> dict[str, str]:
-        """Return names and kinds of tables or figures whose plugin is not loaded."""
-        if not self.config.get("plugins"):
+        """Return the kinds of tables or figures whose plugin is not loaded, by the names in the config.
+
+        ``group`` is "tables" or "figures".
+        """
+        if not self.config.get("plugins"):  # all kinds are of the package
             return {}
         known = kinds(group)
         unavailable = {}
@@ -167,8 +170,9 @@ class ResultsFolder:
         grid = config["grid"]
         is_product = config.get("product", True)
         points = []
-        for places in combinations(grid, config["filters"], config.get("reference"), is_product):
-            points.append({path: grid[path][i] for path, i in zip(grid, places, strict=True)})
+        # Without `product` one filter's paths are varied at a time, which takes the filters' labels.
+        for indices in combinations(grid, config["filters"], config.get("reference"), is_product):
+            points.append({path: grid[path][i] for path, i in zip(grid, indices, strict=True)})
         return points
 
     @cached_property
@@ -192,7 +196,7 @@ class ResultsFolder:
     def digits_of(self, label: str) -> int:
         """Return the number of significant digits of a filter's values in per_run.csv.
 
-        More digits than usual were stored if any value has more. Older versions never stored more.
+        It is `EXACT_DIGITS` if any value of the filter has more digits than usual.
         """
         usual = DIGITS["per_run.csv"]
         for runs in self._runs.values():
@@ -274,8 +278,8 @@ class ResultsFolder:
     def tracks(self, point: GridPoint, every_run: bool = False) -> dict[str, Array]:
         """Return tracks of the first runs: ``truth``, ``measurements``, ``mean/<filter>``, ``steps``.
 
-        With ``every_run`` they are all runs' if these were saved. Empty if every filter failed at the
-        point.
+        With ``every_run`` they are the tracks of all runs, if these were saved. Empty if every filter
+        failed at the point.
         """
         i = self.index_of(point)
         if i is None:
@@ -399,7 +403,8 @@ class ResultsFolder:
     def _points_as_read(self) -> list[dict[str, Any] | None]:
         """Return the points of the config's grid with the values that summary.csv has.
 
-        None stands for a point without results if the column of the file has no such value.
+        A value is read as the type of its column in the file. A point whose value is no such text has no
+        row in the file: None stands for it.
         """
         summary = self.columns("summary")
         parses = {path: parse_of(summary[path]) for path in self.grid}
@@ -420,8 +425,8 @@ class ResultsFolder:
             return {}
         with self.reading("tuning.csv") as path, path.open(encoding="utf-8", newline="") as file:
             tune = self.config.get("tune", {})
-            # The values with which the tuned filters were run: they tell which of several trials was
-            # taken that are equal as the file rounds them.
+            # The config has the values of the chosen trials in full, and tuning.csv rounds them. They
+            # decide which one was chosen of several trials whose rounded values are equal.
             config_values = {}
             for label, keys in tune.items():
                 prefix = f"filters.{tuned_label(label)}"
@@ -432,14 +437,17 @@ class ResultsFolder:
         """Return the value at a dotted path of the config; None if the config lacks it."""
         value: Any = self.config
         for key in split_path(self.source, path):
-            if not isinstance(value, dict):  # a list, by the numbers of its items
+            if not isinstance(value, dict):  # a list: its keys are the items' indices
                 value = dict(enumerate(value or ()))
             value = value.get(key)
         return value
 
 
 def same_point(point: GridPoint, read_back: dict[str, Any]) -> bool:
-    """Return whether a point of the config is one of a CSV file, where null and lists are texts."""
+    """Return whether a point of the config equals one that was read from a CSV file.
+
+    Null and lists are texts in the file.
+    """
     for path, value in point.items():
         if value != read_back[path] and _cell(value) != str(read_back[path]):
             return False

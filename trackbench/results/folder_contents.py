@@ -148,8 +148,9 @@ def remove_outputs(folder: Path, keep: Collection[str]) -> None:
             if whole and _is_output(PurePosixPath(inner, whole[1])):
                 paths.append(path)
     for path in (*paths, folder / MANIFEST):
-        parents = path.relative_to(folder).parents
-        if path.is_file() and not any((folder / parent).is_symlink() for parent in parents[:-1]):
+        # A link inside the folder may lead to files of the user. The last parent is the folder itself.
+        inner_folders = path.relative_to(folder).parents[:-1]
+        if path.is_file() and not any((folder / inner).is_symlink() for inner in inner_folders):
             remove(path)
 
 
@@ -182,13 +183,17 @@ def _named_by_config(folder: Path) -> Iterator[str]:
             exhibits = config.get(group)
             if not isinstance(exhibits, dict):
                 continue
+            # A name with a slash could lead out of the folder.
             safe = [name for name in (*exhibits, DEFAULT) if "/" not in str(name)]
             for place, name, form in product(("", "run/"), safe, forms):
                 yield f"{place}{group}/{name}.{form}"
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
-    """Read the facts and digests of both manifests; those of the run may be missing."""
+    """Read the facts and digests of both manifests, of which `MACHINE` may be missing.
+
+    The digests of all files, by name, are under the key ``files``.
+    """
     facts: dict[str, Any] = {}
     files: dict[str, str] = {}
     for name in (MACHINE, MANIFEST):
@@ -309,8 +314,8 @@ def _acquire(path: Path, say: Callable[[str], None]) -> int:
 def _holder(descriptor: int) -> str:
     """Return the process id in a lock file; raises OSError if no run wrote the file.
 
-    A results folder may come from anywhere. A file with other content or with a second name (a hard
-    link) is left alone.
+    The text is ``?`` if the file is empty, as it is until its process has the lock. A results folder may
+    come from anywhere. A file with other content or with a second name (a hard link) is left alone.
     """
     status = os.fstat(descriptor)
     text = b"not a file"

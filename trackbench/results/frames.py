@@ -51,14 +51,17 @@ class Columns:
         return self.at(values)
 
     def at(self, values: Mapping[str, Any]) -> "Columns":
-        """Return the rows that have these values, by names of columns that may be no identifiers."""
+        """Return the rows that have these values in these columns.
+
+        Unlike in `where`, a column's name need not be an identifier of Python.
+        """
         if not values:
             return self
         is_chosen = np.ones(len(self), dtype=np.bool_)
         for name, value in values.items():
             is_word = self[name].dtype == object
-            is_equal = self._is_word(name, value) if is_word else self[name] == value
-            is_chosen = np.logical_and(is_chosen, is_equal)
+            has_value = self._rows_with_word(name, value) if is_word else self[name] == value
+            is_chosen = np.logical_and(is_chosen, has_value)
         return self.chosen(is_chosen)
 
     @cached_property
@@ -66,8 +69,8 @@ class Columns:
         """Codes of each compared column of words: the rows' codes, and the code of each word."""
         return {}
 
-    def _is_word(self, name: str, value: object) -> Array:
-        """Return which rows (R,) have the word ``value`` in the column ``name``.
+    def _rows_with_word(self, name: str, value: object) -> Array:
+        """Return a mask (R,) of the rows that have the word ``value`` in the column ``name``.
 
         Words are compared by codes, which are whole numbers: that takes a hundredth of the time.
         """
@@ -77,6 +80,7 @@ class Columns:
             row_codes = [new_codes.setdefault(word, len(new_codes)) for word in words]
             self._codes[name] = (np.array(row_codes, dtype=np.int64), new_codes)
         codes_of_rows, code_by_word = self._codes[name]
+        # No row has the code -1.
         return np.asarray(codes_of_rows == code_by_word.get(value, -1))
 
     def chosen(self, which: Any) -> "Columns":

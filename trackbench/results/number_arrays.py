@@ -48,6 +48,7 @@ def has_many_runs(experiment: Experiment) -> bool:
 def array_notes(experiment: Experiment) -> Iterator[str]:
     """Yield a note on each file of arrays that a run writes in place of a CSV file."""
     if is_long(experiment):
+        # Without the step of the initial state.
         steps = max(len(point.scenario.steps) - 1 for point in experiment.points)
         yield (
             f"{PER_STEP_FILE} has the numbers of all {steps} steps in place of per_step.csv, which "
@@ -62,7 +63,10 @@ def array_notes(experiment: Experiment) -> Iterator[str]:
 
 
 def write_arrays(path: Path, arrays: Mapping[str, Any], stored: Iterable[str] = ()) -> None:
-    """Write arrays to a file for `np.load`, compressed fast; those named in ``stored`` are not."""
+    """Write arrays to a file for `np.load`.
+
+    Those named in ``stored`` are not compressed, the others at the fastest level.
+    """
     uncompressed = set(stored)
     with atomic_write(path) as file, ZipFile(file, "w", ZIP_DEFLATED, compresslevel=1) as archive:
         for name, array in arrays.items():
@@ -92,20 +96,21 @@ class StepArrays:
         scenario = self._experiment.points[point].scenario
         self._arrays[f"{prefix}step"] = scenario.steps
         self._arrays[f"{prefix}time"] = scenario.times
-        number = len(scenario.steps)
+        length = len(scenario.steps)
         for series_columns in columns:
+            # Indices in `scenario.steps` of the steps that the series has.
             positions = series_columns.positions
-            runs = np.full(number, _NO_ROW, dtype=np.int32)
+            runs = np.full(length, _NO_ROW, dtype=np.int32)
             runs[positions] = series_columns.runs
             for metric, estimates in series_columns.metrics.items():
                 if not is_stored(self._stored, measured(metric).base):
                     continue
                 name = f"{label}/{metric}"
-                value = _at_positions(estimates.value, positions, number)
+                value = _spread(estimates.value, positions, length)
                 self._arrays[f"{prefix}value/{name}"] = value
                 self._arrays[f"{prefix}runs/{name}"] = runs
                 if not np.isnan(estimates.stderr).all():
-                    stderr = _at_positions(estimates.stderr, positions, number)
+                    stderr = _spread(estimates.stderr, positions, length)
                     self._arrays[f"{prefix}stderr/{name}"] = stderr
 
     def write(self, path: Path) -> None:
@@ -114,12 +119,12 @@ class StepArrays:
         write_arrays(path, self._arrays, stored=numbers)
 
 
-def _at_positions(values: Array, positions: Index, number: int) -> Any:
-    """Return an array over ``number`` steps with the values (S,) at their positions, else NaN.
+def _spread(values: Array, positions: Index, length: int) -> Any:
+    """Return an array (length,) with the values (S,) at the indices ``positions`` (S,), else NaN.
 
     It is float32 if its relative error is then at most `_PRECISION`.
     """
-    whole = np.full(number, np.nan)
+    whole = np.full(length, np.nan)
     whole[positions] = values
     with np.errstate(over="ignore", under="ignore"):
         short = whole.astype(np.float32)
@@ -234,6 +239,7 @@ def read_steps(
             stderr = arrays.get(f"{prefix}stderr/{label_and_metric}")
             if stderr is None:
                 stderr = np.full(len(value), np.nan)
+            # Steps of which per_step.csv would have a row.
             known = np.flatnonzero(runs != _NO_ROW)
             series.append(
                 Series(
@@ -253,7 +259,7 @@ def read_steps(
 def read_run_arrays(
     path: Path, points: Sequence[Mapping[str, Any] | None], labels: Collection[str]
 ) -> PointRuns:
-    """Read ``per_run.npz``.
+    """Read ``per_run.npz``: the values per run by filter and metric, at each point of the grid.
 
     ``points`` are the values of the grid's points, None for a point without results; ``labels`` are the
     filters to read.
@@ -265,23 +271,27 @@ def read_run_arrays(
         if point is None:
             continue
         head = f"{array_prefix(i, len(points))}value/"
-        of_point: Runs = {}
+        runs_of_point: Runs = {}
         for name, values in arrays.items():
             label, _, metric = name.removeprefix(head).rpartition("/")
             if name.startswith(head) and label in labels:
-                of_point[label, metric] = fixed(values)
-        if of_point:
-            point_runs[tuple(point.values())] = of_point
+                runs_of_point[label, metric] = fixed(values)
+        if runs_of_point:
+            point_runs[tuple(point.values())] = runs_of_point
     return point_runs
 
 
 def rows_of_runs(runs: PointRuns, columns: Sequence[str]) -> Columns:
-    """Return the rows of per_run.csv; ``columns`` are that file's, those of the grid first."""
+    """Return the values per run at each point as the rows of per_run.csv.
+
+    ``columns`` are that file's, those of the grid first.
+    """
     paths = [name for name in columns if name not in ("filter", "run", "metric", "value")]
     series = []
-    for values_of_point, of_point in runs.items():
+    for values_of_point, runs_of_point in runs.items():
         point = dict(zip(paths, values_of_point, strict=True))
-        for (label, metric), values in of_point.items():
+        for (label, metric), values in runs_of_point.items():
             words = {**point, "filter": label, "metric": metric}
-            series.append(Series(words, {"run": np.arange(len(values)), "value": values}))
+            numbers = {"run": np.arange(len(values)), "value": values}
+            series.append(Series(words=words, numbers=numbers))
     return SeriesColumns(series, columns)

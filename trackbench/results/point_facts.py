@@ -80,8 +80,10 @@ class PointFacts:
         None if the filter has no gate.
         """
         keys = self.filters.get(label, {})
+        # A filter that wraps another one has its keys under `filter`, the gate among them.
         if isinstance(keys.get("filter"), dict):
             keys = keys["filter"]
+        # The probability of a good measurement within the gate.
         gate = keys.get("gate")
         if not isinstance(gate, float) or not 0.0 < gate < 1.0 or not self.measured:
             return None
@@ -93,7 +95,10 @@ class PointFacts:
         return AcceptedNis(gate, tuple(sizes), each=keys.get("gate_by") == "sensor")
 
     def component(self, c: int) -> tuple[str, str]:
-        """Name component c of the truth, and its unit; empty where none is known."""
+        """Return the name of component c of the truth without its unit, and the unit.
+
+        The unit is empty if none is known.
+        """
         name = self.components[c]
         plain_name, _ = without_unit(name)
         unit = unit_of(f"rmse_{name}")
@@ -110,6 +115,7 @@ def facts_of_point(point: Point, shown: Callable[[str], str] = str) -> PointFact
         filters[label] |= entry_keys(assume, shown)
     judged = None
     if scenario.recorded_runs == 1:
+        # The nameless window is of all steps that count.
         steps = scenario.steps[scenario.windows[""]]
         judged = []
         if len(steps):
@@ -166,7 +172,11 @@ def _is_part(stored: Any, computed: Any) -> bool:
 
 
 def points_in(text: str) -> Iterator[PointFacts]:
-    """Yield the points of a file; raises ValueError, KeyError or TypeError for other content."""
+    """Yield the facts in the content of points.json, a point each.
+
+    Raises ValueError, KeyError or TypeError for other content.
+    """
+    # A later point has only the facts in which it differs from the first.
     first, *others = printable_json(text)
     yield PointFacts(**first)
     for other in others:
@@ -187,7 +197,7 @@ def _differences(first: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]
 
 
 def array_prefix(i: int, points: int) -> str:
-    """Prefix the array names of the ``i``-th of so many points of a grid."""
+    """Return the prefix of the names of point i's arrays; empty if the grid has one point only."""
     if points <= 1:
         return ""
     return f"point{i}/"

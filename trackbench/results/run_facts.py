@@ -7,6 +7,7 @@ import subprocess
 import sys
 from contextlib import suppress
 from datetime import UTC, datetime
+from functools import cache
 from importlib.metadata import PackageNotFoundError, distribution, version
 from importlib.resources import files
 from pathlib import Path
@@ -26,11 +27,18 @@ _PROCESSOR = re.compile(r"^model name\s*: (.+)$", re.MULTILINE)
 _PACKAGES = ("numpy", "scipy", "pandas", "matplotlib", "pydantic", "PyYAML")
 
 
+@cache
+def _package_versions() -> dict[str, str]:
+    """Return the versions of the packages that results depend on."""
+    return {name: version(name) for name in _PACKAGES}
+
+
 def facts_of_run(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
     """Collect the content of both manifests but for the format and the digests of the files."""
     filters = experiment.points[0].filters
+    # Without the step of the initial state.
     steps = [len(point.scenario.steps) - 1 for point in experiment.points]
-    packages = {name: version(name) for name in _PACKAGES}
+    packages = dict(_package_versions())
     for plugin in experiment.plugins:
         packages.update(plugin.packages)
     failed = []
@@ -60,11 +68,12 @@ def facts_of_run(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
         "blocks": {"computed": outcome.computed, "reused": outcome.reused},
         "wall_s": round(outcome.wall_s, 3),
     }
-    if experiment.runs_of_config is not None:
+    if experiment.runs_of_config is not None:  # an option such as --quick took fewer
         facts["experiment_runs"] = experiment.runs_of_config
     looped = [label for label, tracker in filters.items() if tracker.loops_over_runs]
     if looped:
         facts["loops_over_runs"] = looped
+    # A filter's numbers are free of chance if neither the filter nor the data are random.
     deterministic = [label for label, tracker in filters.items() if tracker.deterministic]
     is_recorded = all(point.scenario.recorded_runs is not None for point in experiment.points)
     if deterministic and is_recorded:
@@ -82,9 +91,13 @@ def lock_file() -> Path:
 
 
 def compare_lock() -> dict[str, Any]:
-    """Digest the lock file; find the packages that are installed in another version."""
+    """Return the lock file's name and digest, and the packages installed in another version.
+
+    The packages are under ``other``, the installed version by name. A package that is not installed is
+    left out.
+    """
     content = lock_file().read_bytes()
-    pins = dict(_PIN.findall(content.decode()))
+    pins = dict(_PIN.findall(content.decode()))  # version by name
     installed = {name: _installed_version(name) for name in pins}
     other = {name: now for name, now in installed.items() if now not in (pins[name], None)}
     digest = hashlib.sha256(content).hexdigest()
@@ -92,19 +105,23 @@ def compare_lock() -> dict[str, Any]:
 
 
 def _installed_version(name: str) -> str | None:
-    """Look up a package's version; None if it is not installed, as a tool of the build may be."""
+    """Return the version of an installed package; None if it is not installed.
+
+    Tools that only build the package may be missing.
+    """
     try:
         text = distribution(name).read_text("METADATA")
     except PackageNotFoundError:
         return None
-    line = _VERSION.search(text or "")  # `version` would parse the whole text, thirty times
+    # `version` parses the whole text, which takes too long for thirty packages.
+    line = _VERSION.search(text or "")
     if line is None:
         return version(name)
     return line.group(1)
 
 
 def _processor() -> str:
-    """Name the processor; Python reports none on Linux."""
+    """Return the processor's name; Linux has it in a file, as Python reports none there."""
     with suppress(OSError):
         line = _PROCESSOR.search(Path("/proc/cpuinfo").read_text(encoding="utf-8"))
         if line is None:
@@ -121,6 +138,8 @@ def _commit() -> str | None:
     """
     package = Path(trackbench.__file__).parent
     try:
+        # git prints three lines: the folder's path in the repository, the commit, and the digest of the
+        # file, which fails if the commit does not have the file.
         words = ["rev-parse", "--show-prefix", "HEAD", "HEAD:./__init__.py"]
         command = ["git", "-C", str(package), *words]
         answer = subprocess.run(command, capture_output=True, text=True, check=True)

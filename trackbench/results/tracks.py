@@ -35,7 +35,7 @@ class TrackFile:
         self.arrays: dict[str, Any] = {}
 
     def add(self, key: Key, result: FilterResult) -> None:
-        """Add one filter's tracks."""
+        """Add one filter's tracks at one grid point, if the run kept any."""
         if result.tracks is None:
             return
         i, label = key
@@ -83,6 +83,7 @@ class FigureTracks(TrackFile):
         figures = [figure for figure in self.experiment.figures.values() if figure.shown_runs]
         # Number of runs that are drawn in all detail.
         exact_runs = _most_runs([f for f in figures if f.shown_components is None])
+        # Every figure of tracks shows the truth of the first run.
         arrays = {"truth": tracks.truth[..., : max(exact_runs, 1)]}
         if exact_runs:
             arrays["measurements"] = tracks.measurements[..., :exact_runs]
@@ -122,6 +123,7 @@ def sensor_paths(scenario: Scenario) -> list[tuple[int, Array]]:
         if isinstance(sensor, AngularSensor):
             places = []
             for k in scenario.steps:
+                # A sensor without a place is at the origin; a height is left out.
                 place = sensor.place(int(k)) or (0.0, 0.0)
                 places.append(place[:2])
             paths.append((n, np.array(places).T))
@@ -139,22 +141,23 @@ def landmark_places(scenario: Scenario) -> list[tuple[int, Array]]:
 
 
 def measured_positions(scenario: Scenario, z: Array) -> Array | None:
-    """Return the positions (axes, T, r) that measurements z (n_z, T, r) show; NaN for a missing one.
+    """Return the positions (axes, T, r) that the measurements z (n_z, T, r) of r runs show.
 
-    None if no single measurement shows a position.
+    A missing measurement gives NaN. None if no sensor alone measures a position.
     """
     sensor = scenario.true_sensor
+    # The sensor that measures a position, and its rows of z.
     sensor_and_rows = position_part(sensor) if isinstance(sensor, Sensors) else None
     if sensor_and_rows is None:
         return None
     locating_sensor, rows = sensor_and_rows
     if is_equal_at_every_step(cast(SensorBase, locating_sensor)):
-        # All steps in one call: their axis and that of the runs become one.
+        # All steps in one call, of which 0 is any: the axes of steps and runs become one.
         measured = z[rows]
         located = locating_sensor.located(measured.reshape(len(measured), -1), 0).mean
         return located.reshape(-1, *z.shape[1:])
     positions = []
-    for i, k in enumerate(scenario.steps[1:]):
+    for i, k in enumerate(scenario.steps[1:]):  # the first step has no measurement
         positions.append(locating_sensor.located(z[rows, i], int(k)).mean)
     return np.stack(positions, axis=1)
 

@@ -85,8 +85,9 @@ class Losses(NamedTuple):
 
     @classmethod
     def from_result(cls, result: FilterResult) -> "Losses":
-        """Count the codes of the metric ``lost``."""
+        """Count the lost runs by the codes of the metric ``lost``, which is 0 if a run is kept."""
         codes = result.per_run["lost"]
+        # RMS differences from the reference.
         distances = []
         for name, values in result.per_run.items():
             metric = measured(name).definition
@@ -228,7 +229,7 @@ class CsvFiles:
         digits = _digits_per_run(self._experiment, key)
         self._add_runs(point, label, result.per_run, digits)
         self._add_steps(point, label, step_columns(result, sizes(scenario)))
-        # Only metrics that are written need a summary.
+        # Only metrics that are written need a summary; every row has the number of lost runs.
         stored = stored_metrics(self._experiment.settings, "summary.csv")
         per_run = {
             metric: values
@@ -248,10 +249,11 @@ class CsvFiles:
             scenario = point.scenario
             if settings.bound:
                 bounds = scenario.bounds()
-                without = scenario.bounds_without_batch()
-                rows = bound_summary(bounds, scenario.windows, without)
+                # Bounds from all batches of simulated paths but one: they give the standard error.
+                without_batch = scenario.bounds_without_batch()
+                rows = bound_summary(bounds, scenario.windows, without_batch)
                 self._add_summary(i, settings.bound, rows)
-                self._add_steps(i, settings.bound, bound_steps(bounds, without))
+                self._add_steps(i, settings.bound, bound_steps(bounds, without_batch))
             for name in settings.exact:
                 if name not in point.filters:
                     continue
@@ -369,7 +371,8 @@ def _digits_per_run(experiment: Experiment, key: Key) -> int:
 def _numbered_rows(head: str, middle: str, values: Array, digits: int) -> tuple[bytes, Array]:
     """Write a row for each of the values (M,): head, number from 0, middle, and the value.
 
-    Return also the numbers (M,) that are read back from the rows.
+    With the head ``EKF,`` and the middle ``,rmse,`` the first row is ``EKF,0,rmse,1.25``. Return also
+    the numbers (M,) that are read back from the rows.
     """
     if compiled.kernels and values.dtype == np.float64:
         as_read = np.empty(len(values))
@@ -384,8 +387,8 @@ def _numbered_rows(head: str, middle: str, values: Array, digits: int) -> tuple[
 
 
 def _texts(values: Array | Index, digits: int) -> list[str]:
-    """Write numbers (n,) with so many significant digits."""
-    # Equal numbers are written once.
+    """Write each of the numbers (n,) as text with ``digits`` significant digits."""
+    # Numbers that are all equal bit for bit are written once.
     bits = np.ascontiguousarray(values).view(f"u{values.itemsize}")
     if len(values) > 1 and (bits == bits[0]).all():
         return _texts(values[:1], digits) * len(values)
@@ -406,7 +409,8 @@ def _without_runs(columns: StepColumns) -> StepColumns:
 def _timing_cells(result: FilterResult) -> Row:
     """Return the cells of a row of timing.csv: runs, CPU times, repeats and numbers of operations.
 
-    The CPU time of a run is the median of the measured times, or without any that of the blocks.
+    The CPU time of a run is the median over the repeats that measured it. Without repeats it is that of
+    the blocks, and has no standard error.
     """
     runs = sum(timing.runs for timing in result.timing)
     cpu_s = sum(timing.cpu_s for timing in result.timing)

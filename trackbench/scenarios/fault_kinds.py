@@ -11,7 +11,7 @@ from pydantic import Field, StringConstraints
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.random_streams import RunStreams
 from trackbench.field_types import (
-    ONE_LINE,
+    LEGEND_LABEL,
     ByComponent,
     Count,
     Finite,
@@ -47,7 +47,7 @@ class Stretch(NamedTuple):
 class Fault:
     """Base of the faults: when they are, and of which sensor."""
 
-    name: Annotated[str, StringConstraints(pattern=ONE_LINE, max_length=70)]
+    name: Annotated[str, StringConstraints(pattern=LEGEND_LABEL, max_length=70)]
     """window of metrics: rmse_position[burst], rmse_position[after burst]"""
     from_: Finite | None = None
     """time of the first wrong measurement, s; default: from the start"""
@@ -218,7 +218,7 @@ class Outliers(LargerNoise):
         return law.scale * law.scale * law.df / (law.df - 2.0)
 
     def check(self, components: tuple[str, ...]) -> None:
-        """Check the region's components."""
+        """Raise InvalidKeyError unless the region of clutter has an interval for every component."""
         if not isinstance(self.density, UniformClutter):
             return
         region = self.density.region
@@ -283,7 +283,7 @@ class Bias(Fault):
     """growth of the error per s, from zero or `value` at the fault's begin"""
 
     def check(self, components: tuple[str, ...]) -> None:
-        """Check the components' names."""
+        """Raise InvalidKeyError for an unknown component, and for a bias without a value."""
         # `by_component` raises InvalidKeyError for an unknown name.
         by_component(self.value or {}, components, "value")
         by_component(self.ramp or {}, components, "ramp")

@@ -88,13 +88,12 @@ class FaultContext(NamedTuple):
             first, last = self.times[[1, -1]]
             what = f"no measurement is in it: they are at {first:g} to {last:g} s, "
             what += f"steps {self.steps[1]} to {self.steps[-1]}"
-            # Report the key that the config has.
-            key = "from"
-            if fault.steps:
-                key = "steps"
-            elif fault.from_ is None:
-                key = "to"
-            raise InvalidKeyError(what, key)
+            raise InvalidKeyError(what, self._key_of_time(fault))
+        idle = self._sensors_without_measurement(fault)
+        if idle:
+            what = f"{idle} measures at no step of it, by its `period` and `offset`; "
+            what += "take other steps, or a longer fault"
+            raise InvalidKeyError(what, self._key_of_time(fault))
         for name in (fault.name, f"after {fault.name}"):
             if name in names:
                 what = f"there is a window {name!r} already: choose another name"
@@ -118,6 +117,21 @@ class FaultContext(NamedTuple):
                 key = "kind"
             raise InvalidKeyError(what, key)
         fault.check(self.components(fault))
+
+    def _key_of_time(self, fault: Fault) -> str:
+        """Return the key of the config that says when the fault is."""
+        if fault.steps:
+            return "steps"
+        return "to" if fault.from_ is None else "from"
+
+    def _sensors_without_measurement(self, fault: Fault) -> str:
+        """Describe the fault's sensors if none of them measures during the fault; empty otherwise."""
+        steps = self.steps[1:][self.measured(fault)]
+        sensors = self.sensors(fault)
+        for sensor in sensors:
+            if ((steps - sensor.offset) % sensor.period == 0).any():
+                return ""
+        return "the sensor" if len(sensors) == 1 else "every sensor"
 
     def _measures_before(self, fault: Fault) -> bool:
         """Test whether each of the fault's sensors measures before it, by its period."""

@@ -166,7 +166,10 @@ class Score:
     def error_vectors(
         self, sensor: Sensors, components: tuple[str, ...], mean: Array, truth: Array
     ) -> dict[str, Array]:
-        """Return error vectors by quantity; in a sensor's coordinates only if there is one sensor."""
+        """Return error vectors (d, *batch) by quantity.
+
+        If one sensor measures positions and velocities, they include those in its coordinates.
+        """
         error = mean - truth
         vectors = {name: error[as_slice(rows)] for name, rows in self._rows(components).items()}
         if _is_moving(components) and isinstance(sensor, SensorBase):
@@ -179,7 +182,7 @@ class Score:
         if _is_moving(components):
             rows = {"position": list(range(0, n, 2)), "velocity": list(range(1, n, 2))}
         elif n == 1:
-            rows = {"": [0]}
+            rows = {"": [0]}  # the metric of a scalar is rmse, without a name
         else:
             rows = {name: [i] for i, name in enumerate(components)}
         for name, group in self.errors.items():

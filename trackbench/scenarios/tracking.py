@@ -239,10 +239,7 @@ class Tracking(Scenario):
         return Model(sampled, self._fault_context.known_sensor(self.faults, sensor))
 
     def assumed_measurements(self, z: Array) -> Array:
-        """Return measurements z (n_z, T, M) as a filter corrects them that knows of the faults.
-
-        A filter that does not know of them gets z itself.
-        """
+        """Return measurements z (n_z, T, M), corrected for the faults if the filter knows of them."""
         if self.assume.faults is None:
             return z
         return self._fault_context.corrected(self.faults, z)
@@ -314,7 +311,7 @@ class Tracking(Scenario):
     def position_sigma(self) -> float | None:
         """Largest standard deviation of the position by one scan at the first state, m.
 
-        In space an upper bound of it. None if a scan does not tell the position.
+        In space it is an upper bound of that deviation. None if a scan does not determine the position.
         """
         if not self.target.is_moving:
             return None
@@ -463,7 +460,9 @@ class Tracking(Scenario):
         """Return ``diverged`` (M,), see `score.diverged`; then the target's own numbers per run."""
         if not self.has_truth:
             return {}
-        sigma = np.nan if self.position_sigma is None else self.position_sigma
+        sigma = self.position_sigma
+        if sigma is None:
+            sigma = np.nan
         scored = Scored(times=self.times, windows=self.windows, sigma=sigma)
         metrics = {"diverged": diverged(values, recorded=self.recorded_runs is not None)}
         metrics |= self.target.run_metrics(values, scored)

@@ -212,7 +212,10 @@ def as_family(comparisons: Mapping[Key, Comparison], tests: int = 0) -> dict[Key
     """
     zs = []
     for comparison in comparisons.values():
-        zs.append(comparison.z if rules.is_tested(comparison.difference) else np.nan)
+        z = np.nan  # no test
+        if rules.is_tested(comparison.difference):
+            z = comparison.z
+        zs.append(z)
     adjusted = rules.adjusted(zs, tests)
     tests = tests or int(np.sum(~np.isnan(adjusted)))
     return {

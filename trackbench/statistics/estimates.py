@@ -417,7 +417,8 @@ def linear_combination(
 ) -> RunEstimate:
     """Return the estimate of ``factor_a a + factor_b b``, paired by runs if both have influences.
 
-    ``value`` is the value of this combination, which the caller has computed.
+    ``value`` is the value of this combination, which the caller has computed. The lost runs are those
+    of a.
     """
     influences = _combined_influences(a, b, factor_a, factor_b)
     if influences is not None:

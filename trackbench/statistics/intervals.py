@@ -202,6 +202,7 @@ def share_z(events: int, runs: int, probability: float) -> float:
     """
     from scipy.special import bdtr, bdtrc, ndtri
 
+    # No outcome agrees with a probability below 0 or above 1.
     if probability < 0.0:
         return inf
     if not probability <= 1.0:
@@ -391,7 +392,8 @@ class AcceptedNis:
             lows.append(mean * low)
             highs.append(mean * high)
         if self._may_be_whole:
-            highs.append(anees_band(1, components, level)[1])
+            _, high_of_whole = anees_band(1, components, level)
+            highs.append(high_of_whole)
         return min(lows), max(highs)
 
     @property

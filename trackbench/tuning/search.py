@@ -289,6 +289,7 @@ class Record:
             return [choice for choice in axis.choices if choice in good_choices]
 
         def share_of(trial: Trial) -> float:
+            # Each value that was tried lies on its axis, so that it has a share.
             return axis.share(trial.values[axis.key]) or 0.0
 
         # Step 2: follow the axis from the best to both sides, as far as the objective stays good.

@@ -197,12 +197,14 @@ def motion_with_inputs(sampled: SampledMotion, known: KnownInputs | None) -> Sam
 def sample_equally(
     motion: Motion, T: float, axes: int, recorded: KnownInputs | None
 ) -> SampledMotion:
-    """Sample a motion over equal intervals of a recording with these inputs, if it has any.
+    """Sample a motion over equal intervals, T seconds long.
 
-    Raises InvalidKeyError for an input in the motion's equations that is not recorded.
+    ``recorded`` are the inputs of a recording, if it has any. Raises InvalidKeyError for an input in the
+    motion's equations that is not recorded.
     """
     known = inputs_in_equations(motion, recorded)
     sampled = motion_with_inputs(motion.sampled(T, axes), known)
+    # `sample_alike` finds the recorded inputs in these types, for a motion that needs others of them.
     if recorded is not None and isinstance(sampled, Linear | SteppedMotion | Turning):
         return replace(sampled, recorded_inputs=recorded)
     return sampled
@@ -214,6 +216,7 @@ def sample_alike(motion: Motion, other: SampledMotion) -> SampledMotion:
     Raises InvalidKeyError for an input in the motion's equations that is not recorded.
     """
     if isinstance(other, Irregular):
+        # Raise the error here that the new motion would raise at its first step.
         inputs_in_equations(motion, other.recorded_inputs)
         return replace(other, motion=motion, named_angles=())
     # `other` has two components for each axis, then those with an initial standard deviation.

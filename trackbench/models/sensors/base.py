@@ -342,7 +342,8 @@ class Assume(HoldsComponents):
         """Return these assumptions, with the other's where a key is unset."""
         delay = self.delay
         late = self.late
-        # `delay` and `late` exclude each other: one of these leaves out the other one of `other`.
+        # `delay` and `late` exclude each other: if one of them is set here, the other one is not taken
+        # from ``other``.
         if not delay and not self.late:
             delay = other.delay
         if not late and not self.delay:

@@ -270,7 +270,16 @@ class FunctionSensor(SensorBase):
 
     def for_state(self, components: tuple[str, ...]) -> "FunctionSensor":
         """Return the sensor for a target with these components; raises InvalidKeyError."""
-        return self if self.state else replace(self, state=components)
+        if self.state:
+            return self
+        if components not in self._sensors_by_state:
+            self._sensors_by_state[components] = replace(self, state=components)
+        return self._sensors_by_state[components]
+
+    @cached_property
+    def _sensors_by_state(self) -> dict[tuple[str, ...], "FunctionSensor"]:
+        """Sensors that `for_state` has compiled: a config builds its scenario for every filter."""
+        return {}
 
     @property
     def _equations(self) -> Equations:
@@ -291,19 +300,19 @@ class FunctionSensor(SensorBase):
         return tuple(names)
 
     @cached_property
-    def _programs(self) -> tuple[ArrayProgram, ArrayProgram, ArrayProgram]:
-        """H (n_z,), its Jacobian (n_z, n_x) and R (n_z, n_z); raises InvalidKeyError."""
+    def _programs(self) -> tuple[ArrayProgram, ArrayProgram]:
+        """H (n_z,), whose Jacobian is (n_z, n_x), and R (n_z, n_z); raises InvalidKeyError."""
         equations = self._equations
         h = equations.vector([equations.parse(term, "h", name) for name, term in self.h.items()])
         R = equations.covariance(1.0 if self.R is None else self.R, self.components, "R")
-        return h, h.jacobian, R
+        return h, R
 
     def measurement(self, x: Array, k: int) -> Gaussian:
         """Return N(h(x, k), R) for x (n_x, *batch), of which the first components are the state's.
 
-        With `noise` they are the moments of the measurement.
+        With `noise` the mean and the covariance are those of the measurement with this noise.
         """
-        h, _, R = self._programs
+        h, R = self._programs
         # Further components of a filter's state do not enter h.
         x = x[: len(self.state)]
         mean = with_trailing(h(x, k), x.ndim - 1)
@@ -320,7 +329,7 @@ class FunctionSensor(SensorBase):
 
     def _mean_and_scale(self, x: Array, k: int) -> tuple[Array, Array]:
         """Return h (n_z, *batch) and the roots of R's diagonal (n_z, *batch)."""
-        h, _, R = self._programs
+        h, R = self._programs
         x = x[: len(self.state)]
         scale = np.sqrt(linalg.diagonal(R(x, k)))
         return with_trailing(h(x, k), x.ndim - 1), with_trailing(scale, x.ndim - 1)
@@ -328,7 +337,7 @@ class FunctionSensor(SensorBase):
     @property
     def has_noise_of_state(self) -> bool:
         """True if R depends on the state, which the Fisher information leaves out."""
-        return any(map(self._programs[2].uses, self.state))
+        return any(map(self._programs[1].uses, self.state))
 
     def log_density(self, z: Array, x: Array, k: int) -> Array:
         """Evaluate log p(z_k | x_k = x) (*batch) of z (n_z, M) by `noise`, of measured components."""
@@ -377,14 +386,14 @@ class FunctionSensor(SensorBase):
 
     def jacobian(self, x: Array, k: int) -> Array:
         """Return dh/dx (n_z, n_x[, *batch]); zero for components of a filter's own."""
-        H = self._programs[1](x[: len(self.state)], k)
+        H = self._programs[0].jacobian(x[: len(self.state)], k)
         # Columns of zeros for the further components of a filter's state.
         padding = [(0, 0), (0, len(x) - len(self.state)), *[(0, 0)] * (H.ndim - 2)]
         return np.pad(H, padding)
 
     def hessian(self, x: Array, k: int) -> Array:
         """Return the second derivatives of h (n_z, n_x, n_x[, *batch]), padded as `jacobian`."""
-        second = self._programs[1].jacobian(x[: len(self.state)], k)
+        second = self._programs[0].jacobian.jacobian(x[: len(self.state)], k)
         of_state = (0, len(x) - len(self.state))
         padding = [(0, 0), of_state, of_state, *[(0, 0)] * (second.ndim - 3)]
         return np.pad(second, padding)
@@ -392,18 +401,19 @@ class FunctionSensor(SensorBase):
     @property
     def H(self) -> "Constant":
         """H (n_z, n) as a function of n; AttributeError if h is not linear."""
-        h, jacobian, R = self._programs
+        h, R = self._programs
         if self.is_count:
             raise AttributeError("the variance of a count depends on the state")
-        if jacobian.constant is None or R.constant is None or not h.is_zero_at_zero():
+        H = h.jacobian.constant
+        if H is None or R.constant is None or not h.is_zero_at_zero():
             raise AttributeError("h is not linear")
-        return Constant(jacobian.constant)
+        return Constant(H)
 
     @property
     def linear(self) -> bool:
         """Return True; AttributeError unless z_k = H x_k + b + noise, H, b and R free of the state."""
-        _, jacobian, R = self._programs
-        depends_on_state = any(jacobian.uses(name) or R.uses(name) for name in self.state)
+        h, R = self._programs
+        depends_on_state = any(h.jacobian.uses(name) or R.uses(name) for name in self.state)
         if self.is_count or depends_on_state:
             raise AttributeError("h is not linear")
         return True

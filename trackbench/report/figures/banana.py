@@ -75,7 +75,7 @@ class Banana(FigureKind):
         measurement = Polar(
             np.array([1e3 * range_km]), np.array([0.0]), self.sigma_range**2, sigma_azimuth**2
         )
-        # Step 1: samples of the position; the line of sight is the first axis.
+        # Step 1: samples of the position. At azimuth 0 the line of sight is the first axis.
         ranges = measurement.r + self.sigma_range * rng.standard_normal(self.samples)
         azimuths = sigma_azimuth * rng.standard_normal(self.samples)
         along, across = position(ranges, azimuths)
@@ -137,6 +137,7 @@ class PosteriorEllipses(FigureKind):
         motion = _kind(scenario["target"].get("motion"))
         if self.predicted is not None and motion != "cwna":
             return {"predicted": "the motion is not white noise acceleration"}
+        # The first step has the initial state and no measurement.
         first_measured = point.scenario.steps[1]
         last = point.scenario.steps[-1]
         if not first_measured <= self.step <= last:
@@ -164,7 +165,10 @@ class PosteriorEllipses(FigureKind):
     def _draw_panel(
         self, ax: Axes, tracks: dict[str, Array], results: Results, scenario: dict[str, Any]
     ) -> None:
-        """Draw measurement, prediction and posteriors, seen from the true target."""
+        """Draw measurement, prediction and posteriors, seen from the true target.
+
+        The state is px, vx, py, vy. The measurement of the step at index k has the index k - 1.
+        """
         k = int(np.flatnonzero(tracks["steps"] == self.step)[0])
         run = self.run - 1
         view = _View.toward(tracks["truth"][[0, 2], k, run])
@@ -183,7 +187,8 @@ class PosteriorEllipses(FigureKind):
             mean = tracks[f"mean/{label}"][[0, 2], k, run]
             cov = tracks[f"cov/{label}"][np.ix_([0, 2], [0, 2])][..., k, run]
             ellipses[label] = view.ellipse_of(Gaussian(mean, cov))
-        # Step 2: units of the two axes, which may differ.
+        # Step 2: units of the two axes, which may differ. All outlines and the target at the origin are
+        # within the panel, with a margin.
         outlines = np.concatenate(
             [measured, *predicted, *ellipses.values(), np.zeros((2, 1))], axis=1
         )
@@ -248,6 +253,7 @@ def _measured_region(z: Array, view: _View, sensor: dict[str, Any]) -> Array:
     far_ranges = np.full(201, z[0] + 2.0 * sensor["sigma_range"])
     near = view.transform(position(near_ranges, azimuths))
     far = view.transform(position(far_ranges, azimuths))
+    # Along the near arc, and back along the far one.
     return np.concatenate([near, far[:, ::-1]], axis=1)
 
 
@@ -259,7 +265,10 @@ def _kind(component: Any) -> str | None:
 
 
 def predicted_position(posterior: Gaussian, scenario: dict[str, Any]) -> Gaussian:
-    """Return the position (2,) one scan after a state (4,), under the scenario's motion."""
+    """Return the predicted position (2,) one scan after a posterior of px, vx, py, vy.
+
+    The motion is that of the scenario, white noise acceleration.
+    """
     motion = WhiteAcceleration(q=scenario["target"]["motion"]["q"]).sampled(scenario["T"])
     moved = motion.transition(posterior.mean, 0)
     cov = motion.F @ posterior.cov @ motion.F.T + moved.cov

@@ -101,8 +101,9 @@ class Bars(FigureKind):
         for row, (label, color) in enumerate(colors.items()):
             value, low, high = self._estimate(expressions, label)
             if not isfinite(value):
-                place = ax.get_yaxis_transform()
-                ax.text(0.01, row, _WITHOUT_NUMBER, transform=place, va="center", fontsize=7)
+                # x is a share of the axis.
+                transform = ax.get_yaxis_transform()
+                ax.text(0.01, row, _WITHOUT_NUMBER, transform=transform, va="center", fontsize=7)
                 continue
             below = max(value - low, 0.0)
             above = max(high - value, 0.0)
@@ -150,6 +151,7 @@ class Bars(FigureKind):
     ) -> Iterator[tuple[str, float]]:
         """Yield label and value of the published numbers of these filters at a point of the grid."""
         for number in results.published.numbers:
+            # A published value that is a text is a word on a bias.
             if number.expression != self.metric or isinstance(number.value, str):
                 continue
             if point_of(results, number.point) != point:

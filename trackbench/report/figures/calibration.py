@@ -66,7 +66,7 @@ class CalibrationFigure(FigureKind):
         return missing_steps("columns", self.columns.values(), points)
 
     def default_caption(self, results: Results) -> str:
-        """Return which ranks are uniform, as far as the runs show, and which are not."""
+        """Return which histograms are flat, as far as the runs show, and which are not."""
         point = results.points()[0]
         histograms = []
         for label in results.chosen(self.filters):
@@ -106,7 +106,7 @@ class CalibrationFigure(FigureKind):
             row_label = ", ".join(filter(None, [label, phrases.heading(point)]))
             row[0].set_ylabel(style.wrap_label(row_label, 16))
         for ax, heading in zip(axes[0], self.columns, strict=True):
-            p_value = ax.get_title()
+            p_value = ax.get_title()  # set by `_draw_histogram`
             ax.set_title(f"{heading}\n{p_value}".strip())
         for ax in axes[-1]:
             ax.set_xlabel("Rank of the truth")
@@ -238,7 +238,7 @@ def _draw_coverage(ax: Axes, coverage: _Coverage, label: str, look: LineStyle) -
 def _count_coverage(results: Results, point: GridPoint, label: str, metric: Measure) -> _Coverage:
     """Return the share of truths within a filter's regions of each level."""
     # The regions of a component are central intervals; those of the whole state grow from NEES = 0.
-    is_central = metric.quantity != "nees"
+    is_central = metric.quantity != "nees"  # of pit_nees, or such as pit_px
     if metric.steps:
         return _coverage_at_step(pits(results, point, label, metric), is_central)
     return _coverage_over_steps(shares_of_runs(results, point, label, metric), is_central)
@@ -266,6 +266,7 @@ def _coverage_over_steps(shares: Array, is_central: bool) -> _Coverage:
         # The first interval is the two tenths in the middle. Each further one has one more per side.
         middle = TENTHS // 2
         shares = shares[middle - 1 :: -1] + shares[middle:]
+    # Runs without a rank are left out. The region of level 0 contains no truth.
     known = shares[:, ~np.isnan(shares).any(axis=0)]
     within = np.vstack([np.zeros_like(known[:1]), np.cumsum(known, axis=0)])
     levels = len(within)

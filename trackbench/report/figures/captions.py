@@ -17,7 +17,9 @@ def runs(results: Results) -> str:
 
 
 def filters(labels: Sequence[str]) -> str:
-    """Return the labels in words; of many the first, and how many more."""
+    """Return the labels in words; of many the first, and how many more. ``--only`` may leave none."""
+    if not labels:
+        return "no filter"
     return listed([named(label) for label in labels])
 
 
@@ -29,8 +31,9 @@ def measured_labels(results: Results, labels: Sequence[str], metric: Measure) ->
 
 
 def quantity(metric: Measure) -> str:
-    """Return the metric as the axis names it, without its unit: ``position RMSE``."""
+    """Return the metric as the axis names it, without its unit: ``position RMSE``, ``ANEES``."""
     words = phrases.axis_of(metric).partition(" (")[0]
+    # A capital before a small letter begins words; abbreviations and expressions stay as they are.
     is_sentence_case = words[:1].isupper() and words[1:2].islower()
     if is_sentence_case:
         return f"{words[0].lower()}{words[1:]}"

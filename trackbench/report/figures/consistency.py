@@ -82,18 +82,19 @@ class Anees(OverTime):
         return float(is_inside.mean())
 
     def _bands(self, degrees: Iterable[float]) -> dict[float, tuple[float, float]]:
-        """Return the band of a consistent filter for each number of degrees of freedom."""
+        """Return the low and high end of a consistent filter's band, by degrees of freedom."""
         return {number: anees_band(1, number, self.level) for number in set(degrees)}
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter; between the gray lines a consistent filter stays."""
         curves = self.values_of_curves(results, self.metric)
-        return self.with_vertical_axis(self.metric, curves)._draw_curves(results)
+        figure_with_axis = self.with_vertical_axis(self.metric, curves)
+        return figure_with_axis._draw_curves(results)
 
     def _draw_curves(self, results: Results) -> Figure:
-        """Draw the figure, whose vertical axis is determined."""
-        titles = self.panel_titles(results, self.count_steps(results, self.metric))
-        figure, panels = self.make_panels_over_time(results, titles)
+        """Draw the figure, whose keys ``y_label`` and ``log`` are set for what it draws."""
+        panel_labels = self.panel_labels(results, self.count_steps(results, self.metric))
+        figure, panels = self.make_panels_over_time(results, panel_labels)
         for panel in panels:
             (ax,) = panel.axes
             x_by_step: dict[int, float] = {}
@@ -103,14 +104,14 @@ class Anees(OverTime):
                 if not len(rows):
                     continue
                 x, value, _ = self.series_with_gaps(rows)
-                self.draw_curve(ax, x, value, series.look, panel.title, titles)
+                self.draw_curve(ax, x, value, series.look, panel.label, panel_labels)
                 x_by_step |= zip(rows["step"].tolist(), rows[self.x].tolist(), strict=True)
-                # The band is that of the filter with most runs.
+                # The band is that of the filter with the most degrees of freedom, hence the most runs.
                 degrees = self._degrees_by_step(results, panel.point, series.look["label"])
                 for step, number in degrees.items():
                     degrees_by_step[step] = max(number, degrees_by_step.get(step, 0.0))
             self._draw_band(ax, x_by_step, degrees_by_step)
-        return self.finish(figure, titles)
+        return self.finish(figure, panel_labels)
 
     def _draw_band(
         self, ax: Axes, x_by_step: dict[int, float], degrees_by_step: dict[int, float]
@@ -120,6 +121,7 @@ class Anees(OverTime):
         Both arguments are by step: the place on the horizontal axis, and the degrees of freedom.
         """
         look = {"label": f"{100 * self.level:g} % band", **style.BAND}
+        # A panel without any line has some band, too.
         bands = self._bands(degrees_by_step.values() or [1.0])
         if len(bands) == 1:
             ((low, high),) = bands.values()
@@ -212,6 +214,7 @@ class Dots(FigureKind):
             len(points), len(self.columns), height, sharey=True, squeeze=False
         )
         for panels, point in zip(axes, points, strict=True):
+            # The panel in the middle has the title of the row.
             panels[len(panels) // 2].set_title(phrases.heading(point))
             for ax, metric in zip(panels, self.columns.values(), strict=True):
                 self._draw_metric(ax, results, point, str(metric), labels)

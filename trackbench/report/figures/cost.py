@@ -65,6 +65,7 @@ class AccuracyVsCost(FigureKind):
         shown_labels = [
             label for label in points[0].filters if self.filters is None or label in self.filters
         ]
+        # One filter that varies is enough: check the one with the most values.
         most_varied = max(
             shown_labels,
             key=lambda label: len(own_sizes(points, label, self.along)),
@@ -76,6 +77,7 @@ class AccuracyVsCost(FigureKind):
         """Return the filters on the front."""
         scene = scenes(results)[0]
         all_curves = self._curves(results, scene)
+        # By identity: spots hold arrays, which cannot be compared by `in`.
         identities_on_front = {id(spot) for spot in self._front(all_curves)}
         names = []
         for curve in all_curves:
@@ -214,7 +216,7 @@ class _Values:
 
 
 def _values_of(spots: Sequence[Spot]) -> _Values:
-    """Return times and errors of a curve's points; a number that is missing is zero."""
+    """Return the times and errors of spots; NaN, such as a missing standard error, is zero."""
     return _Values(
         time=MICRO * _numbers([spot.cost.value for spot in spots]),
         time_stderr=MICRO * _numbers([spot.cost.stderr for spot in spots]),

@@ -70,7 +70,8 @@ class CriticalDifference(FigureKind):
         # Step 2: groups of filters that are closer than the critical difference.
         number_of_runs = values.shape[1]
         critical = critical_difference(len(ranked), number_of_runs, self.alpha)
-        _draw_ranks(ax, ranked, mean, cliques(mean, critical))
+        groups = cliques(mean, critical)
+        _draw_ranks(ax, ranked, mean, groups)
         title = f"Mean rank by {captions.quantity(self.metric)} over {number_of_runs} runs "
         title += f"(1: the {best}), "
         title += f"critical difference {critical:.2f}"
@@ -110,6 +111,7 @@ def range_quantile(level: float, k: int) -> float:
     nodes, weights = np.polynomial.legendre.leggauss(200)
     z = 9.0 * nodes
     density = 9.0 * weights * np.exp(-0.5 * z * z) / np.sqrt(2.0 * np.pi)
+    # 60 halvings of this interval, which contains the quantile, are exact to rounding.
     low = 0.0
     high = 20.0
     for _ in range(60):
@@ -131,7 +133,9 @@ def cliques(mean: Array, critical: float) -> list[tuple[float, float]]:
     groups: list[tuple[float, float]] = []
     for first in ranks:
         last = ranks[ranks <= first + critical][-1]
-        if last > first and (not groups or last > groups[-1][1]):
+        # A group that ends where the one before ends is contained in it.
+        is_contained = bool(groups) and last <= groups[-1][1]
+        if last > first and not is_contained:
             groups.append((float(first), float(last)))
     return groups
 
@@ -144,6 +148,7 @@ def _draw_ranks(
     ``mean`` has the mean rank of each label, ``groups`` the first and last mean rank of each group.
     """
     k = len(labels)
+    # The better half of the labels, and one more of an odd number. Depths are below the axis.
     half = (k + 1) // 2
     top_of_labels = 0.5 + 0.35 * len(groups)
     # Step 1: bars for the groups.

@@ -106,7 +106,8 @@ class HeatMap(FigureKind):
         for label in labels:
             rows.append([self._estimate(results, {x_path: x}, label) for x in columns])
         row_names = [style.wrap_label(label) for label in labels]
-        return self._draw_panels({"": rows}, columns, row_names, results.axis(x_path), y_label="")
+        fields = {"": rows}  # a single panel, without a title
+        return self._draw_panels(fields, columns, row_names, results.axis(x_path), y_label="")
 
     def _draw_paths(self, results: Results, y_path: str) -> Figure:
         """Draw a panel per filter over two paths of the grid."""
@@ -152,6 +153,7 @@ class HeatMap(FigureKind):
         height = 1.2 + 0.36 * len(row_names)
         figure, axes = style.make_panels(len(drawn), 1, height, sharey=True)
         across = min(len(drawn), sheet().across)
+        # The labels of the rows and the color bar take 2 inches.
         cell_in = (sheet().width_in - 2.0) / across / len(columns)
         column_names = [phrases.number(value) for value in columns]
         for (ax,), (title, rows) in zip(axes, drawn.items(), strict=True):
@@ -183,7 +185,7 @@ class HeatMap(FigureKind):
         return Normalize(1, 2)  # no cell has a color
 
     def _draw_pairs(self, results: Results) -> Figure:
-        """Draw the paired z of every two filters."""
+        """Draw the paired z of every two filters: the filter of the row less that of the column."""
         labels = results.chosen(self.filters)
         z = np.full((len(labels), len(labels)), np.nan)
         for pair in self._shown_pairs(results):
@@ -268,6 +270,7 @@ def write_cells(
         if not np.isfinite(value):
             continue
         red, green, blue, _ = colors[row, column]
+        # Luma of ITU-R BT.601, from 0 to 1.
         brightness = 0.299 * red + 0.587 * green + 0.114 * blue
         ax.text(
             column,

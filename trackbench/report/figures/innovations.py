@@ -59,13 +59,13 @@ class Nis(OverTime):
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter."""
-        titles = self.panel_titles(results, self.count_steps(results, measured("anis")))
-        figure, panels = self.make_panels_over_time(results, titles)
+        panel_labels = self.panel_labels(results, self.count_steps(results, measured("anis")))
+        figure, panels = self.make_panels_over_time(results, panel_labels)
         for panel in panels:
-            self._draw_panel(panel, results, titles)
-        return self.finish(figure, titles)
+            self._draw_panel(panel, results, panel_labels)
+        return self.finish(figure, panel_labels)
 
-    def _draw_panel(self, panel: Panel, results: Results, titles: list[str]) -> None:
+    def _draw_panel(self, panel: Panel, results: Results, panel_labels: list[str]) -> None:
         """Draw averages of each filter, and a band for each gate."""
         (ax,) = panel.axes
         facts = results.facts(panel.point)
@@ -75,15 +75,16 @@ class Nis(OverTime):
         for nis, innovations in zip(every_nis, every_innovations, strict=True):
             if not len(nis.rows):
                 continue
-            # Step 1: the line of the filter.
+            # Step 1: the line of the filter, averages over ``steps`` steps. ``components`` is the number
+            # that all runs have measured at each step.
             components = innovations.rows["value"] * innovations.rows["runs"]
-            enough = round(_ENOUGH / float(components.mean()))
-            fewest = len(components) // _FEWEST_POINTS
-            steps = self.over or max(1, min(enough, fewest))
+            enough_steps = round(_ENOUGH / float(components.mean()))
+            most_steps = len(components) // _FEWEST_POINTS
+            steps = self.over or max(1, min(enough_steps, most_steps))
             averages = _average_steps(nis.rows[self.x], nis.rows["value"], components, steps)
             dotted = nis.look | {"marker": "o", "markersize": 2}
             x = averages.x
-            self.draw_curve(ax, x, averages.value, dotted, panel.title, titles, steps)
+            self.draw_curve(ax, x, averages.value, dotted, panel.label, panel_labels, steps)
             # Step 2: the band of its gate, as long as the longest line of a filter with this gate.
             gate = facts.accepted_nis(nis.look["label"])
             if gate not in bands:
@@ -188,6 +189,7 @@ class Autocorrelation(Curves):
                 look = {"label": label, "marker": "o", "markersize": 3, **line_style}
                 filter_lines.draw_filter_line(ax, lags, np.array(values), look)
                 widths.append(autocorrelation_band(runs[label, "innovations"]))
+            # The band is that of the filter with the most innovations.
             width = min(widths, default=np.inf)
             if width < np.inf:
                 ax.axhspan(-width, width, label="95 % band", **style.BAND)

@@ -32,7 +32,7 @@ class Panel(NamedTuple):
 
     axes: list[Axes]
     point: GridPoint
-    title: str
+    label: str
     """label of the filter that has the panel to itself; empty if all filters share the panel"""
 
 
@@ -125,7 +125,7 @@ class Curves(FigureKind):
         -------
         figure : matplotlib.figure.Figure
         panels : list of Panel
-            Their titles are empty, as all filters share a panel.
+            Their labels are empty, as all filters share a panel.
         """
         points = results.points()[: style.MOST_PANELS]
         height = 3.2 if rows == 1 else 2.4 * rows
@@ -141,7 +141,7 @@ class Curves(FigureKind):
             column[-1].set_xlabel(self.x_name)
             for ax in column:
                 self._set_scales(ax)
-            panels.append(Panel(axes=list(column), point=point, title=""))
+            panels.append(Panel(axes=list(column), point=point, label=""))
         if self.y_label:
             axes[0][0].set_ylabel(self.y_label)
         style.set_title(figure, self.title, len(results.points()))
@@ -201,14 +201,17 @@ class Curves(FigureKind):
         y_label = self.y_label or phrases.axis_of(metric)
         return replace(self, y_label=y_label, log=can_be_logarithmic and is_wanted)
 
-    def finish(self, figure: Figure, titles: Collection[str] = ()) -> Figure:
-        """Return the figure with legible vertical axes and a legend of all labels but the ``titles``."""
+    def finish(self, figure: Figure, panel_labels: Collection[str] = ()) -> Figure:
+        """Return the figure with legible vertical axes and a legend.
+
+        The legend leaves out ``panel_labels``, the filters whose own panel has their label as its title.
+        """
         for ax in figure.axes:
             if self.log:
                 scales.set_plain_log_scale(ax.yaxis)
             elif not (scales.drawn_values(ax.yaxis) < 0.0).any():
                 ax.set_ylim(bottom=0)
-        style.legend_outside(figure, titles)
+        style.legend_outside(figure, panel_labels)
         return figure
 
     def keep_possible_scales(self, figure: Figure) -> None:
@@ -242,8 +245,8 @@ class OverTime(Curves):
         """True if the horizontal axis counts steps."""
         return self.x == "step"
 
-    def panel_titles(self, results: Results, steps: Mapping[str, int]) -> list[str]:
-        """Return the labels that get a panel each; an empty list if all share one panel.
+    def panel_labels(self, results: Results, steps: Mapping[str, int]) -> list[str]:
+        """Return the labels of the filters that get a panel each; an empty list if all share one panel.
 
         Each filter gets a panel if there are many filters, many steps and a single grid point. ``steps``
         is the number of steps by label. The floor, the baseline, exact filters and labels without steps
@@ -271,28 +274,28 @@ class OverTime(Curves):
         return curves
 
     def make_panels_over_time(
-        self, results: Results, titles: Sequence[str], rows: int = 1, **layout: Any
+        self, results: Results, panel_labels: Sequence[str], rows: int = 1, **layout: Any
     ) -> tuple[Figure, list[Panel]]:
-        """Return a figure with an empty panel for each title, of the first grid point.
+        """Return a figure with an empty panel for each of ``panel_labels``, of the first grid point.
 
-        Without titles each grid point has a panel of ``rows`` axes, as in `make_panels`.
+        If there are none, each grid point has a panel of ``rows`` axes, as in `make_panels`.
         """
-        if not titles:
+        if not panel_labels:
             return self.make_panels(results, rows, **layout)
         figure, axes = style.make_panels(
-            len(titles), 1, 1.9, balanced=True, sharex=True, sharey=True
+            len(panel_labels), 1, 1.9, balanced=True, sharex=True, sharey=True
         )
         point = results.points()[0]
         across = axes[0][0].get_gridspec().ncols  # panels in a row
         panels = []
-        for place, ((ax,), label) in enumerate(zip(axes, titles, strict=True)):
+        for place, ((ax,), label) in enumerate(zip(axes, panel_labels, strict=True)):
             ax.set_title(style.wrapped(label, across))
-            is_lowest = place + across >= len(titles)
+            is_lowest = place + across >= len(panel_labels)
             if is_lowest:
                 ax.set_xlabel(self.x_name)
                 ax.tick_params(labelbottom=True)
             self._set_scales(ax)
-            panels.append(Panel(axes=[ax], point=point, title=label))
+            panels.append(Panel(axes=[ax], point=point, label=label))
         figure.supylabel(self.y_label)
         style.set_title(figure, self.title)
         return figure, panels
@@ -302,6 +305,7 @@ class OverTime(Curves):
 
         ``rows`` have the steps and times that are drawn. ``number`` is the fault's, and sets its color.
         """
+        # A fault lasts from step to step, or from time to time; an end that is None is that of the run.
         if fault["steps"] is not None:
             first, last = fault["steps"]
             steps_or_times = rows["step"]
@@ -331,20 +335,20 @@ class OverTime(Curves):
         x: Array,
         value: Array,
         look: LineStyle,
-        title: str,
-        titles: Collection[str],
+        panel_label: str,
+        panel_labels: Collection[str],
         steps: int = 1,
     ) -> bool:
         """Draw the line of the filter ``look["label"]``; return True if it is drawn in this look.
 
-        ``titles`` are the filters with a panel of their own, and ``title`` is the filter of this panel.
-        Other filters with a panel of their own are gray lines here. ``steps`` is the number of steps of
-        which each value is the mean.
+        ``panel_labels`` are the filters with a panel of their own, and ``panel_label`` is the filter of
+        this panel, empty if all filters share it. Other filters with a panel of their own are gray lines
+        here. ``steps`` is the number of steps of which each value is the mean.
         """
         label = look["label"]
-        if label == title:
+        if label == panel_label:
             return filter_lines.draw_filter_line(ax, x, value, look | {"linestyle": "-"})
-        if label in titles:
+        if label in panel_labels:
             filter_lines.draw_gray_line(ax, x, value, steps)
             return False
         return filter_lines.draw_filter_line(ax, x, value, look)
@@ -375,8 +379,8 @@ class RmseVsTime(OverTime):
         caption = captions.of_curves(results, words, labels)
         if results.config["runs"] > 1:
             # A filter with a panel of its own has a band.
-            titles = self.panel_titles(results, self.count_steps(results, self.metric))
-            has_bars = not titles and len(labels) > filter_lines.MOST_BANDS
+            panel_labels = self.panel_labels(results, self.count_steps(results, self.metric))
+            has_bars = not panel_labels and len(labels) > filter_lines.MOST_BANDS
             spread = "Bars" if has_bars else "Bands"
             caption += f" {spread} are two standard errors on either side."
         if results.facts(results.points()[0]).scenario.get("faults"):
@@ -386,16 +390,18 @@ class RmseVsTime(OverTime):
     def draw(self, results: Results) -> Figure:
         """Return one line per filter."""
         curves = self.values_of_curves(results, self.metric)
-        return self.with_vertical_axis(self.metric, curves)._draw_curves(results)
+        figure_with_axis = self.with_vertical_axis(self.metric, curves)
+        return figure_with_axis._draw_curves(results)
 
     def _draw_curves(self, results: Results) -> Figure:
-        """Draw the figure, whose vertical axis is determined."""
-        titles = self.panel_titles(results, self.count_steps(results, self.metric))
-        figure, panels = self.make_panels_over_time(results, titles)
+        """Draw the figure, whose keys ``y_label`` and ``log`` are set for what it draws."""
+        panel_labels = self.panel_labels(results, self.count_steps(results, self.metric))
+        figure, panels = self.make_panels_over_time(results, panel_labels)
         for panel in panels:
             (ax,) = panel.axes
             all_series = list(self.metric_series(results, panel.point, self.metric))
-            lines_with_errors = 1 if titles else len(all_series)
+            # In a filter's own panel the errors are a band, as of a single line: gray lines have none.
+            lines_with_errors = 1 if panel_labels else len(all_series)
             faults = results.facts(panel.point).scenario.get("faults", ())
             for number, fault in enumerate(faults):
                 self.shade_fault(ax, all_series[0].rows, fault, number)
@@ -403,13 +409,13 @@ class RmseVsTime(OverTime):
                 look = series.look
                 k, value, stderr = self.series_with_gaps(series.rows)
                 if self.log and scales.has_logarithm(value):
-                    # The error of a known first state is only rounding.
+                    # A first error that is only rounding, of a known state, would stretch the axis.
                     value = scales.without_rounding(value)
-                if self.draw_curve(ax, k, value, look, panel.title, titles):
+                if self.draw_curve(ax, k, value, look, panel.label, panel_labels):
                     filter_lines.draw_error_band(
                         ax, k, value, stderr, look, place, lines_with_errors, self.log
                     )
-        return self.finish(figure, titles)
+        return self.finish(figure, panel_labels)
 
 
 @register("figures", "estimates")
@@ -445,18 +451,18 @@ class EstimatesOfOneRun(OverTime):
         component = self.component - 1
         tracks = [results.tracks(point) for point in results.points()[: style.MOST_PANELS]]
         has_truth = any(self._has_truth(arrays) for arrays in tracks)
-        titles = self._panel_titles(results, tracks[0])
+        panel_labels = self._panel_labels(results, tracks[0])
         # Step 1: empty panels; with a truth each has axes for estimates, and below for errors.
         if has_truth:
             across = min(len(tracks), sheet().across)
             rows_of_panels = ceil(len(tracks) / across)
             figure, panels = self.make_panels_over_time(
-                results, titles, 2, height_ratios=[3, 2] * rows_of_panels
+                results, panel_labels, 2, height_ratios=[3, 2] * rows_of_panels
             )
         else:
-            figure, panels = self.make_panels_over_time(results, titles, 1)
+            figure, panels = self.make_panels_over_time(results, panel_labels, 1)
         # Step 2: lines. Panels of single filters all show the first point's tracks.
-        tracks_of_panels = tracks * len(titles) if titles else tracks
+        tracks_of_panels = tracks * len(panel_labels) if panel_labels else tracks
         for panel, arrays in zip(panels, tracks_of_panels, strict=True):
             if not arrays:  # every filter failed here
                 continue
@@ -464,24 +470,24 @@ class EstimatesOfOneRun(OverTime):
             is_angle = facts.components[component] in (facts.angles or ())
             if is_angle:
                 continued = _without_jumps(arrays, component, self.run - 1)
-                self._draw_panel(panel, results, continued, titles)
+                self._draw_panel(panel, results, continued, panel_labels)
             else:
-                self._draw_panel(panel, results, arrays, titles)
+                self._draw_panel(panel, results, arrays, panel_labels)
         # Step 3: labels of the vertical axes.
         name, unit = results.facts(panels[0].point).component(component)
         y_label = self.y_label
         if not y_label and unit:
             y_label = phrases.in_unit(name, unit)
         error_label = phrases.in_unit("Estimate - truth", unit)
-        if has_truth and titles:
+        if has_truth and panel_labels:
             figure.supylabel(f"{y_label}\n{error_label}".lstrip())
         else:
             panels[0].axes[0].set_ylabel(y_label)
-        if has_truth and not titles:
+        if has_truth and not panel_labels:
             panels[0].axes[1].set_ylabel(error_label)
             figure.align_ylabels()
         self.keep_possible_scales(figure)
-        style.legend_outside(figure, titles)
+        style.legend_outside(figure, panel_labels)
         return figure
 
     def _has_truth(self, arrays: dict[str, Array]) -> bool:
@@ -490,16 +496,16 @@ class EstimatesOfOneRun(OverTime):
             return False
         return bool(np.isfinite(arrays["truth"][self.component - 1, :, self.run - 1]).any())
 
-    def _panel_titles(self, results: Results, arrays: dict[str, Array]) -> list[str]:
+    def _panel_labels(self, results: Results, arrays: dict[str, Array]) -> list[str]:
         """Return the labels that get a panel each, by the tracks of the first grid point."""
         steps: dict[str, int] = {}
         for label, _ in self.labels_and_looks(results):
             if f"mean/{label}" in arrays:
                 steps[label] = len(arrays["steps"])
-        return self.panel_titles(results, steps)
+        return self.panel_labels(results, steps)
 
     def _draw_panel(
-        self, panel: Panel, results: Results, arrays: dict[str, Array], titles: list[str]
+        self, panel: Panel, results: Results, arrays: dict[str, Array], panel_labels: list[str]
     ) -> None:
         """Draw truth, estimates and errors into a panel from the tracks of its grid point."""
         component = self.component - 1
@@ -509,7 +515,7 @@ class EstimatesOfOneRun(OverTime):
         truth = arrays["truth"][component, :, run]
         is_known = np.isfinite(truth)
         has_truth = is_known.any()
-        if panel.title and has_truth:
+        if panel.label and has_truth:
             # A filter's own panel has its errors only: its estimates would look like all others.
             estimate_axes: list[Axes] = []
             error_axes = panel.axes
@@ -535,17 +541,18 @@ class EstimatesOfOneRun(OverTime):
             errors[label] = error
             line_look = {"label": label, **look}
             for ax in estimate_axes:
-                self.draw_curve(ax, k, mean, line_look, panel.title, titles)
+                self.draw_curve(ax, k, mean, line_look, panel.label, panel_labels)
             for ax in error_axes:
-                self.draw_curve(ax, known_k, error, line_look, panel.title, titles)
-        if not titles:
+                self.draw_curve(ax, known_k, error, line_look, panel.label, panel_labels)
+        if not panel_labels:
             filter_lines.cut_dwarfing_lines(panel.axes, errors)
 
 
 def _without_jumps(tracks: dict[str, Array], component: int, run: int) -> dict[str, Array]:
     """Return the tracks with the angle ``component`` of one run unwrapped: jumps by a turn are removed.
 
-    Each estimate is shifted by whole turns to lie near the truth.
+    ``run`` is its index, from 0. Each filter's estimates are shifted by whole turns to lie near the
+    truth.
     """
     continued = dict(tracks)
     continued["truth"] = _continue_angle(tracks["truth"], component, run)

@@ -57,6 +57,7 @@ class RmsePerRun(Curves):
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter."""
+        # Without a label the figure is drawn with the label and the scale that fit its values.
         if not self.y_label:
             return self.with_vertical_axis(self.metric, self._all_values(results)).draw(results)
         figure, panels = self.make_panels(results)

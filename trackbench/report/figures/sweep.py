@@ -62,6 +62,7 @@ class RmseVsParameter(FigureKind):
             return problems
         for point in points:
             value = point.values[path]
+            # The value of linked paths is a list.
             if _common_number(value) is None:
                 what = f"{value!r} in the grid of {path} is no number"
                 if len(single_paths(path)) > 1:
@@ -89,6 +90,7 @@ class RmseVsParameter(FigureKind):
             rows = all_rows.where(filter=label)
             rows = rows.chosen(np.isfinite(rows["value"]))
             values = rows["value"]
+            # A filter that does not depend on the parameter has one value throughout.
             if len(values) and np.ptp(values) > 0.0:
                 best = best_place(values, self.metric)
                 parameter = _parameter_values(results, path, rows)[best]
@@ -122,13 +124,14 @@ class RmseVsParameter(FigureKind):
         figure, ax = style.subplots(1, 1, 3.6)
         looks = results.line_styles(results.chosen(self.filters))
         for label in results.chosen(self.filters):
-            chosen = ascending[rows["filter"][ascending] == label]
+            # Indices of the filter's rows, in order of x.
+            of_filter = ascending[rows["filter"][ascending] == label]
             look = {"label": label, **looks[label]}
             # A filter with one value throughout is a horizontal line.
-            if len(chosen) and np.ptp(y[chosen]) == 0.0:
-                ax.axhline(y[chosen[0]], **look | {"linewidth": 0.9})
+            if len(of_filter) and np.ptp(y[of_filter]) == 0.0:
+                ax.axhline(y[of_filter[0]], **look | {"linewidth": 0.9})
             else:
-                estimates = _Estimates(x=x[chosen], value=y[chosen], stderr=stderr[chosen])
+                estimates = _Estimates(x=x[of_filter], value=y[of_filter], stderr=stderr[of_filter])
                 best: int | None = None
                 if marked_by is not None and np.isfinite(estimates.value).any():
                     best = best_place(estimates.value, marked_by)
@@ -169,7 +172,8 @@ def _draw_estimates(ax: Axes, estimates: _Estimates, look: LineStyle, best: int 
     """
     x = estimates.x
     y = estimates.value
-    if not filter_lines.draw_filter_line(ax, x, y, look):
+    has_value = filter_lines.draw_filter_line(ax, x, y, look)
+    if not has_value:
         return
     label = look["label"]
     color = look["color"]
@@ -179,13 +183,14 @@ def _draw_estimates(ax: Axes, estimates: _Estimates, look: LineStyle, best: int 
     if best is not None:
         mark: LineStyle = {"linestyle": "", "marker": "o", "markersize": 6}
         ax.plot(x[best], y[best], color=color, zorder=3, label=f"_{label}", **mark)
+        # The legend has one mark for all filters, in a color of its own.
         ax.plot([], [], color=style.ANY, label="Best value", **mark)
 
 
 def _common_number(value: object) -> float | None:
-    """Return the number that a grid value is; None if it is none.
+    """Return a grid's value if it is a number, or the number that all items of a list are; else None.
 
-    The value of linked paths is a list, and its number the one that all of them have.
+    The value of linked paths is a list.
     """
     values = value if isinstance(value, list) else [value]
     if not values or not is_number(values[0]):
@@ -197,14 +202,20 @@ def _common_number(value: object) -> float | None:
 
 
 def _parameter_values(results: Results, path: str, rows: Columns) -> Array:
-    """Return a path's values in rows of a file as numbers (n,); linked paths have one number."""
-    # The file has lists as texts.
+    """Return a path's values in rows of a file as numbers (n,).
+
+    The value of linked paths is a list of equal numbers: it gives this number.
+    """
+    # The file has lists as texts, so that the config's values are looked up by their texts.
     numbers = {str(point[path]): _common_number(point[path]) for point in results.grid_points}
     return np.array([numbers.get(str(value), value) for value in rows[path]], dtype=float)
 
 
 def best_place(values: Array, metric: Measure) -> int:
-    """Return the index of the best of the metric's values (n,), which may have NaN."""
+    """Return the index of the best of the metric's values (n,), of which some may be NaN.
+
+    The least value is best unless the metric's definition says otherwise.
+    """
     better = metric.definition.better
     if better == "higher":
         return int(np.nanargmax(values))
@@ -400,7 +411,8 @@ class SweepFigure(FigureKind):
             places = np.arange(len(x_values), dtype=float)
         has_one_metric = len({panel.metric for panel in panels}) == 1
         figure, axes = style.panel_grid(len(panels), _ROW_IN, _EXTRA_IN, sharey=has_one_metric)
-        # Step 1: the lines; a filter has one look in all panels.
+        # Step 1: the lines; a filter has one look in all panels. The heights of a panel are the values
+        # that are drawn in it.
         drawn_labels = set[str]()
         for panel in panels:
             drawn_labels.update(self._labels_to_draw(section, panel.metric))
@@ -452,7 +464,7 @@ class SweepFigure(FigureKind):
         heights: list[float] = []
         labels_without_number = 0
         for label in self._labels_to_draw(section, panel.metric):
-            # Step 1: the filter's points in this panel, in order of their places.
+            # Step 1: the filter's points in this panel, by their places on the axis.
             points = {
                 place_of_value[point.path_values[x_path]]: point
                 for point in section.points_of(label, panel.metric)
@@ -461,6 +473,7 @@ class SweepFigure(FigureKind):
             if not points:  # such as a bound, which has no mean per run
                 continue
             look = {"label": label, **looks[label]}
+            # Places with a finite value, in order.
             finite = [place for place in sorted(points) if np.isfinite(points[place].value)]
             heights += [float(points[place].value) for place in finite]
             # Step 2: a line.
@@ -483,6 +496,7 @@ class SweepFigure(FigureKind):
             # Step 3: a cross at the top for each value of the path without a number.
             missing = [place for place in place_of_value.values() if place not in finite]
             if missing:
+                # As a share of the panel's height: the crosses of each filter are a row of their own.
                 height = 0.97 - 0.06 * labels_without_number
                 labels_without_number += 1
                 cross: LineStyle = {"linestyle": "", "marker": "x", "markersize": 5}
@@ -504,6 +518,7 @@ class SweepFigure(FigureKind):
         results = section.results
         x_path, y_path = self.paths
         metrics = self._metrics(results)
+        # Without any metric there are no fields either, and the figure is empty.
         bar_label, metric = next(iter(metrics.items()), ("", measured("mean(rmse)")))
         fields = self._fields(section, metric)
         values_by_label: dict[str, Array] = {}
@@ -520,6 +535,7 @@ class SweepFigure(FigureKind):
             ax.set_yticks(range(len(rows)), rows)
             ax.set_title(style.wrap_label(label))
             ax.grid(visible=False)
+            # A panel among several is narrower, and has room for half as many numbers.
             most_text = _MOST_TEXT if len(axes) == 1 else _MOST_TEXT // 2
             if max(values.shape) <= most_text:
                 write_cells(ax, values, cell_texts(fields[label]), image, 7)
@@ -578,6 +594,7 @@ class SweepFigure(FigureKind):
         results = section.results
         chosen = results.chosen(self.filters)
         varied = self._varied_labels(results)
+        # Filters that no path varies, with their one value.
         levels: dict[str, float] = {}
         for label in chosen:
             if not _is_varied(results, results.grid, label):
@@ -594,7 +611,7 @@ def _set_limits(ax: Axes, places: Array) -> None:
     """Let a horizontal axis end a small share of its length beyond the first and last place (n,)."""
     first = float(places.min())
     last = float(places.max())
-    if first == last:
+    if first == last:  # matplotlib sets the limits around a single place
         return
     if ax.get_xscale() == "log":
         factor = (last / first) ** _MARGIN
@@ -622,7 +639,7 @@ def shown_metrics(results: Results) -> dict[str, Measure]:
 
 
 def _is_varied(results: Results, paths: Sequence[str], label: str) -> bool:
-    """Return whether one of the paths changes the filter or its problem."""
+    """Return whether one of the paths changes the filter ``label`` or the scenario that it filters."""
     filters = results.config["filters"]
     return any(is_of_scenario(path) or label in filters_of(path, filters) for path in paths)
 

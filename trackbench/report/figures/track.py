@@ -62,6 +62,7 @@ class Track(FigureKind):
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
         """Reject components that are not positions of the state."""
+        # The largest number of a component that the state has at every point.
         last = min(len(p.scenario.components) for p in points) - 1
         names = points[0].scenario.components
         if self.components is None and any(self._rows_of(p.scenario) is None for p in points):
@@ -80,9 +81,10 @@ class Track(FigureKind):
     def _rows(
         self, names: Sequence[str], errors: Mapping[str, Sequence[str]]
     ) -> tuple[int, int] | None:
-        """Return the rows that are drawn of a state with these components; None if it has no position.
+        """Return the rows of a state that are drawn as x and y; None if it has no position.
 
-        ``errors`` are those of the score, by name.
+        ``names`` are the components of the state. ``errors`` are the components of each error that the
+        score names, such as ``position``.
         """
         if self.components is None:
             return rows_in_plane(names, errors)
@@ -121,7 +123,7 @@ class Track(FigureKind):
         return self
 
     def default_caption(self, results: Results) -> str:
-        """Return whose estimates one panel shows, of how many runs, and at which point of a grid."""
+        """Return whose estimates are shown, of how many runs, and at which point of a grid."""
         runs = min(self.shown_runs, results.config["runs"])
         point = _first_point(results)
         if _paths_differ(results.facts(point)):
@@ -144,7 +146,7 @@ class Track(FigureKind):
         point = _first_point(results)
         facts = results.facts(point)
         scene = self._read_scene(results, results.tracks(point), facts)
-        # All positions that are drawn set the unit and the size of the figure.
+        # All positions (2, n) that are drawn of the first run set the unit and the size of the figure.
         positions = [scene.truth, scene.measured, *scene.sensors.values()]
         positions += [place[:, None] for place in scene.landmarks.values()]
         positions += [estimate[..., 0] for estimate in scene.estimates.values()]
@@ -178,6 +180,7 @@ class Track(FigureKind):
         rows = self._rows(facts.components, errors)
         assert rows is not None
         components = list(rows)
+        # Measurements and sensors are drawn only over positions, not over other components.
         is_position = rows == rows_in_plane(facts.components, errors)
         truth = tracks["truth"][components, :, 0]
         runs = 1 if _paths_differ(facts) else self.runs
@@ -190,7 +193,7 @@ class Track(FigureKind):
         landmarks: dict[str, Array] = {}
         all_sensors = [name for name in tracks if name.startswith("sensor/")]
         if self.measurements and is_position:
-            if "seen" in tracks:
+            if "seen" in tracks:  # measured positions
                 measured = tracks["seen"][:2, :, 0]
             first_run = [truth, measured, *(estimate[..., 0] for estimate in estimates.values())]
             for name in all_sensors:
@@ -232,9 +235,10 @@ class Track(FigureKind):
         metres: float,
         turning: Iterable[Sequence[float]],
     ) -> None:
-        """Draw the scene with the estimates of one filter, or with those of the best (no ``label``).
+        """Draw the scene with the estimates of the filter ``label``, or if empty of the best filters.
 
-        ``metres`` is the unit of the axes, and ``turning`` has the spans of maneuvers in seconds.
+        ``metres`` is the unit of the axes in meters. ``turning`` has the first and last time, s, of each
+        maneuver.
         """
         if scene.measured.size:
             x, y = scene.measured / metres
@@ -333,16 +337,16 @@ def _draw_best(ax: Axes, results: Results, estimates: Mapping[str, Array], metre
         look = looks[label]
         # Every estimate equals itself: more than one equal estimate means another one.
         equal = [np.allclose(estimate, other, equal_nan=True) for other in estimates.values()]
-        level = rank
+        depth = rank
         if sum(equal) > 1 and look["linestyle"] == "-":
-            level = len(estimates)
+            depth = len(estimates)
         x, y = estimate[..., 0] / metres
         # A line without a zorder, such as the truth's, has 2.
-        ax.plot(x, y, label=label, **look, zorder=1.9 - 0.1 * level)
+        ax.plot(x, y, label=label, **look, zorder=1.9 - 0.1 * depth)
 
 
 def plane_unit(*tracks: Array) -> tuple[float, str]:
-    """Return meters per unit of the axes and its name, for tracks (2, T) in m."""
+    """Return meters per unit of the axes, and the unit's name, for tracks (2, T) in m: (1000, "km")."""
     points = _known_points(tracks)
     if not points.size:
         return length_unit(0.0)
@@ -455,7 +459,7 @@ def draw_truth(
     elif estimated_runs > 1:
         look = style.TRUTH | {"linewidth": 0.7}
     ax.plot(x, y, label="Truth", **look)
-    # A known point between unknown ones makes no line.
+    # A known point between unknown ones makes no line, and is drawn as a dot.
     is_beside_known = np.zeros_like(is_known)
     is_beside_known[1:] |= is_known[:-1]
     is_beside_known[:-1] |= is_known[1:]
@@ -490,9 +494,10 @@ class MeanAndStd(FigureKind):
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
         """Reject a scenario without errors of a position in x and y."""
         scenario = points[0].scenario
-        nowhere = np.zeros((len(scenario.components), 1))
+        # The names of the errors are those of any state, such as zero.
+        any_state = np.zeros((len(scenario.components), 1))
         moving = scenario.components[:2] == ("px", "vx")
-        if moving and set(_AXES) <= set(scenario.errors(nowhere, nowhere)):
+        if moving and set(_AXES) <= set(scenario.errors(any_state, any_state)):
             return {}
         return {"": "there are no errors in x and y to show"}
 
@@ -578,11 +583,12 @@ def _draw_scene_in_plane(scenario: Scenario, truth: Array, measurements: Array) 
     ``truth`` (n_x, T + 1, runs) and ``measurements`` (n_z, T, runs).
     """
     figure, (plane, speed) = style.subplots(1, 2, 4.0, width_ratios=(2, 1))
+    # The state begins with px, vx, py, vy.
     paths = truth[[0, 2]]
     times = scenario.times
     sensors = sensor_paths(scenario)
     metres, unit = plane_unit(paths.reshape(2, -1), *(path for _, path in sensors))
-    # Step 1: paths of all runs, measurements of the first.
+    # Step 1: paths of all runs unless they are equal, measurements of the first run.
     are_equal = bool(np.all((paths == paths[..., :1]) | np.isnan(paths)))
     if not are_equal:
         x, y = paths / metres

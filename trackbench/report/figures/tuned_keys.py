@@ -62,7 +62,7 @@ class TuningFigure(FigureKind):
 
 
 def _draw_panel(ax: Axes, record: Record, axis: Axis) -> None:
-    """Draw the objective of a filter's trials over one of its keys."""
+    """Draw the objective of a filter's trials over one of its tuned keys, the ``axis``."""
 
     def place(value: Any) -> float:
         """Return the place of a key's value on the horizontal axis."""
@@ -116,9 +116,10 @@ def _draw_panel(ax: Axes, record: Record, axis: Axis) -> None:
 
 
 def _limit_of_axis(objectives: list[float], stderr: float) -> float:
-    """Limit the vertical axis so that trials near the best stay distinguishable.
+    """Return the largest objective that the vertical axis shows.
 
-    ``stderr`` is the standard error of the best trial.
+    The limit keeps trials near the best one distinguishable. ``stderr`` is the standard error of the
+    best trial.
     """
     if not objectives:
         return 0.0

@@ -20,12 +20,12 @@ _SCORES = {"log_score": "log score", "held_log_score": "held-out log score"}
 
 
 def metric_words(metric: Measure) -> str:
-    """Return ``position RMSE``, ``log score``."""
+    """Return a metric's name for a sentence: ``position RMSE``, ``log score``."""
     definition = metric.definition
-    quantity = metric.quantity
     if definition.name in _SCORES:
         return _SCORES[definition.name]
-    return f"{without_unit(quantity)[0].replace('_', ' ')} {definition.name.upper()}".strip()
+    quantity, _ = without_unit(metric.quantity)
+    return f"{quantity.replace('_', ' ')} {definition.name.upper()}".strip()
 
 
 def statistic_words(statistic: str, metric: Measure) -> str:
@@ -42,7 +42,10 @@ def with_unit(text: str, metric: Measure) -> str:
 
 
 def head_of(statistic: str, metric: Measure) -> str:
-    """Return a heading: ``Mean position RMSE (m)``, of the root mean square ``Position RMSE (m)``."""
+    """Return the heading of a column: ``Mean position RMSE (m)``.
+
+    If the statistic over the runs is ``rms``, it is ``Position RMSE (m)``.
+    """
     words = in_unit(metric_words(metric), _unit(metric))
     if statistic == "rms":
         return _capitalized(words)
@@ -50,9 +53,10 @@ def head_of(statistic: str, metric: Measure) -> str:
 
 
 def axis_of(metric: Measure) -> str:
-    """Label an axis: ``Position RMSE (m)`` for an error, or its mean or RMS over runs; ``ANEES``.
+    """Return the label of an axis: ``Position RMSE (m)`` for an error and its mean or RMS over runs.
 
-    Step and window stand behind: ``Position RMSE at step 20 (m)``. Any other metric has its expression.
+    Step and window stand behind the name: ``Position RMSE at step 20 (m)``. Scores and metrics such as
+    ``ANEES`` have words, too. The label of any other metric is its expression.
     """
     definition = metric.definition
     quantity = metric.quantity
@@ -112,15 +116,17 @@ def rounded(x: float, digits: int) -> str:
 
 
 def multiple(ratio: float, width: float) -> str:
-    """Return a ratio with the digits that its interval allows, three decimals at most: ``3.2``.
+    """Write a ratio with the digits that its interval allows, three decimals at most: ``3.2``.
 
-    ``width`` is that of the interval. A ratio of a million or more has two digits and an exponent.
+    ``width`` is that of the interval; if it is unknown or infinite, the ratio has three digits. A ratio
+    of a million or more has two digits and an exponent.
     """
     if abs(ratio) >= 1e6:
         return f"{ratio:.1e}"
     if not 0.0 < width < inf:
         return rounded(ratio, 3)
-    decimals = ceil(log10(3.0 / width))  # the interval is at least three units of the last one
+    # The interval is at least three units of the last decimal wide.
+    decimals = ceil(log10(3.0 / width))
     return f"{ratio:.{min(3, max(0, decimals))}f}"
 
 
@@ -142,9 +148,9 @@ def named(label: str) -> str:
 
 
 def listed(names: Sequence[str]) -> str:
-    """Return ``A, B and C``; of many the first, and how many more."""
+    """Return ``A, B and C``; of many names the first ``MOST_NAMES``: ``A, B, C, D and 3 more``."""
     more = len(names) - MOST_NAMES
-    if more > 1:
+    if more > 1:  # one more name is no longer than "1 more"
         return joined([*names[:MOST_NAMES], f"{more} more"])
     return joined(names)
 
@@ -165,29 +171,43 @@ def verb(names: Sequence[str]) -> str:
 def heading(point: GridPoint, units: Mapping[str, str] = MappingProxyType({})) -> str:
     """Return a grid point as the title of its panel: ``R = 0.1``, ``sigma azimuth = 2 mrad``.
 
-    Each of several paths that vary together has its own value: ``q = 1469.1, R = 15099``. ``units`` has
-    those of paths whose names end in none.
+    Each of several paths that vary together has its own value: ``q = 1469.1, R = 15099``. ``units`` are
+    the units, by path, of paths whose names end in none.
     """
     parts: list[str] = []
     for path, value in point.items():
         values = values_of(path, _value_of_text(path, value))
-        for single, its_value in zip(single_paths(path), values, strict=True):
-            words, unit = quantity(single)
+        for single_path, single_value in zip(single_paths(path), values, strict=True):
+            words, unit = quantity(single_path)
             unit = unit or units.get(path, "")
-            part = f"{words} = {number(its_value)} {unit}".rstrip()
+            part = f"{words} = {_value_words(single_value)} {unit}".rstrip()
             if part not in parts:  # the same key of several filters
                 parts.append(part)
     return ", ".join(parts)
 
 
 def _value_of_text(path: str, value: Any) -> Any:
-    """Return the value of a path; the list of linked paths is a text if it was read from a file."""
-    if len(single_paths(path)) == 1 or not isinstance(value, str):
+    """Return the value of a path; a list that is a text, ``[1, 2]``, is parsed.
+
+    A list is a text if it was read from a CSV file. Paths that vary together have a list of values.
+    """
+    is_list = isinstance(value, str) and value.startswith("[")
+    if not is_list:
         return value
     try:
         return literal_eval(value)
     except (SyntaxError, ValueError):
         return value
+
+
+def _value_words(value: Any) -> str:
+    """Return a grid's value for a title: ``2``; ``b2`` for ``[b2]``; ``[0, 1]`` as it is."""
+    if isinstance(value, list):
+        if len(value) == 1:
+            return _value_words(value[0])
+        if all(isinstance(item, str) for item in value):
+            return ", ".join(value)
+    return number(value)
 
 
 def at_point(point: GridPoint) -> str:

@@ -68,8 +68,8 @@ class Candidate:
     def has_error(self, untested: bool) -> bool:
         """Return whether the filter has enough runs for a standard error of its number.
 
-        Two are enough if ``untested``. Otherwise there must be enough to test a difference. The one run
-        of a recording is enough, as it is compared step by step.
+        Two runs are enough if ``untested``, that is if no difference is tested. Otherwise there must be
+        enough runs for a test. The one run of a recording is enough, as it is compared step by step.
         """
         needed_runs = 2 if untested else rules.FEWEST_RUNS
         runs = np.isfinite(self.sample.values).sum()
@@ -106,7 +106,7 @@ class Rival(NamedTuple):
 
 
 class Conflict(NamedTuple):
-    """Two filters of which the runs that both keep contradict all runs that each keeps."""
+    """Two filters of which one is better over the runs that it keeps, the other over common runs."""
 
     leader: Candidate
     """filter that leads over its runs"""
@@ -176,11 +176,13 @@ class Ranking(NamedTuple):
         is_score = self.metric.definition.is_score
         near: list[Rival] = []
         for tie in self.ties:
-            if not (tie.is_near_score if is_score else tie.is_near):
+            is_near = tie.is_near_score if is_score else tie.is_near
+            if not is_near:
                 break
             near.append(tie)
         if not self.worse and len(near) < len(self.not_worse):
             return []
+        # The best is the first of them.
         return self.among_the_best[: len(near) + 1]
 
     @property
@@ -227,7 +229,10 @@ def rankings(results: Results, metric: str = "") -> list[Ranking]:
 
 
 def best_settings(results: Results) -> list[Ranking]:
-    """Rank the values that the grid gives each filter, by scenario: a ranking per filter."""
+    """Rank the values that the grid gives each filter: a ranking for each filter in each scenario.
+
+    Filters with a single set of values are left out.
+    """
     metric = next(iter(ranking_metrics(results)), "")
     if not metric:
         return []
@@ -243,7 +248,10 @@ def best_settings(results: Results) -> list[Ranking]:
 
 
 def ranking_metrics(results: Results) -> list[str]:
-    """Find the metrics that filters are ranked by, the first one first."""
+    """Return the metrics that filters can be ranked by: errors before log scores.
+
+    Errors that the config names under `score` come first.
+    """
     names: dict[str, None] = {}
     for point in results.points():
         names |= dict.fromkeys(metric for _, metric in results.runs(point))
@@ -255,7 +263,10 @@ def ranking_metrics(results: Results) -> list[str]:
 
 
 def leading_metric(results: Results) -> str:
-    """Return the error that filters are ranked by: the first table's; empty if there is none."""
+    """Return the metric that filters are ranked by; empty if there is none.
+
+    It is the first one in the columns of tables that can rank, else the first of `ranking_metrics`.
+    """
     metrics = ranking_metrics(results)
     tabulated = [name for name in compared_statistics(results.config) if name in metrics]
     return next(iter([*tabulated, *metrics]), "")
@@ -315,7 +326,8 @@ def ranking_of(
     )
     if not order:
         return ranking
-    # Step 4: compare the first of the order with all the rest on common runs.
+    # Step 4: compare all the rest with the first of the order on common runs. All pairs of filters are
+    # one family of tests.
     first = order[0]
     rivals = order[1:]
     references = [] if reference_candidate is None else [reference_candidate]
@@ -335,14 +347,16 @@ def ranking_of(
     for candidate in rivals:
         comparison = compared.get(candidate.name)
         if comparison is None:
-            return ranking._replace(conflict=Conflict(first, candidate, common_runs=0))
+            conflict = Conflict(leader=first, rival=candidate, common_runs=0)
+            return ranking._replace(conflict=conflict)
         # On the common runs the rival is significantly better than the first.
         if sign * comparison.sign < 0:
             common_runs = comparison.difference.runs
-            return ranking._replace(conflict=Conflict(first, candidate, common_runs))
+            conflict = Conflict(leader=first, rival=candidate, common_runs=common_runs)
+            return ranking._replace(conflict=conflict)
         rival = Rival(filter=candidate, comparison=comparison)
         is_decided = comparison.is_tested or comparison.is_equal
-        if comparison.sign:
+        if comparison.sign:  # significantly worse, as the rival is not better
             worse.append(rival)
         elif is_decided and not worse and not undecided:
             ties.append(rival)
@@ -352,12 +366,13 @@ def ranking_of(
 
 
 def _common_steps(candidates: Sequence[Candidate]) -> CommonSteps | None:
-    """Return the steps at which all candidates have the metric; None if all have it at the same.
+    """Count the steps at which all candidates have the metric; None if all have it at the same steps.
 
     It is also None if the candidates are not of one recording.
     """
     if not candidates or any(c.sample.steps is None for c in candidates):
         return None
+    # (filters, T), and the number of steps of each filter.
     has_value = np.array([c.sample.steps.has_value for c in candidates if c.sample.steps])
     numbers = has_value.sum(axis=1)
     is_common = has_value.all(axis=0)
@@ -387,7 +402,8 @@ def candidates_of(
         for point in points:
             runs = results.runs(point)
             varied = own_values(results, point, label)
-            # Each set of values counts once, at the first point that has it.
+            # Each set of values counts once, at the first point that has it and at which the filter did
+            # not fail.
             if str(varied) in known_values or (label, "lost") not in runs:
                 continue
             known_values.add(str(varied))
@@ -406,7 +422,7 @@ def candidates_of(
 def _sort_key(candidate: Candidate, sign: float) -> tuple[bool, float]:
     """Return a key that sorts the best value first, candidates without a value last.
 
-    ``sign`` is -1 if more is better.
+    ``sign`` is -1 if more is better, else 1.
     """
     value = candidate.overall.value
     if not isfinite(value):
@@ -415,7 +431,10 @@ def _sort_key(candidate: Candidate, sign: float) -> tuple[bool, float]:
 
 
 def _best_of_each(candidates: Sequence[Candidate], sign: float) -> list[Candidate]:
-    """Choose for each filter the candidate with the best value; ``sign`` is -1 if more is better."""
+    """Choose for each filter the candidate with the best value.
+
+    ``sign`` is -1 if more is better, else 1.
+    """
     best = []
     for label in dict.fromkeys(c.label for c in candidates):
         settings = [c for c in candidates if c.label == label]
@@ -432,7 +451,7 @@ def _losing(candidates: Sequence[Candidate]) -> list[Candidate]:
     for a in candidates:
         if not a.losses:
             continue
-        others = (b.lost for b in candidates if b is not a and len(b.lost) == len(a.lost))
-        if any(rules.loses_more(a.lost, lost, len(candidates)) for lost in others):
+        lost_by_others = (b.lost for b in candidates if b is not a and len(b.lost) == len(a.lost))
+        if any(rules.loses_more(a.lost, lost, len(candidates)) for lost in lost_by_others):
             losing.append(a)
     return losing

@@ -41,8 +41,8 @@ _MOST_SETTINGS = 20
 def ranking_tables(results: Results, numbers: bool = False) -> list[TextTable]:
     """Tabulate the ranking of the filters, over all scenarios if the grid has several.
 
-    With ``numbers`` a further table has each scenario's numbers. If there is one scenario, further
-    tables rank each filter's settings.
+    With ``numbers`` there are further tables: one with each scenario's numbers if there are several
+    scenarios, otherwise one for each filter that ranks its settings.
     """
     scene_rankings = [ranking for ranking in rankings(results) if ranking.order or ranking.losing]
     if len(scene_rankings) > 1:
@@ -64,6 +64,7 @@ def _ranking_table(results: Results, ranking: Ranking, of_settings: bool) -> Tex
         candidates = candidates[:_MOST_SETTINGS]
     is_score = ranking.metric.definition.is_score
     # Step 1: title and heads.
+    # Over a single run mean and rms are equal, and the words on the rms are shorter.
     statistic = candidates[0].sample.statistic if ranking.runs > 1 else "rms"
     statistic_name = statistic_words(statistic, ranking.metric)
     if of_settings:
@@ -105,14 +106,14 @@ def _ranking_table(results: Results, ranking: Ranking, of_settings: bool) -> Tex
     if not of_settings:
         for row in _unranked_rows(results, ranking, matters, consistency_words):
             _insert_row(table.rows, row, is_score)
-    # Step 3: notes on the words that occur.
+    # Step 3: notes on the words that occur. A row has the cells of `_row`.
     ratios = " ".join(row[2].text for row in table.rows)
     if "n.s." in ratios:
         table.notes.append(
             f"n.s.: not significant at {100 * rules.LEVEL:g} % over all pairs of filters"
             f"{_runs_needed(ranking)}."
         )
-        if any(row[2].text.endswith("x n.s.") for row in table.rows):
+        if any(row[2].text.endswith("x n.s.") for row in table.rows):  # without an interval
             table.notes.append(
                 "An interval is of its pair alone, and left out where it contradicts n.s."
             )
@@ -171,9 +172,9 @@ def _far_from_best(ranking: Ranking) -> list[str]:
 
 
 def _runs_ranked(ranking: Ranking) -> str:
-    """Count the runs in which any filter has a value or is lost: ``3 of 5 runs``.
+    """Write in how many runs any filter has a value or is lost: ``3 of 5 runs``, ``5 runs`` for all.
 
-    A recorded run without a truth has neither.
+    In a recorded run without a truth no filter has a value or is lost.
     """
     if ranking.runs <= 1:
         return "one run"
@@ -192,7 +193,8 @@ def _runs_ranked(ranking: Ranking) -> str:
 def _insert_row(rows: list[list[Text]], row: list[Text], is_score: bool) -> None:
     """Insert a row without a rank before the first row whose number is not better.
 
-    If ``is_score``, the highest number is the best, else the lowest. A row with NaN comes last.
+    The second cell of a row has its number. If ``is_score``, the highest number is the best, else the
+    lowest. A row with NaN comes last.
     """
     sign = -1.0 if is_score else 1.0
     number = (row[1].number or 0.0) * sign
@@ -207,7 +209,10 @@ def _insert_row(rows: list[list[Text]], row: list[Text], is_score: bool) -> None
 def _row(
     results: Results, candidate: Candidate, name: str, ratio: str, consistency_word: str
 ) -> list[Text]:
-    """Write a row: name, error, ratio to the best, lost runs, consistency, CPU time of a run."""
+    """Write the six cells of a row: name, error, ratio to the best, lost runs, consistency, CPU time.
+
+    ``name``, ``ratio`` and ``consistency_word`` are the texts of their cells.
+    """
     value = candidate.overall.value
     error = "–" if isnan(value) else rounded(value, candidate.overall.stderr, 4)
     losses = "0"
@@ -244,7 +249,8 @@ def _unranked_rows(
         ratio = _ratio(ranking, reference, matters)
         name = f"{reference.label} (reference)"
         yield _row(results, reference, name, ratio, consistency_words[reference])
-    # Bound and exact errors are rms errors.
+    # Bound and exact errors are rms errors. They are taken at the scenario's point at which all other
+    # paths have their first values.
     point = results.points()[0] | ranking.scene
     statistic = next((candidate.sample.statistic for candidate in ranking.order), "")
     bound = results.config.get("bound")
@@ -283,7 +289,9 @@ def _ratio(ranking: Ranking, candidate: Candidate, matters: float) -> str:
     is_score = ranking.metric.definition.is_score
     comparison = ranking.compared.get(candidate.name)
     if comparison is None:
-        if candidate not in ranking.order[:1]:
+        # The first of the order is the best; any other filter is not compared with it.
+        is_best = candidate in ranking.order[:1]
+        if not is_best:
             return "–"
         return "0" if is_score else "1"
     if comparison.is_equal:
@@ -291,10 +299,12 @@ def _ratio(ranking: Ranking, candidate: Candidate, matters: float) -> str:
     value, low, high = _ratio_to_best(ranking.metric, comparison)
     if not isfinite(value):
         return "–"
-    text = _ratio_text(is_score, value, low, high, not comparison.interval_contradicts)
-    if not comparison.is_tested and ranking.best is None:
-        return text
+    with_interval = not comparison.interval_contradicts
+    text = _ratio_text(is_score, value, low, high, with_interval)
     if not comparison.is_tested:
+        # Without a best filter the sentences say why nothing is tested.
+        if ranking.best is None:
+            return text
         return f"{text} {rules.UNTESTED}"
     if not comparison.sign:
         return f"{text} n.s."
@@ -305,10 +315,11 @@ def _ratio(ranking: Ranking, candidate: Candidate, matters: float) -> str:
 
 
 def _ratio_text(is_score: bool, value: float, low: float, high: float, with_interval: bool) -> str:
-    """Write a ratio with its interval from ``low`` to ``high``, as far as its ends are finite.
+    """Write a ratio with its interval from ``low`` to ``high``: ``2.4 x (2.1 to 2.8)``.
 
-    If ``is_score``, the numbers are differences of scores. The interval is left out unless
-    ``with_interval``.
+    An end that is not finite, or the low end of a ratio if it is not above zero, is left out: ``2.4 x
+    (at most 2.8)``. If ``is_score``, the numbers are differences of scores. The interval is left out
+    unless ``with_interval``.
     """
     width = high - low
     if is_score:
@@ -331,10 +342,12 @@ def _ratio_text(is_score: bool, value: float, low: float, high: float, with_inte
 
 
 def _ratio_to_best(metric: Measure, comparison: Comparison) -> tuple[float, float, float]:
-    """Return the ratio to the best and the ends of its interval, NaN if it is not tested.
+    """Return a filter's ratio to the best, and the low and high end of its 95 % interval.
 
-    Of a score these are how far it lies below the best.
+    ``comparison`` is that of the filter with the best. The ends are NaN if it is not tested. Of a score
+    the numbers are how far it lies below the best.
     """
+    # A ratio of scores, which are logarithms, would mean nothing.
     if metric.definition.is_score:
         difference = comparison.swapped.difference
         value = difference.value
@@ -348,11 +361,12 @@ def _ratio_to_best(metric: Measure, comparison: Comparison) -> tuple[float, floa
 
 
 def _multiple_of_best(ranking: Ranking, candidate: Candidate) -> float:
-    """Return a filter's ratio to the best, of a score its difference below the best.
+    """Return a filter's ratio to the best; of a score how far it lies below the best.
 
-    It is NaN if the filter is not compared with the best, as one that loses more runs.
+    It is NaN if the filter is not compared with the best. One that loses more runs is not.
     """
-    if candidate in ranking.order[:1]:
+    is_best = candidate in ranking.order[:1]
+    if is_best:
         return 0.0 if ranking.metric.definition.is_score else 1.0
     comparison = ranking.compared.get(candidate.name)
     if comparison is None:
@@ -362,20 +376,31 @@ def _multiple_of_best(ranking: Ranking, candidate: Candidate) -> float:
 
 
 def _runs_needed(ranking: Ranking) -> str:
-    """Write how many runs would decide the ties if the differences are as large as measured."""
+    """Write how many runs would decide the ties if the differences are as large as measured.
+
+    The text follows a clause: ``; 200 to 500 runs would decide differences of this size``. It is empty
+    if no tie has a measured difference.
+    """
     needed_runs = []
     for rival in ranking.not_worse:
         comparison = rival.comparison
         if isfinite(comparison.z) and comparison.z:
+            # The number of standard errors that is significant among so many tests.
             needed_z = rules.deviations_needed(comparison.tests)
             measured_runs = comparison.difference.runs
             needed_runs.append(rules.runs_that_decide(measured_runs, comparison.z, needed_z))
     if not needed_runs:
         return ""
     ends = (min(needed_runs), max(needed_runs))
-    # One run is a recording, which is compared step by step: the numbers are multiples of its length.
+    # One run is a recording, which is compared step by step: the numbers are multiples of its length,
+    # of which two digits are written, and at least 1.1.
     if ranking.runs == 1:
-        times = [phrases.run_count(x) if x >= 10.0 else f"{max(x, 1.1):.2g}" for x in ends]
+        times = []
+        for multiple in ends:
+            if multiple >= 10.0:
+                times.append(phrases.run_count(multiple))
+            else:
+                times.append(f"{max(multiple, 1.1):.2g}")
         text = _span(times)
         return f"; a recording {text} times as long would decide differences of this size"
     text = _span([phrases.run_count(x) for x in ends])
@@ -400,15 +425,16 @@ def consistency(results: Results, candidates: Sequence[Candidate]) -> dict[Candi
 def _normalized_squares(results: Results, candidate: Candidate) -> Array:
     """Return the NEES of the M runs divided by the number of components, or without NEES their ANIS.
 
-    The mean is 1 for a consistent filter. Runs with NaN are left out, so that the result is (M',).
+    The mean is 1 for a consistent filter. Runs with NaN are left out, so that the result is (M',). It is
+    empty if the filter has neither.
     """
     name = _consistency_metric(results, candidate)
     if not name:
         return np.empty(0)
     values = results.runs(candidate.point)[candidate.label, name]
-    components = 1
+    components = 1  # ANIS is divided by their number already
     if name == "nees":
-        components = results.facts(candidate.point).sizes[""]
+        components = results.facts(candidate.point).sizes[""]  # the nameless size: the whole state
     return values[~np.isnan(values)] / components
 
 
@@ -440,6 +466,7 @@ def _z_of_mean(values: Array, mean_if_consistent: tuple[float, float]) -> float:
     """
     if len(values) < 2 or not np.isfinite(values).all():
         return nan
+    # Compare with the nearest mean that a consistent filter may have.
     least, largest = mean_if_consistent
     measured_mean = mean(values).value
     nearest_mean = min(max(measured_mean, least), largest)
@@ -454,6 +481,7 @@ def _consistency_word(values: Array, sign: int, mean_if_consistent: tuple[float,
     """
     if not len(values):
         return ""
+    # Such as "collapsed in 3 of 40 runs"; empty unless these runs decide the mean.
     collapsed = collapsed_in_words(values)
     if collapsed:
         every_run = f"{len(values)} of {len(values)} runs"
@@ -464,6 +492,7 @@ def _consistency_word(values: Array, sign: int, mean_if_consistent: tuple[float,
         return "overconfident"
     low, high = interval("mean", values)
     word = rules.credibility(low, high, sign, mean_if_consistent)
+    # Without an interval, of too few runs, there is no word.
     if word or isnan(low):
         return word
     return "undecided"
@@ -482,13 +511,13 @@ def _finish_table(results: Results, table: TextTable, names_losses: bool = True)
 
     If no run is lost, the title says so, unless ``names_losses`` is False.
     """
-    # Step 1: the first three columns stay in every table; others only if they have a word.
+    # Step 1: the first three columns stay in every table. Any other needs a cell that says something.
     columns = []
     for i, head in enumerate(table.heads):
         is_empty = all(row[i].text in ("–", "0") for row in table.rows)
         if i < 3 or not is_empty:
             columns.append(i)
-        if is_empty and head == _LOST and names_losses:
+        if head == _LOST and is_empty and names_losses:
             table.title += "; no lost runs"
     # Step 2: a star marks the CPU time of a filter that loops over the runs in Python.
     if any(row[-1].text.endswith("*") for row in table.rows):
@@ -509,8 +538,8 @@ def _finish_table(results: Results, table: TextTable, names_losses: bool = True)
 
 
 def _table_over_scenes(results: Results, scene_rankings: Sequence[Ranking]) -> TextTable:
-    """Count for each filter at how many scenarios of the grid it is among the best."""
-    # Step 1: title and heads, which are those of the first scenario.
+    """Tabulate for each filter at how many scenarios it is among the best, and its other numbers."""
+    # Step 1: title and heads. Metric and statistic are those of every scenario.
     first = scene_rankings[0]
     is_score = first.metric.definition.is_score
     statistic = [*first.order, *first.losing][0].sample.statistic
@@ -536,11 +565,14 @@ def _table_over_scenes(results: Results, scene_rankings: Sequence[Ranking]) -> T
             values.setdefault(candidate.label, []).append(candidate.overall.value)
     sorted_ratios = {label: sorted(filter(isfinite, ratios[label])) for label in ratios}
     consistency_words = consistency(results, [*chain.from_iterable(candidates.values())])
-    # Step 3: a row per filter; those that are among the best most often come first.
-    labels = sorted(
-        candidates, key=lambda label: (-times_best[label], np.median(sorted_ratios[label] or [inf]))
-    )
-    for label in labels:
+
+    # Step 3: a row per filter. Those that are among the best most often come first, then those with the
+    # lowest median ratio.
+    def sort_key(label: str) -> tuple[int, float]:
+        median_ratio = float(np.median(sorted_ratios[label] or [inf]))
+        return -times_best[label], median_ratio
+
+    for label in sorted(candidates, key=sort_key):
         number = times_best[label]
         ratio = "–"
         if sorted_ratios[label]:

@@ -18,7 +18,10 @@ HOW_DECIDED = (
 
 
 def headline(results: Results) -> str:
-    """Return the sentence on the best filter; empty if none is best, which `answer` explains."""
+    """Return the sentence on the best filter; empty if no filter can be called best.
+
+    `answer` then has the reason.
+    """
     scene_rankings = rankings(results)
     if len(scene_rankings) > 1:
         return _headline_over_scenes(scene_rankings)
@@ -28,6 +31,7 @@ def headline(results: Results) -> str:
     number = len(ranking.order)
     if ranking.best is None or number < 2:
         return ""
+    # No filter differs from the best, but some could not be compared with it.
     if not ranking.worse and ranking.undecided:
         return ""
     if not ranking.worse:
@@ -87,7 +91,7 @@ def _explain_common_steps(common: CommonSteps) -> str:
 def _explain_undecided(ranking: Ranking, is_recorded: bool) -> str:
     """Explain why no filter is best, or why a comparison with the best is undecided; else empty.
 
-    ``is_recorded`` if the runs are recordings of one target.
+    ``is_recorded`` is True if the target was recorded, not simulated.
     """
     if ranking.best is not None:
         return " ".join(_undecided_pairs(ranking))
@@ -134,13 +138,15 @@ def _undecided_pairs(ranking: Ranking) -> Iterator[str]:
 def _tuned(results: Results, ranking: Ranking) -> str:
     """Return the sentence on untuned filters that the best filter, a tuned one, is compared with."""
     best = ranking.best
-    label_by_tuned_label = {tuned_label(label): label for label in results.config.get("tune") or {}}
-    if best is None or best.label not in label_by_tuned_label:
+    original_by_tuned_label = {
+        tuned_label(label): label for label in results.config.get("tune") or {}
+    }
+    if best is None or best.label not in original_by_tuned_label:
         return ""
     # The tuned filters and their untuned originals are left out.
-    tuned_labels = {*label_by_tuned_label, *label_by_tuned_label.values()}
+    left_out = {*original_by_tuned_label, *original_by_tuned_label.values()}
     compared = [rival.filter for rival in ranking.rivals]
-    untuned = [candidate.name for candidate in compared if candidate.label not in tuned_labels]
+    untuned = [candidate.name for candidate in compared if candidate.label not in left_out]
     if not untuned:
         return ""
     words = f"{listed(untuned)} {verb(untuned)} not"
@@ -154,7 +160,7 @@ def _other_metrics(results: Results, ranking: Ranking) -> str:
         if metric == ranking.metric.metric:
             continue
         for other in rankings(results, metric):
-            # Another filter leads by this metric, and the best by the first metric is worse.
+            # Another filter is best by this metric, and the best by the first metric is worse than it.
             worse = [rival.filter.name for rival in other.worse]
             if other.best and ranking.best and ranking.best.name in worse:
                 words = metric_words(other.metric)

@@ -30,7 +30,10 @@ _STYLE = re.compile(r"(fill|stroke|opacity|fill-opacity|stroke-dasharray)\s*:\s*
 
 
 def thumbnail(content: bytes) -> str:
-    """Return the SVG as an element of some kilobytes, without ids, so that many may stand on a page."""
+    """Return an SVG as an element of some kilobytes, without ids, so that many may stand on a page.
+
+    It has the lines and areas within the axes, with broad strokes and no text.
+    """
     root = clean_svg(content, "a figure")
     small = ET.Element(f"{_SVG}svg", {"viewBox": root.get("viewBox", "0 0 504 252")})
     for element in _drawn(root):
@@ -42,6 +45,7 @@ def thumbnail(content: bytes) -> str:
             ET.SubElement(small, element.tag, attributes)
             continue
         path = _coarse(element.get("d", ""))
+        # Properties such as fill and stroke, by name.
         look = dict(_STYLE.findall(element.get("style", "")))
         is_visible = look.get("stroke", look.get("fill", "none")) != "none"
         if path and is_visible:
@@ -59,6 +63,7 @@ _IMAGE_ATTRIBUTES = ("href", "transform", "width", "height", "x", "y", "preserve
 def _drawn(root: ET.Element) -> Iterator[ET.Element]:
     """Yield the paths and small images that are drawn within axes; ticks and grid lines are left out."""
     for element in root:
+        # matplotlib's groups of a tick with its grid line: xtick_3.
         is_tick = re.search(r"[xy]tick_\d+$", element.get("id", ""))
         if is_tick or element.tag == f"{_SVG}defs":
             continue
@@ -185,6 +190,7 @@ def _topic(results: Results) -> str:
     scenario = results.config["scenario"]
     if (scenario.get("target") or {}).get("kind") in ("measured", "recorded"):
         return _RECORDINGS
+    # The state of a target in space begins with px and vx.
     if results.facts(results.grid_points[0]).components[:2] != ["px", "vx"]:
         return _OTHERS
     sensors = scenario.get("sensor")
@@ -205,6 +211,7 @@ def _result(results: Results) -> str:
 
 def short_answer(scene_rankings: Sequence[Ranking]) -> str:
     """Return the result in about five words: ``IMM best of 16 filters``; empty without a ranking."""
+    # In how many scenarios each filter is among the best.
     times_best = Counter[str]()
     for ranking in scene_rankings:
         times_best.update(candidate.label for candidate in ranking.among_the_best)
@@ -242,7 +249,8 @@ def _join_verdicts(comparisons: list[Verdicts]) -> Verdicts:
 def _open_experiments(folder: Path) -> tuple[Overview, int]:
     """Open the experiments of a folder with their verdicts.
 
-    Return also how many are left out because their runs are missing.
+    Return also how many are left out because their runs are missing. Raises UserError for any other
+    mistake, and if no experiment is left.
     """
     if not os.path.isdir(folder):
         raise UserError(f"{folder}: there is no such folder")

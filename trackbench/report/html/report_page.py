@@ -112,7 +112,7 @@ def _rerun(results: Results) -> str:
 
 
 def _facts(results: Results) -> list[tuple[str, object]]:
-    """Return what the page lists about the experiment and its run: heading and value."""
+    """Return the headings and values that the page lists about the experiment and its run."""
     config = results.config
     facts: list[tuple[str, object]] = []
     if results.citation:
@@ -162,7 +162,7 @@ def _pairs(results: Results) -> TextTable:
         for pair in pairs:
             difference = pair.comparison.difference
             value_text = rounded(difference.value, difference.stderr, 4)
-            # The ends have the digits of the value, without the error.
+            # The ends have the digits of the value, without the error: "1.23" of "1.23 ± 0.12".
             end_texts = []
             for end in difference.interval():
                 end_texts.append(rounded(end, difference.stderr, 4).partition(" ")[0])
@@ -252,6 +252,7 @@ def _pictures(results: Results) -> Iterator[tuple[str, FigureKind | None, bytes]
     """
     specs = results.parts("figures")
     configs = results.figure_configs
+    # The default figure is not in the config.
     names = [*(name for name in specs if name not in configs), *configs]
     for name in sorted(names, key=lambda name: name != results.key_figure):
         spec = specs.get(name)
@@ -260,6 +261,7 @@ def _pictures(results: Results) -> Iterator[tuple[str, FigureKind | None, bytes]
         has_failed = f"figure {name}" in results.unmade
         if content is None and spec is not None and name in configs and not has_failed:
             with results.without(f"figure {name}"):
+                # At most one file, as there is one format.
                 for _, drawn in draw_figure(spec, results, ["svg"]):
                     content = drawn
         if content is not None:
@@ -267,8 +269,12 @@ def _pictures(results: Results) -> Iterator[tuple[str, FigureKind | None, bytes]
 
 
 def _stored_picture(results: Results, place: Path) -> bytes | None:
-    """Read an SVG of the results folder; None if it is missing, or reached by a symbolic link."""
+    """Read an SVG of the results folder; None if it is missing, or reached by a symbolic link.
+
+    ``place`` is its path within the folder.
+    """
     path = results.folder / place
+    # The last parent is the results folder itself, which may be a link.
     for part in (place, *place.parents[:-1]):
         if (results.folder / part).is_symlink():
             return None
@@ -293,7 +299,11 @@ VERDICTS = {
 
 
 def write_page(path: Path, template: str, live: bool = True, **context: Any) -> Path:
-    """Write a page from a template; ``live`` ones have the script of figures."""
+    """Write a page from a template of this name, filled with the values in ``context``.
+
+    A ``live`` page has the script that reads values from figures. The page allows no script but its own,
+    by the digest.
+    """
     from markupsafe import Markup
 
     scripts = ["page.js"]

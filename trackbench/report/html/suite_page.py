@@ -23,7 +23,10 @@ def write_suite_page(
     figures: Sequence[SuiteFigure],
     left_out: Sequence[str],
 ) -> Path:
-    """Write the page: sentences and tables first, then figures, smoothers, links to the problems."""
+    """Write suite.html: sentences and tables first, then figures, smoothers, links to the problems.
+
+    ``smoothers`` are the tables of smoothers. ``left_out`` are lines on what the suite could not run.
+    """
     from markupsafe import Markup
 
     pictures: list[dict[str, Any]] = []

@@ -37,9 +37,8 @@ _NUMBER = re.compile(r"-?(?:\d+\.?\d*|\.\d+)(?:e-?\d+)?")
 def outline(path: str) -> Iterator[tuple[list[tuple[float, float]], bool]]:
     """Yield the points of each stroke of a path, and whether the stroke is closed.
 
-    A path with curves has no strokes.
-
-    ``path`` is the attribute ``d`` of an SVG's path, with points that are absolute or relative.
+    ``path`` is the attribute ``d`` of an SVG's path, with points that are absolute or relative:
+    ``M10 20l.5-1z``. Nothing is yielded for a path with curves.
     """
     if not re.fullmatch(r"[MlLz0-9e.\s+-]*", path):
         return
@@ -52,7 +51,7 @@ def outline(path: str) -> Iterator[tuple[list[tuple[float, float]], bool]]:
             if len(coordinates) < 2:
                 return
             a, b = map(float, coordinates[:2])
-            if letter == "l":
+            if letter == "l":  # relative to the point before
                 x += a
                 y += b
             else:
@@ -78,7 +77,7 @@ def clean_svg(content: bytes, name: str) -> ET.Element:
 
 
 def _check_depth(root: ET.Element, name: str) -> None:
-    """Raise UserError if groups are nested so deep that functions on them would not end."""
+    """Raise UserError if groups are nested so deep that recursive functions would fail."""
     level = [root]
     depth = 0
     while level:
@@ -102,8 +101,10 @@ def inline(content: bytes, name: str, title: str) -> str:
     root.attrib.pop("height", None)
     # What matplotlib says in a style sheet, which would reach the whole page.
     look = "stroke-linejoin: round; stroke-linecap: butt"
+    # The page's style sheet gives the figure its natural width, so that letters are of one size in
+    # narrow figures and in wide ones. A figure as wide as a page, 504 pt, has 65 rem.
     points = re.fullmatch(r"([0-9.]+)pt", width)
-    if points:  # so that letters are of one size in narrow figures and in wide ones
+    if points:
         look += f"; --natural: {float(points.group(1)) / 7.75:.1f}rem"
     root.set("style", look)
     root.set("role", "img")
@@ -164,6 +165,7 @@ def _renamed(key: str, value: str, name: str) -> str:
     """Rename the ids in an attribute's value: they start with ``name``."""
     if key == "id":
         return f"{name}-{value}"
+    # A reference is ``url(#ID)``, or ``#ID`` in an attribute href, which may have a namespace.
     if key.rpartition("}")[2] != "href":
         return _REFERENCE.sub(rf"url(#{name}-\1)", value)
     if value.startswith("#"):

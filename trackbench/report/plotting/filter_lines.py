@@ -46,17 +46,18 @@ def draw_error_band(
     value: Array,
     stderr: Array,
     look: LineStyle,
-    place: int,
-    places: int,
+    line_index: int,
+    lines: int,
     log: bool = False,
 ) -> None:
     """Draw two standard errors ``stderr`` around a filter's line, and explain them in legend and page.
 
-    ``place`` is the number of the line, from 0, among ``places`` lines of the panel. The errors of up to
+    ``line_index`` is the index of the line among the ``lines`` lines of the panel. The errors of up to
     three lines are bands. More bands would lie over each other to a gray, so the errors of more lines
     are bars at some of the x, and no two lines have their bars at equal x. On a logarithmic axis
     (``log``) no band or bar reaches below a tenth of the value.
     """
+    # The page shows the standard errors of the line with this label.
     svg_file.set_stderr(ax, look["label"], stderr)
     if not (stderr > 0.0).any():  # a single run has no standard error
         return
@@ -66,13 +67,13 @@ def draw_error_band(
         low = np.maximum(low, 0.1 * value)
     color = look["color"]
     label = f"_{look['label']}"
-    if places <= MOST_BANDS:
+    if lines <= MOST_BANDS:
         ax.fill_between(x, low, high, alpha=0.15, lw=0, color=color, label=label)
         ax.fill_between([], [], [], color="#888888", alpha=0.4, lw=0, label=SPREAD)
     else:
         # Lines begin at different x, so that their bars lie beside each other.
         period = max(1, len(x) // _BARS)
-        chosen = slice(place * period // places, None, period)
+        chosen = slice(line_index * period // lines, None, period)
         ax.vlines(x[chosen], low[chosen], high[chosen], linewidth=1.0, color=color, label=label)
         explain_error_bars(ax)
 
@@ -118,7 +119,7 @@ def draw_gray_line(ax: Axes, x: Array, value: Array, steps: int = 1) -> None:
         return
     length = ceil(len(x) / _GRAY_POINTS)  # values in a window
     starts = np.arange(0, len(x), length)
-    lengths = np.diff([*starts, len(x)])
+    lengths = np.diff([*starts, len(x)])  # the last window may be shorter
     mean_x = np.add.reduceat(x, starts) / lengths
     mean_value = np.add.reduceat(value, starts) / lengths  # NaN, a gap, if the window has a NaN
     ax.plot(mean_x, mean_value, label="_gray", **_GRAY)
@@ -131,8 +132,8 @@ def draw_gray_line(ax: Axes, x: Array, value: Array, steps: int = 1) -> None:
 def cut_dwarfing_lines(axes: Sequence[Axes], errors: Mapping[str, Array]) -> None:
     """Cut off lines that would flatten the others; a mark shows where each leaves the vertical axis.
 
-    ``errors`` are those of each filter, by label. A filter's line is cut if its largest error dwarfs the
-    median filter's.
+    ``errors`` are those of each filter, by label. A filter's line is cut if its largest error is more
+    than `DWARFED` times that of the median filter.
     """
     largest: dict[str, float] = {}
     for label, values in errors.items():
@@ -161,6 +162,7 @@ def cut_dwarfing_lines(axes: Sequence[Axes], errors: Mapping[str, Array]) -> Non
 def _mark_first_exit(ax: Axes, line: Line2D, bottom: float, top: float) -> None:
     """Draw a triangle at the edge of the axis where the line is first beyond ``bottom`` or ``top``."""
     x, y = line_coordinates(line)
+    # The index of the first point outside, as an array (1,); empty if there is none.
     first_outside = np.flatnonzero((y < bottom) | (y > top))[:1]
     inset = 0.03 * (top - bottom)
     if (y[first_outside] > top).any():

@@ -50,12 +50,15 @@ def has_logarithm(values: Array) -> bool:
 
 
 def spans(values: Sequence[float], factor: float) -> bool:
-    """Return whether numbers are positive and the largest is at least ``factor`` times the least."""
+    """Return whether all numbers are positive and the largest is at least ``factor`` times the least."""
     return len(values) > 0 and 0.0 < factor * min(values) <= max(values)
 
 
 def one_dwarfs(curves: Sequence[Array]) -> bool:
-    """Return whether positive curves would be flat on a linear axis beside the largest."""
+    """Return whether the largest of several curves would make the others flat on a linear axis.
+
+    It does if its maximum is more than `DWARFED` times the median of the curves' maxima.
+    """
     maxima = [float(np.nanmax(curve)) for curve in curves if np.isfinite(curve).any()]
     return len(maxima) > 1 and max(maxima) > DWARFED * median_low(maxima)
 
@@ -73,7 +76,10 @@ def without_rounding(values: Array) -> Array:
 
 
 def places_with_zero(values: Array) -> Array:
-    """Return the places (n,) of numbers on a logarithmic axis: zero stands at the left, apart."""
+    """Return the places (n,) of numbers on a logarithmic axis: zero stands at the left, apart.
+
+    If all numbers are zero, their place is 1.
+    """
     positive = values[values > 0.0]
     if not len(positive):
         return np.ones(values.shape)
@@ -90,6 +96,7 @@ def set_log_scale_with_zero(ax: Axes, values: Array) -> None:
     if values[0] > 0.0:
         return
     place_of_zero = places_with_zero(values)[0]
+    # A tick at the next power of ten from each number on. 1e-9 allows for rounding of the logarithm.
     exponents = np.unique(np.ceil(np.log10(values[1:]) - 1e-9))
     ax.xaxis.set_major_locator(FixedLocator([place_of_zero, *10.0**exponents]))
     ax.xaxis.set_minor_locator(NullLocator())
@@ -125,7 +132,7 @@ def set_ticks_at_values(ax: Axes, places: Array, texts: Sequence[str], width_in:
     if ax.get_xscale() == "log":
         scaled = np.log10(scaled)
     middles = width_in * (scaled - scaled[0]) / (scaled[-1] - scaled[0])
-    half_widths = [0.5 * _DIGIT_IN * (len(text) + 1) for text in texts]
+    half_widths = [0.5 * _DIGIT_IN * (len(text) + 1) for text in texts]  # with a space
     # Step 2: labels from left to right that overlap neither the one before nor the last one.
     last = len(places) - 1
     labeled = [0]
@@ -167,6 +174,7 @@ def drawn_values(axis: Any) -> Array:
     for other in sharing.get_siblings(ax):
         caps = _caps_of_error_bars(other)
         for line in other.lines:
+            # For x and y, whether the line's coordinate is in units of the data.
             in_data = line.get_transform().contains_branch_seperately(other.transData)
             if line not in caps and in_data[dimension]:
                 coordinates.append(line_coordinates(line)[dimension])
@@ -199,7 +207,7 @@ def set_possible_log_scale(axis: Any) -> bool:
 def set_plain_log_scale(axis: Axis, most: float = 100.0) -> None:
     """Make an axis logarithmic if it can be, with plain numbers: 200 instead of 2 x 10^2.
 
-    Numbers are plain where the axis spans at most the factor ``most``.
+    Numbers are plain only if the axis spans at most the factor ``most``, and at most `_LABELED`.
     """
     from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
@@ -221,13 +229,13 @@ def set_plain_log_scale(axis: Axis, most: float = 100.0) -> None:
 
 
 def set_few_ticks(ax: Axes) -> None:
-    """Label a narrow horizontal axis at zero and at its far end, or at two round values."""
+    """Label a narrow horizontal axis at two round values: the nearest to zero, and the farthest."""
     low, high = ax.get_xlim()
     ax.locator_params(axis="x", nbins=2)
     ticks = [tick for tick in ax.get_xticks() if low <= tick <= high]
     if len(ticks) > 2:
-        far = max(ticks, key=abs)
-        middle = min(ticks, key=abs)
-        ticks = sorted({middle, far})
+        farthest = max(ticks, key=abs)
+        nearest = min(ticks, key=abs)
+        ticks = sorted({nearest, farthest})
     ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     ax.set_xlim(low, high)

@@ -116,6 +116,7 @@ def subplots(
 def line(index: int) -> LineStyle:
     """Return color and dash of number ``index``: the first 8 differ in both, the first 64 in one."""
     color = COLORS[index % len(COLORS)]
+    # Each further round of the colors begins one dash later.
     dash = DASHES[(index + index // len(COLORS)) % len(DASHES)]
     return {"color": color, "linestyle": dash}
 
@@ -141,9 +142,11 @@ def number_lines(labels: Sequence[str], figures: Iterable[Collection[str]]) -> d
         Labels of one figure have different colors, unless the figure has more labels than there are
         colors, or no color is left that a label has in no other figure.
     """
+    # Figures with enough colors for their labels.
     small_figures = [figure for figure in figures if len(figure) <= len(COLORS)]
     numbers: dict[str, int] = {}
     for place, label in enumerate(labels):
+        # Colors of labels that some figure draws beside this one.
         taken_colors = set()
         for figure in small_figures:
             if label in figure:
@@ -203,6 +206,7 @@ def legend_outside(
     handles = first | handles
     columns = _count_legend_columns(list(handles), figure.get_figwidth())
     rows = ceil(len(handles) / columns)
+    # Every row is as high as the label with the most lines. The figure grows by the legend.
     text_lines = rows * (1 + max(label.count("\n") for label in handles))
     figure.set_figheight(figure.get_figheight() + _LINE_IN * text_lines + 0.1)
     figure.legend(
@@ -230,6 +234,7 @@ def _count_legend_columns(labels: Sequence[str], width_in: float) -> int:
     for label in labels:
         letters = max(len(text_line) for text_line in label.split("\n"))
         widths.append(_HANDLE_IN + _LETTER_IN * letters)
+    # The fewest rows that fit; if none do, one column.
     for rows in range(1, len(labels) + 1):
         columns = [widths[first : first + rows] for first in range(0, len(labels), rows)]
         if sum(max(column) for column in columns) <= width_in:
@@ -271,6 +276,7 @@ def make_panels(
     if balanced:
         across = ceil(number / blocks)
     figure, axes = subplots(rows * blocks, across, height_in * blocks, squeeze=False, **kwargs)
+    # From (blocks * rows, across) to (panels, rows), where a panel is a column of a block.
     panels = axes.reshape(blocks, rows, across).swapaxes(1, 2).reshape(-1, rows)
     for ax in panels[number:].flat:
         ax.set_axis_off()
@@ -280,10 +286,11 @@ def make_panels(
 def panel_grid(
     number: int, row_in: float, extra_in: float, **layout: Any
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure with axes in rows of three, and the blank axes of the last row.
+    """Return a figure and a list of at least ``number`` axes in rows of three.
 
-    The figure is as high as its rows, ``row_in`` each, and ``extra_in`` for titles and labels.
-    ``layout`` has further arguments of matplotlib's ``Figure.subplots``.
+    The list ends with the axes that fill the last row, which are blank. The figure is as high as its
+    rows, ``row_in`` each, and ``extra_in`` for titles and labels, in inches. ``layout`` has further
+    arguments of matplotlib's ``Figure.subplots``.
     """
     shown = max(number, 1)
     across = min(shown, MOSAIC)
@@ -382,7 +389,10 @@ def forms(formats: Iterable[str]) -> list[str]:
 
 
 def content(figure: Figure, form: str) -> bytes:
-    """Return the figure as a file's content in one of the `FORMATS`; an SVG has the page's data."""
+    """Return the content of the figure's file in one of the `FORMATS`.
+
+    An SVG also has the values of the curves, which the interactive page reads.
+    """
     if form != "svg":
         return matplotlib_file(figure, form)
     labels = svg_file.number_shapes(figure)
@@ -391,7 +401,7 @@ def content(figure: Figure, form: str) -> bytes:
 
 
 def lay_out(figure: Figure) -> Figure:
-    """Return the figure, laid out now: its layout would later depend on the user's rcParams."""
+    """Return the figure, laid out by the rcParams that are set now, not those of the user later."""
     spell_out_texts(figure)
     figure.draw_without_rendering()
     return figure
@@ -437,8 +447,8 @@ def _fix_layout(figure: Figure) -> None:
         return
     spell_out_texts(figure)
     if engine is not None:
-        FigureCanvasSVG(figure)
-        figure.dpi = 72
+        FigureCanvasSVG(figure)  # which makes itself the figure's canvas
+        figure.dpi = 72  # an SVG has so many units in an inch
         engine.execute(figure)
         figure.set_layout_engine("none")
 

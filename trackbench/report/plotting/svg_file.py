@@ -55,11 +55,12 @@ def compact_paths(content: str) -> str:
 
 def _relative_path(path: str) -> str:
     """Return a path of straight lines, with each line relative to the point before."""
+    # Such as "M 10 20 L 10.5 19 z" to "M10 20l.5-1z". Points are in hundredths.
     pieces: list[str] = []
     point = (0, 0)
     subpath_start = (0, 0)
     for command, numbers in _COMMAND.findall(path):
-        if command in "Zz":
+        if command in "Zz":  # back to the start
             pieces.append("z")
             point = subpath_start
             continue
@@ -91,7 +92,9 @@ def set_stderr(ax: "Axes", label: str, stderr: Array) -> None:
 def number_shapes(figure: "Figure") -> list[str]:
     """Give the shapes of each curve the number of its label; return the labels of all curves.
 
-    A shape of a curve without a line in the legend, such as its band, has its label behind a ``_``.
+    The number of a label is its index in the list. It stands in the shapes' ids: ``of-2-17`` is a shape
+    of the curve with label 2, ``key-2-18`` its entry in the legend, and ``axes-0`` an axes. A shape of a
+    curve without a line in the legend, such as its band, has its label behind a ``_``.
     """
     panels = _panels_with_curves(figure)
     labels: list[str] = []
@@ -105,6 +108,7 @@ def number_shapes(figure: "Figure") -> list[str]:
         for artist, label in _shapes(ax):
             if label in labels:
                 artist.set_gid(f"of-{labels.index(label)}-{next(serial_numbers)}")
+        # A curve of which all values are stored has all of them in its path, too.
         for line in ax.lines:
             if np.size(line.get_xdata()) <= _MOST_POINTS:
                 line.get_path().should_simplify = False
@@ -129,6 +133,7 @@ def add_curve_data(content: str, figure: "Figure", labels: list[str]) -> str:
     panels = [_panel_data(figure, ax, labels) for ax in _panels_with_curves(figure)]
     values = {"labels": labels, "axes": panels}
     text = json.dumps(values, ensure_ascii=False, separators=(",", ":"))
+    # Such as id="of-2-17", set by `number_shapes`, to data-of="2".
     content = _GID.sub(r'data-\1="\2"', content)
     quoted = escape(text, quote=False).replace('"', "&quot;")
     return content.replace("<svg ", f'<svg data-live="{quoted}" ', 1)
@@ -157,6 +162,7 @@ def _curves(ax: "Axes") -> "Iterator[tuple[str, Line2D]]":
                 lines.append((container, data_line))
     for labeled_artist, line in lines:
         label = str(labeled_artist.get_label())
+        # Both x and y are in units of the data, other than in a line by `axhline`.
         in_data = all(line.get_transform().contains_branch_seperately(ax.transData))
         has_points = np.size(line.get_xdata()) >= _LEAST_POINTS
         if in_data and has_points and not label.startswith("_"):
@@ -164,7 +170,10 @@ def _curves(ax: "Axes") -> "Iterator[tuple[str, Line2D]]":
 
 
 def _shapes(ax: "Axes") -> "Iterator[tuple[Artist, str]]":
-    """Yield all shapes that may belong to a curve, each with the curve's label."""
+    """Yield all shapes that may belong to a curve, each with the curve's label.
+
+    A shape that is not in the legend has the label behind a ``_``.
+    """
     for container in ax.containers:
         label = str(container.get_label()).removeprefix("_")
         for artist in container.get_children():
@@ -175,6 +184,7 @@ def _shapes(ax: "Axes") -> "Iterator[tuple[Artist, str]]":
 
 def _panel_data(figure: "Figure", ax: "Axes", labels: list[str]) -> dict[str, Any]:
     """Describe an axes: its box in SVG points, its two axes, and its curves."""
+    # The box is in shares of the figure, with y upwards; an SVG has y downwards.
     width, height = figure.get_size_inches() * _POINTS_PER_IN
     box = ax.get_position()
     left = box.x0 * width
@@ -223,6 +233,7 @@ def _curve_data(ax: "Axes", labels: list[str]) -> Iterator[dict[str, Any]]:
         if line.get_rasterized():
             continue
         x, y = (np.asarray(values, dtype=float) for values in line.get_data(orig=False))
+        # Of a long line every second, third, ... point.
         period = ceil(len(x) / _MOST_POINTS)
         places = np.arange(0, len(x), period)
         stored = places[np.isfinite(x[places]) & np.isfinite(y[places])]

@@ -113,13 +113,15 @@ def ordered_problems(group: SuiteScores) -> list[str]:
     _, problems, ratios = ratio_matrix(group)
     names = list(dict.fromkeys(group.classes[problem] for problem in problems))
     logs = np.log(ratios)
+    # A row for each class, a column for each filter.
     means = np.array(
         [logs[:, [group.classes[p] == name for p in problems]].mean(axis=1) for name in names]
     )
     centered = means - means.mean(axis=0)
-    # The first principal component, with the sign that puts the suite's first class before its last.
-    component = np.linalg.svd(centered, full_matrices=False)[2][0]
-    places = np.round(centered @ component, 9)  # the same order on every machine
+    # The first principal component is the first right singular vector. Its sign is the one that puts the
+    # suite's first class before its last.
+    _, _, components = np.linalg.svd(centered, full_matrices=False)
+    places = np.round(centered @ components[0], 9)  # the same order on every machine
     if places[0] > places[-1]:
         places = -places
     rank = {name: (place, i) for i, (name, place) in enumerate(zip(names, places, strict=True))}
@@ -204,7 +206,10 @@ def _fit_cells(figure: Figure, ax: Axes, columns: int) -> None:
 
 
 def cell_text(score: Score) -> str:
-    """Write the ratio of a cell and its marks."""
+    """Write the ratio of a cell, ``1.20``, with a mark if runs collapse or the filter is overconfident.
+
+    A filter that lost all runs, or more than another, has a cross alone.
+    """
     if score.failed or score.word == LOSES_MORE:
         return _LOSES
     text = _ratio_text(score.ratio_to_best.value)
@@ -216,7 +221,8 @@ def cell_text(score: Score) -> str:
 
 
 def _ratio_text(ratio: float) -> str:
-    """Write a ratio with as many digits as a reader compares."""
+    """Write a ratio with as many digits as a reader compares: ``1.25``, ``2.5``, ``25``, ``999+``."""
+    # Limits at which rounding would add a digit, or fill the last one with a zero.
     if ratio < 1.995:
         return f"{ratio:.2f}"
     if ratio < 9.95:
@@ -260,11 +266,12 @@ def _write_cell(
 
 def _name_classes(ax: Axes, group: SuiteScores, problems: Sequence[str], right: float) -> None:
     """Draw a line between classes, and their names on the right of the matrix."""
-    start = 0
+    start = 0  # the first row of the current class
     for row in range(1, len(problems) + 1):
         name = group.classes[problems[start]]
         if row < len(problems) and group.classes[problems[row]] == name:
             continue
+        # The class ends above this row.
         middle = 0.5 * (start + row - 1)
         ax.text(right + 0.15, middle, name, ha="left", va="center", fontsize=_CELL_POINTS)
         if row < len(problems):
@@ -327,6 +334,7 @@ def matrix_caption(group: SuiteScores) -> str:
 def draw_profile(group: SuiteScores) -> Figure:
     """Draw for each filter the share of problems on which it is within a factor of the best."""
     labels, _, ratios = ratio_matrix(group)
+    # Up to just below `WORST`, which counts as not within any factor.
     factors = np.logspace(0.0, log10(0.999 * WORST), 200)
     shares = profile(ratios, factors)
     low, high = profile_bands(group, factors)
@@ -351,9 +359,13 @@ def draw_profile(group: SuiteScores) -> Figure:
     # The axis ends behind the last step of a curve.
     last = 1.0
     for curve in (*shares, *low, *high):
-        last = max(last, float(factors[np.flatnonzero(curve == curve[-1])[0]]))
+        # The first factor at which the curve has its last value.
+        index = np.flatnonzero(curve == curve[-1])[0]
+        last = max(last, float(factors[index]))
     right = next((tick for tick in _FACTORS if tick >= max(1.05 * last, 1.5)), WORST)
-    ticks = [tick for tick in _FACTORS if tick <= right and (tick != 1.1 or right <= 2.0)]
+    ticks = [tick for tick in _FACTORS if tick <= right]
+    if right > 2.0:  # the label of 1.1 has no room beside that of 1
+        ticks.remove(1.1)
     ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     ax.minorticks_off()
     ax.set_xlim(1.0, right)
@@ -421,9 +433,10 @@ def _name_points(
 ) -> None:
     """Write each filter's name beside its point, where it covers no other name and no other point.
 
-    ``places`` are the points (x, y) by name; names in ``bold`` are bold.
+    ``places`` are the points (x, y) by name; names in ``bold`` are bold. If no place is free, the name
+    is at the last of `_NAME_PLACES`.
     """
-    figure.draw_without_rendering()
+    figure.draw_without_rendering()  # sets the transformation from data to pixels
     dots = {label: ax.transData.transform(place) for label, place in places.items()}
     boxes: list[Any] = []
     for label, place in places.items():

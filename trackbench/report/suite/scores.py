@@ -190,7 +190,8 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
     reference = results.config.get("reference") or ""
     reference_candidate = candidates.get(reference)
     smoothers = {f"{label}, smoothed" for label in results.config.get("smoothed", ())}
-    # A tuned copy has a label of its own in the results; it takes the place of its filter.
+    # A tuned copy has a label of its own in the results; it takes the place of its filter, whose label
+    # in the roster is found by the copy's.
     roster_labels = {shown_label(problem, label): label for label in problem.tuned}
     hidden = set(problem.tuned)
     shown = {label: candidate for label, candidate in candidates.items() if label not in hidden}
@@ -295,6 +296,7 @@ def _score_candidate(
     overall = candidate.overall
     runs = results.runs(candidate.point)
     nees = runs.get((candidate.label, "nees"), np.full(0, nan))
+    # The nameless size is the number of components of the whole state.
     size = results.facts(candidate.point).sizes.get("", 1)
     anees = mean(nees[~np.isnan(nees)] / size)
     reason = ""
@@ -326,6 +328,7 @@ def _ratio_to_best(ranking: Ranking, candidate: Candidate) -> Ratio:
     best = ranking.order[0]
     if candidate is best:
         return Ratio(value=1.0, low=1.0, high=1.0)
+    # The ranking does not compare filters that lose more runs.
     comparison = ranking.compared.get(candidate.name) or compare(candidate.sample, best.sample)
     if comparison is None:
         return Ratio()
@@ -364,7 +367,7 @@ def _ratio_to_reference(
 
 
 def _bound(results: Results, metric: str) -> RunEstimate | None:
-    """Return the stored bound of the rms error of a metric; None without one."""
+    """Return the stored lower bound of the rms of ``metric``, an error; None without a bound."""
     label = results.config.get("bound")
     if not label:
         return None
@@ -452,7 +455,9 @@ def typical_ratio_where_run(group: SuiteScores, label: str) -> float:
         for score in group.of_role(FILTER)
         if score.label == label and not score.is_left_out
     ]
-    return float(np.exp(np.mean(np.log(ratios)))) if ratios else nan
+    if not ratios:
+        return nan
+    return float(np.exp(np.mean(np.log(ratios))))
 
 
 def ordered_labels(group: SuiteScores) -> list[str]:
@@ -510,7 +515,8 @@ def leader_of(group: SuiteScores) -> Leader | None:
         return None
     labels = [*typical]
     first = min(typical, key=lambda label: typical[label])
-    # With other runs: how often each filter is first. Logarithms are (resamplings, labels).
+    # With other runs: the logarithm of each filter's typical ratio, (resamplings, labels), and in which
+    # share of the resamplings it is first.
     logs = np.log(group.resampled).mean(axis=2)
     low, high = np.exp(np.quantile(logs[:, labels.index(first)], [0.025, 0.975]))
     is_first = logs <= logs.min(axis=1, keepdims=True)
@@ -579,9 +585,10 @@ def profile_bands(group: SuiteScores, factors: Array) -> tuple[Array, Array]:
 def _resample_problem(
     runs: ProblemRuns, labels: Sequence[str], ratios: Array, rng: np.random.Generator
 ) -> Array:
-    """Return the ratios to the best (labels,) over runs drawn with replacement.
+    """Return the ratios to the best (labels,) over runs of one problem, drawn with replacement.
 
-    ``ratios`` (labels,) are those over all runs: a filter with the ratio `WORST` is left out.
+    ``ratios`` (labels,) are those over all runs. A filter with the ratio `WORST` keeps it, and all do if
+    there are fewer than two runs or the drawn runs have no best error.
     """
     statistic = _STATISTICS[runs.statistic]
     M = max((len(values) for values in runs.values.values()), default=0)
@@ -591,6 +598,7 @@ def _resample_problem(
     errors = np.full(len(labels), inf)
     for i, label in enumerate(labels):
         values = runs.values.get(label)
+        # A filter that failed, is useless here, or has other runs is not compared.
         if values is None or not ratios[i] < WORST or len(values) != M:
             continue
         chosen = values[drawn]
@@ -663,6 +671,7 @@ def nearest_filter(group: SuiteScores, label: str) -> Likeness | None:
             likenesses.append(Likeness(label=other, differences=differences))
     if not likenesses:
         return None
+    # The one that is the same on the most problems; of several the one with the least difference.
     nearest = min(
         likenesses, key=lambda likeness: (-len(likeness.same), likeness.typical_difference)
     )
@@ -677,7 +686,10 @@ def nearest_filter(group: SuiteScores, label: str) -> Likeness | None:
 
 
 def _largest_difference(mine: Array, theirs: Array) -> float:
-    """Return the largest relative difference of two filters' errors (M,); runs that both lost agree."""
+    """Return the largest relative difference of two filters' errors (M,).
+
+    Runs that both lost agree. The difference is infinite if only one of the filters lost a run.
+    """
     both_lost = ~np.isfinite(mine) & ~np.isfinite(theirs)
     scale = np.maximum(np.abs(mine), np.abs(theirs))
     with np.errstate(all="ignore"):

@@ -43,6 +43,7 @@ def roster_table(group: SuiteScores) -> TextTable:
     heads = ["Filter", "Typical ratio", "Where it ran", "Within 10 %", "Within 2 x", "Best at"]
     heads += ["Fails at", "Overconfident at", "Not run at", "CPU time"]
     problems = counted(number, "problem")
+    # Problems on which no filter of the user runs are not computed at all.
     if group.not_computed:
         all_problems = {score.problem for score in group.not_computed} | {*group.problems}
         problems = f"{number} of {counted(len(all_problems), 'problem')}"
@@ -136,7 +137,7 @@ def smoother_table(group: SuiteScores) -> TextTable | None:
 
 
 def filter_table(groups: Sequence[SuiteScores], label: str) -> TextTable:
-    """Tabulate one filter's scores, a row a problem."""
+    """Tabulate one filter's scores, a row a problem, with notes on the words that occur."""
     heads = ["Problem", "Error", "Ratio to the best (95 %)", "Lost runs", "ANEES", "Consistency"]
     table = TextTable(f"{label}, problem by problem", heads)
     scores = [score for group in groups for score in group.scores if score.label == label]
@@ -186,7 +187,10 @@ def _score_row(score: Score) -> list[Text]:
 
 
 def ratio_in_words(score: Score) -> str:
-    """Write the ratio to the best with its interval and the word of the rule for filters."""
+    """Write the ratio to the best with its interval, ``1.2 x (1.1 to 1.4)``, and the rule's word.
+
+    The word is ``n.s.``, ``untested`` or ``loses more runs``; a filter that is worse has none.
+    """
     ratio = score.ratio_to_best
     width = ratio.high - ratio.low
     if score.word == BEST:
@@ -210,6 +214,7 @@ def filter_sentences(group: SuiteScores, label: str) -> list[str]:
     """Return sentences on one filter: where it ran, where it is best or fails, and its likeness."""
     scores = [score for score in group.of_role(FILTER) if score.label == label]
     run = [score for score in scores if not score.is_left_out]
+    # Problems that are not computed are those on which no filter of the user runs.
     number = len(scores) + sum(score.label == label for score in group.not_computed)
     lines = [f"{group.title}: {label} ran on {len(run)} of {counted(number, 'problem')}."]
     if not run:
@@ -277,6 +282,7 @@ def _typical_ratio_sentence(group: SuiteScores, label: str, run: int, number: in
 def _likeness_sentence(likeness: Likeness) -> str:
     """Return the sentence on the filter of the roster that a filter equals, or is nearest to."""
     number = len(likeness.differences)
+    # Case 1: equal on all problems.
     if not likeness.others:
         name = likeness.label
         if likeness.also:
@@ -285,6 +291,7 @@ def _likeness_sentence(likeness: Likeness) -> str:
             f"It is the {name}: the errors of every run agree to 1e-6 on all problems "
             f"that both ran on ({number})."
         )
+    # Case 2: equal on most problems. A difference is infinite if only one of the two lost a run.
     largest = max(likeness.differences.values())
     apart = f"by up to {100.0 * largest:.2g} %" if isfinite(largest) else "in which runs are lost"
     if len(likeness.same) > len(likeness.others):

@@ -32,7 +32,10 @@ def check_rank(m: Measure, *path: str) -> None:
 
 
 def missing_steps(key: str, measures: Iterable[Measure], points: Sequence[Point]) -> dict[str, str]:
-    """Return conflicts of a key with measures at a step outside a point's run."""
+    """Return the mistake of the config's ``key`` if one of its measures is at a step outside the run.
+
+    It is under the key; the mapping is empty without a mistake.
+    """
     for m in measures:
         for point in points:
             steps = point.scenario.steps
@@ -75,10 +78,11 @@ class Uniformity(NamedTuple):
 
 
 def judge_histograms(histograms: Iterable[tuple[str, str, Histogram]], alpha: float) -> Uniformity:
-    """Test the histograms of (filter, PIT) with family-wise error ``alpha`` (Holm 1979)."""
+    """Test histograms, each with its filter and PIT, with family-wise error ``alpha`` (Holm 1979)."""
     tests = []
     p_values = []
     for label, head, ranks in histograms:
+        # Two tests of each histogram; p is NaN where a test has too few runs.
         for p in (ranks.p_distance, ranks.p):
             if np.isfinite(p):
                 tests.append((label, head))
@@ -141,7 +145,7 @@ class CalibrationTable(TableKind):
 
 
 def _verdict(uniformity: Uniformity, alpha: float) -> Iterator[str]:
-    """Yield which ranks are not uniform, and which show no difference."""
+    """Yield a sentence on the filters that are not calibrated, and one on those that may be."""
     rule = f"by {uniformity.tests} tests, {alpha:g} for all of them (Holm)"
     if uniformity.bad:
         words = "; ".join(f"{label} in {joined(heads)}" for label, heads in uniformity.bad.items())

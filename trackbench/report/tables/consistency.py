@@ -49,6 +49,7 @@ class Consistency(TableKind):
         """Count the steps at which each filter stays in its bands."""
         evaluators = {tuple(point.items()): Evaluator(results, point) for point in results.points()}
         refused = _refused_column(evaluators.values())
+        # The space makes the two headings of bands different.
         heads = ["ANEES, median step", "steps in its band"]
         heads += ["ANIS, median step", "steps in its band ", *refused]
         table = Table(self.title, [*results.grid_heads, "Filter"], heads, self.digits)
@@ -60,16 +61,17 @@ class Consistency(TableKind):
                 rows = per_step.where(filter=label)
                 # ANEES is stored per component.
                 anees = rows.where(metric="anees")
-                n = len(facts.components)
-                degrees_of_anees = degrees_of(rows, "anees", n)
-                degrees["ANEES"].setdefault((n, None), set()).update(degrees_of_anees.tolist())
+                states = len(facts.components)
+                degrees_of_anees = degrees_of(rows, "anees", states)
+                degrees["ANEES"].setdefault((states, None), set()).update(degrees_of_anees.tolist())
                 cells = _cells(anees["value"], degrees_of_anees, None)
-                # NIS is stored as it is: ANIS = NIS / n, with n of a mean over the runs.
+                # NIS is stored as it is: ANIS = NIS / n, where n is the mean over the runs.
                 nis = rows.where(metric="nis")
-                n = len(facts.measured)
-                degrees_of_nis = degrees_of(rows, "nis", n)
+                measured_components = len(facts.measured)
+                degrees_of_nis = degrees_of(rows, "nis", measured_components)
                 accepted = facts.accepted_nis(label)
-                degrees["ANIS"].setdefault((n, accepted), set()).update(degrees_of_nis.tolist())
+                law = (measured_components, accepted)
+                degrees["ANIS"].setdefault(law, set()).update(degrees_of_nis.tolist())
                 anis = nis["value"] / (degrees_of_nis / nis["runs"])
                 cells += _cells(anis, degrees_of_nis, accepted)
                 cells += [_innovation_cell(evaluator, label, m) for m in refused.values()]
@@ -85,6 +87,7 @@ def degrees_of(rows: Columns, metric: str, n: int) -> Array:
     ``rows`` are those of one filter in per_step.csv.
     """
     chosen = rows.where(metric=metric)
+    # The mean number of components that a run lacks is stored as unused_nees, unused_nees_position, ...
     series = metric.replace("anees", "nees", 1)
     unused = rows.where(metric=f"unused_{series}")
     unused_at_step = dict(zip(unused["step"].tolist(), unused["value"].tolist(), strict=True))
@@ -115,7 +118,7 @@ def _cells(values: Array, degrees: Array, accepted: AcceptedNis | None) -> list[
     low, high = np.array([bands[number] for number in degrees.tolist()]).T
     median = float(np.median(values))
     inside = float(((values >= low) & (values <= high)).mean())
-    # Steps depend on each other, so no standard error is claimed.
+    # Steps depend on each other, so no standard error is claimed. ``runs`` is the number of steps here.
     return [Cell(Estimate(x, np.nan), runs=len(values), lost=0) for x in (median, inside)]
 
 
@@ -127,6 +130,7 @@ def _consistency_bands(degrees: dict[str, _DegreesOfFreedom], runs: int) -> Iter
     """
     for name, degrees_by_law in degrees.items():
         several = len({n for n, _ in degrees_by_law}) > 1
+        # n is the number of components, and the numbers are the degrees of freedom of the steps.
         for (n, accepted), numbers in degrees_by_law.items():
             which = ""
             if several:
@@ -162,12 +166,19 @@ def components(numbers: Array) -> float:
 
 
 def anis_band(numbers: Array, accepted: AcceptedNis | None = None) -> tuple[float, float]:
-    """Return the 95 % band of the mean ANIS over runs; wide for few measurements."""
+    """Return the 95 % band of the mean ANIS over runs; wide for few measurements.
+
+    ``numbers`` (M,) are those of the measured components of each run. ``accepted`` is the distribution
+    of what a filter's gate accepts; None without a gate.
+    """
     return _band(components(numbers), accepted)
 
 
 def autocorrelation_band(numbers: Array) -> float:
-    """Return the 95 % half-width of the mean autocorrelation over runs."""
+    """Return the 95 % half-width of the mean autocorrelation over runs; infinite without measurements.
+
+    ``numbers`` (M,) are those of the measured components of each run.
+    """
     number = components(numbers)
     if not number:
         return np.inf
@@ -250,6 +261,7 @@ def _error_columns(results: Results) -> dict[str, str]:
     """Return heading and metric of the columns of prediction errors, one for each component measured."""
     columns = {}
     for head, kind in _ERRORS.items():
+        # Such as rms(rmse_predicted_px); errors in a window, rms(rmse_predicted_px[late]), are left out.
         for name in dict.fromkeys(results.columns("summary")["metric"]):
             component = name.removeprefix(f"rms(rmse_{kind}_").removesuffix(")")
             if name == f"rms(rmse_{kind}_{component})" and "[" not in component:
@@ -270,6 +282,7 @@ def _band_notes(results: Results, labels: list[str]) -> list[str]:
             sentence = _band_note(results.runs(point), label, accepted)
             if sentence:
                 labels_by_sentence.setdefault(sentence, []).append(label)
+        # Filters are named only if their bands differ.
         for sentence, names in labels_by_sentence.items():
             place = []
             if len(labels_by_sentence) > 1:
@@ -287,6 +300,7 @@ def _band_note(runs: dict[tuple[str, str], Array], label: str, accepted: Accepte
 
     ``runs`` has the values (M,) of the runs; ``accepted`` is the law of what the filter's gate accepts.
     """
+    # The number of measured components of each run.
     numbers = runs.get((label, "innovations"), np.empty(0))
     finite = ~np.isnan(numbers)
     if not finite.any():

@@ -62,11 +62,11 @@ class EfficiencyTable(TableKind):
 
     def table(self, results: Results) -> Table:
         """Fill a row for each scenario and each form of a filter."""
-        heads = ["Efficiency", "Without control variate", "Runs saved", "Cross term / MSE"]
+        value_heads = ["Efficiency", "Without control variate", "Runs saved", "Cross term / MSE"]
         every_scene = scenes(results)
         labels = compared_labels(results, self.filters)
-        keys = [*map(results.axis, every_scene[0]), "Filter"]
-        table = Table(self.title, keys, heads, self.digits)
+        key_heads = [*map(results.axis, every_scene[0]), "Filter"]
+        table = Table(self.title, key_heads, value_heads, self.digits)
         for scene in every_scene:
             for label in labels:
                 for form in _forms(results, scene, label):
@@ -82,6 +82,7 @@ class EfficiencyTable(TableKind):
     def _cells(self, expressions: Evaluator, label: str) -> list[Cell]:
         """Return the cells of a filter: both efficiencies, the runs saved, and the cross term."""
         m = self.metric.of(label)
+        # Each run's RMSE of the reference, RMS difference from the reference, and RMSE.
         rmse, _ = m.made_of()
         floor, distance = expressions.reference_and_rmsd(m)
         error = expressions.runs.get((label, str(rmse)))
@@ -156,9 +157,9 @@ class EqualCost(TableKind):
     def table(self, results: Results) -> Table:
         """Compare the filters at the CPU times of each size of the filter `of`."""
         every_scene = scenes(results)
-        heads = [*map(results.axis, every_scene[0]), f"At {self.of}'s {self.along}", "Filter"]
-        values = [COST, self.along, str(self.metric), "Interpolation", f"Over {self.of}'s"]
-        table = Table(self.title, heads, values, self.digits)
+        key_heads = [*map(results.axis, every_scene[0]), f"At {self.of}'s {self.along}", "Filter"]
+        value_heads = [COST, self.along, str(self.metric), "Interpolation", f"Over {self.of}'s"]
+        table = Table(self.title, key_heads, value_heads, self.digits)
         labels = compared_labels(results, self.filters)
         for scene in every_scene:
             # Curves of error over CPU time; each size of the filter `of` gives a budget.
@@ -169,6 +170,7 @@ class EqualCost(TableKind):
                 if curve.label != self.of:
                     continue
                 for spot in curve.spots:
+                    # A curve of one of several forms has the form behind the label: "PF (R = 2)".
                     size = phrases.number(spot.size) + curve.name.removeprefix(self.of)
                     keys = [*map(phrases.number, scene.values()), size]
                     self._add_budget(table, keys, rivals, spot)
@@ -188,13 +190,15 @@ class EqualCost(TableKind):
         comparison = _compare(reached, self.metric.definition.more_is_better)
         marked = _marked(reached, comparison)
         for name, error in errors.items():
+            # The number of rows so far is the index of this one.
             if name in marked:
                 table.best.add((len(table.keys), table.value_headers.index(str(self.metric))))
             cells = [Cell.missing()] * 4 if error is None else _cells(error, reference)
             time = Estimate(MICRO * budget.cost.value, MICRO * budget.cost.stderr)
             table.add([*keys, name], [Cell(time, runs=budget.cost.runs, lost=0), *cells])
         if reached:
-            table.notes.append(_conclusion(table.key_headers[:-1], keys, budget, comparison))
+            heads_of_keys = table.key_headers[:-1]  # without that of the filter
+            table.notes.append(_conclusion(heads_of_keys, keys, budget, comparison))
 
 
 class _Comparison(NamedTuple):
@@ -225,7 +229,8 @@ def _compare(errors: dict[str, AtCost], higher: bool) -> _Comparison:
     for place, name in enumerate(order[1:]):
         # A filter behind a significantly worse one is no tie. A worse filter may still lose fewer runs.
         is_significant = family[best[0], name].sign != 0
-        if not is_significant and len(ties) == place:
+        all_before_are_ties = len(ties) == place
+        if not is_significant and all_before_are_ties:
             ties.append(name)
         elif rules.loses_more(errors[best[0]].lost, errors[name].lost, len(errors)):
             losing_fewer.append(name)
@@ -243,7 +248,7 @@ def _marked(errors: dict[str, AtCost], comparison: _Comparison) -> list[str]:
             break
         near.append(name)
     all_near = len(near) == len(comparison.ties)
-    some_worse = len(comparison.ties) + 1 < len(errors)
+    some_worse = len([*comparison.best, *comparison.ties]) < len(errors)
     if all_near or some_worse:
         return [*comparison.best, *near]
     return []
@@ -251,6 +256,7 @@ def _marked(errors: dict[str, AtCost], comparison: _Comparison) -> list[str]:
 
 def _is_near(error: AtCost, best: AtCost) -> bool:
     """Test whether the ratio to the best error is at most `rules.NEAR_BEST`, with 95 % confidence."""
+    # The logarithm of the ratio, which is negative for a lower efficiency.
     other_stderr = float(np.hypot(error.other_stderr, best.other_stderr))
     low, high = compare_at(error, best).difference.interval(other=other_stderr)
     return max(abs(low), abs(high)) <= np.log(rules.NEAR_BEST)
@@ -274,9 +280,12 @@ def _conclusion(heads: list[str], keys: list[str], budget: Spot, comparison: _Co
 
 
 def _cells(at_budget: AtCost, reference: AtCost) -> list[Cell]:
-    """Fill size, error, interpolation error, and the ratio to the named filter's error."""
+    """Fill size, error, interpolation error, and the ratio to the error of ``reference``.
+
+    The errors of ``at_budget`` and ``reference`` are logarithms, whose standard errors are relative.
+    """
     value = float(exp(at_budget.error.value))
-    # Of logarithms: relative errors from the runs and from the times add in squares.
+    # Relative errors from the runs and from the times add in squares.
     stderr = value * float(np.hypot(at_budget.error.stderr, at_budget.stderr_of_times))
     difference = compare_at(at_budget, reference).difference
     ratio = float(exp(difference.value))

@@ -130,8 +130,8 @@ def best_labels(evaluator: Evaluator, labels: Sequence[str], m: Measure) -> list
     the highest is best, for numbers that are zero in every run unless they are shares of runs, and for a
     step in fewer than five runs.
     """
-    # The definition says whether less or more is better.
     lower_is_better = m.is_cpu_time or m.definition.better == "lower"
+    # A gain and a win rate are better the higher they are, whatever the metric.
     if not (lower_is_better or m.definition.is_score) or m.relation in ("gain", "win_rate"):
         return []
     # Case 1: runs have values, and the filters are ranked by them.
@@ -149,9 +149,12 @@ def best_labels(evaluator: Evaluator, labels: Sequence[str], m: Measure) -> list
             return []
         unranked = [candidates[label] for label in candidates if label not in labels]
         ranking = ranking_of(rivals, m.metric, unranked=unranked)
-        # A share of runs that is zero is an answer; other numbers are zero by construction.
-        if ranking.best is not None and not m.is_share and _is_zero_in_every_run(ranking.best):
-            return []
+        # A share of runs that is zero is an answer; other numbers that are zero in every run are so by
+        # construction.
+        if ranking.best is not None and not m.is_share:
+            values_of_runs = ranking.best.sample.values
+            if not values_of_runs[np.isfinite(values_of_runs)].any():
+                return []
         return [candidate.label for candidate in ranking.marked]
     # Case 2: fewer than two filters have values of their runs; the least number is the best.
     runs = max(map(len, evaluator.runs.values()), default=0)
@@ -170,12 +173,6 @@ def best_labels(evaluator: Evaluator, labels: Sequence[str], m: Measure) -> list
     if lower_is_better and len(best) < len(values):
         return best
     return []
-
-
-def _is_zero_in_every_run(candidate: Candidate) -> bool:
-    """Test whether a number is zero by construction: no run has another value."""
-    values = candidate.sample.values
-    return not values[np.isfinite(values)].any()
 
 
 def _candidate(evaluator: Evaluator, m: Measure) -> Candidate | None:
@@ -199,6 +196,7 @@ def _candidate(evaluator: Evaluator, m: Measure) -> Candidate | None:
 
 def _cell(evaluator: Evaluator, m: Measure) -> Cell:
     """Return the cell of a measure: its row of summary.csv, or without one its evaluation."""
+    # A share is evaluated, as its interval needs the number of runs with the event.
     stored = None if m.is_share else evaluator.stored.get((m.filter, str(m)))
     term = stored or evaluator.term(m)
     suffix = ""
@@ -227,9 +225,9 @@ def _lost_notes(results: Results, point: GridPoint, labels: list[str]) -> Iterat
 def _tail_notes(
     evaluator: Evaluator, labels: Sequence[str], columns: Collection[Expression]
 ) -> Iterator[str]:
-    """Yield a warning for each error of which a few runs decide a filter's number.
+    """Yield a warning for each error, a column of a table, of which a few runs decide a filter's number.
 
-    It has the medians of these filters, which the few runs do not change.
+    The warning has the medians of these filters, which the few runs do not change.
     """
     # Step 1: medians of the filters' errors that have a heavy tail, by error and filter.
     medians: dict[str, dict[str, str]] = {}

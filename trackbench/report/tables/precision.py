@@ -46,13 +46,15 @@ class Precision(TableKind):
                         values_by_metric[metric] = values
                 if "lost" not in values_by_metric:
                     continue
-                result = FilterResult(values_by_metric, {}, {}, None, [])
+                result = FilterResult(
+                    per_run=values_by_metric, steps={}, run_series={}, tracks=None, timing=[]
+                )
                 for target in targets:
                     # The number at every look; the last look gives the cell.
                     looks: list[PrecisionCheck] = []
                     for runs in stops:
                         looks += check_precision([target], result, sizes, {}, runs)
-                    if not looks:
+                    if not looks:  # the filter does not have the number
                         continue
                     row = looks[-1].row
                     cell = Cell(Estimate(row.value, row.stderr), runs=row.runs, lost=0)

@@ -194,7 +194,7 @@ def distance(numbers: list[Number]) -> Distance:
                 value=inf, stderr=nan, influences=None, runs=runs - lost, lost=lost
             )
             return Distance(infinite, near=0)
-        # log(measured / printed), half of it for a variance
+        # log(measured / printed), of a variance that of the roots
         log_ratio = number.power * float(elementary.log(term.value / printed))
         squares += log_ratio * log_ratio
         if abs(term.value - printed) <= NEAR * printed:
@@ -205,7 +205,7 @@ def distance(numbers: list[Number]) -> Distance:
             weight = runs / term.runs
             changes = np.nan_to_num(term.influences)
             influences_on_sum += log_ratio * number.power / term.value * weight * changes
-    # Step 2: the root mean square.
+    # Step 2: the root mean square D = sqrt(squares / n), with dD = d(squares / 2) / (n D).
     value = float(np.sqrt(squares / max(len(numbers), 1)))
     influences = influences_on_sum
     if value:
@@ -243,7 +243,7 @@ def _notes(heads: list[str], readings: list[RankedReading], numbers: int) -> lis
     """Write how many readings were tried, which is the nearest, and how many are as near.
 
     ``heads`` are the headings of the readings' values. ``readings`` are sorted by distance. ``numbers``
-    is how many numbers are printed.
+    is the number of printed numbers.
     """
     nearest = readings[0]
     finite = []
@@ -356,6 +356,7 @@ def _judge_measured(
         if any(verdict.is_measured for verdict in verdicts):
             measured_claims.append(claim)
             words = [verdict.verdict.word for verdict in verdicts]
+            # A point that does not measure the claim leaves it undecided.
             words_of_claims.append([word if word in CLAIM_WORDS else UNDECIDED for word in words])
     return measured_claims, words_of_claims
 

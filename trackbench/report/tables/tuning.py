@@ -78,7 +78,7 @@ class TuningTable(TableKind):
 
 
 def _training_runs(results: Results) -> str:
-    """Describe the training runs, or the part of recorded ones, and the runs held out."""
+    """Describe the training runs, or the part of recorded ones, and how those of the results differ."""
     config = results.config
     share = (config["scenario"].get("score") or {}).get("train")
     if share is not None:
@@ -105,8 +105,10 @@ def axis_of(metric: str | dict[str, float]) -> str:
 def _axis_of_term(word: str) -> str:
     """Label an axis with one term of the objective."""
     words = phrases.axis_of(measured(word))
+    # More is better of a score, so that its negative is minimized and has a label of its own.
     if objective_label(word) != word:
         return f"Negative {words[0].lower()}{words[1:]}"
+    # The value that the metric should have, such as 1 of ANEES; None if less is better.
     target = objective_target(word)
     if target is not None:
         return f"Distance of {words} from {target:g}"
@@ -128,7 +130,7 @@ def _score(
 
 
 def _values(record: Record) -> str:
-    """Write the values found, and those within one standard error of the best."""
+    """Write the values found, and those within a standard error of the best: ``q = 2 (1.5 to 3)``."""
     parts = []
     for axis in record.axes:
         best = phrases.number(record.best.values[axis.key])
@@ -146,7 +148,11 @@ def _values(record: Record) -> str:
 
 
 def _cells(record: Record, tuned: RunEstimate | None, untuned: RunEstimate | None) -> list[Cell]:
-    """Fill the metric in training and on the results, their gap, and the untuned filter's metric."""
+    """Fill the metric in training and on the results, their gap, and the untuned filter's metric.
+
+    ``tuned`` and ``untuned`` are the objective of both filters on the runs of the results; None for a
+    filter that failed.
+    """
     best = record.best
     training = Cell(Estimate(best.objective, best.stderr), runs=1, lost=best.lost)
     result = Cell.missing() if tuned is None else Cell.of(tuned)

@@ -42,7 +42,7 @@ def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
     """
     if evidence is None or not claim.left or not claim.expression:
         return _unjudged(claim, no_results(claim, evidence))
-    # Step 1: one test for each step and each filter on the right side.
+    # Step 1: one test for each step and each filter on the right side; of a number there is no filter.
     claims_at_steps = _at_each_step(claim, evidence)
     steps = len(claims_at_steps)
     tests = []
@@ -59,8 +59,13 @@ def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
     batches = evidence.results.batches
     parts = _weakest([test.z_of_parts(batches) for test in tests], steps)
     stressed = _weakest([test.z_under_stress() for test in tests], steps)
-    exact = weakest.term.is_exact  # and so are all that are measured
-    verdict = rules.claim_verdict(z, parts, stressed, claim.relation == "~", exact)
+    verdict = rules.claim_verdict(
+        z,
+        parts,
+        stressed,
+        equal=claim.relation == "~",
+        exact=weakest.term.is_exact,  # then so are the terms of all tests
+    )
     # Step 3: a filter that loses more runs is no better, whatever its error.
     losing = [_loses_more(evidence, claim, right) for right in claim.rights]
     if verdict.word == "holds" and any(losing):
@@ -101,7 +106,11 @@ def _unjudged(claim: Claim, why: str) -> ClaimVerdict:
 
 
 def _at_each_step(claim: Claim, evaluator: Evaluator) -> list[Claim]:
-    """Split a claim about several steps into one claim for each step."""
+    """Split a claim about several steps into one claim for each step.
+
+    The list is empty if the results have none of the steps.
+    """
+    # The expressions of the left and of the right side at each step; None for a side that is a number.
     sides: list[list[Measure | None]] = []
     for side in (claim.expression, claim.right_expression):
         if side is None:
@@ -120,7 +129,7 @@ def _at_each_step(claim: Claim, evaluator: Evaluator) -> list[Claim]:
 
 
 class _Bound(NamedTuple):
-    """A one-sided test: the term lies above an edge, or below it."""
+    """A one-sided test: the term lies above an edge, or below it if not ``is_above``."""
 
     term: RunEstimate
     edge: float
@@ -157,7 +166,10 @@ class _Test(NamedTuple):
         return self._z_of_terms([bound.term.stressed() for bound in self.bounds])
 
     def _z_of_terms(self, terms_of_bounds: list[list[RunEstimate]]) -> list[float]:
-        """Return z in favor of the claim by other runs; each bound has a term for each set of them."""
+        """Return z in favor of the claim by each of several other sets of runs.
+
+        ``terms_of_bounds`` has a list for each bound: the bound's term by each set of runs.
+        """
         zs = []
         for terms in zip(*terms_of_bounds, strict=True):
             pairs = zip(self.bounds, terms, strict=True)
@@ -179,6 +191,7 @@ def _test(evaluator: Evaluator, claim: Claim, right_label: str) -> _Test:
     """
     sides = claim.sides(right_label)
     left = sides[0]
+    # The right side is a number: each end is a test of the left side against it.
     if len(sides) == 1:
         term = evaluator.estimate_of_steps(left) or evaluator.term(left)
         bounds = []
@@ -199,11 +212,11 @@ def _test(evaluator: Evaluator, claim: Claim, right_label: str) -> _Test:
 def _ends(evaluator: Evaluator, claim: Claim, other: Measure | None) -> list[tuple[float, bool]]:
     """Return the ends that a claim sets, and for each whether the left side must lie above it.
 
-    An end is a factor, by which the right side is multiplied.
+    ``other`` is the measure on the right side, and an end is the factor by which it is multiplied. If
+    the right side is a number, ``other`` is None and an end is that number.
 
     An equality is two one-sided tests (Schuirmann 1987, J. Pharmacokinet. Biopharm. 15, 657): the left
-    side is above the lower end of the tolerance and below the upper one. ``other`` is the measure on the
-    right side; None if that is a number.
+    side is above the lower end of the tolerance and below the upper one.
     """
     if claim.relation != "~":
         return [(claim.factor, claim.relation == ">")]
@@ -216,8 +229,8 @@ def _ends(evaluator: Evaluator, claim: Claim, other: Measure | None) -> list[tup
 def _weakest(zs_of_tests: list[list[float]], steps: int) -> list[float]:
     """Return z of the weakest test for each of several sets of the runs.
 
-    Each test has a list of z, one for each set. The result is empty if any of these lists is.
-    ``steps`` is the number of steps that the tests are of.
+    ``zs_of_tests`` has a list for each test: its z by each set of runs. The result is empty if any of
+    these lists is. ``steps`` is the number of steps that the tests are of.
     """
     if not all(zs_of_tests):
         return []
@@ -225,7 +238,10 @@ def _weakest(zs_of_tests: list[list[float]], steps: int) -> list[float]:
 
 
 def _missing_labels(evaluator: Evaluator, test: _Test) -> list[str]:
-    """List the filters of a test whose value is NaN although they have lost no run."""
+    """List the filters of a test whose value is NaN although they have lost no run.
+
+    Such a value is not in the results at all.
+    """
     labels: dict[str, None] = {}
     for side in test.claim.sides(test.right_label):
         term = evaluator.term(side)
@@ -263,11 +279,15 @@ def _significance(verdict: Verdict) -> str:
 
 
 def _size(evaluator: Evaluator, test: _Test) -> str:
-    """Note that the printed size of a difference, %, lies outside its 95 % interval; else empty."""
+    """Note that the size of a difference that a claim prints, %, lies outside the measured interval.
+
+    The text is empty if it lies inside the 95 % interval, and if the claim prints none.
+    """
     claim = test.claim
     if claim.printed is None or not test.right_label or claim.expression is None:
         return ""
     left, right = (evaluator.term(side) for side in claim.sides(test.right_label))
+    # By how many percent the left side is below the right one.
     low, high = gain(quotient(left, right)).interval()
     if low <= claim.printed <= high or isnan(low + high):
         return ""
@@ -283,6 +303,7 @@ def _tests_at_steps(weakest: _Test, zs: list[float]) -> str:
     where = ""
     if expression is not None and expression.steps:
         where = f"at step {expression.steps.first}; "
+    # `decided` returns 1 for a test that holds.
     holding = sum(rules.decided(z) > 0 for z in zs)
     return f"{where}{holding} of {len(zs)} comparisons hold by themselves"
 
@@ -309,7 +330,7 @@ def _loses_more(evaluator: Evaluator, claim: Claim, right: str) -> str:
 
 
 def no_results(row: PublishedNumber | Claim, evidence: Evaluator | None) -> str:
-    """Return a note if the grid lacks the point that a row names."""
+    """Return a note if the grid lacks the point that a row names, which has no ``evidence`` then."""
     if evidence is None:
         return f"no results at {row.point}"
     return ""

@@ -73,23 +73,21 @@ def time_verdicts(results: Results) -> list[TimeVerdict]:
     verdicts: list[TimeVerdict] = []
     for number in results.published.numbers:
         if _is_of_time(number):
-            verdicts += _judge_number(results, number)
+            # The filter whose time divides that of the label; empty if the number is a time itself.
+            other = number.expression.other if number.expression else ""
+            for label in number.labels or [""]:
+                verdicts.append(_judge(results, number, label, other))
     for claim in results.published.claims:
         if _is_of_time(claim):
             verdicts.append(_judge_claim(results, claim))
     return verdicts
 
 
-def _judge_number(results: Results, number: PublishedNumber) -> list[TimeVerdict]:
-    """Judge a number for each of its labels."""
-    other = number.expression.other if number.expression else ""
-    return [_judge(results, number, label, other) for label in number.labels or [""]]
-
-
 def _judge_claim(results: Results, claim: Claim) -> TimeVerdict:
     """Judge a claim: it has the worst verdict of its comparisons."""
     other = claim.expression.other if claim.expression else ""
     verdicts = [_judge(results, claim, claim.left, right) for right in claim.rights or [other]]
+    # A claim against several filters holds if it does against each of them.
     worst_first = ("fails", NOT_MEASURED, UNDECIDED, "holds")
     return min(verdicts, key=lambda verdict: worst_first.index(verdict.word))
 
@@ -120,6 +118,7 @@ def _judge(results: Results, row: PublishedNumber | Claim, left: str, right: str
     value = nan
     low = nan
     high = nan
+    # Every filter has a row in timing.csv, with repeats.
     all_timed = len(seconds) == len(labels) > 0 and all(map(len, seconds))
     word = UNDECIDED if all_timed else NOT_MEASURED
     # Each repeat gives a ratio, so both filters need equally many; an interval needs at least two.
@@ -156,6 +155,7 @@ def _wanted_range(row: PublishedNumber | Claim) -> tuple[float, float] | None:
     if not all(m.is_cpu_time for m in row.expressions):
         return None
     if isinstance(row, PublishedNumber):
+        # A published value that is a text is a word on a bias.
         if isinstance(row.value, str) or relation not in ("", "ratio", "gain"):
             return None
         # A gain of p percent is a ratio of 1 - p / 100.
@@ -163,8 +163,10 @@ def _wanted_range(row: PublishedNumber | Claim) -> tuple[float, float] | None:
         if relation == "gain":
             ratio = 1.0 - ratio / 100.0
         return ratio, ratio
+    # A ratio that is itself compared with that of other filters would be a ratio of ratios.
     if relation not in ("", "ratio") or (relation and row.rights):
         return None
+    # A claim that the left side is equal (~) to the factor, below or above it.
     if row.relation == "~":
         return row.factor * (1.0 - row.tolerance), row.factor * (1.0 + row.tolerance)
     if row.relation == "<":
@@ -175,7 +177,8 @@ def _wanted_range(row: PublishedNumber | Claim) -> tuple[float, float] | None:
 def _word(row: PublishedNumber | Claim, low: float, high: float, least: float, most: float) -> str:
     """Return the verdict by the measured interval, ``low`` to ``high``, which `SCATTER` widened.
 
-    The published row is true of ratios from ``least`` to ``most``.
+    The published row is true of ratios from ``least`` to ``most``. The interval is NaN if there are too
+    few repeats for one.
     """
     if isnan(low):
         return UNDECIDED

@@ -133,7 +133,10 @@ FILES = ("comparison.csv", "comparison.md", "claims.csv")
 
 
 def write_comparison(results: Results, comparison: Verdicts) -> None:
-    """Write the verdicts, or remove old ones if nothing is published about the experiment."""
+    """Write comparison.csv, comparison.md, claims.csv and the verdicts on CPU times.
+
+    If nothing is published about the experiment, earlier files are removed.
+    """
     folder = results.target
     write_time_verdicts(results)
     if not (comparison.rows or comparison.claims or comparison.left_out):
@@ -240,7 +243,7 @@ def summary_lines(comparison: Verdicts) -> list[str]:
 
 
 def markdown(results: Results, comparison: Verdicts) -> str:
-    """Return counts, published numbers per table, rank agreement, claims."""
+    """Return comparison.md: counts, published numbers per table, rank agreement, claims."""
     counts = "\n".join(f"- {line}" for line in summary_lines(comparison))
     paragraphs = [f"# Published and measured: {results.title}", counts]
     paragraphs += [table.markdown().rstrip() for table in verdict_tables(comparison)]
@@ -289,7 +292,7 @@ def _number_tables(comparison: Verdicts) -> list[TextTable]:
         table = TextTable(f"{name}: published and measured", _HEADS, best)
         _add_meanings(table, [number.best.verdict for number in numbers])
         tables.append(table)
-        # A search's row stands for many readings: only the rows themselves are listed.
+        # Numbers with several rows. A search has one row, although it stands for many readings.
         readings: list[Compared] = []
         for number in numbers:
             if len(number.rows) > 1:
@@ -308,6 +311,7 @@ _HEADS = ["Filter", "Metric", "Verdict", "Published", "Measured", "z", "z withou
 def _number_row(row: Compared, readings: int = 1) -> list[Text]:
     """Write a row of a table of numbers, which is the best of so many ``readings``."""
     published = row.published
+    # The paper's name of the filter, and the label here unless it begins with that name.
     name = published.filter
     if row.label.startswith(published.filter):
         name = row.label
@@ -399,7 +403,7 @@ def _measured_text(row: Compared) -> str:
     if row.verdict.word == "equal":
         digits = max(DIGITS["per_run.csv"], row.published.significant_digits)
         return f"{value:.{digits}g}"
-    if not stderr:
+    if not stderr:  # an exact number
         return f"{value:.6g}"
     return rounded(value, stderr, 4)
 

@@ -28,7 +28,7 @@ def reasons(comparison: Verdicts, runs: int) -> list[str]:
         if claim.verdict.word == UNDECIDED:
             lines.append(f"inconclusive: {claim.claim.claim}: {_reason(claim, runs)}")
     more = len(lines) - _MOST_REASONS
-    if more < 2:
+    if more < 2:  # a line on one more is as long as that line
         return lines
     return [*lines[:_MOST_REASONS], f"inconclusive: {more} more: comparison.md"]
 
@@ -37,11 +37,13 @@ def _reason(row: Compared | ClaimVerdict, runs: int) -> str:
     """Explain why a number or a claim is inconclusive; ``runs`` is the number of runs of each filter."""
     verdict = row.verdict
     z = abs(verdict.z)
+    # A number to which a setting was fitted confirms nothing.
     is_chosen = isinstance(row, Compared) and bool(row.published.chosen)
     if not isfinite(z) or is_chosen:
         return row.note or "no standard error"
     if isnan(verdict.needed):
         return f"neither within its margin nor beyond it by {DECIDED:g} standard errors"
+    # Case 1: z over all runs is too small.
     if verdict.is_short:
         text = f"{z:.2f} standard errors, and {verdict.needed:g} decide"
         if not verdict.has_sign:
@@ -49,7 +51,10 @@ def _reason(row: Compared | ClaimVerdict, runs: int) -> str:
         more = run_count(runs_that_decide(runs, z, verdict.needed))
         what = f"{more} runs" if runs > 1 else f"a recording {more} times as long"
         return f"{text}; a difference as large as measured needs about {what}"
-    part = verdict.weak_part
-    if part is None:
+    # Case 2: z without a batch of runs is too small.
+    z_of_part = verdict.weak_part
+    if z_of_part is None:
         return row.note
-    return f"{z:.1f} standard errors over all runs, but {abs(part):.1f} without one batch of them"
+    return (
+        f"{z:.1f} standard errors over all runs, but {abs(z_of_part):.1f} without one batch of them"
+    )

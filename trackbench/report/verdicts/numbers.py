@@ -154,15 +154,18 @@ def compare(results: Results) -> Verdicts:
 
 
 def _best_of_searches(results: Results) -> Iterator[Compared]:
-    """Yield each printed number that a `readings` table searches, compared under its best reading."""
-    evidence: dict[tuple[str, ...], Evaluator] = {}
+    """Yield each printed number that a `readings` table searches, compared under its best reading.
+
+    A number that no reading measures is left out.
+    """
+    evaluators: dict[tuple[str, ...], Evaluator] = {}
     for readings in searched_numbers(results):
         rows: list[Compared] = []
         for number, point in readings:
             values = tuple(map(str, point.values()))
-            if values not in evidence:
-                evidence[values] = Evaluator(results, point)
-            for row in _compare_readings(number, evidence[values]):
+            if values not in evaluators:
+                evaluators[values] = Evaluator(results, point)
+            for row in _compare_readings(number, evaluators[values]):
                 # A NaN without lost runs means that this reading is not measured.
                 if row.measured.lost or not isnan(row.measured.value):
                     rows.append(row)
@@ -173,7 +176,10 @@ def _best_of_searches(results: Results) -> Iterator[Compared]:
 
 
 def rank_agreement(rows: list[Compared]) -> Iterator[Ranked]:
-    """Yield Kendall's tau of published and measured order, per column of three or more filters."""
+    """Yield the agreement of the filters' published and measured order, Kendall's tau.
+
+    Each column of a published table with three or more filters has one.
+    """
     # Step 1: collect the columns of the published tables.
     columns: dict[tuple[str, str, str, str], list[Compared]] = defaultdict(list)
     for row in rows:
@@ -199,6 +205,7 @@ def rank_agreement(rows: list[Compared]) -> Iterator[Ranked]:
 
 def kendall(a: Sequence[Any], b: Sequence[Any]) -> float:
     """Return Kendall's tau-b of two orders; NaN if one is constant (Kendall 1945, Biometrika 33)."""
+    # The matrices have each pair twice, so that sums over pairs are half of theirs.
     signs_a = np.sign(np.subtract.outer(a, a))
     signs_b = np.sign(np.subtract.outer(b, b))
     untied_a = np.count_nonzero(signs_a) / 2
@@ -242,7 +249,8 @@ def _compare_readings(number: PublishedNumber, evidence: Evaluator | None) -> It
             measured = RunEstimate(
                 value=number.factor * exact, stderr=0.0, influences=None, runs=measured.runs
             )
-        # Step 3: the verdict, with its reasons.
+        # Step 3: the verdict, with its reasons. One without z compares digits: it is `agrees` if more
+        # digits are printed than are stored.
         verdict = _verdict(judged_number, measured, label, evidence.results)
         has_all_stored_digits = verdict.word == "agrees" and isnan(verdict.z)
         note = noted(
@@ -274,6 +282,7 @@ def _verdict(
     printed digits are, and `agrees` if more digits are printed than are stored.
     """
     value = measured.value
+    # A NaN that no lost run explains is not in the results.
     if isnan(value) and not measured.lost:
         return Verdict(NOT_MEASURED, nan)
     if results.experiment_runs is not None:
@@ -282,6 +291,7 @@ def _verdict(
     is_number = not isinstance(number.value, str) and isfinite(value)
     if label not in results.deterministic or not is_number:
         return rules.number_verdict(number, measured, measured.parts(results.batches))
+    # Nothing is random: the difference may be at most what the stored digits leave open.
     digits = results.digits_of(label)
     rounding = number.factor * _half_unit(value / number.factor, digits)
     if abs(rules.difference(number, value)) > rounding:

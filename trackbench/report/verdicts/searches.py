@@ -37,10 +37,13 @@ def searched_numbers(results: Results) -> Iterator[list[SearchedReading]]:
         paths = results.config.get("published", [])
         published = without_times(read_published(results.folder, paths, keys["of"]))
         rows_by_place: dict[tuple[str, ...], list[PublishedNumber]] = {}
+        # Settings that were fitted to numbers, in words, by `filter: metric` or by the metric alone.
+        fitted_settings = keys.get("chosen") or {}
         for number in published.numbers:
             if number.printed_at not in yielded_places:
-                fitted = _fitted_setting(number, keys.get("chosen") or {})
-                row = replace(number, chosen=fitted or number.chosen)
+                of_filter = fitted_settings.get(f"{number.filter}: {number.metric}")
+                of_metric = fitted_settings.get(number.metric)
+                row = replace(number, chosen=of_filter or of_metric or number.chosen)
                 rows_by_place.setdefault(number.printed_at, []).append(row)
         # Step 2: the readings of each number. If several tables search them, the first one counts.
         for place, rows in rows_by_place.items():
@@ -50,22 +53,13 @@ def searched_numbers(results: Results) -> Iterator[list[SearchedReading]]:
                 yield readings
 
 
-def _fitted_setting(number: PublishedNumber, chosen: dict[str, str]) -> str:
-    """Return the setting that was fitted to a number, in words; empty if none was.
-
-    ``chosen`` is that key of the table: settings by ``filter: metric`` or by the metric alone.
-    """
-    setting_of_filter = chosen.get(f"{number.filter}: {number.metric}", "")
-    return setting_of_filter or chosen.get(number.metric, "")
-
-
 def _readings(
     results: Results, rows: list[PublishedNumber], statistics: list[str]
 ) -> list[SearchedReading]:
     """Return the readings of one printed number: each expression of each label at each point.
 
-    ``rows`` are the published rows of the number. ``statistics`` are those that a printed error may be,
-    empty for that of its row.
+    ``rows`` are the published rows of the number. ``statistics`` are the statistics that a printed error
+    may be; an empty one stands for that of its row.
     """
     variants: dict[PublishedNumber, None] = {}
     for row in rows:
@@ -108,10 +102,10 @@ def searched_points(
     """
     paths = [path for path in results.grid if _concerns(results, path, labels)]
     # Points that differ in other paths only are one reading: the first stands for it.
-    points: dict[tuple[str, ...], dict[str, Any]] = {}
+    points_by_values: dict[tuple[str, ...], dict[str, Any]] = {}
     for point in results.points():
         values = tuple(phrases.number(point[path]) for path in paths)
-        points.setdefault(values, point)
+        points_by_values.setdefault(values, point)
     # A column is called by the last word of its key, by two words if that is ambiguous.
     keys_of_paths = [split_path(results.source, single_paths(path)[0]) for path in paths]
     last_words = [keys[-1] for keys in keys_of_paths]
@@ -119,12 +113,13 @@ def searched_points(
     for keys in keys_of_paths:
         words = keys[-1:] if last_words.count(keys[-1]) == 1 else keys[-2:]
         heads.append(".".join(map(str, words)))
-    return heads, [(list(values), point) for values, point in points.items()]
+    return heads, [(list(values), point) for values, point in points_by_values.items()]
 
 
 def _concerns(results: Results, path: str, labels: list[str]) -> bool:
     """Test whether a path of the grid varies the scenario, or one of these filters."""
     for single_path in single_paths(path):
+        # Such as `scenario`, `sensor`, `sigma`, or `filters`, `EKF`, `motion`, `q`.
         keys = split_path(results.source, single_path)
         if keys[0] == "scenario" or keys[1] in labels:
             return True
@@ -143,7 +138,7 @@ def ways_to_measure(
     -------
     Headings, and for each way the texts under them and one row per number.
     """
-    # Step 1: printed metrics that are measured by several expressions.
+    # Step 1: printed metrics that are measured by several expressions, and these expressions.
     measures_by_place: dict[tuple[str, ...], list[Measure]] = {}
     for number in numbers:
         assert number.expression is not None
@@ -160,8 +155,11 @@ def ways_to_measure(
             measure_by_metric = dict(zip(alternatives, measures_of_way, strict=True))
             rows = []
             for number in numbers:
-                if number.expression == measure_by_metric.get(number.metric, number.expression):
+                # A metric with one expression only is in every way.
+                wanted = measure_by_metric.get(number.metric, number.expression)
+                if number.expression == wanted:
                     rows.append(with_statistic(number, statistic))
+            # The column of the statistic names that of an average; its own statistic is replaced.
             words = [statistic] if statistic else []
             words += [m.name if _is_average(m) else str(m) for m in measures_of_way]
             ways.append((words, rows))
@@ -183,5 +181,6 @@ def with_statistic(number: PublishedNumber, statistic: str) -> PublishedNumber:
 
 def _is_average(m: Measure) -> bool:
     """Test whether the expression is a statistic in the metric's unit over whole runs."""
+    # A variance has the unit squared, the power 2.
     averages = [TIME_MEAN, *(name for name, s in STATISTICS.items() if s.power == 1)]
     return m.statistic in averages and not m.steps and not m.relation

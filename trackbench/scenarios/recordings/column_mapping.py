@@ -153,7 +153,9 @@ def impossible(quantity: str, values: Array, scale: float) -> Impossible | None:
     rows = np.flatnonzero((shown < least - room) | (shown > largest + room))
     if not len(rows):
         return None
-    limits = f"at least {least:g}" if largest == inf else f"within {least:g} and {largest:g}"
+    limits = f"within {least:g} and {largest:g}"
+    if largest == inf:
+        limits = f"at least {least:g}"
     first = f"{shown[rows[0]]:.9g} {unit} is impossible{and_others(len(rows))}"
     what = f"{first}; a {quantity} is {limits} {unit}"
     way = _way_out(quantity, values, rows)
@@ -358,8 +360,10 @@ class Naming:
             if name == "course":
                 what = "a course always counts clockwise from north; leave it out"
             raise InvalidKeyError(what, *within, "clockwise", i)
+        # Without positions and velocities x and z are numbers of any unit.
+        is_scalar = not {"px", "vx"} & {*components}
         for key, unit in self.units.items():
-            mistake = _mistaken_unit(key, unit, is_scalar=not {"px", "vx"} & {*components})
+            mistake = _mistaken_unit(key, unit, is_scalar)
             if mistake is not None:
                 raise InvalidKeyError(mistake, *within, "units", key)
 
@@ -528,7 +532,7 @@ class Columns:
             if name in self.naming.units:
                 scale = UNITS[self.naming.units[name]]
             seconds = table.columns[column] * scale
-            is_right = seconds < inf
+            is_right = seconds < inf  # False for NaN
             if name == "subsecond":
                 is_right = (seconds >= 0.0) & (seconds < 1.0)
             wrong = np.flatnonzero(~is_right)
@@ -829,7 +833,7 @@ class Columns:
         }
         for quantity, (key, positive, negative) in HEMISPHERES.items():
             if quantity in self._hemispheres or key in self.naming.columns:
-                continue
+                continue  # the config names the column, or says by an empty name that there is none
             for name, words in sample.items():
                 if name not in self.contents and words and words <= {*positive, *negative}:
                     self.contents[name] = "word"
@@ -909,7 +913,7 @@ def _is_across_a_cut(values: Array, scale: float) -> Mask:
 
 
 def _known_places(places: Geodetic, rows: Index) -> tuple[Geodetic, Mask]:
-    """Return the places of R of the rows, zero where they are missing, and which are known (R,)."""
+    """Return the places of the R rows with these indices, zero if unknown, and which are known (R,)."""
     finite = np.isfinite(places.latitude[rows])
     known = Geodetic(
         latitude=np.where(finite, places.latitude[rows], 0.0),

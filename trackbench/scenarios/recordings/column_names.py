@@ -209,7 +209,10 @@ def ranges_of(names: Iterable[str]) -> dict[str, NamedColumn]:
 
 
 def odometry_of(names: Iterable[str]) -> dict[str, NamedColumn]:
-    """Find the columns of a robot's speed (v) and turn rate (w), the surest names first."""
+    """Find the columns of a robot's speed (v) and turn rate (w).
+
+    If several columns may be one of them, it is the one with the surest name, and otherwise the first.
+    """
     columns = {}
     fillers = _FILLERS.split()
     for quantity, text in _ODOMETRY.items():
@@ -230,6 +233,7 @@ def unit_of(name: str, quantity: str) -> str | None:
     """Return the unit that the name of a quantity's column contains; None without one."""
     words = words_of(name)
     if quantity in _ODOMETRY_UNITS:
+        # The first word is the quantity's.
         units = [_UNITS[word] for word in words[1:] if word in _UNITS]
         return next((unit for unit in units if unit in _ODOMETRY_UNITS[quantity]), None)
     # If all words together are the quantity's name, none is a unit: the D of ToD is no day.
@@ -247,6 +251,7 @@ def heading_of(names: Iterable[str]) -> NamedColumn | None:
         words = _without_units(words_of(name))
         spellings = ("".join(words), "".join(word for word in words if word not in fillers))
         if any(spelling in _HEADINGS for spelling in spellings):
+            # Any unit of an angle, as of a course.
             return NamedColumn(column=name, unit=unit_of(name, "course"))
     return None
 
@@ -290,8 +295,11 @@ def unit_in(words: Collection[str], quantity: str) -> str | None:
 
 def words_of(name: str) -> list[str]:
     r"""Split a name into words in small letters: pos, x and km of posX_km, and vx of $\dot{x}$."""
+    # \dot{x} is vx.
     name = re.sub(r"\\dot\s*\{?\s*(\w)\s*\}?", r"v\1", name).translate(_LETTERS)
+    # Letters lose their accents.
     name = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
+    # posX is pos x.
     name = re.sub(r"([a-z])([A-Z])", r"\1 \2", name.replace("°", " deg")).lower()
     # m_s, m per s and m s^-1 are m/s.
     name = _PER_SECOND.sub(r"\1/\2", name)

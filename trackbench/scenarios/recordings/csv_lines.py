@@ -283,6 +283,7 @@ def _find_header(
     start = next(number for number, row in cells.items() if len(row) == widths[0])
     above = max((number for number in comments if number < first), default=0)
     if above and any(map(is_value, cells[first])):
+        # The comment may be split as the table is, or by any separator, or by white space before names.
         ways = (separator, r"\s*[,;\t|]\s*|\s+", _BEFORE_NAMES)
         names = _split_names(comments[above], ways, widths)
         if len(names) not in widths:

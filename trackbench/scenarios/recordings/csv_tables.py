@@ -220,6 +220,10 @@ class _Reading:
     """A table on its way from cells to arrays, a piece at a time."""
 
     def __init__(self, path: str, contents: Mapping[str, Content], form: str) -> None:
+        """Begin a table without rows.
+
+        ``contents`` has the columns to be read and what their cells are, ``form`` is that of dates.
+        """
         # A date that stands beside the time is put before it.
         self._date = next((name for name, content in contents.items() if content == "date"), None)
         self.contents = {name: kind for name, kind in contents.items() if kind != "date"}
@@ -230,8 +234,10 @@ class _Reading:
         self.comma = False
         """True if decimals follow a comma"""
         self.thousands = ""
+        """mark between groups of three digits"""
         self.mistakes: list[Place] = []
         self.dated: str | None = None
+        """type of the clock as `Table.dated`; None until the first time is read"""
         self._pieces: dict[str, list[Column]] = {name: [] for name in self.contents}
         self._codes: dict[str, dict[str, int]] = {
             name: {} for name, content in self.contents.items() if content in ("label", "word")

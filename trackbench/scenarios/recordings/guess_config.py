@@ -98,7 +98,9 @@ def _grid_line(guess: Guess) -> str:
 def _table_lines(guess: Guess, truth: TruthGuess | None) -> Iterator[str]:
     """Yield the lines of `hold_out` and of the tables: of errors with a truth, else of predictions."""
     if truth is None:
-        every = max(2, min(5, guess.runs[0][1] // 2))
+        # Every fifth measurement, and up to every second one of a very short run.
+        _, rows_of_longest_run = guess.runs[0]
+        every = max(2, min(5, rows_of_longest_run // 2))
         what = "every n-th measurement is not given to the filters, and predicted instead"
         yield f"hold_out: {every}  # {what}; without this key leave out the column Held out"
     yield "tables:"
@@ -139,13 +141,18 @@ class _ModelParts(NamedTuple):
 
 
 def _begin_in_words(guess: Guess, begin: float | None) -> str:
-    """Return the time of the first state after "at", s or steps; "the start" if it is unknown."""
+    """Return words for the time of the first state, which stand after "at": t = 3 s, step 2, the start.
+
+    ``begin`` is that time, s, or its step, if it is known.
+    """
     if begin is None:
         return "the start"
     if "step" in guess.naming.columns:
         return f"step {begin:g}"
     if guess.is_dated:
-        return f"the first row, {begin:+.6g} s" if begin else "the first row"
+        if begin == 0.0:
+            return "the first row"
+        return f"the first row, {begin:+.6g} s"
     return f"t = {begin:.9g} s"
 
 
@@ -162,7 +169,7 @@ def _target_parts(guess: Guess, when: str) -> _ModelParts:
             f"{{kind: given, mean: [X, 0, Y, 0], sigma: [100, {2 * speed:g}, 100, {2 * speed:g}]}}"
         )
         start += f"  # write x and y at {when}, m, and how well they are known"
-    # Process noise from the usual speed; the IMM's motions have a tenth of it and ten times it.
+    # Process noise (0.05 v)^2 of the usual speed v; the IMM's motions have a tenth and ten times of it.
     q = float(f"{max(0.0025 * speed * speed, 1e-3):.1g}")
     motions = f"[{{kind: cwna, q: {q / 10:g}}}, {{kind: cwna, q: {q * 10:g}}}]"
     chances = "[[0.95, 0.05], [0.05, 0.95]]"
@@ -303,7 +310,8 @@ def guessed_units(guess: Guess) -> list[str]:
         if name in guess.naming.units and reason.startswith("guess"):
             column = quoted(guess.naming.columns[name])
             unit = guess.naming.units[name]
-            lines.append(f"read {column} in {unit} ({reason.partition(': ')[2]})")
+            _, _, explanation = reason.partition(": ")
+            lines.append(f"read {column} in {unit} ({explanation})")
     if lines:
         lines[-1] += "; another unit: --set units.NAME=UNIT"
     return lines
@@ -312,6 +320,7 @@ def guessed_units(guess: Guess) -> list[str]:
 def usable_quantities(guess: Guess) -> list[str]:
     """Name quantities that an unused column may hold: those that the config does not read."""
     used = _used_columns(guess)
+    # The first name is the example: beside a speed a course is missing.
     names = ["speed", "course"]
     if "speed" in guess.naming.columns:
         names.reverse()
@@ -363,6 +372,7 @@ def _lacks_origin(guess: Guess, truth: TruthGuess | None) -> bool:
     columns = guess.naming.columns
     kinds = {sensor.kind for sensor in guess.sensors}
     is_geodetic = "latitude" in columns and not {"x", "y"} <= columns.keys()
+    # Geodetic positions get their x and y by the origin; planar measurements have their own x = y = 0.
     has_geodetic = is_geodetic and "position" in kinds
     has_planar = len(kinds) > 1 or not has_geodetic
     if truth is not None:
@@ -474,7 +484,7 @@ def _sensor_lines(guess: Guess) -> Iterator[str]:
         if kind == "position":
             yield f"- {{kind: position, sigma: {max(sigmas):g}}}{comment}"
         elif kind.startswith("landmark"):
-            *sigma_range, angle = sigmas
+            *sigma_range, angle = sigmas  # the first is empty for a sensor without a range
             keys = [place_key, *(f"sigma_range: {value:g}" for value in sigma_range)]
             keys.append(f"sigma_bearing_mrad: {float(f'{1000.0 * angle:.3g}'):g}")
             yield f"- {{kind: landmark, {', '.join(keys)}}}{place_comment}; sigmas: guess"

@@ -230,14 +230,20 @@ def recognized(path: str, user_naming: Naming | None = None) -> Guess:
 def _check_given_keys(path: str, user_naming: Naming) -> None:
     """Raise DataError for a column of an unknown quantity."""
     for key, column in user_naming.columns.items():
+        # A quantity may have the number of its sensor before its name: 2.x.
         if key in _GIVEN_KEYS or key.rpartition(".")[2] in _MEASURED:
             continue
         what = f"there is no columns.{key}; known: {', '.join(_GIVEN_KEYS)}"
         if key.lower() in _SENSOR_KEYS:
-            name = json.dumps(column)[1:-1]
+            name = _in_option(column)
             what = f"there is no columns.{key}: a column that names landmarks or sensors is"
             what += f" `--set 'columns.sensor={name}'`"
         raise DataError(Place(path, 1, 1, what))
+
+
+def _in_option(name: str) -> str:
+    """Return a column's name as an option ``--set 'columns.x=NAME'`` has it: with escapes."""
+    return json.dumps(name)[1:-1]  # without the quotes
 
 
 def _found_labels(path: str, label_columns: dict[str, str]) -> list[Place]:
@@ -247,7 +253,7 @@ def _found_labels(path: str, label_columns: dict[str, str]) -> list[Place]:
     """
     places = []
     for key, column in label_columns.items():
-        name = json.dumps(column)[1:-1]
+        name = _in_option(column)
         other = "sensor" if key == "run" else "run"
         meaning = {"run": "targets", "sensor": "sensors or landmarks"}
         what = f"column {name} was taken to name {meaning[key]}, as its words split the rows"
@@ -264,11 +270,13 @@ def _key_of_labels(error: MixedRowsError) -> str:
     """
     if error.role == "place":
         return "sensor"
+    # Rows of one target whose errors differ in size are those of several sensors.
     if error.split == "errors" or (error.role == "sensor" and error.split == "unknown"):
         return "sensor"
     if error.role != "sensor":
         return "run"
-    column = json.dumps(error.column)[1:-1]
+    # The column's name says sensors, and the rows say targets.
+    column = _in_option(error.column)
     what = (
         f"column {column} splits the rows into parts that lie apart: are they several targets, or"
     )
@@ -356,7 +364,9 @@ def _measured(path: str, naming: Naming, why: ReasonByKey, sensors: list[SensorG
     gathered = Gathered(replace(naming, clockwise=()), refuses_far_rows=False, has_inputs=is_robot)
     units = naming.units
     columns = naming.columns
-    by_name = [sensor.name for sensor in sensors] if columns.get("sensor") else []
+    by_name: list[str] = []
+    if columns.get("sensor"):
+        by_name = [sensor.name for sensor in sensors]
     quantities_by_sensor = [sensor.quantities for sensor in sensors]
     read = quantities_by_sensor
     if quantities_by_sensor == [_PLACE] and not by_name and _has_velocity(columns):
@@ -575,6 +585,7 @@ def _thousands(cells: list[str]) -> str:
     A cell shows it if the mark is twice in a number, or once and before a decimal sign.
     """
     for mark, decimal in ((".", ","), (",", "."), ("'", ".")):
+        # 1.234.567 and 1.234,5
         twice = rf"[-+]?\d{{1,3}}({re.escape(mark)}\d{{3}}){{2,}}({re.escape(decimal)}\d*)?"
         once = rf"[-+]?\d{{1,3}}{re.escape(mark)}\d{{3}}{re.escape(decimal)}\d+"
         if any(re.fullmatch(twice, cell) or re.fullmatch(once, cell) for cell in cells):
@@ -583,21 +594,30 @@ def _thousands(cells: list[str]) -> str:
 
 
 def _check_thousands(path: str, sample: Sample, columns: ColumnByQuantity, mark: str) -> None:
-    """Raise DataError for a column in which the mark may separate thousands or decimals.
+    """Raise DataError for each column in which the mark may separate thousands or decimals.
 
     All its cells then have the mark once, before three digits.
     """
-    for name in columns.keys() & {"time", *_MEASURED, "speed", "course", *_VELOCITY}:
-        cells = [cell for cell in sample.cells(columns[name]) if cell]
+    numeric = {"time", *_MEASURED, "speed", "course", *_VELOCITY}
+    mistakes = []
+    for name, column in columns.items():
+        if name not in numeric:
+            continue
+        cells = [cell for cell in sample.cells(column) if cell]
         once = rf"[-+]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}"
         if cells and all(re.fullmatch(once, cell) for cell in cells):
-            what = f"{columns[name]}: {cells[0]} may be a thousand times as large, as other columns"
+            what = f"{column}: {cells[0]} may be a thousand times as large, as other columns"
             way = "have marks between thousands: write the numbers of the file without them"
-            raise DataError(Place(path, sample.line, 1, f"{what} {way}"))
+            mistakes.append(Place(path, sample.line, 1, f"{what} {way}"))
+    if mistakes:
+        raise DataError(*mistakes)
 
 
 def _lines_of_words(rows: list[list[str]]) -> int:
-    """Return the number of rows of words above the first values; 0 if there are too many."""
+    """Return the number of rows of words above the first values.
+
+    0 if there are too many, or if one of them is empty.
+    """
     for count, row in enumerate(rows[: _MOST_LINES_OF_WORDS + 1]):
         if any(map(is_value, row)):
             return count
@@ -620,6 +640,7 @@ def _columns(
     columns = {n: c for n, c in columns.items() if c or n in ("run", "sensor")}
     for key, column in _hemispheres(names, sample, columns).items():
         columns = {n: c for n, c in columns.items() if c != column} | {key: column}
+    # Two components of a velocity come before speed and course, a time before numbers of steps.
     if columns.keys() >= {*_VELOCITY}:
         columns = {name: column for name, column in columns.items() if name not in COURSE}
     if "date" in columns and "time" not in columns:
@@ -660,7 +681,8 @@ def _find_dates(sample: Sample, columns: ColumnByQuantity, why: ReasonByKey) -> 
         cells = sample.cells(name)
         # 2025-04-03 has digits with a separator; 20250403 may be a number.
         has_separators = all(re.search(r"\d\D+\d", cell) for cell in cells)
-        if cells and has_separators and not parse_cells(instant, cells)[1]:
+        _, no_dates = parse_cells(instant, cells)
+        if cells and has_separators and not no_dates:
             dated.append(name)
     if len(dated) == 1:
         columns["time"] = dated[0]
@@ -678,7 +700,9 @@ def _guess_units_of_robot(
         if name in units or name not in columns:
             continue
         numbers = np.abs(sample.numbers(columns[name]))
-        size = float(np.nanquantile(numbers, 0.9)) if np.isfinite(numbers).any() else 0.0
+        size = 0.0
+        if np.isfinite(numbers).any():
+            size = float(np.nanquantile(numbers, 0.9))
         if size > _LARGEST_OF_ROBOT[name]:
             options = " or ".join(f"--set units.{name}={unit}" for unit in (*others, si))
             what = f"{columns[name]}: no unit is named, and {size:.3g} {si} is unusual for a robot"
@@ -690,16 +714,16 @@ def _guess_units_of_robot(
 def _check_named_units(
     sample: Sample, columns: dict[str, str], units: dict[str, str], measured: set[str]
 ) -> None:
-    """Raise DataError for a column with a unit that no recording may have.
+    """Raise DataError for each column with a unit that no recording may have.
 
     The unit stands in the column's name or in a line of units.
     """
-    names = {*measured, *_VELOCITY, *COURSE, *_ODOMETRY, "time"}
+    read = {*measured, *_VELOCITY, *COURSE, *_ODOMETRY, "time"}
     if not {*_PLACE} <= columns.keys():
-        names |= {*GEODETIC[:2]}
-    for name in sorted(columns.keys() & names):
-        column = columns[name]
-        if name in units or column not in sample.names:
+        read |= {*GEODETIC[:2]}
+    mistakes = []
+    for name, column in columns.items():
+        if name not in read or name in units or column not in sample.names:
             continue
         other = other_unit_of(column) or sample.other_unit(column)
         if other is not None:
@@ -710,7 +734,9 @@ def _check_named_units(
                 usual = "deg"
             elif name == "time":
                 usual = "s"
-            raise DataError(Place(sample.path, 1, 1, f"{what}: {way}{usual}"))
+            mistakes.append(Place(sample.path, 1, 1, f"{what}: {way}{usual}"))
+    if mistakes:
+        raise DataError(*mistakes)
 
 
 def _check_unused(
@@ -734,7 +760,7 @@ def _check_unused(
         if name in columns.values() or not has_numbers or role_of(name) == "quality":
             continue
         if looks_like(name, quantity):
-            candidates.append(json.dumps(name)[1:-1])
+            candidates.append(_in_option(name))
     if candidates:
         measured = columns[sensors[0].quantities[-1]]
         ways = " or ".join(f"--set 'columns.{quantity}={name}'" for name in candidates)
@@ -793,7 +819,7 @@ def _settle_landmarks(sample: Sample, columns: ColumnByQuantity, user_naming: Na
         may_be_robot = is_split or odometry.keys() >= {*_ODOMETRY}
         if not may_be_robot or angle is None or "azimuth" in user_naming.columns:
             return False
-        column = json.dumps(angle)[1:-1]
+        column = _in_option(angle)
         landmarks = f" of the landmarks ({place})" if is_split else ""
         what = f"{angle}: do the bearings{landmarks} count from the robot's heading?"
         other = "or do fixed sensors, such as radars, measure the direction to what moves, "
@@ -889,7 +915,10 @@ def _sensors(
     if not numbers.keys() >= {*_PLACE} and numbers.keys() >= {*GEODETIC[:2]}:
         numbers["x"] = numbers["longitude"]
         numbers["y"] = numbers["latitude"]
-    words = sample.words(columns["sensor"]) if columns.get("sensor") else [""]
+    # Names of the sensors; a table without them has one sensor.
+    words = [""]
+    if columns.get("sensor"):
+        words = sample.words(columns["sensor"])
     # The most telling type of sensor counts, but one whose columns the user names comes first.
     answered = {*user_naming.columns}
     if answered & {*GEODETIC[:2]}:
@@ -944,7 +973,7 @@ def _check_one_kind(
     positions = ("x", "y") if columns.keys() >= {*_PLACE} else GEODETIC[:2]
     ways = []
     for names in (radar, positions):
-        options = (f"--set 'columns.{n}={json.dumps(columns[n])[1:-1]}'" for n in names)
+        options = (f"--set 'columns.{n}={_in_option(columns[n])}'" for n in names)
         ways.append(" ".join(options))
     what = f"the rows have {columns['range']} and {columns['azimuth']}, and also"
     what += f" {columns[positions[0]]} and {columns[positions[1]]}: which ones were measured?"
@@ -958,18 +987,22 @@ def _no_position(columns: ColumnByQuantity, sample: Sample, names: list[str]) ->
     """Return the message and the advice for a table, or a sensor of it, without measured quantities."""
     pairs = "x and y, latitude and longitude, range and azimuth, or range"
     known = ", ".join(names)[:200]
+    # Case 1: a column has the name of a measured quantity, and no numbers.
     for name in filter(columns.get, _MEASURED):
         cell = next((cell for cell in sample.cells(columns[name]) if cell), "")
         if cell and not np.isfinite(sample.numbers(columns[name])).any():
             what = f"{columns[name]}: {cell[:40]!r} is not a number, nor is any other of its cells"
             return f"{what}: write decimal numbers, such as -8.5042, without letters"
+    # Case 2: coordinates of another kind.
     if any("ecef" in "".join(words_of(name)) for name in names):
         what = "coordinates from the center of the Earth (ECEF) are not read; there are"
         way = "convert them to latitude and longitude (EPSG:4978 to EPSG:4326)"
         return f"{what} {known}: {way}"
+    # Case 3: a cell is 54.32, 10.13.
     for name in names:
         if any(re.fullmatch(r"-?\d+\.\d+, *-?\d+\.\d+", cell) for cell in sample.cells(name)[:1]):
             return f"column {name} has two numbers in a cell: give each a column, latitude and longitude"
+    # Case 4: a sensor, or the whole table, measures nothing that is known.
     if columns.get("sensor"):
         words = ", ".join(sample.words(columns["sensor"]))[:80]
         what = f"column {columns['sensor']} names {words}, and one of them has no {pairs}"
@@ -992,6 +1025,10 @@ class _Reading:
         why: ReasonByKey,
         user_columns: Collection[str],
     ) -> None:
+        """Begin with the known ``units``, to which the methods add, with reasons in ``why``.
+
+        ``clock`` is the form of dates, ``missing`` are numbers that stand for missing cells.
+        """
         self._path = path
         self._user_columns = user_columns
         self._sample = sample
@@ -1019,7 +1056,9 @@ class _Reading:
         self._check_bearings(sensor, numbers, first)
         if numbers.is_angle and has_velocity and not (first.agrees and first.same_way):
             self._check_reflections(numbers, known_units)
-        questions = self._questions([first, *others], numbers) if others else []
+        questions = []
+        if others:
+            questions = self._questions([first, *others], numbers)
         for candidate in (first, *others):
             question = self._question_on_length(candidate, numbers, known_units)
             if question is not None:
@@ -1033,7 +1072,7 @@ class _Reading:
                 self._columns.pop(name)
                 self._units.pop(name, None)
             self._why["velocity"] = "velocities are left out: they disagree with the positions"
-        # Of two possible forms of dates the candidate's `time` is the other one; the first one is empty.
+        # The chosen one of two forms of dates; it is empty for the form that the clock has already.
         if first.time in clocks and first.time:
             self._why["time_format"] = f"guess: {self._reason(first)}"
             return self._clock._replace(form=first.time)
@@ -1134,8 +1173,10 @@ class _Reading:
         seconds = 1.0 if numbers.dated else UNITS[chosen.time or "s"]
         if usual_interval(numbers.time[np.isfinite(numbers.time)]) * seconds > _LONG_INTERVAL:
             return None
-        azimuth = self._values("azimuth") if "azimuth" in self._columns else np.zeros(1)
-        if "azimuth" not in self._units and np.nanmax(np.abs(azimuth), initial=0.0) > 360.0:
+        largest_azimuth = 0.0
+        if "azimuth" in self._columns and "azimuth" not in self._units:
+            largest_azimuth = float(np.nanmax(np.abs(self._values("azimuth")), initial=0.0))
+        if largest_azimuth > 360.0:
             return None
         fitting = [unit for unit in LENGTH_UNITS if is_usual_speed(speed * UNITS[unit])]
         if not fitting:
@@ -1247,9 +1288,11 @@ class _Reading:
             if "date" in columns and columns["time"] != columns["date"]:
                 dates = sample.cells(columns["date"])
                 cells = [f"{date} {time}" for date, time in zip(dates, cells, strict=True)]
-            seconds = parse_cells(partial(instant, form=self._clock.form), cells)[0] / 1e6
-            if np.isnan(seconds).all():
-                seconds = parse_cells(instant, sample.cells(columns["time"]))[0] / 1e6
+            microseconds, _ = parse_cells(partial(instant, form=self._clock.form), cells)
+            if np.isnan(microseconds).all():
+                # The times are dates without those of the other column.
+                microseconds, _ = parse_cells(instant, sample.cells(columns["time"]))
+            seconds = microseconds / 1e6
         else:
             seconds = sample.numbers(columns["time"])
         return self._with_stamp_parts(seconds), self._clock.is_date
@@ -1272,6 +1315,7 @@ class _Reading:
                 unit = "s"
             elif unit is None and largest <= 1e3 * _WEEK:
                 unit = "ms"
+            # The clock's name says that it is a time of the week, or several weeks show it.
             is_known = not _TIME_OF_WEEK.isdisjoint(words_of(clock)) or np.ptp(weeks) > 0.0
             is_week = np.isfinite(weeks).all() and not (weeks % 1.0).any() and weeks.max() < 1e4
             if unit is not None and is_known and is_week and largest * UNITS[unit] <= _WEEK:
@@ -1517,6 +1561,7 @@ def _same_time(
     seconds = len(np.unique(rows.time))
     if gathered.stepped or (rows.time % 1.0).any() or seconds < 2:
         return None
+    # So many rows of one second may be those of many targets.
     if len(rows.time) > _MOST_A_SECOND * seconds:
         return None
     if gathered.dated and not (rows.time % _DAY).any():

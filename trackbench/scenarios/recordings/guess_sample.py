@@ -20,12 +20,15 @@ class Sample:
     """First rows of a table, as text."""
 
     def __init__(self, path: str, names: list[str], form: TextFormat) -> None:
+        """Read the first rows of a file with these columns, and the lines that may have units."""
         self.path = path
         self.names = names
         self.line = 1 if is_parquet(path) else layout_of(path, form).before + 1
+        """line of the first row"""
         self._rows = first_rows(path, form, _SAMPLE)
         self._thousands = form.thousands
         self._units: list[list[str]] = []
+        """lines between the names and the first row, which may have units"""
         if form.skip:
             self._units = first_rows(path, replace(form, skip=0), form.skip)
 

@@ -235,9 +235,8 @@ def _has_digits_of(form: str, cell: str) -> bool:
         if not least <= digits <= most:
             return False
         if "%Y" in form_part:
-            place = (
-                re.sub("%Y.*", "", form_part).count("%") * 2
-            )  # two digits for each number before
+            # Each number before the year has two digits.
+            place = re.sub("%Y.*", "", form_part).count("%") * 2
             if not _YEARS[0] <= int(cell_part[place : place + 4]) <= _YEARS[1]:
                 return False
     return True

@@ -64,7 +64,7 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
         columns["heading"] = heading.column
         units["heading"] = heading.unit or _unit_of_heading(path, found, heading.column)
         why["heading"] = "guess, anticlockwise from x"
-    # A truth of one run is that of every run, whatever its name.
+    # A truth of one run is that of every run, so the column of its name is not read.
     if len(found.runs) == 1:
         columns.pop("run", None)
         if "run" in found.names:

@@ -5,7 +5,7 @@ things have, for an unusual interval between rows, and for a measured speed that
 positions. The units with fewest points are written. If several are as likely, the user is asked.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Literal, NamedTuple
@@ -239,7 +239,8 @@ def _times(
     arguments are those of `likely_units`.
     """
     if numbers.dated:
-        yield "", 1.0, clocks.get("", (1.0, 0.0))[1]
+        _, points_of_usual_form = clocks.get("", (1.0, 0.0))
+        yield "", 1.0, points_of_usual_form
         for form, (factor, points) in clocks.items():
             if form:
                 yield form, factor, points
@@ -259,8 +260,10 @@ def _times(
             points += 3.0
         if row.is_whole and not is_whole:
             points += 1.0
+        # Seconds since 1970 are likelier than a clock that has run so long in another unit.
         if row.unit != "s" and not is_date and _TODAY[0] <= largest <= _TODAY[1]:
             points += 1.0
+        # Dates in days have fractions of days that are whole seconds; whole days are rare.
         if row.unit == "d" and is_date:
             if whole_seconds:
                 points -= 1.0
@@ -313,6 +316,7 @@ def _places(numbers: Numbers, known_units: Mapping[str, str]) -> Iterator[tuple[
         # 91 and 181 deg are codes of AIS.
         if latitude * in_degrees > 91.001 or longitude * in_degrees > 360.001:
             continue
+        # Large whole numbers are in a unit for whole numbers, all others are not.
         if row.is_whole != (is_whole and is_large):
             continue
         points = 0.0
@@ -332,6 +336,7 @@ def _lengths(numbers: Numbers, is_ais: bool) -> Iterator[tuple[str, bool, float]
 
     ``is_ais`` if the names of the columns are those of AIS messages.
     """
+    # Without a measured speed nothing shows that lengths are not in m.
     is_alone = numbers.speed is None and numbers.velocity is None
     for unit, unit_points in LENGTH_UNITS.items():
         if unit != "m" and is_alone:
@@ -359,9 +364,11 @@ def _may_be_degrees(numbers: Numbers) -> bool:
 
 def look_like_degrees(numbers: Numbers) -> bool:
     """Test whether the place in the ``numbers`` has the size and the digits of degrees."""
+    # Degrees with less than four digits behind the point would be too coarse, beyond 10 m.
     if len(numbers.place) != 2 or numbers.least_digits < 4:
         return False
     longitude, latitude = _largest_sizes(numbers.place)
+    # 181 and 91 deg are codes of AIS for a missing position.
     return longitude <= 181.0 and latitude <= 91.0
 
 
@@ -436,7 +443,7 @@ def _points_of_speed(speed: float, on_earth: bool) -> float:
     """
     if not np.isfinite(speed) or speed == 0.0:
         return 0.0
-    points = 4.0
+    points = 4.0  # of a speed beyond all usual ones
     for least, largest, points_within in _USUAL_SPEEDS:
         if least <= speed <= largest:
             points = points_within
@@ -467,7 +474,7 @@ def _points_of_interval(times: Array, is_gps: bool) -> float:
     if (np.abs(apart - usual) > 0.02 * usual).mean() > 1.0 - _REGULAR:
         return points
     if usual >= 20.0:
-        # 1000 s are no usual interval, and may be 1000 ms.
+        # Multiples of 30 s, and 20 s, are usual; 1000 s are not, and may be 1000 ms.
         if min(usual % 30.0, -usual % 30.0) <= 0.5 or abs(usual - 20.0) < 0.5:
             return points
         return points + (1.0 if usual > 60.0 else 0.5)
@@ -550,7 +557,9 @@ def _course(
     if numbers.course is None or numbers.speed is None or not agrees:
         return known_units.get("course", ""), False
     largest = float(np.nanmax(np.abs(numbers.course), initial=0.0))
-    units = [known_units["course"]] if "course" in known_units else COURSE_UNITS
+    units: Sequence[str] = COURSE_UNITS
+    if "course" in known_units:
+        units = [known_units["course"]]
     best = ""
     cosine = -1.0
     swapped = -1.0

@@ -36,7 +36,9 @@ def with_inputs_only(gathered: Gathered, names: Sequence[str], rows: Rows) -> In
     if len(partial):
         row = int(partial[0])
         name = names[int(np.flatnonzero(is_missing[:, row])[0])]
-        more = f", nor have {len(partial) - 1} more rows all inputs" if len(partial) > 1 else ""
+        more = ""
+        if len(partial) > 1:
+            more = f", nor have {len(partial) - 1} more rows all inputs"
         what = f"{name}: there is no value beside the other inputs{more}: fill the cell"
         raise DataError(gathered.place(rows, row, what))
     if not has_all.any():
@@ -128,7 +130,7 @@ def _inputs_of_run(
     means[:, is_constant] = pieces[:, first_of_step[is_constant]]
     # Step 3: a step has no inputs outside the rows, nor if a piece within it is longer than the gap.
     is_long = np.diff(edges) > longest + TICK
-    is_long[[0, -1]] = False
+    is_long[[0, -1]] = False  # the margins
     longs_before = np.concatenate([[0], np.cumsum(is_long)])
     is_missing = longs_before[last_of_step + 1] > longs_before[first_of_step]
     is_missing |= (earlier < edges[0] - TICK) | (later > edges[-1] + TICK)

@@ -44,7 +44,9 @@ def _check_falls(gathered: Gathered, rows: Rows) -> None:
     largest = 0.0
     place = 0  # row of the largest fall
     unit = "" if gathered.stepped else " s"
-    for indices in np.split(np.arange(len(rows.run)), np.flatnonzero(np.diff(rows.run)) + 1):
+    # One run after the other: the rows of each are together.
+    first_of_next_run = np.flatnonzero(np.diff(rows.run)) + 1
+    for indices in np.split(np.arange(len(rows.run)), first_of_next_run):
         time = rows.time[indices]
         # A row is late by its distance to the latest time so far.
         falls = np.maximum.accumulate(time) - time

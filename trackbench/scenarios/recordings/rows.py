@@ -193,8 +193,10 @@ class Gathered:
             raise columns.mistake(f"{what}: leave it out")
         if stepped and not self.dated:
             return time
-        # Dates are in microseconds.
-        seconds = (time - self.since) / 1e6 if self.dated else time * self.naming.scale("time")
+        seconds = time * self.naming.scale("time")
+        if self.dated:
+            # Dates are in microseconds.
+            seconds = (time - self.since) / 1e6
         if parts:
             seconds = seconds + columns.stamp_parts(table, parts)
         if self.dated:
@@ -313,11 +315,11 @@ def read_rows(
     is_shared = len(patterns) == 1
     pieces: list[list[Rows]] = [[] for _ in sensors]
     for n, pattern in enumerate(patterns):
-        in_pattern = slice(None) if is_shared else slice(n, n + 1)
         first_sensor = 0 if is_shared else n
+        of_pattern = slice(None) if is_shared else slice(n, n + 1)
         for number, path in enumerate(files_of(pattern)):
             rows_by_sensor = _read_file(
-                gathered, path, sensors[in_pattern], least, str(number), names[in_pattern]
+                gathered, path, sensors[of_pattern], least, str(number), names[of_pattern]
             )
             for m, rows in enumerate(rows_by_sensor, first_sensor):
                 pieces[m].append(rows)
@@ -482,6 +484,7 @@ def _possible_labels(columns: Columns, of_time: Collection[str]) -> list[str]:
     quantities = columns_of(columns.names)
     measured = {c.column for name, c in quantities.items() if name not in ("run", "sensor")}
     for name, cells in columns.first_cells.items():
+        # A column with the name of a quantity is measured, unless it may also name targets, as a track.
         is_measured = name in of_time or (name in measured and not role_of(name))
         if not is_measured and may_split(name, cells) and columns.take_words(name):
             labels.append(name)
@@ -709,8 +712,8 @@ def _find_sensor_rows(
     """
     words = [word for word in table.words[column] if word]
     known = names or [str(i + 1) for i in range(number)]
-    strange = [word for word in words if word not in known]
-    if strange and not names:
+    other_words = [word for word in words if word not in known]
+    if other_words and not names:
         what = f"column {column} names {len(words)} sensors ({', '.join(words[:8])[:80]})"
         way = "name them in the order of `sensor`, such as `sensors: "
         way += f'[{", ".join(map(json.dumps, words[:8]))}]`; `columns: {{sensor: ""}}` mixes all'
@@ -719,11 +722,12 @@ def _find_sensor_rows(
     if absent:
         what = f"column {column} has no {absent[0]!r}; there are {', '.join(words[:20])[:200]}"
         raise columns.mistake(what)
-    if strange and m == 0:  # noted once for all sensors
-        codes = [table.words[column].index(word) for word in strange]
+    # Rows of other sensors than those of the config are left out.
+    if other_words and m == 0:  # noted once for all sensors
+        codes = [table.words[column].index(word) for word in other_words]
         left_out = int(np.isin(table.columns[column], codes).sum())
         gathered.notices.append(
-            f"{left_out} rows of {', '.join(strange)[:80]} were left out (`sensors`)"
+            f"{left_out} rows of {', '.join(other_words)[:80]} were left out (`sensors`)"
         )
     code = -1  # no row has this code
     if known[m] in words:

@@ -120,6 +120,7 @@ def common_clock(
 def _checked_number(gathered: Gathered, number: float) -> int:
     """Return the number of steps as an integer. Raises DataError if there are too many to allocate."""
     if number > _MOST_RECORDED:
+        # The message has the limit of a scenario, which is lower.
         what = (
             f"gives {number:.9g} steps, more than {MOST_STEPS}: choose runs, or a longer `resample`"
         )
@@ -404,6 +405,7 @@ def _interpolate(
 
     ``gap`` and ``angles`` are those of `truth_at`.
     """
+    # Rows before and after each time; at the ends these are the first two and the last two rows.
     after = np.clip(np.searchsorted(row_times, times), 1, max(len(row_times) - 1, 1))
     before = after - 1
     interpolated = np.full((len(values), len(times)), np.nan)

@@ -135,7 +135,7 @@ def _distances(
             predicted = sensor.measurement(truth[:, i], int(steps[i]))
             error = sensor.innovation(measurements[:, i], predicted.mean)
             variance = np.einsum("ii...->i...", predicted.cov)
-            if variance.ndim == 1:
+            if variance.ndim == 1:  # one for all runs
                 variance = variance[:, None]
             distances.append(np.abs(error) / np.sqrt(variance))
     return np.concatenate(distances, axis=-1)

@@ -72,6 +72,7 @@ class TwoScan(_FromScans):
             assert isinstance(sensor, RangeAzimuth)
             first_scan = opening.scans[:, 0]
             second_scan = opening.scans[:, 1]
+            # A recording whose runs differ in T has been rejected.
             assert isinstance(opening.T, float | int)
             return TwoPoint(sensor, first_scan, second_scan, opening.T, opening.diffusion)
         # Position of each scan; their difference over T is the velocity.

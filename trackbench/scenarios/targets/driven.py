@@ -130,7 +130,7 @@ class Driven(Target):
     def fly(
         self, start: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int
     ) -> Flight:
-        """Draw transition and measurement step by step, with the target's other noise."""
+        """Draw the target's path and its measurements, step by step."""
         motion = self.motion.sampled(timeline.T, self.axes)
         n, runs = start.shape
         n_z = len(sensor.components)

@@ -257,8 +257,8 @@ class Legs(Flown):
     def run_metrics(self, values: Mapping[str, Array], scored: Scored) -> dict[str, Array]:
         """Add overshoots and the metrics of maneuver detection to the base's metrics.
 
-        ``overshoot_m[leg n]`` mean error along the turn's acceleration after its end. With
-        ``settled_error`` also settling after each leg, up to the next one.
+        ``overshoot_m[leg n]`` is the mean error along the turn's acceleration after its end. With
+        ``settled_error`` there is also the settling after each leg, up to the next one.
         """
         metrics = super().run_metrics(values, scored)
         times = scored.times

@@ -16,10 +16,10 @@ from trackbench.field_types import (
     Positive,
     freeze_mappings,
 )
-from trackbench.models.base import position_velocity_names
+from trackbench.models.base import measured_angle_rows, position_velocity_names
 from trackbench.models.inputs import KnownInputs
 from trackbench.models.priors import TwoPoint
-from trackbench.models.sensors.base import SensorBase, Sensors, rows_of, sensors_of
+from trackbench.models.sensors.base import Sensors, rows_of, sensors_of
 from trackbench.registry import register
 from trackbench.scenarios.recordings.column_mapping import KEYS, Naming, plain_name
 from trackbench.scenarios.recordings.inputs import (
@@ -79,14 +79,6 @@ def _first_measurement(rows: Rows) -> float:
     """Return the time of the first row with any value, s or steps; infinite if there is none."""
     is_measured = np.isfinite(rows.values).any(axis=0)
     return float(rows.time[is_measured].min(initial=np.inf))
-
-
-def _angles(sensor: SensorBase) -> dict[str, int]:
-    """Return the row of each measured component that is an angle, by its name."""
-    # The innovation of two turns is zero for an angle, which wraps, and 4 pi for other components.
-    two_turns = np.full((len(sensor.components), 1), 4.0 * np.pi)
-    wraps = sensor.innovation(two_turns, np.zeros_like(two_turns))[:, 0] < 1.0
-    return {name: i for i, name in enumerate(sensor.components) if wraps[i]}
 
 
 @register("targets", "measured")
@@ -217,7 +209,7 @@ class Measured(FromFiles, Naming, Target):
         return recording
 
     def own_timeline(self, sensor: Sensors, start: Start, T: float) -> Timeline:
-        """Return the steps of the files, those first that the start uses up."""
+        """Return the steps of the files, which begin with those that the start uses up."""
         self._check(sensor, start)
         requested = (sensor.components, start.scans, T)
         # Read the files again only for another sensor, start or T.
@@ -289,7 +281,8 @@ class Measured(FromFiles, Naming, Target):
         rows = read_rows(gathered, self._measurement_files, components, names=names)
         rows = chosen_runs(gathered, rows, chosen, ("target", "runs"))
         for m, each in enumerate(sensors_of(sensor)):
-            check_turns(gathered, rows[m], _angles(each))
+            angles = {each.components[row]: row for row in measured_angle_rows(each)}
+            check_turns(gathered, rows[m], angles)
             rows[m] = in_order(gathered, rows[m], each.innovation)
         # Step 2: take the first scans from the sensor that measures the position.
         locating = position_part(sensor)
@@ -449,6 +442,7 @@ class Measured(FromFiles, Naming, Target):
     def _read_truth(self, gathered: Gathered, clock: Clock) -> Array:
         """Read the truth (n_x, K + 1, M) at the clock's steps."""
         assert self.truth is not None
+        # By default the truth has the columns and units of the measurements.
         naming = self.truth_naming or replace(self, format=None)
         gathered_truth = replace(
             gathered,
@@ -512,7 +506,10 @@ class Measured(FromFiles, Naming, Target):
         return truth
 
     def run_metrics(self, values: Mapping[str, Array], scored: Scored) -> dict[str, Array]:
-        """Return the largest error in a window, m, and runs beyond ten sigmas, given a truth."""
+        """Return ``peak_position`` and ``beyond_10_sigma``, as `Flown` does; nothing without a truth.
+
+        Steps at which the truth is missing are left out.
+        """
         squared = values.get("squared_position")
         if squared is None:
             return {}

@@ -220,10 +220,11 @@ class RecordedPath(FromFiles, Naming, Flown):
 
     def states(self, times: Array) -> Array:
         """Return states (n, K) at these times."""
+        # The rows of `values` are x, y, z, vx, vy, vz.
         row_times, values = self._path
         positions = values[: self.axes]
         velocities = values[3 : 3 + self.axes]
-        if np.isnan(velocities).any():
+        if np.isnan(velocities).any():  # the file has none
             return smooth_path(row_times, positions, times)
         from scipy.interpolate import CubicHermiteSpline
 
