@@ -566,8 +566,9 @@ def test_numbers_that_other_columns_measure_are_no_missing_cells(tmp_path: Path)
     x, y = (decimal(1e5 + part, 2) for part in path.place)
     x[7] = y[7] = "0"
     speeds = ["0" if k < 9 else "12" for k in range(path.rows)]
-    _, written = guessed(tmp_path, table("time,x,y,speed", whole(path.t), x, y, speeds))
-    assert "missing" not in written["target"]
+    what = r"m\.csv:9:1: 1 rows with x and y = 0 lie far from .*: empty these cells if nothing was"
+    with pytest.raises(UserError, match=what):
+        guessed(tmp_path, table("time,x,y,speed", whole(path.t), x, y, speeds))
     columns = {"x": "x", "y": "y", "vx": "speed", "vy": "x2"}
     text = table("time,x,y,speed,x2", whole(path.t), x, y, speeds, speeds)
     (tmp_path / "m.csv").write_text(text)

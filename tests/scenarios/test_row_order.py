@@ -114,8 +114,8 @@ def test_a_number_out_of_place_is_refused(tmp_path: Path, keys: str, expected: s
 
 def test_negative_speeds_are_refused(tmp_path: Path) -> None:
     (tmp_path / "m.csv").write_text(
-        table("time,x,y,speed,course", K, K, K, np.where(K == 3, -1, 1), 90 + 0 * K)
+        table("time,x,y,speed,course", K, K, K, np.where(K == 3, -2, 1), 90 + 0 * K)
     )
     sensor = [{"kind": "position", "sigma": 5}, {"kind": "velocity", "sigma": 1}]
     line = one_mistake(config(tmp_path, {"measurements": "m.csv"}, sensor=sensor))
-    assert "m.csv:5:1: scenario: speed: -1 m/s is impossible; a speed is at least 0 m/s" in line
+    assert "m.csv:5:1: scenario: speed: -2 m/s is impossible; a speed is at least 0 m/s" in line

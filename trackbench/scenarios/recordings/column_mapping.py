@@ -63,12 +63,19 @@ class Impossible(NamedTuple):
 
 
 def blank_codes(quantity: str, values: Array, of_ais: bool, scale: float) -> Counter[str]:
-    """Replace "not available" codes of AIS by NaN in place; return the number of cells by code.
+    """Replace "not available" codes by NaN in place; return the number of cells by code.
+
+    These are the codes of AIS, and -1 for speeds and courses of phones if all others are positive.
 
     ``of_ais`` if the table has columns of AIS, which has further codes. ``scale`` is the unit of the
     values in SI: raw fields, in tenths of a degree or knot or 1/600000 deg, have codes in these units.
     """
     counts: Counter[str] = Counter()
+    if quantity in ("speed", "course"):
+        is_code = values == -1.0
+        if is_code.any() and not (values[~is_code] < 0.0).any():
+            counts[f"{quantity} -1"] = int(is_code.sum())
+            values[is_code] = np.nan
     raw_unit = ""
     for unit in _RAW_AIS:
         if scale == UNITS[unit]:
@@ -165,6 +172,8 @@ def _way_out(quantity: str, values: Array, wrong: Index) -> str:
     least, largest, _, usual_unit = _LIMITS[quantity]
     if usual_unit == "deg" and most_are_wrong:
         # NMEA writes degrees and minutes as one number: 4807.038 is 48 deg 7.038 min.
+        if quantity == "latitude" and np.abs(finite).max() <= 180.0:
+            return ", or exchange latitude and longitude"
         whole = not (finite % 1.0).any()
         minutes = np.abs(finite) % 100.0
         if not whole and quantity != "course" and (minutes < 60.0).all():
@@ -188,7 +197,7 @@ def _way_out(quantity: str, values: Array, wrong: Index) -> str:
             return f", or name their unit; say {ways}"
     if len(np.unique(values[wrong])) == 1 and not most_are_wrong:
         code = float(values[wrong[0]])
-        return f", or name their unit; say `missing: [{code:.9g}]` for a missing cell"
+        return f", or name their unit; say `missing: [{code:.15g}]` for a missing cell"
     return ", or name their unit"
 
 
@@ -390,6 +399,11 @@ class Naming:
 def is_unit_of(quantity: str, unit: str) -> bool:
     """Test whether a unit is one of the quantity's dimension."""
     return unit in _DIMENSIONS.get(_DIMENSION_OF.get(plain_name(quantity), ""), ())
+
+
+def have_one_dimension(unit: str, other: str) -> bool:
+    """Test whether two units are of one dimension, such as km and ft."""
+    return any(unit in units and other in units for units in _DIMENSIONS.values())
 
 
 def _mistaken_unit(key: str, unit: str, is_scalar: bool) -> str | None:
@@ -611,9 +625,9 @@ class Columns:
             for value, n in outlying(values).items():
                 what = f"{n} cells are {value:.9g}, far outside the others: empty them"
                 others = self._columns_with(table, value, column)
-                way = f", or say `missing: [{value:.9g}]`, if they hold no measurement"
+                way = f", or say `missing: [{value:.15g}]`, if they hold no measurement"
                 if others:
-                    way = f" (`missing: [{value:.9g}]` would also empty cells of {others})"
+                    way = f" (`missing: [{value:.15g}]` would also empty cells of {others})"
                 self.far.append(f"{self.path}: {column}: {what}{way}")
 
     def _columns_with(self, table: Table, value: float, column: str) -> str:

@@ -1,17 +1,24 @@
 """Guess the quantities and units of a table's columns from the words in their names."""
 
+import math
 import re
 import unicodedata
 from collections.abc import Collection, Iterable
 from typing import NamedTuple
 
-from trackbench.scenarios.recordings.column_mapping import UNITS, is_unit_of
+from trackbench.scenarios.recordings.column_mapping import (
+    UNITS,
+    have_one_dimension,
+    is_unit_of,
+)
 
 _WORDS: dict[str, str] = {
     "time": "stamp time timestamp t timesec datetime datetimeutc basedatetime utctime timeutc utc "
     "tst czas seconds secs sec elapsed secondselapsed elapsedseconds elapsedtime millis ms "
     "epoch unixtime gpstime systime timeofday tod tow gpstow itow gpst measurementtime "
-    "tvsec gms sow secondsofweek updatetime hours jd juliandate mjd filetime when measuredat "
+    "tvsec gms sow secondsofweek sod secondsofday secofday updatetime hours jd juliandate mjd "
+    "filetime when measuredat datenum matlabtime micros micro microseconds usec timeusec timecode "
+    "flytime "
     "zeit zeitstempel uhrzeit temps heure hora tiempo tempo ora tid tijd klokkeslett",
     "date": "date dateutc utcdate datum fecha data dato jour",
     "step": "step k frame scan frameid",
@@ -25,8 +32,8 @@ _WORDS: dict[str, str] = {
     "breedtegraad",
     "longitude": "longitude lon lone longitudee lng long lange langengrad laenge laengengrad "
     "lengdegrad longitud longitudine lengtegraad",
-    "x": "x px posx xpos tx zx mx east easting e xm rechtswert xeast ostlig",
-    "y": "y py posy ypos ty zy my north northing n ym hochwert ynorth nordlig",
+    "x": "zx x px posx xpos tx mx east easting e xm rechtswert xeast ostlig",
+    "y": "zy y py posy ypos ty my north northing n ym hochwert ynorth nordlig",
     "vx": "vx velx vxm xvelocity velocityx speedx eastspeed veast ve vele",
     "vy": "vy vely vym yvelocity velocityy speedy northspeed vnorth vn veln",
     "range": "range rng rmsd rho distance dist slantrange slantrng rangeto entfernung abstand r",
@@ -35,7 +42,7 @@ _WORDS: dict[str, str] = {
     "speed": "speed spd sog speedoverground groundspeed gs velocity vel geschwindigkeit vitesse "
     "velocidad kts kt knots gspeed hspeed",
     "course": "course track trk gcrs cog courseoverground trackangle heading hdg direction bearing kurs "
-    "cap rumbo headmot",
+    "cap rumbo headmot cogtrue cogt courseovergroundt truecourse truetrack tracktrue",
 }
 """Names of each quantity's columns, without accents and white space, the surest first."""
 _PARTNERS = {"range": ("azimuth", ("r",)), "azimuth": ("range", ("angle", "phi"))}
@@ -45,7 +52,7 @@ _FILLERS = (
     "gpsfix fix navsatfix trkpt wpt local global map world odom odometry p z rs r s meas measured "
     "measurement obs observed est hat coord coordinate coordinates point xyz enu utm wgs84 filtered "
     "raw utc value mathrm text rm obj ego target veh vehicle robot uav drone frame from sensor base "
-    "enhanced osd custom tagblock"
+    "enhanced osd custom tagblock translation baseline"
 )
 """Words that may stand beside a quantity in a name: field.pose.pose.position.x, p_RS_R_x."""
 _UNITS = {
@@ -65,7 +72,9 @@ _UNITS = {
 }
 _OTHER_UNITS = frozenset(
     {"yd", "yds", "yard", "yards", "kyd", "fathom", "fathoms", "dm", "hm", "kft"}
-    | {"gon", "gons", "mil", "mils", "arcmin", "arcsec", "fpm"}
+    | {"in", "inch", "inches", "zoll", "sm"}
+    | {"gon", "gons", "mil", "mils", "arcmin", "arcsec", "mas", "fpm"}
+    | {"grade", "grades", "grads", "gradian", "gradians"}
 )
 """Words that are units of lengths, angles and speeds, and none that a recording may have."""
 _SUBSECONDS: dict[str, str] = {
@@ -90,6 +99,15 @@ _ODOMETRY_UNITS = {"v": ("m/s", "km/h", "cm/s", "mm/s"), "w": ("rad/s", "deg/s")
 _PER_SECOND = re.compile(
     r"(?<![a-z])(km|m|cm|mm|ft|deg|rad)(?:[_ ]per[_ ]|[_ .]?(?=[sh]\^?-1)|_)(s|h)(?:\^?-1)?(?![a-z0-9])"
 )
+_NAUTICAL_MILES = re.compile(r"(?:nautical|sea)[ _-]?miles?|seemeilen?|milles? marins?")
+_BRACKETS = re.compile(r"[\[(]([^\])]*)[\])]")
+_NUMBER = r"\d+(?:\.\d+)?(?:e[-+]?\d+)?(?:/\d+)?"
+_UNIT = "|".join(sorted(map(re.escape, {*_UNITS, *_OTHER_UNITS}), key=len, reverse=True))
+_SCALED_UNITS = (
+    re.compile(rf" *(?P<factor>{_NUMBER}) *[*x]? *(?P<unit>{_UNIT}) *"),
+    re.compile(rf" *(?P<unit>{_UNIT}) *(?P<sign>[*x/]) *(?P<factor>{_NUMBER}) *"),
+)
+"""A unit with a factor, as it stands in brackets: 0.1 m, 1/256 nm, 1e-7 deg, m*100."""
 _LETTERS = str.maketrans({"µ": "u", "μ": "u", "ø": "o", "ß": "s", "æ": "e"})
 
 
@@ -219,7 +237,9 @@ def unit_of(name: str, quantity: str) -> str | None:
         units = [_UNITS[word] for word in words[1:] if word in _UNITS]
         return next((unit for unit in units if unit in _ODOMETRY_UNITS[quantity]), None)
     # If all words together are the quantity's name, none is a unit: the D of ToD is no day.
-    if len(words) > 1 and "".join(words) in _WORDS.get(quantity, "").split():
+    # But x_m and time_sec are words of the quantity, too, without their units.
+    known = _WORDS.get(quantity, "").split()
+    if len(words) > 1 and "".join(words) in known and "".join(words[:-1]) not in known:
         return None
     return unit_in(words, quantity)
 
@@ -246,9 +266,22 @@ def looks_like(name: str, quantity: str) -> bool:
 def other_unit_of(name: str) -> str | None:
     """Return the last word of a column's name if it is a unit that a recording cannot have."""
     words = words_of(name)
-    if len(words) > 1 and words[-1] in _OTHER_UNITS:
+    if len(words) > 1 and _is_other_unit(words[-1]):
         return words[-1]
     return None
+
+
+def other_unit_in_line(cell: str) -> str | None:
+    """Return the unit in a cell of a line of units if a recording cannot have it; None otherwise."""
+    words = words_of(f"({cell})")
+    if words and _is_other_unit(words[-1]):
+        return words[-1]
+    return None
+
+
+def _is_other_unit(word: str) -> bool:
+    """Test whether a word is a unit that a recording cannot have, such as yd and 0.1*m."""
+    return word in _OTHER_UNITS or "*" in word
 
 
 def unit_in(words: Collection[str], quantity: str) -> str | None:
@@ -270,10 +303,42 @@ def words_of(name: str) -> list[str]:
     name = re.sub(r"([a-z])([A-Z])", r"\1 \2", name.replace("°", " deg")).lower()
     # m_s, m per s and m s^-1 are m/s.
     name = _PER_SECOND.sub(r"\1/\2", name)
-    return re.findall(r"rad/s|deg/s|km/h|cm/s|mm/s|m/s|ft/s|[a-z0-9]+", name)
+    name = _NAUTICAL_MILES.sub("nmi", name)
+    name = _BRACKETS.sub(_name_scaled_unit, name)
+    units = r"rad/s|deg/s|km/h|cm/s|mm/s|m/s|ft/s|deg/600000|deg/100|deg/10|kn/10"
+    return re.findall(rf"[0-9.e/+-]+\*[a-z0-9/]+|{units}|[a-z0-9]+", name)
+
+
+def _name_scaled_unit(match: re.Match[str]) -> str:
+    """Replace a unit with a factor in brackets by the known unit of this size: 0.01 m by cm.
+
+    Without such a unit it becomes one word, such as 0.1*m.
+    """
+    text = re.sub(r"10\^(-?\d+)", r"1e\1", match[1].replace(" x 10^", "*10^"))
+    for pattern in _SCALED_UNITS:
+        scaled = pattern.fullmatch(text)
+        if scaled is None:
+            continue
+        number, _, divisor = scaled["factor"].partition("/")
+        factor = float(number) / float(divisor or 1)
+        if "sign" in scaled.groupdict():
+            # A number in m*100 or m/100 counts hundredths of a meter.
+            factor = 1.0 / factor
+        unit = _UNITS.get(scaled["unit"], "")
+        if unit == "h" and factor in (12.0, 24.0):
+            return ""  # a clock of 12 or 24 hours
+        for other, size in UNITS.items():
+            if (
+                unit
+                and math.isclose(size, factor * UNITS[unit])
+                and have_one_dimension(unit, other)
+            ):
+                return f"({other.lower()})"
+        return f"({factor:g}*{scaled['unit']})"
+    return match[0]
 
 
 def _without_units(words: list[str]) -> list[str]:
     """Return the words without units; the first word stays."""
     units = _OTHER_UNITS.union(_UNITS)
-    return [word for i, word in enumerate(words) if i == 0 or word not in units]
+    return [word for i, word in enumerate(words) if i == 0 or not (word in units or "*" in word)]

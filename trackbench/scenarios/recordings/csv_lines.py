@@ -136,7 +136,10 @@ def _opened(path: str, encoding: str) -> Iterator[TextIO]:
     except OSError as error:
         raise DataError(Place(path, 1, 1, reason(error))) from None
     except UnicodeError:
-        raise DataError(Place(path, 1, 1, "is not a text file")) from None
+        what = "is not a text file"
+        if path.endswith((".gz", ".zip", ".bz2", ".xz")):
+            what = "is compressed: unpack it first"
+        raise DataError(Place(path, 1, 1, what)) from None
 
 
 def _layout(path: str, text: TextIO, form: TextFormat) -> Layout:
@@ -161,7 +164,10 @@ def _layout(path: str, text: TextIO, form: TextFormat) -> Layout:
         raise DataError(Place(path, 1, 1, what))
     first = next(iter(lines))
     if _CONTROL.search(lines[first]):
-        raise DataError(Place(path, first, 1, "is not a text file"))
+        what = "is not a text file"
+        if path.endswith((".gz", ".zip", ".bz2", ".xz")):
+            what = "is compressed: unpack it first"
+        raise DataError(Place(path, first, 1, what))
     for letters, what in _OTHERS.items():
         if lines[first].startswith(letters):
             raise DataError(Place(path, first, 1, f"is no table but {what}"))

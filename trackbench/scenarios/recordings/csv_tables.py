@@ -24,7 +24,7 @@ from trackbench.scenarios.recordings.csv_lines import (
 from trackbench.scenarios.recordings.dates import dates_quickly, instant, is_instant, moment
 
 _TIME_OF_DAY = re.compile(r" *[0-9]{1,2}:[0-9]{2}")
-_DIGITS_OF_DAY = re.compile(r" *[0-9]{1,2}(\.?[0-9]{2}){2}(\.|$)")
+_DIGITS_OF_DAY = re.compile(r" *([0-9]{1,6}|[0-9]{1,2}(\.[0-9]{2}){2})(\.|$)")
 _MISSING = frozenset(("", "nan", "na", "n/a", "#n/a", "null", "none", "nil", "-", "--"))
 _DIGITS = 9
 """Of a whole number, at most."""

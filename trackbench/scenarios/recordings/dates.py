@@ -16,6 +16,9 @@ _OFFSET = re.compile(r" ([-+]\d\d:?\d\d)( [A-Z]{2,5}| [-+]\d+)?( m=[-+][0-9.]+)?
 _NANOSECONDS = re.compile(r"([.,:]\d{6})\d+")
 _ELAPSED = re.compile(r"(\d+):([0-5]\d(?:\.\d{1,6})?)")
 """Minutes, of which there may be more than 59, and seconds."""
+_DIGITS_OF_CLOCKS = {"%H%M": 4, "%H%M%S": 6, "%H%M%S.%f": 6}
+"""Digits before the point of a time of day in one number, which may lack zeros at its beginning."""
+_HALVES_OF_DAY = re.compile(r"\b([ap])\. ?m\.", re.IGNORECASE)
 _MICROSECOND = timedelta(microseconds=1)
 _MANY = 1000  # rows, from which on pandas is faster than strptime
 
@@ -26,6 +29,12 @@ def moment(cell: str, form: str = "") -> datetime:
         if "%f" in form:
             # There may be nine digits in place of six.
             cell = _NANOSECONDS.sub(r"\1", cell)
+        if "%p" in form:
+            # Spreadsheets of some countries write a.m. or a. m. in place of AM.
+            cell = _HALVES_OF_DAY.sub(r"\1m", cell.replace("\u00a0", " "))
+        clock_form = form.rpartition(" ")[2]
+        if clock_form in _DIGITS_OF_CLOCKS:
+            cell = _with_zeros(cell, _DIGITS_OF_CLOCKS[clock_form])
         separator = form[-3:-2]  # before %f
         has_digits = cell.count(separator) >= form.count(separator)
         if form.endswith("%f") and separator in {".", ",", ":"} and not has_digits:
@@ -45,6 +54,16 @@ def moment(cell: str, form: str = "") -> datetime:
         if form:
             expected = f"a time as {form}"
         raise ValueError(expected) from None
+
+
+def _with_zeros(cell: str, digits: int) -> str:
+    """Return a cell whose last part is a time of day in one number, with the zeros before it: 5, 000005.
+
+    ``digits`` is the number of digits before the point.
+    """
+    date, space, clock = cell.rpartition(" ")
+    whole, point, rest = clock.partition(".")
+    return f"{date}{space}{whole.zfill(digits)}{point}{rest}"
 
 
 def instant(cell: str, zoned: bool | None = None, form: str = "") -> float:

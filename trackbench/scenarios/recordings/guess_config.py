@@ -39,10 +39,11 @@ def config_parts(
     target_lines = [*_target_lines(guess, truth)]
     if truth is not None:
         target_lines += _truth_lines(truth, truth_path)
+    further_lines = _score_line(guess, truth) + _step_line(guess) + _last_line(guess)
     return {
         "@TARGET@": "\n".join(f"    {line}" for line in target_lines),
         "@SENSOR@": "\n".join(f"    {line}" for line in _sensor_lines(guess)),
-        "@START@": f"  start: {parts.start}{_score_line(guess, truth)}{_last_line(guess)}",
+        "@START@": f"  start: {parts.start}{further_lines}",
         "@ASSUME@": parts.assume,
         "@GRID@": _grid_line(guess),
         "@FILTERS@": "\n".join(parts.filters),
@@ -74,7 +75,7 @@ def _truth_lines(truth: TruthGuess, path: str) -> Iterator[str]:
     if naming.time_format:
         keys.append(f"time_format: {json.dumps(naming.time_format)}")
     if naming.missing:
-        keys.append(f"missing: [{', '.join(f'{value:.9g}' for value in naming.missing)}]")
+        keys.append(f"missing: [{', '.join(f'{value:.15g}' for value in naming.missing)}]")
     if naming.same_time is not None:
         keys.append(f"same_time: {naming.same_time}")
     yield f"truth: {path}"
@@ -286,6 +287,13 @@ def left_out_filters(guess: Guess) -> list[str]:
     return [f"{name} is a comment in the config: {_WHY_NO_PARTICLES} ({guess.steps} steps)"]
 
 
+def _step_line(guess: Guess) -> str:
+    """Return the key `T`, by which speeds are in m/s, if the table numbers its steps; else empty."""
+    if "step" not in guess.naming.columns or "time" in guess.naming.columns:
+        return ""
+    return "\n  T: 1  # s from step to step: write yours; speeds and q were guessed for 1 s"
+
+
 def _last_line(guess: Guess) -> str:
     """Return the key `last` for a recording with more steps than a scenario may have; else empty."""
     if guess.steps <= MOST_STEPS:
@@ -430,10 +438,12 @@ def _target_lines(guess: Guess, truth: TruthGuess | None) -> Iterator[str]:
     if naming.time_format:
         yield f"time_format: {json.dumps(naming.time_format)}{_comment(why, 'time_format')}"
     if naming.missing:
-        numbers = ", ".join(f"{value:.9g}" for value in naming.missing)
+        numbers = ", ".join(f"{value:.15g}" for value in naming.missing)
         yield f"missing: [{numbers}]{_comment(why, 'missing')}"
     if naming.clockwise and "azimuth" in columns:
         yield f"clockwise: [{', '.join(naming.clockwise)}]{_comment(why, 'clockwise')}"
+    elif "azimuth" in columns:
+        yield "# guess: azimuths count from x to y; of radars from north say `clockwise: [azimuth]`"
     if naming.same_time is not None:
         yield f"same_time: {naming.same_time}{_comment(why, 'same_time')}"
     if columns.get("sensor"):

@@ -2,12 +2,14 @@
 
 import json
 import re
+from collections.abc import Collection
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
-from itertools import chain, islice
+from itertools import chain, islice, pairwise
 from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.field_types import DataError, Place, decimals
@@ -28,7 +30,6 @@ from trackbench.scenarios.recordings.column_names import (
     other_unit_of,
     ranges_of,
     rest_of_stamp,
-    unit_in,
     unit_of,
     words_of,
 )
@@ -39,7 +40,6 @@ from trackbench.scenarios.recordings.csv_lines import (
     table_rows,
 )
 from trackbench.scenarios.recordings.csv_tables import (
-    first_rows,
     header,
     is_parquet,
     number,
@@ -48,6 +48,12 @@ from trackbench.scenarios.recordings.csv_tables import (
     without_thousands,
 )
 from trackbench.scenarios.recordings.dates import instant
+from trackbench.scenarios.recordings.guess_doubts import (
+    check_earth_centered,
+    check_slant_ranges,
+    check_split_angles,
+    check_zones,
+)
 from trackbench.scenarios.recordings.guess_errors import (
     ANGLES,
     SENSORS,
@@ -57,13 +63,17 @@ from trackbench.scenarios.recordings.guess_errors import (
     scatter,
     share_of_outliers,
 )
+from trackbench.scenarios.recordings.guess_sample import Sample
 from trackbench.scenarios.recordings.guess_time import DateForm, date_form
 from trackbench.scenarios.recordings.guess_units import (
     LENGTH_UNITS,
     Candidate,
     Numbers,
+    agreeing_reflection,
+    is_direction_of_movement,
     is_usual_speed,
     likely_units,
+    look_like_degrees,
 )
 from trackbench.scenarios.recordings.mixtures import is_word_column, role_of
 from trackbench.scenarios.recordings.row_order import in_order
@@ -83,11 +93,23 @@ UnitByQuantity: TypeAlias = dict[str, str]
 ReasonByKey: TypeAlias = dict[str, str]
 """Comments for the config on keys that are guessed."""
 _TURN = 2.0 * np.pi
-_SAMPLE = 10_000  # rows
 _MOST_SENSORS = 50
 _MOST_LINES_OF_WORDS = 5
 _FIRST = 200  # rows that show the format
 _MOST_A_SECOND = 20
+_MOST_COMPARED = 1000
+"""rows that show whether those of one time are several targets"""
+_TIMES_APART = 3.0
+"""ratio of the distance between rows of one time to that from the next time, of several targets"""
+_DAY = 86400.0  # s
+_LONGEST_PAUSE = 200.0 * _DAY
+"""s: beyond it a pause is rather a clock that was set"""
+_FEWEST_MEASURED = 5
+"""rows beside which others may show that nothing was detected"""
+_FEWEST_LARGEST = 3
+"""equal largest ranges that may stand for none"""
+_FAR_STEPS = 10.0
+"""steps of nine of ten rows, from which on a position of zeros is none"""
 _PLACE = ("x", "y")
 _VELOCITY = ("vx", "vy")
 _MEASURED = ("x", "y", "latitude", "longitude", "range", "azimuth", "bearing")
@@ -274,7 +296,7 @@ def _recognized_columns(path: str, user_naming: Naming) -> Guess:
     user_format = user_naming.format or TextFormat()
     form = _text_format(path, user_format, why)
     names = header(path, form)
-    sample = _Sample(path, names, form)
+    sample = Sample(path, names, form)
     columns, units = _columns(names, sample, user_naming, why)
     if "time" not in columns and "step" not in columns:
         _find_dates(sample, columns, why)
@@ -289,6 +311,11 @@ def _recognized_columns(path: str, user_naming: Naming) -> Guess:
         _check_thousands(path, sample, columns, form.thousands)
     measured = set(chain.from_iterable(sensor.quantities for sensor in sensors))
     _check_named_units(sample, columns, units, measured)
+    if {*_PLACE} <= measured:
+        check_split_angles(sample, columns)
+        check_earth_centered(sample, columns, units)
+        check_zones(sample, columns, user_naming.columns)
+    check_slant_ranges(sample, columns, units, user_naming.columns)
     clock = DateForm(user_naming.time_format, bool(user_naming.time_format))
     if "time" in columns and not clock.form:
         times = sample.cells(columns["time"])
@@ -304,10 +331,10 @@ def _recognized_columns(path: str, user_naming: Naming) -> Guess:
     if clock.why:
         why["time_format"] = clock.why
     # Step 3: choose the units by which times, positions and speeds agree.
-    missing = user_naming.missing or _missing(sample, columns, measured)
+    missing = user_naming.missing or _missing(sample, columns, measured, user_naming.columns)
     is_one_position = sensors[0].quantities == _PLACE and len(sensors) == 1
     has_velocity = is_one_position and _has_velocity(columns)
-    reading = _Reading(path, sample, columns, units, clock, missing, why)
+    reading = _Reading(path, sample, columns, units, clock, missing, why, user_naming.columns)
     reading.check_azimuths(sensors)
     clock = reading.choose_units(sensors[0], names, has_velocity)
     naming = replace(
@@ -368,8 +395,11 @@ def _measured(path: str, naming: Naming, why: ReasonByKey, sensors: list[SensorG
     for sensor, rows in zip(sensors, rows_by_sensor, strict=True):
         measured = np.isfinite(rows.values[: len(sensor.quantities)]).all(axis=0)
         run_rows = rows.at(np.flatnonzero(measured & (rows.run == sizes.argmax())))
-        way = _same_time(gathered, run_rows)
-        if naming.same_time is None and way is not None:
+        _check_clock(gathered, run_rows)
+        way = None
+        if naming.same_time is None:
+            way = _same_time(gathered, run_rows, sensor.kind, in_degrees)
+        if way is not None:
             naming = replace(naming, same_time=way)
             gathered.naming = replace(naming, clockwise=())
             why["same_time"] = "guess: several rows of a whole second; or mean, or last"
@@ -455,7 +485,7 @@ def _with_clockwise(
         return naming
     is_positive = all((a[np.isfinite(a)] >= 0.0).all() for a in angles)
     says_so = not _NORTH.isdisjoint(words_of(column))
-    if not says_so and not (is_positive and naming.units.get("azimuth") == "deg"):
+    if not says_so and not (is_positive and naming.units.get("azimuth", "").startswith("deg")):
         return naming
     why["clockwise"] = (
         "guess: from 0 to 360 deg, as of radars; leave it out if it counts from x to y"
@@ -508,7 +538,7 @@ def _text_format(path: str, user_format: TextFormat, why: ReasonByKey) -> TextFo
             names = _TUM
         elif width == 3:
             names = ("time", "x", "y")
-        if not names or (width == 3 and _may_be_degrees([layout.names, *rows])):
+        if not names or not _fits_names([layout.names, *rows], names):
             what = f"no line names the columns: name all {width},"
             way = "`--set 'format.names=[time, x, y, ...]'` (or latitude, longitude, range, ...)"
             raise DataError(Place(path, layout.header, 1, f"{what} {way}"))
@@ -525,10 +555,28 @@ def _text_format(path: str, user_format: TextFormat, why: ReasonByKey) -> TextFo
     return replace(user_format, **guessed)
 
 
-def _may_be_degrees(rows: list[list[str]]) -> bool:
-    """Test whether three columns may be a time, a latitude and a longitude, by their digits."""
-    places = list(chain.from_iterable(row[1:] for row in rows))
-    return all(re.fullmatch(r" *-?\d{1,3}\.\d{4,} *", cell) for cell in places)
+def _fits_names(rows: list[list[str]], names: tuple[str, ...]) -> bool:
+    """Test whether rows without a line of names may have a time and a position, or a TUM trajectory.
+
+    Times must not fall. Three columns must not be degrees, by their digits, nor may another column be
+    at equal intervals if the first is not. The last four columns of a trajectory are a unit quaternion.
+    """
+    if len(names) == 3:
+        places = list(chain.from_iterable(row[1:] for row in rows))
+        if all(re.fullmatch(r" *-?\d{1,3}\.\d{4,} *", cell) for cell in places):
+            return False
+    complete_rows = [row for row in rows if len(row) == len(names)]
+    cells = [cell.strip().replace(",", ".") for cell in chain.from_iterable(complete_rows)]
+    numbers = parse_cells(number, cells)[0].reshape(len(complete_rows), len(names)).T
+    if len(names) == len(_TUM):
+        size = np.sqrt(np.square(numbers[4:]).sum(axis=0))
+        return bool((np.abs(size - 1.0) < 0.05).mean() > 0.9)
+    intervals = np.diff(numbers, axis=1)
+    usual = np.median(intervals, axis=1)
+    # Written times are rounded, and some rows may be missing.
+    near_usual = np.abs(intervals - usual[:, None]) <= 0.1 * np.abs(usual[:, None])
+    is_clock = (near_usual.mean(axis=1) > 0.8) & (usual > 0.0) & (intervals >= 0.0).all(axis=1)
+    return bool(is_clock[0] or not is_clock[1:].any())
 
 
 def _thousands(cells: list[str]) -> str:
@@ -545,7 +593,7 @@ def _thousands(cells: list[str]) -> str:
     return ""
 
 
-def _check_thousands(path: str, sample: "_Sample", columns: ColumnByQuantity, mark: str) -> None:
+def _check_thousands(path: str, sample: Sample, columns: ColumnByQuantity, mark: str) -> None:
     """Raise DataError for each column in which the mark may separate thousands or decimals.
 
     All its cells then have the mark once, before three digits.
@@ -579,7 +627,7 @@ def _lines_of_words(rows: list[list[str]]) -> int:
 
 
 def _columns(
-    names: list[str], sample: "_Sample", user_naming: Naming, why: ReasonByKey
+    names: list[str], sample: Sample, user_naming: Naming, why: ReasonByKey
 ) -> tuple[ColumnByQuantity, UnitByQuantity]:
     """Return columns and units by quantity, guessed from the names of columns and a line of units.
 
@@ -626,7 +674,7 @@ def _columns(
     return columns, units
 
 
-def _find_dates(sample: "_Sample", columns: ColumnByQuantity, why: ReasonByKey) -> None:
+def _find_dates(sample: Sample, columns: ColumnByQuantity, why: ReasonByKey) -> None:
     """Add the time to the columns if it is the only column whose cells are dates."""
     dated = []
     for name in sample.names:
@@ -642,7 +690,7 @@ def _find_dates(sample: "_Sample", columns: ColumnByQuantity, why: ReasonByKey) 
 
 
 def _guess_units_of_robot(
-    sample: "_Sample", columns: ColumnByQuantity, units: UnitByQuantity, why: ReasonByKey
+    sample: Sample, columns: ColumnByQuantity, units: UnitByQuantity, why: ReasonByKey
 ) -> None:
     """Add the units of a robot's measurements that the names of their columns do not have.
 
@@ -664,27 +712,35 @@ def _guess_units_of_robot(
 
 
 def _check_named_units(
-    sample: "_Sample", columns: ColumnByQuantity, units: UnitByQuantity, measured: set[str]
+    sample: Sample, columns: dict[str, str], units: dict[str, str], measured: set[str]
 ) -> None:
-    """Raise DataError for each column whose name has a unit that no recording may have.
+    """Raise DataError for each column with a unit that no recording may have.
 
-    Only columns that are read are checked: those of the ``measured`` quantities, velocities and inputs.
+    The unit stands in the column's name or in a line of units.
     """
-    read = {*measured, *_VELOCITY, *COURSE, *_ODOMETRY}
+    read = {*measured, *_VELOCITY, *COURSE, *_ODOMETRY, "time"}
+    if not {*_PLACE} <= columns.keys():
+        read |= {*GEODETIC[:2]}
     mistakes = []
     for name, column in columns.items():
-        other = other_unit_of(column)
-        if other is not None and name in read and name not in units:
-            what = f"{column}: the unit {other} is unknown here"
+        if name not in read or name in units or column not in sample.names:
+            continue
+        other = other_unit_of(column) or sample.other_unit(column)
+        if other is not None:
+            what = f"{column}: the unit {other.replace('*', ' ')} is unknown here"
             way = f"write the numbers in a known unit, and say it, such as --set units.{name}="
-            usual = "deg" if name in ANGLES or name == "course" else "m"
+            usual = "m"
+            if name in (*ANGLES, *GEODETIC, "course"):
+                usual = "deg"
+            elif name == "time":
+                usual = "s"
             mistakes.append(Place(sample.path, 1, 1, f"{what}: {way}{usual}"))
     if mistakes:
         raise DataError(*mistakes)
 
 
 def _check_unused(
-    sample: "_Sample", columns: ColumnByQuantity, sensors: list[SensorGuess], user_naming: Naming
+    sample: Sample, columns: ColumnByQuantity, sensors: list[SensorGuess], user_naming: Naming
 ) -> None:
     """Raise DataError if only angles or only ranges are read, and another column may be the other part.
 
@@ -713,7 +769,7 @@ def _check_unused(
         raise DataError(Place(sample.path, 1, 1, f"{what} {way}"))
 
 
-def _hemispheres(names: list[str], sample: "_Sample", columns: ColumnByQuantity) -> dict[str, str]:
+def _hemispheres(names: list[str], sample: Sample, columns: ColumnByQuantity) -> dict[str, str]:
     """Find the columns of the letters N and S, and E and W, beside latitude and longitude.
 
     Return them by their key of `columns`, ``north_south`` or ``east_west``.
@@ -747,7 +803,7 @@ def _settle_twice_named(columns: ColumnByQuantity, user_naming: Naming) -> None:
         columns.pop("run")
 
 
-def _settle_landmarks(sample: "_Sample", columns: ColumnByQuantity, user_naming: Naming) -> bool:
+def _settle_landmarks(sample: Sample, columns: ColumnByQuantity, user_naming: Naming) -> bool:
     """Return whether the table is the log of a robot, whose bearings count from its heading.
 
     The ``columns`` of such a log are changed in place. Raises DataError with the possible answers if
@@ -794,7 +850,7 @@ def _settle_landmarks(sample: "_Sample", columns: ColumnByQuantity, user_naming:
 
 
 def _landmark_column(
-    sample: "_Sample", columns: ColumnByQuantity, user_naming: Naming, is_like_robot: bool
+    sample: Sample, columns: ColumnByQuantity, user_naming: Naming, is_like_robot: bool
 ) -> str | None:
     """Return the column that names landmarks; None without one.
 
@@ -843,7 +899,7 @@ def _no_time(names: list[str]) -> str:
 
 def _sensors(
     path: str,
-    sample: "_Sample",
+    sample: Sample,
     columns: ColumnByQuantity,
     names: list[str],
     units: UnitByQuantity,
@@ -927,7 +983,7 @@ def _check_one_kind(
     )
 
 
-def _no_position(columns: ColumnByQuantity, sample: "_Sample", names: list[str]) -> str:
+def _no_position(columns: ColumnByQuantity, sample: Sample, names: list[str]) -> str:
     """Return the message and the advice for a table, or a sensor of it, without measured quantities."""
     pairs = "x and y, latitude and longitude, range and azimuth, or range"
     known = ", ".join(names)[:200]
@@ -937,11 +993,16 @@ def _no_position(columns: ColumnByQuantity, sample: "_Sample", names: list[str])
         if cell and not np.isfinite(sample.numbers(columns[name])).any():
             what = f"{columns[name]}: {cell[:40]!r} is not a number, nor is any other of its cells"
             return f"{what}: write decimal numbers, such as -8.5042, without letters"
-    # Case 2: a cell is 54.32, 10.13.
+    # Case 2: coordinates of another kind.
+    if any("ecef" in "".join(words_of(name)) for name in names):
+        what = "coordinates from the center of the Earth (ECEF) are not read; there are"
+        way = "convert them to latitude and longitude (EPSG:4978 to EPSG:4326)"
+        return f"{what} {known}: {way}"
+    # Case 3: a cell is 54.32, 10.13.
     for name in names:
         if any(re.fullmatch(r"-?\d+\.\d+, *-?\d+\.\d+", cell) for cell in sample.cells(name)[:1]):
             return f"column {name} has two numbers in a cell: give each a column, latitude and longitude"
-    # Case 3: a sensor, or the whole table, measures nothing that is known.
+    # Case 4: a sensor, or the whole table, measures nothing that is known.
     if columns.get("sensor"):
         words = ", ".join(sample.words(columns["sensor"]))[:80]
         what = f"column {columns['sensor']} names {words}, and one of them has no {pairs}"
@@ -950,82 +1011,34 @@ def _no_position(columns: ColumnByQuantity, sample: "_Sample", names: list[str])
     return f"no columns look like {pairs}; there are {known}: {way}"
 
 
-class _Sample:
-    """First rows of a table, as text."""
-
-    def __init__(self, path: str, names: list[str], form: TextFormat) -> None:
-        """Read the first rows of a file with these columns, and the lines that may have units."""
-        self.path = path
-        self.names = names
-        self.line = 1 if is_parquet(path) else layout_of(path, form).before + 1
-        """line of the first row"""
-        self._rows = first_rows(path, form, _SAMPLE)
-        self._thousands = form.thousands
-        self._units: list[list[str]] = []
-        """lines between the names and the first row, which may have units"""
-        if form.skip:
-            self._units = first_rows(path, replace(form, skip=0), form.skip)
-
-    def __len__(self) -> int:
-        return len(self._rows)
-
-    def cells(self, column: str) -> list[str]:
-        """List the cells of a column; empty cells for the name "", no cells for an unknown name."""
-        if not column and column not in self.names:
-            return [""] * len(self)
-        if column not in self.names:
-            return []
-        place = self.names.index(column)
-        return [cells[place] for cells in self._rows]
-
-    def words(self, column: str) -> list[str]:
-        """List the words in a column."""
-        return [word for word in dict.fromkeys(self.cells(column)) if word]
-
-    def numbers(self, column: str) -> Array:
-        """Parse the numbers of a column, NaN for what is none."""
-        cells = self.cells(column)
-        if self._thousands:
-            cells = [without_thousands(cell, self._thousands) for cell in cells]
-        values, _ = parse_cells(number, [cell.replace(",", ".") for cell in cells])
-        return values
-
-    def unit(self, column: str, quantity: str) -> str | None:
-        """Return the unit of a quantity's column from the lines of units; None without one."""
-        if column not in self.names:
-            return None
-        place = self.names.index(column)
-        for row in self._units:
-            unit = unit_in(words_of(row[place]), quantity)
-            if unit:
-                return unit
-        return None
-
-
 class _Reading:
     """Choice of the units of a table, whose columns are known."""
 
     def __init__(
         self,
         path: str,
-        sample: _Sample,
+        sample: Sample,
         columns: ColumnByQuantity,
         units: UnitByQuantity,
         clock: DateForm,
         missing: tuple[float, ...],
         why: ReasonByKey,
+        user_columns: Collection[str],
     ) -> None:
         """Begin with the known ``units``, to which the methods add, with reasons in ``why``.
 
         ``clock`` is the form of dates, ``missing`` are numbers that stand for missing cells.
         """
         self._path = path
+        self._user_columns = user_columns
         self._sample = sample
         self._clock = clock
         self._why = why
         self._columns = columns
         self._units = units
         self._missing = missing
+        self._chosen_rows: Mask = np.array([], dtype=np.bool_)
+        """rows of one target and sensor, by which units are chosen"""
 
     def choose_units(self, sensor: SensorGuess, names: list[str], has_velocity: bool) -> DateForm:
         """Add the likeliest units to the known ones; return the form of dates.
@@ -1040,6 +1053,9 @@ class _Reading:
             clocks = self._clocks()
         known_units = self._known_units(sensor)
         first, *others = likely_units(numbers, known_units, clocks)
+        self._check_bearings(sensor, numbers, first)
+        if numbers.is_angle and has_velocity and not (first.agrees and first.same_way):
+            self._check_reflections(numbers, known_units)
         questions = []
         if others:
             questions = self._questions([first, *others], numbers)
@@ -1061,6 +1077,53 @@ class _Reading:
             self._why["time_format"] = f"guess: {self._reason(first)}"
             return self._clock._replace(form=first.time)
         return self._clock
+
+    def _check_bearings(self, sensor: SensorGuess, numbers: Numbers, chosen: Candidate) -> None:
+        """Raise DataError for a bearing beside a position if it is not the direction of movement.
+
+        It may then be measured from there, as by a ship with a sonar. A column that the user named, or
+        one that is a course beside a speed, is no question.
+        """
+        columns = self._columns
+        bearing = columns.get("azimuth")
+        is_answered = not {*_PLACE, *GEODETIC[:2]}.isdisjoint(self._user_columns)
+        if sensor.quantities != _PLACE or bearing is None or "speed" in columns or is_answered:
+            return
+        angles = self._values("azimuth")[self._chosen_rows]
+        unit = self._units.get("azimuth")
+        if unit is None:
+            unit = "deg" if (np.abs(angles) > _TURN).any() else "rad"
+        if is_direction_of_movement(numbers, chosen, angles * UNITS[unit]):
+            return
+        names = _PLACE if columns.keys() >= {*_PLACE} else GEODETIC[:2]
+        places = " and ".join(columns[name] for name in names)
+        what = f"{bearing} is not the direction in which {places} move: was it measured from there?"
+        way = f"Say --set 'columns.azimuth={json.dumps(bearing)[1:-1]}'"
+        way += ", and give the sensor this path (`platform`)"
+        options = [f"--set 'columns.{name}={json.dumps(columns[name])[1:-1]}'" for name in names]
+        option = f"if positions were measured, say {' '.join(options)}"
+        raise DataError(Place(self._path, self._sample.line, 1, f"{what} {way}; {option}"))
+
+    def _check_reflections(self, numbers: Numbers, known_units: dict[str, str]) -> None:
+        """Raise DataError if a speed and course agree with exchanged or mirrored positions alone."""
+        change = agreeing_reflection(numbers, known_units)
+        if not change:
+            return
+        latitude = self._columns["latitude"]
+        longitude = self._columns["longitude"]
+        velocity = [name for name in (*COURSE, *_VELOCITY) if name in self._columns]
+        measured = " and ".join(self._columns[name] for name in velocity)
+        leave_out = " ".join(f"--set 'columns.{name}=\"\"'" for name in velocity)
+        if change == "exchanged":
+            what = f"{latitude} and {longitude} agree with {measured} only if they are exchanged"
+            way = f"say --set 'columns.latitude={longitude}' --set 'columns.longitude={latitude}'"
+        else:
+            column = self._columns[change]
+            what = f"{column} agrees with {measured} only with the opposite sign"
+            direction = "west" if change == "longitude" else "south"
+            way = f"write degrees to the {direction} as negative numbers"
+        way += f", or leave the velocities out, {leave_out}"
+        raise DataError(Place(self._path, self._sample.line, 1, f"{what}: {way}"))
 
     def check_azimuths(self, sensors: list[SensorGuess]) -> None:
         """Raise DataError if azimuths without a unit may be in radians as well as in degrees.
@@ -1123,6 +1186,9 @@ class _Reading:
         columns = ", ".join(self._columns[name] for name in names)
         what = f"{columns}: no unit is named, and in m the usual speed would be {speed:.2g} m/s"
         way = f"say {options}, or with another unit: {', '.join(units[1:])}"
+        if names == ["x", "y"] and look_like_degrees(numbers):
+            x, y = (json.dumps(self._columns[name])[1:-1] for name in names)
+            way += f"; or in degrees, --set 'columns.longitude={x}' --set 'columns.latitude={y}'"
         return Place(self._path, self._sample.line, 1, f"{what}: {way}")
 
     def _numbers(self, sensor: SensorGuess, all_columns: list[str]) -> Numbers:
@@ -1140,6 +1206,7 @@ class _Reading:
             runs = np.array(sample.cells(columns["run"]))
             labels, sizes = np.unique(runs[rows], return_counts=True)
             rows &= runs == labels[sizes.argmax()]
+        self._chosen_rows = rows
         # Step 2: read the times, and the positions as they are written.
         time, is_dated = self._times()
         is_angle = False
@@ -1379,10 +1446,16 @@ class _Reading:
         return questions
 
 
-def _missing(sample: _Sample, columns: ColumnByQuantity, measured: set[str]) -> tuple[float, ...]:
+def _missing(
+    sample: Sample,
+    columns: ColumnByQuantity,
+    measured: set[str],
+    user_columns: Collection[str],
+) -> tuple[float, ...]:
     """Return whole numbers far outside the others, which stand for missing cells in all columns.
 
-    They are searched in the columns of the ``measured`` quantities and in latitude and longitude.
+    They are searched in the columns of the ``measured`` quantities and in latitude and longitude. The
+    ``user_columns`` are those that the user named.
     """
     names = sorted((measured | {*GEODETIC[:2], "speed", *_VELOCITY}) & columns.keys())
     values = {name: sample.numbers(columns[name]) for name in names}
@@ -1401,21 +1474,132 @@ def _missing(sample: _Sample, columns: ColumnByQuantity, measured: set[str]) -> 
             )
             if value % 1 == 0 and is_code and value not in codes:
                 codes.append(value)
+    if not codes:
+        codes = _no_detections(sample, columns, values, user_columns)
     return tuple(codes)
 
 
-def _same_time(gathered: Gathered, rows: Rows) -> Literal["spread"] | None:
+def _no_detections(
+    sample: Sample,
+    columns: ColumnByQuantity,
+    values: dict[str, Array],
+    user_columns: Collection[str],
+) -> list[float]:
+    """Return the number that stands for a position or range if nothing was detected; empty without one.
+
+    It is 0, -1 or the largest range, and its rows lie far from all rows before and after. ``values``
+    (R,) are those of the quantities. Raises DataError if another quantity has the number, too. A user
+    who named the columns, among ``user_columns``, has said that they are measured.
+    """
+    for group in (_PLACE, ("range",)):
+        if not all(name in values for name in group) or not {*group}.isdisjoint(user_columns):
+            continue
+        places = np.stack([values[name] for name in group])
+        codes = [0.0, -1.0]
+        if group == ("range",):
+            # Some radars write their largest range if nothing was detected.
+            largest = float(np.nanmax(places))
+            if (places == largest).sum() >= _FEWEST_LARGEST:
+                codes.append(largest)
+        for code in codes:
+            is_code = (places == code).all(axis=0)
+            measured = np.flatnonzero(np.isfinite(places).all(axis=0) & ~is_code)
+            if not is_code.any() or len(measured) < _FEWEST_MEASURED:
+                continue
+            steps = np.sqrt(np.square(np.diff(places[:, measured], axis=1)).sum(axis=0))
+            rows = np.flatnonzero(is_code)
+            after = np.searchsorted(measured, rows)
+            away = np.full(len(rows), np.inf)
+            for neighbor in (after - 1, after):
+                inside = (neighbor >= 0) & (neighbor < len(measured))
+                nearest = places[:, measured[neighbor[inside]]]
+                distance = np.sqrt(np.square(nearest - code).sum(axis=0))
+                away[inside] = np.minimum(away[inside], distance)
+            if away.min() <= _FAR_STEPS * np.quantile(steps, 0.9):
+                continue
+            others = [name for name, column in values.items() if (column[~is_code] == code).any()]
+            if not others:
+                return [code]
+            shown = " and ".join(columns[name] for name in group)
+            what = (
+                f"{len(rows)} rows with {shown} = {code:g} lie far from the rows before and after"
+            )
+            way = "empty these cells if nothing was measured"
+            option = " ".join(f"--set 'columns.{name}={columns[name]}'" for name in group)
+            place = Place(sample.path, sample.line + int(rows[0]), 1, "")
+            raise DataError(
+                place._replace(what=f"{what}: {way}; if they are measured, say {option}")
+            )
+    return []
+
+
+def _same_time(
+    gathered: Gathered, rows: Rows, kind: str, in_degrees: bool
+) -> Literal["spread"] | None:
     """Return "spread" for the key `same_time` if rows of one second differ and times are whole seconds.
 
-    None otherwise.
+    None otherwise. Raises DataError if these rows lie so far apart that they are those of several
+    targets. ``kind`` is the type of the rows' sensor; ``in_degrees`` if its angles are in degrees.
     """
+    twice = (np.diff(rows.ticks) == 0) & (np.diff(rows.values, axis=1) != 0.0).any(axis=0)
+    if not twice.any():
+        return None
+    if kind in ("position", "range-azimuth"):
+        places = rows.values[:2]
+        if kind == "range-azimuth":
+            azimuth = places[1] * (UNITS["deg"] if in_degrees else 1.0)
+            places = places[0] * np.stack([np.cos(azimuth), np.sin(azimuth)])
+        if _lie_apart(rows.ticks[:_MOST_COMPARED], places[:, :_MOST_COMPARED]):
+            what = "rows of one time are far apart, and near those of other times: are they several"
+            what += " targets, or false detections?"
+            way = "Give each target a number in a column, and say --set 'columns.run=ITS NAME'"
+            option = "if they are one target, say --set same_time=spread, or mean or last"
+            place = gathered.place(
+                rows, int(np.flatnonzero(twice)[0]) + 1, f"{what} {way}; {option}"
+            )
+            raise DataError(place)
     seconds = len(np.unique(rows.time))
-    if gathered.stepped or (rows.time % 1.0).any() or not 1 < seconds < len(rows.time):
+    if gathered.stepped or (rows.time % 1.0).any() or seconds < 2:
         return None
     # So many rows of one second may be those of many targets.
     if len(rows.time) > _MOST_A_SECOND * seconds:
         return None
-    twice = (np.diff(rows.ticks) == 0) & (np.diff(rows.values, axis=1) != 0.0).any(axis=0)
-    if twice.any():
-        return "spread"
-    return None
+    if gathered.dated and not (rows.time % _DAY).any():
+        return None  # dates without a time of day
+    return "spread"
+
+
+def _check_clock(gathered: Gathered, rows: Rows) -> None:
+    """Raise DataError if a clock was set while it ran: dates of 1970 or 1980 before those of today."""
+    times, first_rows_of_times = np.unique(rows.time, return_index=True)
+    if gathered.stepped or len(times) < _FEWEST_MEASURED:
+        return
+    intervals = np.diff(times)
+    longest = int(np.argmax(intervals))
+    usual = usual_interval(times)
+    if intervals[longest] <= max(_LONGEST_PAUSE, 1e6 * usual):
+        return
+    what = f"time rises by {intervals[longest] / _DAY / 365.25:.3g} years, where rows usually are"
+    what += f" {usual:.6g} s apart: was the clock set only here?"
+    count = int((rows.time <= times[longest]).sum())
+    way = (
+        f"Leave out or correct the rows before ({count}); or give both parts a number in a column,"
+    )
+    row = int(first_rows_of_times[longest + 1])
+    raise DataError(gathered.place(rows, row, f"{what} {way} --set 'columns.run=ITS NAME'"))
+
+
+def _lie_apart(ticks: NDArray[np.integer[Any]], places: Array) -> bool:
+    """Test whether places (2, R) of one time lie farther apart than from those of the next time."""
+    apart = []
+    nearest = []
+    times, first = np.unique(ticks, return_index=True)
+    groups = [places[:, ticks == tick] for tick in times[np.argsort(first)]]
+    for group, following in pairwise(groups):
+        apart += np.hypot(*np.diff(group, axis=1)).tolist()
+        away = group[:, :, None] - following[:, None, :]
+        nearest += np.hypot(*away).min(axis=1).tolist()
+    if not apart:
+        return False
+    # Of false detections most are far from all rows of the next time.
+    return bool(np.quantile(apart, 0.25) > _TIMES_APART * np.quantile(nearest, 0.25))

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Sequence
 from functools import partial
-from itertools import product
+from itertools import pairwise, product
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +21,7 @@ _DAY_FORMS = (
 )
 _TIME_FORMS = (
     "%H:%M:%S|%H:%M:%S.%f|%H:%M:%S,%f|%I:%M:%S %p|%I:%M:%S.%f %p|%H:%M|%I:%M %p|"
-    "%H%M%S|%H%M%S.%f|%H:%M:%S:%f|%H.%M.%S"
+    "%H%M%S|%H%M%S.%f|%H:%M:%S:%f|%H.%M.%S|%H%M"
 )
 _STAMPS = (
     *("%Y%m%d%H%M%S", "%Y%m%d%H%M%S%f", "%Y%m%d%H%M%S.%f", "%Y%m%d%H%M", "%y%m%d%H%M%S"),
@@ -47,6 +47,9 @@ _FORMS = [
 ]
 _CLOCK = re.compile(r"([01]?\d|2[0-3])[0-5]\d([0-5]\d)(?:\.\d*)?")
 _STAMP = re.compile(r"\d{12}|\d{14}(\.\d+|\d{1,6})?")
+_FRACTION = re.compile(r"(\d+(?=[.,])|.*:\d+(?=[.,])|.*:.*:\d+(?=:))[.:,](\d{1,9})")
+_MOST_FRAMES = 60
+"""frames in a second"""
 _DIGITS_ALONE = re.compile(r"(%[YymdHMS])+(\.?%f)?")
 _YEARS = (1950, 2100)
 _LEAST_SECONDS = 10
@@ -76,6 +79,7 @@ def date_form(path: str, times: Sequence[str], dates: Sequence[str], line: int) 
     cells = list(times)
     if dates:
         cells = [f"{date} {time}" for date, time in zip(dates, times, strict=True)]
+    _check_zeros(path, cells, line)
     _, no_numbers = parse_cells(number, [cell.replace(",", ".") for cell in times])
     if not no_numbers:
         is_stamp = all(map(_STAMP.fullmatch, times))
@@ -84,7 +88,7 @@ def date_form(path: str, times: Sequence[str], dates: Sequence[str], line: int) 
         seconds = {match[2] for match in clocks}
         fewest = 1 if dates else _LEAST_SECONDS
         is_clock = len(clocks) == len(times) and len(seconds) >= fewest
-        if not (is_stamp or is_clock):
+        if not (is_stamp or is_clock or _is_clock_without_zeros(times)):
             return DateForm()
     elif is_instant(cells[0]):
         return DateForm(is_date=True)
@@ -98,6 +102,9 @@ def date_form(path: str, times: Sequence[str], dates: Sequence[str], line: int) 
     if "%H:%M" in found and "%M:%S" in found:
         other = "%M:%S"
         found.pop(other)
+    # Numbers of at most four digits are hours and minutes.
+    for form in [form for form in found if form.endswith("%H%M")]:
+        found.pop(f"{form}%S", None)
     # The best form comes first: times that never fall, then the most equal intervals. If two orders of
     # day and month are as good, the month is first only beside a.m. and p.m.
     first, *others = sorted(
@@ -112,7 +119,65 @@ def date_form(path: str, times: Sequence[str], dates: Sequence[str], line: int) 
             what = f"{cells[0]!r} may be a day in either order: say which, "
             way = f"`--set 'time_format=\"{first}\"'` or `--set 'time_format=\"{form}\"'`"
             raise DataError(Place(path, line, 1, what + way))
+    if first.endswith(":%f"):
+        _check_frames(path, cells, first, line)
     return DateForm(form=first, is_date=True, why=f"guess: {_explain_form(first)}", other=other)
+
+
+def _check_zeros(path: str, cells: Sequence[str], line: int) -> None:
+    """Raise DataError if fractions of seconds lack the zeros behind the point: 12.50 before 12.100.
+
+    The numbers behind the point then rise within each second, and the times fall. ``line`` is that of
+    the first cell.
+    """
+    parts = [_FRACTION.fullmatch(cell) for cell in cells]
+    falling = None
+    for row, (before, after) in enumerate(pairwise(parts), 1):
+        if before is None or after is None or before[1] != after[1]:
+            continue
+        if int(after[2]) < int(before[2]):
+            return
+        if float(f"0.{after[2]}") < float(f"0.{before[2]}"):
+            falling = falling or row
+    if falling is not None:
+        what = (
+            f"{cells[falling]!r} comes after {cells[falling - 1]!r}: are there no zeros behind the"
+        )
+        way = "point? Write all digits, such as 12.050 in place of 12.50, or sort the rows by time"
+        raise DataError(Place(path, line + falling, 1, f"{what} {way}"))
+
+
+def _check_frames(path: str, cells: Sequence[str], form: str, line: int) -> None:
+    """Raise DataError if the last part of times such as 10:00:59:24 may be the number of a frame."""
+    last_parts = [cell.rpartition(":")[2] for cell in cells]
+    if all(len(part) <= 2 for part in last_parts) and max(map(int, last_parts)) < _MOST_FRAMES:
+        what = f"{cells[0]!r} may end with the number of a frame"
+        way = "write seconds with decimals, such as 10:00:59.96"
+        option = f"if these are hundredths of a second, say --set 'time_format=\"{form}\"'"
+        raise DataError(Place(path, line, 1, f"{what}: {way}; {option}"))
+
+
+def _is_clock_without_zeros(times: Sequence[str]) -> bool:
+    """Test whether whole numbers are times of day, 959 or 95959, which may lack zeros before them.
+
+    More of their intervals must then be equal than of the numbers: 1100 comes after 1059.
+    """
+    if not all(re.fullmatch(r"\d{1,6}", cell) for cell in times):
+        return False
+    digits = 4 if max(map(len, times)) <= 4 else 6
+    numbers = np.array([int(cell) for cell in times])
+    clock = np.zeros(len(numbers))
+    for size in (1, 100, 10_000)[: digits // 2]:
+        part = numbers // size % 100
+        if part.max() >= (24 if size == 100 ** (digits // 2 - 1) else 60):
+            return False
+        clock += part * 60 ** ((size > 1) + (size > 100))
+    as_clock = np.diff(clock) % (24 * 60 ** (digits // 2 - 1))
+    as_numbers = np.diff(numbers)
+    if len(as_clock) < 3 or (as_clock == as_numbers).all():
+        return False
+    usual_share = [np.unique(d, return_counts=True)[1].max() for d in (as_clock, as_numbers)]
+    return bool(usual_share[0] > usual_share[1])
 
 
 def _is_number(cell: str) -> bool:
@@ -163,7 +228,7 @@ def _has_digits_of(form: str, cell: str) -> bool:
         least = wanted
         most = wanted
         if form_part.startswith("%H"):
-            least = wanted - 1  # 93000 is 9:30:00
+            least = 1  # 93000 is 9:30:00, and 5 is 0:00:05
         elif form_part.endswith("S%f"):
             least = wanted + 1
             most = wanted + 6

@@ -6,9 +6,9 @@ positions. The units with fewest points are written. If several are as likely, t
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -87,6 +87,12 @@ _USUAL_SPEEDS = ((0.05, 400.0, 0.0), (0.01, 3000.0, 1.0), (1e-3, 11200.0, 2.0))
 """Least and largest speed, m/s, and the points within; 4 beyond. 11.2 km/s leaves the Earth."""
 
 
+_STANDSTILL = 0.5
+"""m/s that something may seem to have whose measured speed is 0"""
+_TODAY = (1.0e9, 2.1e9)
+"""seconds since 1970 of the years 2001 to 2036"""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Numbers:
     """Numbers (R,) of one target's rows as they are written, in order of the table.
@@ -147,7 +153,12 @@ def likely_units(
         meters = _meters(numbers.place, place, as_angle)
         moves = _Moves.of_rows(numbers.time * seconds, meters)
         points = place_points + time_points
-        points += _points_of_speed(moves.usual_speed, as_angle)
+        # What stands still by its measured speed only seems to move, by its errors.
+        stands_still = numbers.speed is not None and not np.nan_to_num(numbers.speed).any()
+        if not (stands_still and moves.usual_speed < _STANDSTILL):
+            points += _points_of_speed(moves.usual_speed, as_angle)
+        if stands_still and moves.usual_speed >= _STANDSTILL:
+            points += 1.0
         points += _points_of_interval(numbers.time * seconds, as_angle)
         for speed, speed_points, agrees in _speeds(numbers, known_units, moves, as_angle):
             course, same_way = _course(numbers, known_units, moves, agrees)
@@ -174,6 +185,43 @@ def likely_units(
     ranked = list(best.values())
     limit = ranked[0].points + _MARGIN
     return [candidate for candidate in ranked if candidate.points < limit]
+
+
+def agreeing_reflection(
+    numbers: Numbers, known_units: Mapping[str, str]
+) -> Literal["", "exchanged", "longitude", "latitude"]:
+    """Return the change of latitudes and longitudes with which a measured speed and course agree.
+
+    They are exchanged, or one has the wrong sign. Empty without such a change.
+    """
+    east, north = numbers.place
+    changes: dict[Literal["exchanged", "longitude", "latitude"], Array] = {
+        "exchanged": np.stack([north, east]),
+        "longitude": np.stack([-east, north]),
+        "latitude": np.stack([east, -north]),
+    }
+    points: dict[Literal["", "exchanged", "longitude", "latitude"], float] = {}
+    for change, place in changes.items():
+        first = likely_units(replace(numbers, place=place), known_units)[0]
+        if first.agrees and first.same_way:
+            points[change] = first.points
+    if not points:
+        return ""
+    return min(points, key=lambda change: points[change])
+
+
+def is_direction_of_movement(numbers: Numbers, chosen: Candidate, angles: Array) -> bool:
+    """Test whether angles (R,), rad clockwise from north or anticlockwise from x, are the movement's.
+
+    The positions are those of the ``numbers`` in the ``chosen`` units. True if nothing moves.
+    """
+    seconds = UNITS.get(chosen.time, 1.0)
+    meters = _meters(numbers.place, chosen.place, chosen.as_angle)
+    moves = _Moves.of_rows(numbers.time * seconds, meters)
+    if not np.isfinite(moves.usual_speed):
+        return True
+    along = np.stack([np.sin(angles), np.cos(angles)])
+    return max(_cosine(along, moves), _cosine(along[::-1], moves)) >= _SAME_WAY
 
 
 def is_usual_speed(speed: float) -> bool:
@@ -211,6 +259,9 @@ def _times(
         if not is_date and largest > row.largest:
             points += 3.0
         if row.is_whole and not is_whole:
+            points += 1.0
+        # Seconds since 1970 are likelier than a clock that has run so long in another unit.
+        if row.unit != "s" and not is_date and _TODAY[0] <= largest <= _TODAY[1]:
             points += 1.0
         # Dates in days have fractions of days that are whole seconds; whole days are rare.
         if row.unit == "d" and is_date:
@@ -308,8 +359,13 @@ def _may_be_degrees(numbers: Numbers) -> bool:
     """Test whether x and y, the place in the ``numbers``, may be a longitude and a latitude."""
     has_speed = numbers.speed is not None or numbers.velocity is not None
     is_ais = bool(numbers.words.intersection(_AIS))
+    return (has_speed or is_ais) and look_like_degrees(numbers)
+
+
+def look_like_degrees(numbers: Numbers) -> bool:
+    """Test whether the place in the ``numbers`` has the size and the digits of degrees."""
     # Degrees with less than four digits behind the point would be too coarse, beyond 10 m.
-    if len(numbers.place) != 2 or numbers.least_digits < 4 or not (has_speed or is_ais):
+    if len(numbers.place) != 2 or numbers.least_digits < 4:
         return False
     longitude, latitude = _largest_sizes(numbers.place)
     # 181 and 91 deg are codes of AIS for a missing position.
@@ -506,6 +562,7 @@ def _course(
         units = [known_units["course"]]
     best = ""
     cosine = -1.0
+    swapped = -1.0
     for unit in units:
         course = numbers.course * UNITS[unit]
         # 511 deg is a code of AIS.
@@ -516,7 +573,9 @@ def _course(
         if unit_cosine > cosine + 0.01:
             best = unit
             cosine = unit_cosine
-    return best, cosine >= _SAME_WAY
+            # A course that counts from x is one from north with both axes exchanged.
+            swapped = _cosine(along[::-1], moves)
+    return best, cosine >= _SAME_WAY and cosine > swapped - 0.01
 
 
 def _cosine(velocity: Array, moves: _Moves) -> float:

@@ -811,7 +811,13 @@ def check_turns(gathered: Gathered, rows: Rows, angles: Mapping[str, int]) -> No
             if not fitting and scale == 1.0:
                 fitting = ["deg"]
             way = ""
-            if fitting:
+            if fitting == ["mrad"] and 360.0 < largest <= 400.0:
+                way = "if a turn has 400 gon, write degrees, or "
+            elif fitting == ["mrad"]:
+                way = (
+                    f"say `units: {{{name}: mrad}}`, or write degrees if a turn has 6400 mils, or "
+                )
+            elif fitting:
                 way = f"say `units: {{{name}: {fitting[0]}}}`, or "
             what = f"{what}{more}: {way}correct the cells"
             raise DataError(gathered.place(rows, int(wide[0]), what))

@@ -1,0 +1,141 @@
+"""Questions on tables whose recognized columns are only a part of what was measured.
+
+Each of these tables would be read without an error, and give wrong positions.
+"""
+
+import json
+import re
+from collections.abc import Collection, Mapping
+
+import numpy as np
+
+from trackbench.field_types import DataError, Place
+from trackbench.scenarios.recordings.column_mapping import UNITS
+from trackbench.scenarios.recordings.column_names import columns_of, unit_of, words_of
+from trackbench.scenarios.recordings.guess_sample import Sample
+
+_RADII = (6.33e6, 6.43e6)
+"""m: least and largest distance from the center of the Earth near its surface"""
+_HIGHEST = 1.5e4
+"""m: heights of aircraft and mountains are below"""
+_ZONE = re.compile(r"[1-9]\d?[C-X]?", re.IGNORECASE)
+_ELEVATIONS = ("elevation", "elev", "el", "depression", "elevationangle", "depressionangle")
+_LARGEST_SHARE = 0.005
+"""of a range that its component in the plane may be shorter"""
+
+
+def check_split_angles(sample: Sample, columns: Mapping[str, str]) -> None:
+    """Raise DataError for a latitude or longitude whose minutes are in a column of their own.
+
+    Its degrees then are whole numbers, and a column with a similar name has numbers from 0 to 60.
+    """
+    for quantity in ("latitude", "longitude"):
+        column = columns.get(quantity)
+        degrees = sample.numbers(column) if column else np.array([])
+        degrees = degrees[np.isfinite(degrees)]
+        if not len(degrees) or (degrees % 1.0).any() or np.abs(degrees).max() > 360.0:
+            continue
+        parts = []
+        for name in sample.names:
+            # Without its unit, such as min, the name is that of the latitude, too.
+            is_similar = quantity in columns_of([name]) and name not in columns.values()
+            numbers = sample.numbers(name) if is_similar else np.array([])
+            numbers = numbers[np.isfinite(numbers)]
+            if len(numbers) and ((numbers >= 0.0) & (numbers < 60.0)).all():
+                parts.append(name)
+        if parts:
+            what = (
+                f"{column} has whole degrees, and {' and '.join(parts)} the rest of the {quantity}"
+            )
+            way = f"write one column of decimal degrees, {column} + {parts[0]} / 60"
+            if len(parts) > 1:
+                way += f" + {parts[1]} / 3600"
+            raise DataError(Place(sample.path, sample.line, 1, f"{what}: {way}"))
+
+
+def check_earth_centered(
+    sample: Sample, columns: Mapping[str, str], units: Mapping[str, str]
+) -> None:
+    """Raise DataError if x and y, with a further column, count from the center of the Earth."""
+    if not columns.keys() >= {"x", "y"}:
+        return
+    x = sample.numbers(columns["x"])
+    y = sample.numbers(columns["y"])
+    scales = [UNITS[units["x"]]] if "x" in units else [1.0, 1e3, 1e-2, 1e-3]
+    for name in sample.names:
+        if name in columns.values() or "z" not in "".join(words_of(name)):
+            continue
+        z = sample.numbers(name)
+        radius = np.sqrt(np.square(x) + np.square(y) + np.square(z))
+        known = np.isfinite(radius)
+        if known.sum() < 3:
+            continue
+        for scale in scales:
+            middle = float(np.median(radius[known])) * scale
+            # Northings may be as large; then z is a height.
+            is_height = float(np.median(np.abs(z[known]))) * scale < _HIGHEST
+            if _RADII[0] <= middle <= _RADII[1] and not is_height:
+                names = f"{columns['x']}, {columns['y']} and {name}"
+                what = f"{names} count from the center of the Earth, {middle / 1e3:.0f} km away"
+                way = "convert them to latitude and longitude (EPSG:4978 to EPSG:4326)"
+                raise DataError(Place(sample.path, sample.line, 1, f"{what}: {way}"))
+
+
+def check_zones(sample: Sample, columns: Mapping[str, str], user_columns: Collection[str]) -> None:
+    """Raise DataError if x and y are those of several zones, which have no plane in common.
+
+    A user who named the column of the runs, among ``user_columns``, has answered the question.
+    """
+    if not columns.keys() >= {"x", "y"} or "run" in user_columns:
+        return
+    for name in sample.names:
+        zones = sample.words(name)
+        if "zone" not in words_of(name) or len(zones) < 2:
+            continue
+        # A zone may also be an area, if neither names nor letters are those of UTM.
+        is_utm = "utm" in words_of(name) or {*words_of(columns["x"])} & {"east", "easting"}
+        has_letters = all(zone[-1:].isalpha() for zone in zones)
+        if all(map(_ZONE.fullmatch, zones)) and (is_utm or has_letters):
+            what = f"{name} has {', '.join(zones[:4])}: each zone counts from a meridian of its own"
+            way = "convert all rows to one zone or to latitude and longitude"
+            option = f"--set 'columns.run={json.dumps(name)[1:-1]}' makes each zone a run"
+            where = Place(sample.path, sample.line, 1, f"{what}; {way}; {option}")
+            raise DataError(where)
+
+
+def check_slant_ranges(
+    sample: Sample,
+    columns: Mapping[str, str],
+    units: Mapping[str, str],
+    user_columns: Collection[str],
+) -> None:
+    """Raise DataError if ranges are longer than those in the plane, as elevations beside them say.
+
+    A user who named the column of the range, among ``user_columns``, has answered the question.
+    """
+    if not columns.keys() >= {"range", "azimuth"} or "range" in user_columns:
+        return
+    for name in sample.names:
+        words = [word for word in words_of(name) if word not in UNITS]
+        if "".join(words) not in _ELEVATIONS and not {*words[:1]} & {*_ELEVATIONS}:
+            continue
+        elevation = np.abs(sample.numbers(name))
+        elevation = elevation[np.isfinite(elevation)]
+        if not len(elevation):
+            continue
+        unit = unit_of(name, "elevation") or sample.unit(name, "elevation")
+        if unit is None and elevation.max() > 0.5 * np.pi:
+            unit = "deg"
+        unit = unit or units.get("azimuth", "deg")
+        share = 1.0 - float(np.cos(np.median(elevation) * UNITS[unit]))
+        if not _LARGEST_SHARE < share < 1.0:
+            continue
+        column = json.dumps(columns["range"])[1:-1]
+        what = (
+            f"{name} usually is {np.median(elevation):.3g} {unit}, so that a slant range is longer"
+        )
+        what += f" by {100.0 * share:.2g} % than the distance in the plane"
+        way = f"write {columns['range']} * cos({name}) into a column, or use the sensor"
+        way += " range-azimuth-elevation"
+        option = f"if ranges are along the ground, say --set 'columns.range={column}'"
+        raise DataError(Place(sample.path, sample.line, 1, f"{what}: {way}; {option}"))

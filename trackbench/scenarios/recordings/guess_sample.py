@@ -1,0 +1,77 @@
+"""First rows of a table as text and numbers, from which a guess at its format is made."""
+
+from dataclasses import replace
+
+from trackbench.core.arrays import Array
+from trackbench.scenarios.recordings.column_names import other_unit_in_line, unit_in, words_of
+from trackbench.scenarios.recordings.csv_lines import TextFormat, layout_of
+from trackbench.scenarios.recordings.csv_tables import (
+    first_rows,
+    is_parquet,
+    number,
+    parse_cells,
+    without_thousands,
+)
+
+_SAMPLE = 10_000  # rows
+
+
+class Sample:
+    """First rows of a table, as text."""
+
+    def __init__(self, path: str, names: list[str], form: TextFormat) -> None:
+        """Read the first rows of a file with these columns, and the lines that may have units."""
+        self.path = path
+        self.names = names
+        self.line = 1 if is_parquet(path) else layout_of(path, form).before + 1
+        """line of the first row"""
+        self._rows = first_rows(path, form, _SAMPLE)
+        self._thousands = form.thousands
+        self._units: list[list[str]] = []
+        """lines between the names and the first row, which may have units"""
+        if form.skip:
+            self._units = first_rows(path, replace(form, skip=0), form.skip)
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def cells(self, column: str) -> list[str]:
+        """List the cells of a column; empty cells for the name "", no cells for an unknown name."""
+        if not column and column not in self.names:
+            return [""] * len(self)
+        if column not in self.names:
+            return []
+        place = self.names.index(column)
+        return [cells[place] for cells in self._rows]
+
+    def words(self, column: str) -> list[str]:
+        """List the words in a column."""
+        return [word for word in dict.fromkeys(self.cells(column)) if word]
+
+    def numbers(self, column: str) -> Array:
+        """Parse the numbers of a column, NaN for what is none."""
+        cells = self.cells(column)
+        if self._thousands:
+            cells = [without_thousands(cell, self._thousands) for cell in cells]
+        values, _ = parse_cells(number, [cell.replace(",", ".") for cell in cells])
+        return values
+
+    def unit(self, column: str, quantity: str) -> str | None:
+        """Return the unit of a quantity's column from the lines of units; None without one."""
+        if column not in self.names:
+            return None
+        place = self.names.index(column)
+        for row in self._units:
+            unit = unit_in(words_of(f"({row[place]})"), quantity)
+            if unit:
+                return unit
+        return None
+
+    def other_unit(self, column: str) -> str | None:
+        """Return a unit that no recording may have from the lines of units; None without one."""
+        place = self.names.index(column)
+        for row in self._units:
+            unit = other_unit_in_line(row[place])
+            if unit:
+                return unit
+        return None
