@@ -233,6 +233,8 @@ def test_seeds_belong_to_runs(tmp_path: Path) -> None:
 WRONG = {
     "print('1 2 3', flush=True)": "run 0, step 0: the program answers 3 numbers, not 4 of a mean",
     "print(*['x'] * 4, flush=True)": "run 0, step 0: the program answers 'x', which is no number",
+    "print('1_0', *[1] * 3, flush=True)": "step 0: the program answers '1_0', which is no number",
+    "print(f'\\n{good}', flush=True)": "step 0: the program answers an empty line",
     "print(*[1] * 6, 2, *[1] * 13, flush=True)": (
         "not symmetric: row 1, column 3 and its mirror image are 2 and 1"
     ),

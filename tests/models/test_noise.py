@@ -13,9 +13,11 @@ from trackbench.config.load import load
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.run_filter import FilterOutput, run_filter
+from trackbench.field_types import InvalidKeyError
 from trackbench.models.base import log_likelihood
 from trackbench.models.sensors.base import StackedSensor
 from trackbench.models.sensors.function import FunctionSensor, Noise, draw_poisson, log_poisson
+from trackbench.plugins.errors import message_of
 from trackbench.scenarios.base import Simulation
 
 LEVEL = 1e-3  # of the tests of draws, for a fixed seed
@@ -266,3 +268,24 @@ def test_the_bound_is_refused_where_noise_depends_on_the_state(tmp_path: Path) -
     why = scenario("R: exp(x)", tmp_path).why_no_bound
     assert "depends on the state" in why
     assert scenario("R: exp(k/10)", tmp_path).why_no_bound is None
+
+
+@pytest.mark.parametrize(
+    ("h", "keys", "where"),
+    [
+        ("x", {"R": "x"}, "R: step 3: the variance of z is -0.5 at x = -0.5"),
+        ("x", {"R": "x", "noise": T4}, "R: step 3: the variance of z is -0.5 at x = -0.5"),
+        ("log(x)", {"R": 1.0}, "h: step 3: z is no number at x = -0.5"),
+    ],
+)
+def test_a_measurement_that_is_no_number_is_not_taken_for_a_missing_one(
+    h: str, keys: dict[str, Any], where: str
+) -> None:
+    """A true state that is unknown has no measurement, which is no mistake."""
+    known = sensor(h, **keys)
+    rng = RunStreams(1, range(3))
+    z = known.measure(np.array([[2.0, np.nan, 0.5]]), 3, np.zeros((1, 3)), rng)
+    assert np.isnan(z).tolist() == [[False, True, False]]
+    with pytest.raises(InvalidKeyError) as caught:
+        known.measure(np.array([[2.0, -0.5, np.nan]]), 3, np.zeros((1, 3)), rng)
+    assert message_of(caught.value).startswith(where)

@@ -530,3 +530,26 @@ def test_a_number_that_is_zero_in_every_run_has_no_mark(tmp_path, rng) -> None:
     A = rng.random(M)
     assert folder(tmp_path, {"A": A, "B": A + 1.0 + A * A}).tables["t"].best == {(0, 0)}
     assert folder(tmp_path, {"A": 0.0 * A, "B": A}).tables["t"].best == set()
+
+
+def test_a_smoother_below_the_bound_of_filters_is_named(tmp_path) -> None:
+    text = """
+name: below
+runs: 10
+bound: PCRLB
+smoothed: [KF]
+scenario:
+  kind: tracking
+  last: 20
+  target: {kind: driven, motion: {kind: cwna, q: 0.1}, launch: {x: 0, y: 0, vx: 1, vy: 1}}
+  sensor: {kind: position, sigma: 5}
+  start: {kind: gaussian, sigma: [5, 1, 5, 1]}
+filters:
+  KF: {kind: kf}
+  Lag: {kind: kf, smooth: {lag: 5}}
+"""
+    ran(tmp_path, text)
+    (table,) = ranking_tables(Results(tmp_path / "out"))
+    (note,) = [note for note in table.notes if note.startswith("The bound is that of filters")]
+    assert "KF, smoothed" in note
+    assert "Lag" in note

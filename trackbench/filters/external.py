@@ -394,9 +394,13 @@ def _read_numbers(answers: Sequence[str], n: int) -> Array:
         if len(fields) != size or size not in (n, n + n * n):
             sizes = f"{n} of a mean, or {n + n * n} of a mean and a covariance"
             raise ProgramError(f"the program answers {len(fields)} numbers, not {sizes}", i)
+    text = " ".join(answers)
     try:
-        numbers = np.array(" ".join(answers).split(), dtype=np.float64).reshape(-1, size)
+        numbers = np.array(text.split(), dtype=np.float64).reshape(-1, size)
     except ValueError:
+        numbers = None
+    # numpy reads 1_0 as ten.
+    if numbers is None or "_" in text:
         i, word = next(_words(answers))
         raise ProgramError(f"the program answers {word[:60]!r}, which is no number", i) from None
     if size > n:
@@ -488,6 +492,9 @@ def _words(answers: Sequence[str]) -> Iterator[tuple[int, str]]:
             try:
                 np.array([word], dtype=np.float64)
             except ValueError:
+                yield i, word
+                continue
+            if "_" in word:
                 yield i, word
 
 

@@ -126,6 +126,9 @@ class Program:
                         raise self._broken("answers a line that does not end", answered)
         whole = b"".join(received).decode(errors="replace")
         *answers, rest = whole.split("\n", len(lines))
+        for i, answer in enumerate(answers):
+            if not answer.strip():
+                raise self._broken("answers an empty line", i)
         if rest:
             raise self._broken(f"answers more than one line: {_shorten(rest)}", len(lines) - 1)
         return answers

@@ -15,6 +15,7 @@ from typing import NoReturn
 
 from trackbench.errors import RunError
 from trackbench.extension_points import foreign_parts, is_foreign, walk_parts
+from trackbench.field_types import InvalidKeyError
 from trackbench.filters.base import WrongReturnError
 from trackbench.registry import registered_kinds
 
@@ -80,6 +81,8 @@ def message_of(error: BaseException) -> str:
     text = " ".join(str(error).split())
     if isinstance(error, RunError | WrongReturnError):
         return text
+    if isinstance(error, InvalidKeyError):
+        return ": ".join([*map(str, error.path), text])
     if not text:
         return type_name
     return f"{type_name}: {text}"

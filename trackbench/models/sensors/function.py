@@ -331,7 +331,8 @@ class FunctionSensor(SensorBase):
         """Return h (n_z, *batch) and the roots of R's diagonal (n_z, *batch)."""
         h, R = self._programs
         x = x[: len(self.state)]
-        scale = np.sqrt(linalg.diagonal(R(x, k)))
+        with np.errstate(invalid="ignore"):  # a negative variance, which `_check_drawn` reports
+            scale = np.sqrt(linalg.diagonal(R(x, k)))
         return with_trailing(h(x, k), x.ndim - 1), with_trailing(scale, x.ndim - 1)
 
     @property
@@ -357,11 +358,44 @@ class FunctionSensor(SensorBase):
             value = value + row
         return np.broadcast_to(value, x.shape[1:])
 
+    def draw(self, x: Array, k: int, noise: Array) -> Array:
+        """Draw measurements (n_z, M) of true states x; ``noise`` (n_z, M) is standard normal."""
+        with np.errstate(invalid="ignore"):  # of what is no number, which is reported
+            z = super().draw(x, k, noise)
+        self._check_drawn(z, x, k)
+        return z
+
+    def _check_drawn(self, z: Array, x: Array, k: int) -> None:
+        """Raise InvalidKeyError for a drawn measurement z (n_z, M) that is NaN at a known true state x.
+
+        Filters would take it for a missing one.
+        """
+        state = np.broadcast_to(x[: len(self.state)], (len(self.state), z.shape[1]))
+        wrong = np.isnan(z) & ~np.isnan(state).any(axis=0)
+        if not wrong.any():
+            return
+        row, run = np.argwhere(wrong)[0].tolist()
+        values = zip(self.state, state[:, run].tolist(), strict=True)
+        where = ", ".join(f"{name} = {value:.4g}" for name, value in values)
+        h, _, R = self._programs
+        variance = linalg.diagonal(R(state[:, run : run + 1], k)).ravel()[row]
+        component = self.components[row]
+        if np.isnan(h(state[:, run : run + 1], k)[row]).any():
+            raise InvalidKeyError(f"step {k}: {component} is no number at {where}", "h")
+        if variance < 0.0:
+            what = f"step {k}: the variance of {component} is {variance:.4g} at {where}; "
+            raise InvalidKeyError(
+                f"{what}write it so that it is never negative, as `max(0, ...)`", "R"
+            )
+        raise InvalidKeyError(f"step {k}: it is no covariance at {where}", "R")
+
     def draw_known(self, x: Array, k: int, noise: Array, rng: Streams) -> Array:
         """Draw measurements (n_z, M) of true states x; ``noise`` (n_z, M) is standard normal."""
         h, scale = self._mean_and_scale(x, k)
         if not self.is_count:
-            return h + scale * self._known_noise.draw(noise, rng)
+            z = h + scale * self._known_noise.draw(noise, rng)
+            self._check_drawn(z, x, k)
+            return z
         try:
             return draw_poisson(np.broadcast_to(h, noise.shape), rng.random(noise.shape))
         except ValueError as error:

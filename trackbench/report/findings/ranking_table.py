@@ -132,6 +132,12 @@ def _ranking_table(results: Results, ranking: Ranking, of_settings: bool) -> Tex
             f"Diverged: {phrases.listed(diverged_texts)}. The last ten estimates of these runs are "
             "outside their own confidence regions."
         )
+    smoothers = _smoothers_below_bound(results, ranking)
+    if smoothers and not of_settings:
+        table.notes.append(
+            f"The bound is that of filters: {phrases.listed(smoothers)} may lie below it by later "
+            "measurements."
+        )
     has_times = any(row[-1].text != "–" for row in table.rows)
     if 1 < ranking.runs < _FULL_BLOCK and has_times:
         table.notes.append("CPU times: a run takes less in blocks of more runs.")
@@ -232,6 +238,25 @@ def _row(
         Text(consistency_word or "–"),
         Text(time, seconds),
     ]
+
+
+def _smoothers_below_bound(results: Results, ranking: Ranking) -> list[str]:
+    """List the smoothers whose error is smaller than the bound."""
+    point = results.points()[0] | ranking.scene
+    summary = results.columns("summary", point)
+    of_metric = summary.where(metric=f"rms({ranking.metric.metric})").records()
+    bounds = [row["value"] for row in of_metric if row["filter"] == results.config.get("bound")]
+    if not bounds:
+        return []
+    filters = results.config.get("filters", {})
+    smoothed_labels = {f"{label}, smoothed" for label in results.config.get("smoothed", ())}
+    below = []
+    for candidate in ranking.order:
+        label = candidate.label
+        is_smoother = label in smoothed_labels or filters.get(label, {}).get("smooth")
+        if is_smoother and candidate.overall.value < bounds[0]:
+            below.append(label)
+    return below
 
 
 def _unranked_rows(
