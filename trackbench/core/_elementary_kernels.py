@@ -325,6 +325,7 @@ def logarithms() -> tuple[Array, Array]:
     down = [0]
     for b, a in pairwise(reversed(below)):
         down.append(down[-1] - _log_ratio(b, a))
+    # One is the last edge below and the first above, and is taken once.
     edges = np.array([n / (2 * LOGS) for n in below[:-1]] + [n / LOGS for n in above])
     return _round_entries([*down[:0:-1], *up]), fixed(1.0 / edges)
 
@@ -351,6 +352,7 @@ def circle() -> tuple[Array, Array]:
     quarter = sines[: TURNS // 8 + 1] + cosines[TURNS // 8 - 1 :: -1]
     half = quarter[:-1] + quarter[:0:-1]
     wave = _round_entries(half + [-s for s in half])
+    # The cosine is the sine a quarter of a turn later.
     return fixed(np.roll(wave, -TURNS // 4)), wave
 
 
@@ -429,7 +431,7 @@ def _series(angle: int, first: int) -> int:
         total += term
         term = -(term * square >> _BITS) // ((n + 1) * (n + 2))
         n += 2
-        if term == -1:
+        if term == -1:  # a negative term below the last bit, which `>>` rounds down
             break
     return total
 

@@ -102,7 +102,7 @@ def by_rank(
 ) -> Array:
     """Apply a function to distances ``squared`` (T, M) and their degrees of freedom, ``rank`` (T, M).
 
-    NaN where there are none. If ``rank`` is None, all have n.
+    Return NaN where the rank is 0. If ``rank`` is None, all have n degrees of freedom.
     """
     value = function(squared, n)
     if rank is None:

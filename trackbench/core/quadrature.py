@@ -172,6 +172,7 @@ def condition(
     for panel in panels:
         reachable = origins(panel.x)
         predicted = sum(_push_forward(old, panel.x, transition, reachable) for old in prior)
+        # The new panel's own density is 1, or 0 if the measurement is impossible in all runs.
         joint.append(panel._replace(density=likelihood(panel.x) * predicted * panel.density))
     # Step 2: divide by the mass of all panels.
     with np.errstate(invalid="ignore", divide="ignore"):

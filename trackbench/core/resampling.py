@@ -160,9 +160,9 @@ def _cumulative(w: Array) -> Array:
 
 
 def _tally(cdf: Array, u: Array, drawn: np.typing.NDArray[np.bool_]) -> Index:
-    """Count how many of the ``drawn`` draws u (M, size) select each particle.
+    """Count how many of the draws u (M, size) select each particle.
 
-    ``cdf`` (M, N) are cumulative weights.
+    ``cdf`` (M, N) are cumulative weights, and ``drawn`` (M, size) marks the draws that count.
     """
     runs, N = cdf.shape
     row = np.arange(runs)[:, None]

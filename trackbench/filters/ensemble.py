@@ -9,7 +9,7 @@ from numpy.random import Generator
 
 from trackbench.core import kalman, linalg, particles
 from trackbench.core.angles import bring_together, mean_direction, near
-from trackbench.core.arrays import Array, note, with_trailing
+from trackbench.core.arrays import Array, count_operations, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian, draw_covering
 from trackbench.core.kalman import Innovation
 from trackbench.core.particles import Evidence, Particles, equal_weights
@@ -167,7 +167,7 @@ class EnKF(SmoothingFilter[Ensemble], EnsembleFilter):
         # Step 3: K = C S^-1, C = cov(x, z), S = cov(z, z) + R.
         C_transposed = linalg.transpose(_cross_cov(dx, dz))
         C_transposed, S = kalman.drop_missing(C_transposed, _cross_cov(dz, dz) + R, missing)
-        note("covariances", S, components=2)
+        count_operations("covariances", S, component_axes=2)
         K = linalg.matmul(linalg.transpose(C_transposed), linalg.inverse(S))
         # Step 4: correct the members.
         if self.form == "etkf":

@@ -258,7 +258,7 @@ class External(Filter[ProgramState]):
                 program = pool.program_of_run(run, state.line)
                 answers, repeated = program.exchange(state.line, lines, run)
                 numbers = _read_numbers(answers, n)
-                if repeated:
+                if repeated:  # the program began the run again, up to the state
                     again = _read_numbers(repeated[-1:], n)[0]
                     _check_repeated(again, state, run)
             except ProgramError as error:
@@ -368,8 +368,10 @@ def _step_lines(model: Model, before: _Line, z: Array, k: int) -> Iterator[_Line
     for i in range(z.shape[1]):
         number = before.number + 1
         length = step_length(model, k + i)
-        # A product has no rounding error that grows from step to step.
-        time = number * length if hasattr(model.motion, "T") else before.time + length
+        time = before.time + length
+        if hasattr(model.motion, "T"):
+            # All steps are of one length: a product has no rounding error that grows from step to step.
+            time = number * length
         lines = [f"step {time:.17g} {_fields(z_of_run)}" for z_of_run in z[:, i].T]
         if inputs is not None:
             inputs_of_step = _fields(np.array(inputs.at(k + i)))
@@ -463,12 +465,16 @@ def _check_repeated(again: Array, state: ProgramState, run: int) -> None:
     """
     n = len(state.mean)
     mean = again[:n]
-    cov = np.full((n, n), np.nan) if len(again) == n else again[n:].reshape(n, n)
+    cov = np.full((n, n), np.nan)  # that of a program that answers only means
+    if len(again) > n:
+        cov = again[n:].reshape(n, n)
     has_same_mean = np.array_equal(state.mean[:, run], mean, equal_nan=True)
     has_same_cov = np.array_equal(state.cov[:, :, run], cov, equal_nan=True)
     if not (has_same_mean and has_same_cov):
         what = "a run that begins again has other estimates: "
-        raise ProgramError(f"{what}does `init` set all of the state, and SEED all noise?", -1)
+        hint = "does `init` set all of the state, and SEED all noise?"
+        # The wrong answer is that of the step before the new lines.
+        raise ProgramError(f"{what}{hint}", answered=-1)
 
 
 def _stamps(tracker: External) -> list[tuple[int, ...]]:

@@ -157,6 +157,7 @@ class EvolutionFilter(ProposalFilter):
         """Report as idle the keys of an evolution without generations, and unused final weights."""
         idle = super().idle_keys(scenario)
         if self.G == 0:
+            # T0, rho and `select` are keys of HDEPF only.
             keys = ["F", "CR", "T0", "rho"]
             keys += [f"reading.{key}" for key in ("fitness", "keep_best", "bounds", "select")]
             idle |= dict.fromkeys(keys, "with `G: 0`")

@@ -121,6 +121,7 @@ class ProposalFilter(Filter[PFState]):
         effective sample size of the draws. ``distinct_particles``: particles that are no copies after
         resampling or evolution. Both are shares of N.
         """
+        # Copies have equal first components, which sorting puts side by side.
         distinct = particles.distinct_share(np.sort(state.particles.x[0]))
         return state.diagnostics() | {"distinct_particles": distinct}
 
@@ -181,7 +182,9 @@ class KalmanProposalFilter(ProposalFilter):
         state = super().init(model, prior, rng)
         shape = state.particles.x.shape
         # All particles of all runs start with one covariance.
-        cov = prior.cov if self.P0 is None else self.P0 * np.eye(len(prior.mean))
+        cov = prior.cov
+        if self.P0 is not None:
+            cov = self.P0 * np.eye(len(prior.mean))
         P = np.broadcast_to(with_trailing(cov, 2, leading=2), (shape[0], *shape))
         return state._replace(P=P)
 

@@ -89,11 +89,13 @@ class Program:
 
     def exchange(self, lines: Sequence[str]) -> list[str]:
         """Send the lines and return the answers, one a line; raises ProgramError."""
+        # Nothing is owed before the lines are sent.
         with suppress(BlockingIOError):
             surplus = os.read(self._stdout.fileno(), _CHUNK)
             if surplus:
                 text = surplus.decode(errors="replace")
                 raise self._broken(f"answers more than one line: {_shorten(text)}", 0)
+        # Write what the program takes, and read what it answers, until every line has its answer.
         waiting = memoryview("".join(f"{line}\n" for line in lines).encode())
         received = list[bytes]()
         answered = 0

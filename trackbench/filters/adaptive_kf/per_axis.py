@@ -172,13 +172,13 @@ def augmented_start(state: Gaussian, z: Array, T: float, R: float) -> Gaussian:
     1982, eqs. 21-29). R is the variance of z.
     """
     x, v = state.mean
-    # With e = z - x - T v and var(z) = R, the covariances of z, v + T a and a follow.
     p11 = state.cov[0, 0]
     p12 = state.cov[0, 1]
     p22 = state.cov[1, 1]
     # Mean: a = 2 e / T^2 with e = z - x - T v.
     a = 2.0 / (T * T) * (z - x - T * v)
     mean = np.stack([z, v + T * a, a])
+    # With var(z) = R the covariances of z, v + T a and a follow.
     P11 = np.full_like(p11, R)
     P12 = np.full_like(p11, 2.0 * R / T)
     P13 = np.full_like(p11, 2.0 * R / (T * T))
