@@ -223,8 +223,10 @@ def once(function: F) -> F:
 
     @wraps(function)
     def call(*matrices: Array) -> Any:
+        """Return the stored result of equal matrices, or call the function and store its result."""
         if matrices[0].ndim > 2:  # has a batch axis, so it is not constant
             return function(*matrices)
+        # Look up by identity first, then by value.
         identities = tuple([id(A) for A in matrices])
         entry = by_identity.get(identities)
         if entry is not None:

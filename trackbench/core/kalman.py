@@ -50,6 +50,7 @@ class Innovation(NamedTuple):
         if not any_nan(self.nu):
             return linalg.mahalanobis(self.nu, self.S, self.root)
         missing = np.isnan(self.nu)
+        # A missing component has the row of a unit matrix in S, and so a zero adds nothing.
         nis = linalg.mahalanobis(np.where(missing, 0.0, self.nu), self.S, self.root)
         return np.where(missing.all(axis=0), np.nan, nis)
 

@@ -111,12 +111,13 @@ class Plane:
 
 def over_prior(prior: Gaussian, n: int) -> Plane:
     """Put a prior N(mean (2,), cov) on n by n nodes over 8.5 standard deviations."""
+    # On these axes the prior has unit covariance.
     basis = linalg.cholesky(prior.cov)
-    span = np.full(2, np.sqrt(2.0 * _DEPTH))
+    span = np.full(2, np.sqrt(2.0 * _DEPTH))  # 8.5
     center = linalg.matvec(_inverse(basis), prior.mean)
     box = Box(basis, center - span, 2.0 * span / n, (n, n))
-    scale = LOG_2PI + log(abs(_determinant(basis)))
-    return Plane(box, _normal_part(prior, box.nodes) - scale)
+    log_norm = LOG_2PI + log(abs(_determinant(basis)))
+    return Plane(box, _normal_part(prior, box.nodes) - log_norm)
 
 
 def condition(

@@ -254,7 +254,8 @@ class ParticlePosterior(Posterior):
     def _distances(self, x: Array) -> tuple[Array, Array]:
         """Return squared Mahalanobis distances of x (M,) and each particle (M, N) from all others.
 
-        If x and N equal particles are draws from one distribution, these are exchangeable.
+        The moments of all others are those of x and the particles without the one that is measured. If x
+        and N equal particles are draws from one distribution, the N + 1 distances are exchangeable.
         """
         x_i = self.particles.x[: len(x)]
         w = self.particles.w

@@ -136,8 +136,11 @@ def residual(w: Array, rng: Streams, size: int) -> Index:
     certain = np.floor(expected + 1e-12).astype(np.intp)  # 1/N summed N times is not quite 1
     # Step 2: draw the missing ones from the remaining weights.
     missing = size - certain.sum(axis=-1, keepdims=True)
-    rest = np.maximum(expected - certain, 0.0) + 1e-300
+    rest = (
+        np.maximum(expected - certain, 0.0) + 1e-300
+    )  # their sum is not zero where none is missing
     cdf = _cumulative(rest / total(rest)[:, None])
+    # Of the draws only the first `missing` ones of a run count.
     return certain + _tally(cdf, rng.random((runs, size)), np.arange(size) < missing)
 
 

@@ -137,9 +137,9 @@ class GaussHermite:
         # Step 1: every combination of the axes' (node, weight); the center, of zeros alone, is first.
         grid = list(product(self.nodes, repeat=len(mean)))
         grid.sort(key=lambda point: any(x for x, _ in point))
-        if self.order % 2 == 0:
+        if self.order % 2 == 0:  # no node of an axis is zero
             grid.insert(0, ((0.0, 0.0),) * len(mean))
-        nodes, factors = np.moveaxis(np.array(grid), -1, 0)
+        nodes, factors = np.moveaxis(np.array(grid), -1, 0)  # (points, n) each
         # Step 2: x_i = m + L e_i, and a weight is the product of the axes' weights.
         points = [mean + linalg.matvec(root, with_axes_of(mean, e)) for e in nodes.copy()]
         weights = np.array([prod(row) for row in factors.tolist()])

@@ -215,6 +215,7 @@ class External(Filter[ProgramState]):
         for run, seed in enumerate(run_seeds(rng, prior.mean.shape[1])):
             moments = [prior.mean[:, run], prior.cov[..., run].ravel()]
             lines.append(f"init {seed} 0 {_fields(np.concatenate(moments))}")
+        # Before the first line there are no estimates; only the number of components is read.
         nothing = np.full((len(prior.mean), len(lines)), np.nan)
         before = ProgramState(hello=self._hello(model), line=None, mean=nothing, cov=nothing[None])
         first = _Line(lines, number=0, time=0.0, before=None)
@@ -395,12 +396,14 @@ def _read_numbers(answers: Sequence[str], n: int) -> Array:
         fields = answer.split()
         if len(fields) != size or size not in (n, n + n * n):
             sizes = f"{n} of a mean, or {n + n * n} of a mean and a covariance"
-            raise ProgramError(f"the program answers {len(fields)} numbers, not {sizes}", i)
+            what = f"the program answers {len(fields)} numbers, not {sizes}"
+            raise ProgramError(what, answered=i)
     try:
         numbers = np.array(" ".join(answers).split(), dtype=np.float64).reshape(-1, size)
     except ValueError:
         i, word = next(_words(answers))
-        raise ProgramError(f"the program answers {word[:60]!r}, which is no number", i) from None
+        what = f"the program answers {word[:60]!r}, which is no number"
+        raise ProgramError(what, answered=i) from None
     if size > n:
         _check_symmetric(numbers[:, n:].reshape(-1, n, n))
     return numbers
@@ -427,7 +430,7 @@ def _check_symmetric(P: Array) -> None:
         numbers = f"{P[i, row, column]:.6g} and {P[i, column, row]:.6g}"
         where = f"row {row + 1}, column {column + 1} and its mirror image"
         what = f"the program answers a covariance that is not symmetric: {where} are {numbers}"
-        raise ProgramError(what, i)
+        raise ProgramError(what, answered=i)
 
 
 def few_digits(mean: Array, cov: Array) -> str:
@@ -448,6 +451,7 @@ def few_digits(mean: Array, cov: Array) -> str:
             return f"at most {counted(digits, 'digit')}"
     for decimals in range(1, _MOST_DECIMALS + 1):
         whole = x * 10.0**decimals
+        # Of larger numbers the digits before the point leave none behind it.
         is_small = np.abs(whole) < 10.0**_MOST_DIGITS
         is_whole = np.abs(whole - np.rint(whole)) < _NEARLY_WHOLE
         if is_small.sum() >= _LEAST_NUMBERS and is_whole[is_small].all():

@@ -296,7 +296,7 @@ def _largest_difference(both: Resolved) -> float:
     """Return the largest difference of a run's mean or variance from those of the check.
 
     Differences of means are relative to the standard deviation, those of variances to the variance. The
-    result is infinite if one of both is NaN in a run.
+    result is infinite if one of both is NaN in a run, and zero if both are.
     """
     moments = quadrature.moments(both.posterior)
     check = quadrature.moments(both.check)

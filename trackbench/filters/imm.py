@@ -382,7 +382,10 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         models = self.models(model)
 
         def smooth_one_back(step: int, later: ModelBank) -> ModelBank:
-            """Smooth the models' states and weights of a step by the smoothed ones of the next step."""
+            """Smooth states and weights of the models in ``states[step]``, that of step k + step.
+
+            ``later`` are those of the next step, smoothed.
+            """
             bank = states[step]
             priors = [per_run_moments(state) for state in bank.states]
             _, mixing = predict_weights(bank.weights, np.array(self.transition))
@@ -391,7 +394,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
             for j, model_j in enumerate(models):
                 # Step 1: predict each state i by model j.
                 transitions = [
-                    self._cross_transition(model_i, prior, model_j, priors[j], k + 1 + step)
+                    self._cross_transition(model_i, prior, model_j, priors[j], k + step + 1)
                     for model_i, prior in zip(models, priors, strict=True)
                 ]
                 # Step 2: x_{k+1} given i, j and all z; Pr(i, j | all z) = mu_j|T p_ij mu_i c_ij / c_j.
@@ -518,6 +521,7 @@ def _steps_of(
             nis=interacting.nis[steps],
             innovations=tuple(innovations),
             predicted=interacting.predicted_weights[:, steps],
+            # Without a gate nothing is refused.
             refused=np.zeros(z[:, steps].shape, dtype=np.bool_),
             gated=np.zeros(z[0, steps].shape),
             measurement_weight=None,

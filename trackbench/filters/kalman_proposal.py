@@ -148,16 +148,16 @@ class ProposalFilter(Filter[PFState]):
         prior = model.motion.transition(origin, k)
 
         def log_target(x: Array) -> Array:
-            """Return the log-density that the proposals aim at."""
+            """Return ``log p(z_k | x) + log p(x | origin)`` (M, N) of particles x (n, M, N)."""
             # log p(z_k | x), in the arithmetic of the key `weights`
-            likelihood = read_likelihood(log_likelihood(model.sensor, z, x, k), arithmetic)
+            log_p_z = read_likelihood(log_likelihood(model.sensor, z, x, k), arithmetic)
             if transition == "model":
-                return likelihood + prior.log_prob(x)
+                return log_p_z + prior.log_prob(x)
             # The increment v has the density of the noise. As in the public demo it is not cut at v = 0:
             # v^2 exp(-2 v) grows without bound for v < 0.
             noise = cast(GammaMotion, model.motion).noise
             v = x[0] - origin[0]
-            return likelihood + (noise.shape - 1.0) * log(np.abs(v)) - noise.rate * v
+            return log_p_z + (noise.shape - 1.0) * log(np.abs(v)) - noise.rate * v
 
         return log_target
 

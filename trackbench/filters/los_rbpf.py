@@ -310,7 +310,7 @@ def _kalman_gain(P: Array, variance: float, missing: Mask) -> tuple[Array, Array
     measurement is ``missing`` (M,) have the gain zero.
     """
     count_operations("covariances", P, component_axes=2)
-    # S = P11 + R,  K = P h / S,  P' = P - K S K'
+    # S = P11 + R,  K = P h / S,  P' = P - K S K', with h = [1, 0]'
     S = P[0, 0] + variance
     K = np.where(missing, 0.0, P[:, 0] / S)
     return K, S, P - linalg.outer(K, K) * S

@@ -115,7 +115,7 @@ class PlaneGrid(Filter[Planes]):
             except UnresolvedError as error:
                 raise self._unresolved(k, f": {error}") from None
         planes = Planes(posteriors=tuple(posteriors), checks=tuple(checks))
-        if not _largest_difference(planes) <= _TOLERANCE:
+        if not _largest_difference(planes) <= _TOLERANCE:  # or NaN
             raise self._unresolved(k, "")
         for i in angle_rows(model.motion):
             if _most_beyond_half_a_turn(planes.posteriors, i) > _NEGLIGIBLE:

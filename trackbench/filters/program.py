@@ -145,7 +145,7 @@ class Program:
             raise self._broken(self._describe_end(), answered) from None
 
     def _describe_end(self) -> str:
-        """Return how the program ended."""
+        """Return how the program ended, or that it closed its output if it still runs."""
         with suppress(subprocess.TimeoutExpired):
             code = self._process.wait(_END_S)
             names = {number.value: number.name for number in signal.Signals}
@@ -195,7 +195,7 @@ class Program:
     def kill(self) -> None:
         """Kill the program with all that it started, and keep the last lines that it wrote on stderr."""
         _running.discard(self)
-        _ended_s.append(self.cpu_s)
+        _ended_s.append(self.cpu_s)  # for `programs_cpu_s`
         # The guard is the shell that would kill the program's process group if this process ended.
         self._guard.kill()
         self._guard.communicate()

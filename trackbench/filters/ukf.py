@@ -387,8 +387,8 @@ def _scalar_step(
 ) -> Updated | None:
     """Return what `augmented_step` does, by points of the three scalars x, v and n.
 
-    None if state or measurement has several components, or an angle is measured, or `scalar_points` has
-    no kernel, or a measurement is missing, or the variance would lose its digits.
+    None if state or measurement has several components, an angle is measured, the noise depends on the
+    state, a measurement is missing, the variance would lose its digits, or there are no C kernels.
     """
     if not isinstance(rule, Unscented) or isinstance(state, Factored):
         return None
@@ -397,7 +397,7 @@ def _scalar_step(
     points = rule.scalar_points(state)
     if points is None:
         return None
-    # Predict: f(x) and f(mean) +- v. A process noise that depends on the state has a variance per point.
+    # Predict: f(x) and f(mean) +- v. None if Q depends on the state, and so has a value per point.
     moved = assumed.transition(model, points.x, k)
     predicted = points.add_noise(moved.mean, moved.cov)
     if predicted is None:

@@ -190,6 +190,7 @@ class VariableDimension(Filter[AdaptiveState]):
         if (alarm | decided | over).any():
             # Both are on after an alarm; the MF goes on alone if it is confirmed, else the NMF.
             on = np.where(alarm, BOTH, np.where(decided | over, NMF, state.mode.on))
+            # The exit test of a confirmed MF waits for p samples of its own.
             significance = np.where(confirmed, np.inf, state.detector.significance)
             state = state._replace(
                 mode=state.mode.switch(np.where(confirmed, MF, on), k),

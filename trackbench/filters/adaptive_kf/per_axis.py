@@ -72,7 +72,8 @@ def axis_step(state: Gaussian, motion: Axis, z: Array, R: Array) -> Updated:
     if any_nan(nu):
         nu = np.where(np.isnan(nu).any(axis=1), np.nan, nu)
     posterior, innovation = kalman.update(predicted, nu, _position(len(motion.F)), R)
-    # Axes that share their covariance still do after a missing measurement.
+    # Axes that share their covariance (A = 1) still do after a missing measurement, for which the update
+    # gave each axis its own.
     axes = state.cov.shape[2]
     innovation = innovation._replace(S=innovation.S[:, :, :axes])
     return Gaussian(posterior.mean, posterior.cov[:, :, :axes]), innovation
