@@ -66,6 +66,7 @@ def constants() -> Constants:
         log_linear=1.0 / 3.0 - width / 4.0,
         log_square=-0.5 + width * width / 32.0,
         per_turn=TURNS / (2.0 * pi),
+        # Of 21 bits, so that the products with a whole number of up to 32 bits are exact.
         turn=parts(2 * pi_bits(), TURNS, [21, 21]),
         pi=pi,
     )

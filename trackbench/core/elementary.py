@@ -98,7 +98,7 @@ def logaddexp(a: Array, b: ArrayLike) -> Array:
 def power(x: ArrayLike, y: ArrayLike) -> Array:
     """Compute ``x^y``, NaN for x < 0 unless y is whole.
 
-    If y is one whole number from 0 to 16, x is multiplied by itself.
+    If y is a single whole number from 0 to 16, x is multiplied by itself.
     """
     x = np.asarray(x, dtype=float)
     y = np.asarray(y, dtype=float)

@@ -172,6 +172,7 @@ def _tally(cdf: Array, u: Array, drawn: np.typing.NDArray[np.bool_]) -> Index:
     # The cumulative weights of all runs, end to end, are one sorted array: search it once.
     edges = (np.minimum(cdf, 1.0) + row).ravel()
     selected = np.searchsorted(edges, (u + row)[drawn], side="left")
+    # A draw beyond the last sum, which rounding leaves below one, selects the last particle.
     last = np.broadcast_to(row * N + N - 1, u.shape)[drawn]
     selected = np.minimum(selected, last)
     return np.bincount(selected, minlength=runs * N).reshape(runs, N)

@@ -228,7 +228,7 @@ class EvolutionFilter(ProposalFilter):
             with np.errstate(invalid="ignore", over="ignore"):
                 gain = self.reading.compared(trial_fitness) - self.reading.compared(fitness)
             take = selection.accept(gain, rng)
-            is_new = (trial != x).any(axis=0)
+            is_new = (trial != x).any(axis=0)  # a trial that equals its parent does not count
             x = choose(take, trial, x)
             fitness = choose(take, trial_fitness, fitness)
             if self.reading.keep_best == "slot":
