@@ -138,14 +138,14 @@ def _key_paths(component: Any, group: str | None, path: str) -> Iterator[str]:
 
 
 def _config_in_line(ctx: typer.Context) -> dict[str, Any]:
-    """Read the config on the command line, with its includes resolved."""
+    """Read the config on a command line that is being completed, with its includes resolved."""
     from trackbench.config.includes import inline_parts
     from trackbench.config.shipped_experiments import located
     from trackbench.yaml_source import read
 
     given = ctx.params.get("configs") or [ctx.params.get("config")]
-    # Before the value of an option is typed, the words so far stand in args.
-    path = located(Path(given[0] or ctx.args[0]), lambda line: None)
+    # Before the value of an option is typed, the words so far are no parameters yet and stand in args.
+    path = located(Path(given[0] or ctx.args[0]), note=lambda line: None)  # prints nothing
     source = read(path)
     inline_parts(source, path.parent)
     return source.data

@@ -214,10 +214,12 @@ def _prepare_job(
             words += [Path(file).stem for file in options.filters]
         folder /= "-".join(words)
     if options.spare:
+        # A quick run leaves results of more runs as they are.
         stored_runs = _stored_runs(folder)
         if stored_runs > experiment.settings.runs:
             say(f"note: {folder}/ has {stored_runs} runs and stays; --force replaces them", options)
             folder = folder.with_name(f"{folder.name}-quick")
+    # Data files from Python are also written into the folder.
     _check_out(folder, data_from_python(experiment, folder))
     # Step 2: the plan.
     check_memory(experiment, options.save_tracks)

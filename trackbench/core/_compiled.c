@@ -484,6 +484,7 @@ enum { SHARED = 2 }; /* constant in a part of a batch whose other parts have con
    without a batch. */
 typedef struct { double *at; Size rows, columns, row, column, batch; int constant; } Matrix;
 
+/* Describe the memory v by M; false unless it has numbers of float64 and contiguous batch axes. */
 static int as_matrix(const Py_buffer *v, int vector, Matrix *M) {
   int axes = vector ? 1 : 2;
   if (v->ndim < axes || !v->format || strcmp(v->format, "d")) return 0;
@@ -498,6 +499,7 @@ static int as_matrix(const Py_buffer *v, int vector, Matrix *M) {
   return 1;
 }
 
+/* Whether the axes after the first a_axes of a and after the first b_axes of b have equal lengths. */
 static int same_batch(const Py_buffer *a, int a_axes, const Py_buffer *b, int b_axes) {
   if (a->ndim - a_axes != b->ndim - b_axes) return 0;
   for (int k = 0; k < a->ndim - a_axes; k++)
@@ -523,6 +525,7 @@ static int open_strided(Buffers *b, PyObject *const *args, Size given, int n, in
 #define OPEN_STRIDED(n, written) Buffers b; if (!open_strided(&b, args, given, n, written)) return NULL
 #define ANSWER(done) do { int answer = (done); release(&b); return PyBool_FromLong(answer); } while (0)
 
+/* A', a view of the same memory. */
 static Matrix transposed(Matrix A) {
   return (Matrix){A.at, A.columns, A.rows, A.column, A.row, A.batch, A.constant};
 }
@@ -764,6 +767,7 @@ static void forward(const Matrix *L, const Matrix *b, const Matrix *out, Size fr
   }
 }
 
+/* Describe the first two arguments, a triangle L of each batch member or of all, and vectors e; false if they do not fit. */
 static int as_triangle(const Buffers *b, Matrix *L, Matrix *e) {
   return as_matrix(&b->views[0], 0, L) && as_matrix(&b->views[1], 1, e) && !e->constant && L->rows == e->rows
          && L->columns == L->rows
@@ -1476,6 +1480,7 @@ typedef struct {
 /* One step of the arrays: Gaussians of n components and measurements of n_z, in M runs. */
 typedef struct { Matrix before, cov_before, mean, cov, predicted, predicted_cov, nu, S; const double *z; double *nis; } Single;
 
+/* The step whose runs begin at place k of the axes of steps and runs. */
 static Single single_step(const Arrays *a, Size k) {
   Size n = a->n, n_z = a->n_z, batch = a->batch, longer = batch + a->M;
   Single s = {
@@ -1489,6 +1494,7 @@ static Single single_step(const Arrays *a, Size k) {
   return s;
 }
 
+/* Whether the first n members of the batch have finite entries only. */
 static int is_finite(const Matrix *A, Size n) {
   int finite = 1;
   for (Size i = 0; i < A->rows; i++)

@@ -66,6 +66,7 @@ def constants() -> Constants:
         log_linear=1.0 / 3.0 - width / 4.0,
         log_square=-0.5 + width * width / 32.0,
         per_turn=TURNS / (2.0 * pi),
+        # Of 21 bits, so that the products with a whole number of up to 32 bits are exact.
         turn=parts(2 * pi_bits(), TURNS, [21, 21]),
         pi=pi,
     )
@@ -87,18 +88,22 @@ def exp(x: Array, result: Array) -> None:
 
 
 def exp_of_moderate(x: Array, result: Array) -> None:
-    """Write ``e^x``: ``x = (n + f) step``, a tabulated power of two times a series."""
+    """Write ``e^x`` of x in [-708, 709], by ``x = (n + f) step``.
+
+    It is a tabulated power of two times a series.
+    """
     if compiled.kernels:
         compiled.kernels.exp(powers_of_two(), exp_constants(), x, result)
         return
     const = constants()
-    # Step 1: split x / step into a whole number n and a fraction f, |f| <= 1/2.
+    # Step 1: split x / step into a whole number n and a fraction f, |f| <= 1/2. The addition of _ROUND
+    # rounds, and leaves n in the last bits of the sum.
     f = x * const.per_power
     rounded = f + _ROUND
-    series = rounded - _ROUND
-    f -= series
+    whole = rounded - _ROUND
+    f -= whole
     # Step 2: e^(f step) by the economized square.
-    np.multiply(f, const.step_squared, out=series)
+    series = np.multiply(f, const.step_squared, out=whole)
     series += const.step
     series *= f
     series += 1.0
@@ -177,7 +182,8 @@ def cos_sin(a: Array, c: Array, s: Array) -> None:
     if not (np.maximum.reduce(a) <= _FEW_TURNS and np.minimum.reduce(a) >= -_FEW_TURNS):
         with np.errstate(invalid="ignore"):  # of an infinite angle
             a = np.where(np.abs(a) <= _FEW_TURNS, a, np.fmod(a, 2.0 * const.pi))
-    # Step 1: find the nearest tabulated angle n turn and the rest r.
+    # Step 1: find the nearest tabulated angle n turn and the rest r. The addition of _ROUND rounds, and
+    # leaves n in the last bits of the sum.
     rounded = a * const.per_turn
     rounded += _ROUND
     index = rounded.view(np.int64) & (TURNS - 1)
@@ -325,6 +331,7 @@ def logarithms() -> tuple[Array, Array]:
     down = [0]
     for b, a in pairwise(reversed(below)):
         down.append(down[-1] - _log_ratio(b, a))
+    # One is the last edge below and the first above, and is taken once.
     edges = np.array([n / (2 * LOGS) for n in below[:-1]] + [n / LOGS for n in above])
     return _round_entries([*down[:0:-1], *up]), fixed(1.0 / edges)
 
@@ -351,6 +358,7 @@ def circle() -> tuple[Array, Array]:
     quarter = sines[: TURNS // 8 + 1] + cosines[TURNS // 8 - 1 :: -1]
     half = quarter[:-1] + quarter[:0:-1]
     wave = _round_entries(half + [-s for s in half])
+    # The cosine is the sine a quarter of a turn later.
     return fixed(np.roll(wave, -TURNS // 4)), wave
 
 
@@ -391,7 +399,10 @@ def parts(bits: int, divisor: int, widths: list[int]) -> list[float]:
 
 
 def _log_ratio(b: int, a: int) -> int:
-    """Compute ``log(b / a) = 2 artanh((b - a) / (b + a))``."""
+    """Compute ``log(b / a) = 2 artanh((b - a) / (b + a))``.
+
+    The result is an integer with `_BITS` bits of fraction.
+    """
     term = ((b - a) << _BITS) // (b + a)
     square = term * term >> _BITS
     total = 0
@@ -404,7 +415,7 @@ def _log_ratio(b: int, a: int) -> int:
 
 
 def _arctan(b: int, a: int) -> int:
-    """Compute ``arctan(b / a)``."""
+    """Compute ``arctan(b / a)`` by its series, as an integer with `_BITS` bits of fraction."""
     term = (b << _BITS) // a
     square = term * term >> _BITS
     total = 0
@@ -419,7 +430,10 @@ def _arctan(b: int, a: int) -> int:
 
 
 def _series(angle: int, first: int) -> int:
-    """Sum the series of the cosine (first = 0) or sine (1) of a small angle."""
+    """Sum the series of the cosine (first = 0) or sine (1) of a small angle.
+
+    ``angle`` and the result are integers with `_BITS` bits of fraction.
+    """
     term = angle if first else _ONE
     square = angle * angle >> _BITS
     total = 0
@@ -429,7 +443,7 @@ def _series(angle: int, first: int) -> int:
         total += term
         term = -(term * square >> _BITS) // ((n + 1) * (n + 2))
         n += 2
-        if term == -1:
+        if term == -1:  # a negative term below the last bit, which `>>` rounds down
             break
     return total
 

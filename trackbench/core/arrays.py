@@ -223,8 +223,10 @@ def once(function: F) -> F:
 
     @wraps(function)
     def call(*matrices: Array) -> Any:
+        """Return the stored result of equal matrices, or call the function and store its result."""
         if matrices[0].ndim > 2:  # has a batch axis, so it is not constant
             return function(*matrices)
+        # Look up by identity first, then by value.
         identities = tuple([id(A) for A in matrices])
         entry = by_identity.get(identities)
         if entry is not None:
@@ -303,7 +305,7 @@ _counts: list[Counter[Operation]] = []
 
 @contextmanager
 def counting() -> Iterator[Counter[Operation]]:
-    """Count the operations that the kernels note inside this context."""
+    """Count the operations that `count_operations` is called for inside this context."""
     counts: Counter[Operation] = Counter()
     _counts.append(counts)
     try:
@@ -312,7 +314,10 @@ def counting() -> Iterator[Counter[Operation]]:
         _counts.remove(counts)
 
 
-def note(operation: Operation, a: Array, components: int) -> None:
-    """Note one operation per batch element of ``a``, whose batch axes follow ``components`` axes."""
+def count_operations(operation: Operation, a: Array, component_axes: int) -> None:
+    """Add an operation for each batch element of ``a`` to the counts of `counting`, if any is on.
+
+    The batch axes of ``a`` follow its ``component_axes`` first axes.
+    """
     for counts in _counts:
-        counts[operation] += prod(a.shape[components:])
+        counts[operation] += prod(a.shape[component_axes:])

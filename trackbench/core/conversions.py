@@ -53,9 +53,10 @@ def ucm(z: Polar) -> Gaussian:
     v = z.range_variance
     # Variances along and across the line of sight.
     square = np.square(z.r)
-    shrinkage = expm1(-2.0 * s)  # e^(-2 s) - 1
-    radial = square * (expm1(s) + 0.5 * shrinkage) + 0.5 * v * (2.0 + shrinkage)
-    cross = -0.5 * (square + v) * shrinkage
+    decay = expm1(-2.0 * s)  # e^(-2 s) - 1
+    radial = square * (expm1(s) + 0.5 * decay) + 0.5 * v * (2.0 + decay)
+    cross = -0.5 * (square + v) * decay
+    # The noise of the azimuth shrinks the mean position by e^(-s / 2).
     return Gaussian(position(exp(0.5 * s) * z.r, z.a), rotate_covariance(radial, cross, z.a))
 
 

@@ -210,6 +210,7 @@ def zero_mean_log_prob(e: Array, cov: Array, root: Array | None = None) -> Array
         exponent += row
     # Step 2: sqrt(det P) = m 2^e is the product of the diagonal of L.
     mantissa, exponent_of_two = linalg.root_determinant(L)
+    # Powers of two beyond the range of floats are added as logarithms.
     within = np.clip(exponent_of_two, -_MOST_TWOS, _MOST_TWOS)
     log_scale = elementary.log(np.ldexp(mantissa, within))
     log_scale = log_scale + (exponent_of_two - within) * _LOG_2 + log_norm

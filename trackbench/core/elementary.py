@@ -96,10 +96,12 @@ def logaddexp(a: Array, b: ArrayLike) -> Array:
 
 
 def power(x: ArrayLike, y: ArrayLike) -> Array:
-    """Compute ``x^y``, NaN for x < 0 unless y is whole; one whole y of up to 16 by multiplication."""
+    """Compute ``x^y``, NaN for x < 0 unless y is whole.
+
+    If y is a single whole number from 0 to 16, x is multiplied by itself.
+    """
     x = np.asarray(x, dtype=float)
     y = np.asarray(y, dtype=float)
-    # x^y = x x ... x
     if y.ndim == 0 and 0 <= y <= _MOST_FACTORS and y == np.floor(y):
         product = x.copy() if y else np.ones_like(x)
         for _ in range(int(y) - 1):

@@ -71,7 +71,12 @@ class Hypotheses(NamedTuple):
         information += self.information
         score += self.score
         response -= gain[:, :, None] * psi
-        return Hypotheses(response, information, score, self.with_start(k).since)
+        return Hypotheses(
+            response=response,
+            information=information,
+            score=score,
+            since=self.with_start(k).since,
+        )
 
     def with_start(self, k: int) -> "Hypotheses":
         """Set ``since``, if step k is the first."""
@@ -88,10 +93,10 @@ class Hypotheses(NamedTuple):
         if not where.any():
             return self
         return Hypotheses(
-            np.where(where, 0.0, self.response),
-            np.where(where, 0.0, self.information),
-            np.where(where, 0.0, self.score),
-            np.where(where, k, self.since),
+            response=np.where(where, 0.0, self.response),
+            information=np.where(where, 0.0, self.information),
+            score=np.where(where, 0.0, self.score),
+            since=np.where(where, k, self.since),
         )
 
     def significance(self) -> Array:
@@ -147,8 +152,8 @@ class Input(NamedTuple):
 def empty_hypotheses(window: int, axes: int, runs: int) -> Hypotheses:
     """Return empty hypotheses; ``axes`` is the number with their own covariance (1 or 2)."""
     return Hypotheses(
-        np.zeros((2, axes, window, runs)),
-        np.zeros((axes, window, runs)),
-        np.zeros((2, window, runs)),
-        np.full(runs, -1),
+        response=np.zeros((2, axes, window, runs)),
+        information=np.zeros((axes, window, runs)),
+        score=np.zeros((2, window, runs)),
+        since=np.full(runs, -1),
     )

@@ -15,7 +15,7 @@ from trackbench.core.arrays import (
     Mask,
     all_finite,
     any_nan,
-    note,
+    count_operations,
     once,
     with_axes_of,
     with_trailing,
@@ -50,6 +50,7 @@ class Innovation(NamedTuple):
         if not any_nan(self.nu):
             return linalg.mahalanobis(self.nu, self.S, self.root)
         missing = np.isnan(self.nu)
+        # A missing component has the row of a unit matrix in S, and so a zero adds nothing.
         nis = linalg.mahalanobis(np.where(missing, 0.0, self.nu), self.S, self.root)
         return np.where(missing.all(axis=0), np.nan, nis)
 
@@ -226,7 +227,8 @@ def track(
     has_nu = np.isnan(nu.swapaxes(0, 1)) == missing
     if not (all_finite(means) and has_nis.all() and has_nu.all()):
         return None
-    note("covariances", nis[:, 0], components=0)  # one per step, since all runs share it
+    # One operation per step, since all runs share the covariance.
+    count_operations("covariances", nis[:, 0], component_axes=0)
     # Steps become an axis of the batch.
     posterior = Gaussian(means[1:].swapaxes(0, 1), np.moveaxis(covs[1:], 0, -1)[..., None])
     innovation = Innovation(nu.swapaxes(0, 1), np.moveaxis(S, 0, -1)[..., None])
@@ -267,7 +269,7 @@ def update_roots(m: Array, nu: Array, dx: Array, dz: Array, R: Array) -> tuple[F
     S_root = L[:n_z, :n_z]
     G = L[n_z:, :n_z]
     root = L[n_z:, n_z:]
-    note("covariances", root, components=2)
+    count_operations("covariances", root, component_axes=2)
     mean = m + linalg.matvec(G, linalg.solve_lower(S_root, nu))
     return from_root(mean, root), S_root
 
@@ -348,7 +350,7 @@ def update_with_gain(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Arra
 
 def _with_gain(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Array) -> Gaussian:
     """Update a prediction by a gain K that need not be optimal (Joseph form)."""
-    note("covariances", predicted.cov, components=2)
+    count_operations("covariances", predicted.cov, component_axes=2)
     # m + K nu
     mean = predicted.mean + linalg.matvec(K, nu)
     return Gaussian(mean, _joseph(predicted.cov, K, H, R))

@@ -38,7 +38,8 @@ def matvec(A: Array, x: Array) -> Array:
         out = np.empty((len(A), *x.shape[1:]))
         if compiled.kernels.product(A, x, out, _VECTOR):
             return out
-        # The kernel skips the zeros of a single matrix, and zero times infinity has to stay NaN.
+        # Call the kernel run by run, unless a matrix has zeros: it skips those of a single matrix, and
+        # zero times infinity has to stay NaN.
         if _pays_by_runs(A, x) and A.all():
             for m in range(A.shape[2]):
                 compiled.kernels.product(A[:, :, m, 0], x[:, m], out[:, m], _VECTOR)
@@ -396,7 +397,7 @@ def inverse(S: Array) -> Array:
             compiled.kernels.whiten(root[:, :, m], identity, inverse_of_run)
         L_inverse = np.ascontiguousarray(np.moveaxis(inverses, 0, 2))
         return matmul(transpose(L_inverse), L_inverse)
-    # By L[:, :, None] the columns of the identity are one more batch axis.
+    # L^-1 of all batch members: by L[:, :, None] the columns of the identity are one more batch axis.
     eye = np.eye(n).reshape((n, n) + (1,) * (S.ndim - 2))
     L = root[:, :, None]
     columns = np.broadcast_to(eye, S.shape)
@@ -595,7 +596,7 @@ def _rotate(A: Array, V: Array, p: int, q: int) -> bool:
     t = np.where(turn, t, 0.0)
     c = 1.0 / np.sqrt(t * t + 1.0)
     s = t * c
-    # Rotate the two vectors, and the two rows.
+    # Rotate the columns p and q of V, and the rows p and q of A.
     vector_p = c * V[:, p] - s * V[:, q]
     vector_q = s * V[:, p] + c * V[:, q]
     V[:, p] = vector_p

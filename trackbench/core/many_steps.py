@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core import _elementary_kernels, compiled
-from trackbench.core.arrays import Array, Index, all_finite, note, with_trailing
+from trackbench.core.arrays import Array, Index, all_finite, count_operations, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.core.kalman import Innovation, MotionMatrices
 from trackbench.core.unscented import Unscented
@@ -36,6 +36,7 @@ class MeasuredByKernel(NamedTuple):
 
     def arguments(self) -> tuple[Index, Array, Array, Array]:
         """Return the arrays that the kernels take: rows, place, and the tables of the arctangent."""
+        # The kernels read the place of a radar, or else the rows; the other one is any numbers.
         place = np.array(self.place if self.place is not None else (0.0, 0.0))
         rows = np.array(self.rows or (0, 2), dtype=np.intp)
         arctangents, pi = _elementary_kernels.arctangent_tables()
@@ -130,6 +131,6 @@ def filter_steps(
     has_nis = np.array_equal(np.isnan(nis), missing.all(axis=0))
     if not (is_done and has_nu and has_nis and all_finite(S)):
         return None
-    note("covariances", nis, components=0)
+    count_operations("covariances", nis, component_axes=0)
     innovation = Innovation(nu=nu, S=S, predicted=predicted)
     return FilteredSteps(states=Gaussian(means, covs), innovation=innovation, nis=nis)

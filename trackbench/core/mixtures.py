@@ -10,7 +10,7 @@ import numpy as np
 
 from trackbench.core import compiled, elementary, linalg
 from trackbench.core.angles import mean_direction, near
-from trackbench.core.arrays import Array, Index, all_finite, note, with_trailing
+from trackbench.core.arrays import Array, Index, all_finite, count_operations, with_trailing
 from trackbench.core.distributions import Gaussian, Symmetric
 from trackbench.core.kalman import Innovation, MotionMatrices
 from trackbench.core.many_steps import MeasuredByKernel
@@ -124,6 +124,7 @@ def combine(
     # P = sum_j w_j (P_j + e e') with e = m_j - m
     for j, (w, s) in enumerate(terms):
         kernels = None if without_spread else compiled.kernels
+        # The kernel adds the term to cov, unless it cannot read the memory of an argument.
         if kernels and kernels.mix(w, s.mean, s.cov, mean, cov):
             continue
         e = s.mean - mean
@@ -316,7 +317,7 @@ def interact(
     has_nu = (np.isnan(nu) == missing).all()
     if not (is_finite and has_nu and all_finite(means) and all_finite(covs)):
         return None
-    note("covariances", predicted_weights, components=0)
+    count_operations("covariances", predicted_weights, component_axes=0)
     innovations = []
     for j in range(r):
         prediction = Gaussian(predicted_means[j], predicted_covs[j])

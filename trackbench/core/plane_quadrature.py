@@ -30,7 +30,7 @@ _EDGE = 2, 3  # nodes that these need before the first and after the last interv
 _SMALLEST = 1e-300
 _MASS_TOLERANCE = 1e-5
 _MOST_PARTS = 32  # of a cell
-_RELEVANT = 20.0  # log-density below the largest at which a node still counts: the rest has 1e-9
+_RELEVANT = 20.0  # log-density below the largest at which a node is relevant: the rest has 1e-9
 _HERMITE = (
     7  # nodes of the noise: exact for densities that are polynomials of degree 13 over its width
 )
@@ -111,12 +111,13 @@ class Plane:
 
 def over_prior(prior: Gaussian, n: int) -> Plane:
     """Put a prior N(mean (2,), cov) on n by n nodes over 8.5 standard deviations."""
+    # On these axes the prior has unit covariance.
     basis = linalg.cholesky(prior.cov)
-    span = np.full(2, np.sqrt(2.0 * _DEPTH))
+    span = np.full(2, np.sqrt(2.0 * _DEPTH))  # 8.5
     center = linalg.matvec(_inverse(basis), prior.mean)
     box = Box(basis, center - span, 2.0 * span / n, (n, n))
-    scale = LOG_2PI + log(abs(_determinant(basis)))
-    return Plane(box, _normal_part(prior, box.nodes) - scale)
+    log_norm = LOG_2PI + log(abs(_determinant(basis)))
+    return Plane(box, _normal_part(prior, box.nodes) - log_norm)
 
 
 def condition(
@@ -134,6 +135,11 @@ def condition(
         log p(z | x) (N,) of states (2, N).
     n : int
         Nodes along each axis.
+
+    Returns
+    -------
+    Plane
+        Posterior, with log p(z).
 
     Raises
     ------
@@ -193,7 +199,11 @@ def _predicted_box(old: Plane | Array, motion: Map, n: int) -> tuple[Box, Array]
 def _predictor(
     old: Plane | Array, motion: Map, box: Box, variances: Array
 ) -> tuple[Callable[[Box], Array], Array]:
-    """Choose the way to compute the prediction's log-density in a part of the box; use it for all."""
+    """Choose the function that computes the prediction's log-density in a part of the box.
+
+    Return it, and its result at the nodes of the whole box. ``variances`` are those of the noise on the
+    axes of the box.
+    """
     if not isinstance(old, Plane):
         if not np.all(variances > 0.0):
             raise UnresolvedError("a known first state needs noise of both components")
@@ -203,7 +213,7 @@ def _predictor(
     if _keeps_orientation(old, motion):
         predict = partial(_by_inverse, old, motion, variances)
         log_predicted = predict(box)
-        # A map without an inverse loses mass.
+        # Where the map has no inverse, mass is lost, and its sum is not one.
         if abs(total(exp(log_predicted)) * box.cell - 1.0) <= _MASS_TOLERANCE:
             return predict, log_predicted
     # Way 2: a sum over so many nodes that the noise reaches from the image of each to the next.
@@ -213,7 +223,7 @@ def _predictor(
             "the noise of the motion is too narrow for the nodes, and its map has no inverse that they "
             "resolve"
         )
-    if parts.prod() > 1.0:
+    if parts.prod() > 1.0:  # cut the cells
         n1, n2 = (parts * old.box.shape).astype(int)
         finer = Box(old.box.basis, old.box.low, old.box.step / parts, (n1, n2))
         old = Plane(finer, _interpolate(old, finer.nodes))
@@ -233,14 +243,18 @@ def _scale(box: Box, variances: Array) -> Array:
 
 
 def _parts(old: Plane, motion: Map, basis: Array, variances: Array) -> Array:
-    """Count the parts of a cell (2,) that have images within a standard deviation of the noise."""
-    counts = old.within(_RELEVANT).reshape(old.box.shape)
+    """Count the parts (2,) into which a cell is cut along each axis of the old box.
+
+    The images of neighboring parts are within a standard deviation of the noise, along both axes of
+    ``basis``.
+    """
+    is_relevant = old.within(_RELEVANT).reshape(old.box.shape)
     moved = linalg.matvec(_inverse(basis), motion.f(old.box.nodes)).reshape(2, *old.box.shape)
     parts = []
     for axis in (0, 1):
-        along_axis = np.moveaxis(counts, axis, 0)
-        both_count = np.moveaxis(along_axis[1:] & along_axis[:-1], 0, axis)
-        gap = np.abs(np.diff(moved, axis=axis + 1))[:, both_count].max(axis=1)
+        along_axis = np.moveaxis(is_relevant, axis, 0)
+        are_relevant = np.moveaxis(along_axis[1:] & along_axis[:-1], 0, axis)  # both neighbors
+        gap = np.abs(np.diff(moved, axis=axis + 1))[:, are_relevant].max(axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
             deviations = np.where(gap > 0.0, gap / np.sqrt(variances), 0.0)
         parts.append(max(np.ceil(deviations.max()), 1.0))
@@ -248,9 +262,9 @@ def _parts(old: Plane, motion: Map, basis: Array, variances: Array) -> Array:
 
 
 def _keeps_orientation(old: Plane, motion: Map) -> bool:
-    """Test whether the Jacobian's determinant has one sign at all nodes that count."""
-    counts = old.within(_RELEVANT)
-    determinants = _determinant(motion.jacobian(old.box.nodes[:, counts]))
+    """Test whether the Jacobian's determinant has one sign at all nodes that are relevant."""
+    is_relevant = old.within(_RELEVANT)
+    determinants = _determinant(motion.jacobian(old.box.nodes[:, is_relevant]))
     return bool((determinants > 0.0).all() or (determinants < 0.0).all())
 
 
@@ -283,6 +297,7 @@ def _by_inverse(old: Plane, motion: Map, variances: Array, box: Box) -> Array:
         reach = np.ceil(_REACH * spread[axis])
         needed_before = min(reach, -np.floor(places[axis].min()))
         needed_after = min(reach, np.ceil(places[axis].max()) - n)
+        # More for the interpolation: `_blurred` reads up to 6 rows beyond those that it returns.
         before_axis = int(max(needed_before, 0)) + 2 * _MARGIN + 1
         after_axis = int(max(needed_after, 0)) + 2 * _MARGIN + 1
         nodes_before.append(before_axis)
@@ -299,14 +314,14 @@ def _by_inverse(old: Plane, motion: Map, variances: Array, box: Box) -> Array:
 
 
 def _origins(old: Plane, motion: Map, target: Array) -> tuple[Array, Array]:
-    """Solve f(x) = target (2, N) by Newton's method; give the Jacobians there as well."""
+    """Solve f(x) = target (2, N) by Newton's method; return x (2, N) and the Jacobians there."""
     # Start from the map's linear part at the mean.
     mean = old.moments.mean[:, None]
     x = mean + linalg.matvec(_inverse(motion.jacobian(mean)), target - motion.f(mean))
     for _ in range(_ITERATIONS):
         change = linalg.matvec(_inverse(motion.jacobian(x)), target - motion.f(x))
         x = x + change
-        # Places are in cells of the box.
+        # Stop when the last change moves no state by more than 1e-9 cells of the box.
         if np.abs(old.box.places(x + change) - old.box.places(x)).max() < 1e-9:
             break
     return x, motion.jacobian(x)
@@ -344,7 +359,10 @@ def _normal_part(normal: Gaussian, x: Array) -> Array:
 
 
 def _blurred(log_density: Array, first: int, n: int, spread: float) -> Array:
-    """Convolve n rows from the first along the columns with noise of so many rows."""
+    """Convolve a log-density (rows, columns) with noise along its first axis.
+
+    Return the n rows from the row ``first`` on. ``spread`` is the noise's standard deviation in rows.
+    """
     unblurred = log_density[first : first + n]
     if spread == 0.0:
         return unblurred
@@ -373,7 +391,7 @@ def _sum_of_products(a: Array, b: Array) -> Array:
 
 
 def _lagrange(t: Array) -> list[Array]:
-    """Weigh six neighbors at `_OFFSETS` for the polynomial at t in [0, 1]."""
+    """Return the weights of six neighbors, at `_OFFSETS`, for their polynomial at t in [0, 1]."""
     weights = []
     for i in _OFFSETS:
         weight = np.ones_like(t)

@@ -102,7 +102,7 @@ def by_rank(
 ) -> Array:
     """Apply a function to distances ``squared`` (T, M) and their degrees of freedom, ``rank`` (T, M).
 
-    NaN where there are none. If ``rank`` is None, all have n.
+    Return NaN where the rank is 0. If ``rank`` is None, all have n degrees of freedom.
     """
     value = function(squared, n)
     if rank is None:
@@ -254,7 +254,8 @@ class ParticlePosterior(Posterior):
     def _distances(self, x: Array) -> tuple[Array, Array]:
         """Return squared Mahalanobis distances of x (M,) and each particle (M, N) from all others.
 
-        If x and N equal particles are draws from one distribution, these are exchangeable.
+        The moments of all others are those of x and the particles without the one that is measured. If x
+        and N equal particles are draws from one distribution, the N + 1 distances are exchangeable.
         """
         x_i = self.particles.x[: len(x)]
         w = self.particles.w

@@ -172,6 +172,7 @@ def condition(
     for panel in panels:
         reachable = origins(panel.x)
         predicted = sum(_push_forward(old, panel.x, transition, reachable) for old in prior)
+        # The new panel's own density is 1, or 0 if the measurement is impossible in all runs.
         joint.append(panel._replace(density=likelihood(panel.x) * predicted * panel.density))
     # Step 2: divide by the mass of all panels.
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -233,7 +234,8 @@ def distance_from(posterior: Posterior, x: Array) -> Array:
 
 def half_distance_within(posterior: Posterior) -> Array:
     """Compute ``E|X - X'| / 2`` (M,) for two independent draws, by panels that do not overlap."""
-    # Two draws from different panels differ by the difference of the panels' means.
+    # Of two draws from different panels, which do not overlap, E|X - X'| is the distance of the panels'
+    # means: sums over masses.
     masses = [total(panel.mass, axis=0) for panel in posterior]
     sums = [total(panel.mass * panel.x, axis=0) for panel in posterior]
     across = []
@@ -304,11 +306,13 @@ def _rule(n: int) -> _Rule:
     # Step 1: roots of P_n by Newton's method from Tricomi's first guess.
     nodes = -cos_sin(np.pi * (np.arange(n) + 0.75) / (n + 0.5))[0]
     for _ in range(8):
+        # Columns are P_0 ... P_n; P_n'(x) = n (P_{n-1}(x) - x P_n(x)) / (1 - x^2).
         P = legendre.legvander(nodes, n)
         slope = n * (P[:, -2] - nodes * P[:, -1]) / (1.0 - nodes * nodes)
         nodes = nodes - P[:, -1] / slope
     # Step 2: make the nodes symmetric; w_i = 2 / ((1 - x_i^2) P_n'(x_i)^2).
     nodes = 0.5 * (nodes - nodes[::-1])
     weights = 2.0 / ((1.0 - nodes * nodes) * np.square(slope))
+    # w_i P_m(x_i) / 2, shape (m, i)
     basis = 0.5 * weights * legendre.legvander(nodes, n - 1).T
     return _Rule(nodes=nodes, weights=weights, basis=basis)

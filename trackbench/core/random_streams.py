@@ -199,8 +199,8 @@ class SomeRuns(_Joined):
 
 
 def _substream(block: Generator | SideBySide, step: int, run: int) -> Generator:
-    """Open the stream of a run at a step, by its number within its block."""
-    if isinstance(block, SideBySide):
+    """Open the stream of a run at a step; ``run`` is its number among the runs of ``block``."""
+    if isinstance(block, SideBySide):  # several blocks
         number, run = divmod(run, block.width)
         block = block.blocks[number]
     seed = block.bit_generator.seed_seq

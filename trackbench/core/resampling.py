@@ -136,8 +136,11 @@ def residual(w: Array, rng: Streams, size: int) -> Index:
     certain = np.floor(expected + 1e-12).astype(np.intp)  # 1/N summed N times is not quite 1
     # Step 2: draw the missing ones from the remaining weights.
     missing = size - certain.sum(axis=-1, keepdims=True)
-    rest = np.maximum(expected - certain, 0.0) + 1e-300
+    rest = (
+        np.maximum(expected - certain, 0.0) + 1e-300
+    )  # their sum is not zero where none is missing
     cdf = _cumulative(rest / total(rest)[:, None])
+    # Of the draws only the first `missing` ones of a run count.
     return certain + _tally(cdf, rng.random((runs, size)), np.arange(size) < missing)
 
 
@@ -160,15 +163,16 @@ def _cumulative(w: Array) -> Array:
 
 
 def _tally(cdf: Array, u: Array, drawn: np.typing.NDArray[np.bool_]) -> Index:
-    """Count how many of the ``drawn`` draws u (M, size) select each particle.
+    """Count how many of the draws u (M, size) select each particle.
 
-    ``cdf`` (M, N) are cumulative weights.
+    ``cdf`` (M, N) are cumulative weights, and ``drawn`` (M, size) marks the draws that count.
     """
     runs, N = cdf.shape
     row = np.arange(runs)[:, None]
     # The cumulative weights of all runs, end to end, are one sorted array: search it once.
     edges = (np.minimum(cdf, 1.0) + row).ravel()
     selected = np.searchsorted(edges, (u + row)[drawn], side="left")
+    # A draw beyond the last sum, which rounding leaves below one, selects the last particle.
     last = np.broadcast_to(row * N + N - 1, u.shape)[drawn]
     selected = np.minimum(selected, last)
     return np.bincount(selected, minlength=runs * N).reshape(runs, N)

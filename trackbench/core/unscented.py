@@ -80,7 +80,7 @@ class Unscented:
         """Place the state's sigma points of (x, v, n): a scalar, and noises v ~ N(0, Q), n ~ N(0, R).
 
         They are those of `points` for the covariance diag(P, Q, R), found without its root. Returns
-        None if the state has several components, or without C kernels.
+        None if the state has several components, if a mean is -0.0, or without C kernels.
         """
         if len(state.mean) > 1 or not compiled.kernels:
             return None
@@ -134,12 +134,12 @@ class GaussHermite:
         """
         mean = gaussian.mean
         root = root_of(gaussian)
-        # Step 1: every combination of the axes' (node, weight), the center first.
+        # Step 1: every combination of the axes' (node, weight); the center, of zeros alone, is first.
         grid = list(product(self.nodes, repeat=len(mean)))
         grid.sort(key=lambda point: any(x for x, _ in point))
-        if self.order % 2 == 0:
+        if self.order % 2 == 0:  # no node of an axis is zero
             grid.insert(0, ((0.0, 0.0),) * len(mean))
-        nodes, factors = np.moveaxis(np.array(grid), -1, 0)
+        nodes, factors = np.moveaxis(np.array(grid), -1, 0)  # (points, n) each
         # Step 2: x_i = m + L e_i, and a weight is the product of the axes' weights.
         points = [mean + linalg.matvec(root, with_axes_of(mean, e)) for e in nodes.copy()]
         weights = np.array([prod(row) for row in factors.tolist()])
@@ -156,7 +156,6 @@ def _hermite(n: int, x: float) -> float:
     """Evaluate He_n(x), by ``He_{k+1} = x He_k - k He_{k-1}``."""
     previous = 0.0
     current = 1.0
-    # He_{k+1} = x He_k - k He_{k-1}
     for k in range(n):
         following = x * current - k * previous
         previous = current

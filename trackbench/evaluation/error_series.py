@@ -199,22 +199,23 @@ def sensor_rejections(
     given = np.stack([~np.isnan(z[rows]).all(axis=0) for rows in sensors])
     bad = np.stack([changed[rows].any(axis=0) for rows in sensors])
     rejected = np.stack([refused[rows].any(axis=0) for rows in sensors])
-    good_share, good_number = _share_of_measurements(given & ~bad, rejected)
-    bad_share, bad_number = _share_of_measurements(given & bad, ~rejected)
+    good_share, good_number = _share_of_wrong_decisions(given & ~bad, rejected)
+    bad_share, bad_number = _share_of_wrong_decisions(given & bad, ~rejected)
     shares = {"rejected_good": good_share, "accepted_bad": bad_share}
     numbers = {"rejected_good": good_number, "accepted_bad": bad_number}
     return shares, numbers
 
 
-def _share_of_measurements(counted: Mask, decided: Mask) -> tuple[Array, Array]:
-    """Return the share of the ``counted`` measurements (S, T, M) that are ``decided``, and their number.
+def _share_of_wrong_decisions(counted: Mask, is_wrong: Mask) -> tuple[Array, Array]:
+    """Return the share of the ``counted`` measurements (S, T, M) that gates decide wrongly.
 
-    Both results are (T + 1, M): they are over the S sensors at each step. In the first row, the prior's,
-    the share is NaN and the number 0.
+    ``is_wrong`` (S, T, M) marks the wrong decisions, such as the rejection of a good measurement. The
+    second result is the number of the counted measurements. Both are (T + 1, M): they are over the S
+    sensors at each step. In the first row, the prior's, the share is NaN and the number 0.
     """
     number = counted.sum(axis=0).astype(float)
     with np.errstate(invalid="ignore"):
-        share = (counted & decided).sum(axis=0) / number
+        share = (counted & is_wrong).sum(axis=0) / number
     return np.insert(share, 0, np.nan, axis=0), np.insert(number, 0, 0.0, axis=0)
 
 

@@ -264,6 +264,8 @@ def _series_and_sums(
 ) -> tuple[dict[str, Array], SeriesSums]:
     """Return the series (T + 1, M) of errors, those of ``predictive``, and the sums of all of them.
 
+    ``predictive`` has the filter's diagnostics (T + 1, M) and other series that are no errors, such as
+    the likelihood ratio. One of them may give the degrees of freedom of the NEES, for `rank_of`.
     ``exact_mean`` is the mean of the reference, ``twin_mean`` that of the same filter without faults,
     (n_x, T + 1, M) each.
     The steps are taken in pieces, whose series are added up while they are in the cache.

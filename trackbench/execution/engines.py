@@ -21,7 +21,7 @@ from trackbench.plugins.errors import blocked, postponed
 _leave = os._exit  # as it was before any plugin ran
 _SAFE = "PYTHONSAFEPATH"
 _BLAS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-_FORKED = "trackbench.execution.forkserver_preload"
+_PRELOADED = "trackbench.execution.forkserver_preload"  # imports what every worker needs
 _ADDRESS_SPACE = 450_000_000  # bytes; with numpy, scipy and pandas loaded a process has 580 MB
 T = TypeVar("T")
 
@@ -38,10 +38,10 @@ def start_forkserver(*modules: str) -> None:
         from multiprocessing import resource_tracker
         from multiprocessing.forkserver import ensure_running
 
-        with _safe_path():
+        with _safe_path():  # imports nothing from the working folder
             # Starting the tracker unblocks SIGINT, so that it starts before SIGINT is blocked.
             resource_tracker.ensure_running()
-            _context().set_forkserver_preload([_FORKED, *modules])
+            _context().set_forkserver_preload([_PRELOADED, *modules])
             with blocked(signal.SIGINT):
                 ensure_running()
 

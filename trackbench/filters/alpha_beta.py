@@ -106,6 +106,7 @@ class AlphaBeta(InnovationFilter[Smoothed]):
         # Fixed gains cannot use half a measurement.
         missing = np.isnan(nu).any(axis=0)
         nu = np.where(missing, np.nan, nu)
+        # The count is one number for all runs until a measurement is missing in one of them.
         number_of_new = ~missing if missing.any() else 1
         n = np.asarray(state.n + number_of_new)
         # x = x + K nu: the gain depends on the number of measurements n so far.

@@ -68,7 +68,8 @@ class CMKF(GaussianFilter):
             expected = polar_moments(sensor, predicted, k)
         z = np.where(np.isnan(z).any(axis=0), np.nan, z)
         converted = convert(self.conversion, sensor.reading(z), expected)
-        # Step 2: update with the position, linear in the state.
+        # Step 2: update with the position, which is the components 0 and 2 of the state. Where it
+        # is missing, any R serves.
         H = np.eye(len(predicted.mean))[0:4:2]
         nu = sensor.absolute_position(converted.mean, k) - linalg.matvec(H, predicted.mean)
         R = np.where(np.isnan(nu).any(axis=0), np.eye(2)[..., None], converted.cov)
@@ -82,8 +83,8 @@ class CMKF(GaussianFilter):
 def polar_moments(sensor: RangeAzimuth, state: Gaussian, k: int) -> Polar:
     """Transform N(mean, cov) at step k to range and azimuth, with variances to first order."""
     r, a = sensor.polar(state.mean, k)
-    spread = linalg.sandwich(sensor.jacobian(state.mean, k), state.cov)
-    return Polar(r, a, spread[0, 0], spread[1, 1])
+    spread = linalg.sandwich(sensor.jacobian(state.mean, k), state.cov)  # (2, 2, M)
+    return Polar(r, a, range_variance=spread[0, 0], azimuth_variance=spread[1, 1])
 
 
 class LastTwoScans(NamedTuple):

@@ -109,6 +109,7 @@ class EKF(NonlinearFilter):
         motion, sensor = cast(Differentiable, scenario.model)
         x = np.ones((len(motion.components), 1))
         k = int(scenario.steps[-1])
+        # A constant Jacobian is a matrix without batch axes.
         if motion.jacobian(x, k).ndim == 2 and sensor.jacobian(x, k).ndim == 2:
             idle["order"] = "as motion and sensor are linear"
         return idle
@@ -119,13 +120,14 @@ class EKF(NonlinearFilter):
         A linear model is filtered as by a Kalman filter. None unless this is a plain EKF, and motion and
         sensor are linear and all runs have one covariance, or they are of `nonlinear_steps`.
         """
+        # A plain EKF has all other keys at their defaults.
         plain = EKF(smooth=self.smooth, start=self.start, P0=self.P0)
         if type(self) is not EKF or self != plain:
             return None
         if not isinstance(model.sensor, LinearSensor):
             return nonlinear_steps(model, state, z, k, keeps_predictions=not self.smooths)
         cov = with_trailing(state.posterior.cov, 1, leading=2)
-        if (cov != cov[..., :1]).any():
+        if (cov != cov[..., :1]).any():  # the runs have different covariances
             return None
         with_one_covariance = Gaussian(state.posterior.mean, cov[..., 0])
         return linear_steps(model, state._replace(posterior=with_one_covariance), z, k)
@@ -190,7 +192,7 @@ class MCAEKF(NonlinearFilter):
         sensor = cast(RangeAzimuth, model.sensor)
         expected = self.assumed.measurement(model, predicted.mean, k)
         nu = sensor.innovation(z, expected.mean)
-        # R11 <- R11 + (D / kappa)^2 with the sagitta D
+        # R11 <- R11 + (D / kappa)^2 with the sagitta D, which is NaN where the azimuth is missing
         D = self._sagitta(polar_moments(sensor, predicted, k), nu[1], expected.cov[1, 1])
         R = np.broadcast_to(with_trailing(expected.cov, 1, leading=2), (2, 2, len(D))).copy()
         R[0, 0] += np.where(np.isnan(D), 0.0, np.square(D / self.kappa))
@@ -285,8 +287,8 @@ def _regress_measurement(
 
     ``rule`` has the points over which it is computed (Garcia-Fernandez et al. 2015, eqs. 5-9).
     """
-    # Step 1: measurements of the points relative to that of the mean, so that angles are averaged away
-    # from their jump by 2 pi.
+    # Step 1: measurements of the points relative to that of the mean, which is the first point, so that
+    # angles are averaged away from their jump by 2 pi.
     points = rule.points(state)
     z = model.sensor.measurement(points.x, k).mean
     z_of_mean = z[:, 0]

@@ -9,7 +9,7 @@ from numpy.random import Generator
 
 from trackbench.core import kalman, linalg, particles
 from trackbench.core.angles import bring_together, mean_direction, near
-from trackbench.core.arrays import Array, note, with_trailing
+from trackbench.core.arrays import Array, count_operations, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian, draw_covering
 from trackbench.core.kalman import Innovation
 from trackbench.core.particles import Evidence, Particles, equal_weights
@@ -167,7 +167,7 @@ class EnKF(SmoothingFilter[Ensemble], EnsembleFilter):
         # Step 3: K = C S^-1, C = cov(x, z), S = cov(z, z) + R.
         C_transposed = linalg.transpose(_cross_cov(dx, dz))
         C_transposed, S = kalman.drop_missing(C_transposed, _cross_cov(dz, dz) + R, missing)
-        note("covariances", S, components=2)
+        count_operations("covariances", S, component_axes=2)
         K = linalg.matmul(linalg.transpose(C_transposed), linalg.inverse(S))
         # Step 4: correct the members.
         if self.form == "etkf":
@@ -192,9 +192,9 @@ class EnKF(SmoothingFilter[Ensemble], EnsembleFilter):
         """Smooth the members of every step by the ensemble RTS smoother (Raanes 2016)."""
 
         def smooth_one_back(i: int, later: Array) -> Array:
-            """Smooth the members (n, M, N) of a step by the smoothed ones of the next step."""
+            """Smooth the members (n, M, N) of ``states[i]`` by those of the next state, smoothed."""
             x = states[i].x
-            predicted = states[i + 1].predicted
+            predicted = states[i + 1].predicted  # x moved, before the update
             assert predicted is not None
             later = near(later, predicted, angle_rows(model.motion))
             dx = x - mean(x)[..., None]
@@ -347,12 +347,11 @@ def _flow(
     ``A = -P H' (t H P H' + R)^-1 H / 2`` and ``b = (I + 2 t A) (I + t A) P H' R^-1 y`` (Ding & Coates
     2012, eqs. 9, 10).
     """
-    # Linearize at the shifted mean.
-    at = prior.mean + shift
-    expected = sensor.measurement(at, k)
+    shifted_mean = prior.mean + shift
+    expected = sensor.measurement(shifted_mean, k)
     nu = sensor.innovation(z, expected.mean)
     missing = np.isnan(nu)
-    H = jacobian_at(sensor, Gaussian(at, prior.cov), k)
+    H = jacobian_at(sensor, Gaussian(shifted_mean, prior.cov), k)
     H, R = kalman.drop_missing(H, expected.cov, missing)
     H = with_trailing(H, 1, leading=2)
     R = with_trailing(R, 1, leading=2)

@@ -215,6 +215,7 @@ class External(Filter[ProgramState]):
         for run, seed in enumerate(run_seeds(rng, prior.mean.shape[1])):
             moments = [prior.mean[:, run], prior.cov[..., run].ravel()]
             lines.append(f"init {seed} 0 {_fields(np.concatenate(moments))}")
+        # Before the first line there are no estimates; only the number of components is read.
         nothing = np.full((len(prior.mean), len(lines)), np.nan)
         before = ProgramState(hello=self._hello(model), line=None, mean=nothing, cov=nothing[None])
         first = _Line(lines, number=0, time=0.0, before=None)
@@ -258,7 +259,7 @@ class External(Filter[ProgramState]):
                 program = pool.program_of_run(run, state.line)
                 answers, repeated = program.exchange(state.line, lines, run)
                 numbers = _read_numbers(answers, n)
-                if repeated:
+                if repeated:  # the program began the run again, up to the state
                     again = _read_numbers(repeated[-1:], n)[0]
                     _check_repeated(again, state, run)
             except ProgramError as error:
@@ -368,8 +369,10 @@ def _step_lines(model: Model, before: _Line, z: Array, k: int) -> Iterator[_Line
     for i in range(z.shape[1]):
         number = before.number + 1
         length = step_length(model, k + i)
-        # A product has no rounding error that grows from step to step.
-        time = number * length if hasattr(model.motion, "T") else before.time + length
+        time = before.time + length
+        if hasattr(model.motion, "T"):
+            # All steps are of one length: a product has no rounding error that grows from step to step.
+            time = number * length
         lines = [f"step {time:.17g} {_fields(z_of_run)}" for z_of_run in z[:, i].T]
         if inputs is not None:
             inputs_of_step = _fields(np.array(inputs.at(k + i)))
@@ -393,7 +396,8 @@ def _read_numbers(answers: Sequence[str], n: int) -> Array:
         fields = answer.split()
         if len(fields) != size or size not in (n, n + n * n):
             sizes = f"{n} of a mean, or {n + n * n} of a mean and a covariance"
-            raise ProgramError(f"the program answers {len(fields)} numbers, not {sizes}", i)
+            what = f"the program answers {len(fields)} numbers, not {sizes}"
+            raise ProgramError(what, answered=i)
     text = " ".join(answers)
     try:
         numbers = np.array(text.split(), dtype=np.float64).reshape(-1, size)
@@ -402,7 +406,8 @@ def _read_numbers(answers: Sequence[str], n: int) -> Array:
     # numpy reads 1_0 as ten.
     if numbers is None or "_" in text:
         i, word = next(_words(answers))
-        raise ProgramError(f"the program answers {word[:60]!r}, which is no number", i) from None
+        what = f"the program answers {word[:60]!r}, which is no number"
+        raise ProgramError(what, answered=i) from None
     if size > n:
         _check_symmetric(numbers[:, n:].reshape(-1, n, n))
     return numbers
@@ -429,7 +434,7 @@ def _check_symmetric(P: Array) -> None:
         numbers = f"{P[i, row, column]:.6g} and {P[i, column, row]:.6g}"
         where = f"row {row + 1}, column {column + 1} and its mirror image"
         what = f"the program answers a covariance that is not symmetric: {where} are {numbers}"
-        raise ProgramError(what, i)
+        raise ProgramError(what, answered=i)
 
 
 def few_digits(mean: Array, cov: Array) -> str:
@@ -450,6 +455,7 @@ def few_digits(mean: Array, cov: Array) -> str:
             return f"at most {counted(digits, 'digit')}"
     for decimals in range(1, _MOST_DECIMALS + 1):
         whole = x * 10.0**decimals
+        # Of larger numbers the digits before the point leave none behind it.
         is_small = np.abs(whole) < 10.0**_MOST_DIGITS
         is_whole = np.abs(whole - np.rint(whole)) < _NEARLY_WHOLE
         if is_small.sum() >= _LEAST_NUMBERS and is_whole[is_small].all():
@@ -467,12 +473,16 @@ def _check_repeated(again: Array, state: ProgramState, run: int) -> None:
     """
     n = len(state.mean)
     mean = again[:n]
-    cov = np.full((n, n), np.nan) if len(again) == n else again[n:].reshape(n, n)
+    cov = np.full((n, n), np.nan)  # that of a program that answers only means
+    if len(again) > n:
+        cov = again[n:].reshape(n, n)
     has_same_mean = np.array_equal(state.mean[:, run], mean, equal_nan=True)
     has_same_cov = np.array_equal(state.cov[:, :, run], cov, equal_nan=True)
     if not (has_same_mean and has_same_cov):
         what = "a run that begins again has other estimates: "
-        raise ProgramError(f"{what}does `init` set all of the state, and SEED all noise?", -1)
+        hint = "does `init` set all of the state, and SEED all noise?"
+        # The wrong answer is that of the step before the new lines.
+        raise ProgramError(f"{what}{hint}", answered=-1)
 
 
 def _stamps(tracker: External) -> list[tuple[int, ...]]:

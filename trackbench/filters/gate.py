@@ -117,9 +117,10 @@ def gate_cautions(gate: float | None, scope: GateScope, scenario: Scene) -> list
 def _measure_together(scenario: Scene) -> bool:
     """Test whether the periods of the scenario's sensors let two of them measure at one step."""
     sensor = scenario.model.sensor
-    while isinstance(sensor, ScaledNoise):
+    while isinstance(sensor, ScaledNoise):  # a sensor around another one
         sensor = sensor.sensor
-    sensors_per_step = np.zeros(len(scenario.steps) - 1)
+    measured_steps = scenario.steps[1:]  # after the step of the prior
+    sensors_per_step = np.zeros(len(measured_steps))
     for single in sensors_of(cast(Sensors, sensor)):
-        sensors_per_step += (scenario.steps[1:] - single.offset) % single.period == 0
+        sensors_per_step += (measured_steps - single.offset) % single.period == 0
     return bool((sensors_per_step > 1).any())

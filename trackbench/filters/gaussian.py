@@ -133,10 +133,13 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
         posterior, innovation, weight = self.predict_and_update(model, before, z, k)
         nis = innovation.nis
         if self.smooths:
-            innovation = innovation._replace(predicted=None)  # all states stay in memory
+            # The smoother keeps the states of all steps in memory: leave out their predictions.
+            innovation = innovation._replace(predicted=None)
         updated = Tracked(posterior=posterior, nis=nis, innovation=innovation, weight=weight)
         # Step 3: leave out what the gate refuses.
-        return updated if self.gate is None else self._gate(model, before, updated, z, k)
+        if self.gate is None:
+            return updated
+        return self._gate(model, before, updated, z, k)
 
     def estimate(self, state: Tracked) -> Gaussian:
         """Return the posterior."""
@@ -242,6 +245,7 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
     ) -> list[Tracked]:
         """Smooth the posteriors of every step by the Rauch-Tung-Striebel recursion."""
         posteriors = [per_run_moments(state.posterior) for state in states]
+        # State i is that of step k + i.
         transitions = [
             self.faded_transition(model, posterior, k + 1 + i)
             for i, posterior in enumerate(posteriors[:-1])
@@ -352,14 +356,17 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
 
 
 def _redundant_component(scenario: Scene) -> str | None:
-    """Name a measured component that follows from others in a linear model with constant noise."""
+    """Name the first measured component that follows from the components before it.
+
+    None if there is none, or if the sensor is not linear with constant noise.
+    """
     motion, sensor = scenario.model
     if not hasattr(sensor, "H") or len(sensor.components) < 2:
         return None
-    x = np.ones((len(motion.components), 1))
-    H = sensor.H(len(x))
-    R = sensor.measurement(x, int(scenario.steps[-1])).cov
-    if R.ndim > 2:
+    any_state = np.ones((len(motion.components), 1))
+    H = sensor.H(len(any_state))
+    R = sensor.measurement(any_state, int(scenario.steps[-1])).cov
+    if R.ndim > 2:  # the noise depends on the state
         return None
     # A component is redundant if a combination d of components has neither state nor noise:
     # d' [H R] = 0. Rows and columns are scaled, so that units do not matter.
@@ -367,10 +374,12 @@ def _redundant_component(scenario: Scene) -> str | None:
     for axis in (1, 0):
         largest = np.abs(B).max(axis=axis, keepdims=True)
         B = B / np.where(largest > 0.0, largest, 1.0)
+    # A row of B that follows from the rows before it has a zero pivot in the factor of B B'.
     pivots = np.diagonal(linalg.root_in_range(linalg.matmul(B, B.T)))
-    for i in np.flatnonzero(pivots == 0.0):
-        return sensor.components[i]
-    return None
+    redundant = np.flatnonzero(pivots == 0.0)
+    if len(redundant) == 0:
+        return None
+    return sensor.components[redundant[0]]
 
 
 class AssumedNoise(NamedTuple):
@@ -389,6 +398,7 @@ class AssumedNoise(NamedTuple):
         exact = model.motion.transition(x, k)
         if self.Q is None and self.noise_mean and isinstance(exact, Gaussian):
             return exact
+        # Without the mean of the noise: `loc` is f(x).
         mean = exact.mean if self.noise_mean else exact.loc
         return Gaussian(mean, _assumed_cov(self.Q, exact.cov))
 
@@ -528,8 +538,8 @@ def nonlinear_steps(
     Returns
     -------
     Steps or None
-        None unless the motion is one of `matrices_of_steps`, the sensor is one of `measured_by_kernel`
-        (for the EKF a radar), and `filter_steps` can filter.
+        None unless the motion is one of `matrices_of_steps`, with several components and no angle, the
+        sensor is one of `measured_by_kernel` (for the EKF a radar), and `filter_steps` can filter.
     """
     motion, sensor = model
     n = len(motion.components)

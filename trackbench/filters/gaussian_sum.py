@@ -127,6 +127,7 @@ class GaussianSum(Filter[Mixture]):
         cov = np.concatenate(covs, axis=-1)
         log_p = np.concatenate(log_likelihoods, axis=-1)
         # Step 2: multiply each weight by the likelihood of the component's innovation.
+        # A missing measurement, with a log-likelihood of NaN, leaves the weights as they are.
         log_w = elementary.log(state.w) + np.nan_to_num(log_p, neginf=-np.inf)
         weights = particles.normalize(log_w)
         # Angles that differ by whole turns are brought together.

@@ -296,7 +296,7 @@ def _largest_difference(both: Resolved) -> float:
     """Return the largest difference of a run's mean or variance from those of the check.
 
     Differences of means are relative to the standard deviation, those of variances to the variance. The
-    result is infinite if one of both is NaN in a run.
+    result is infinite if one of both is NaN in a run, and zero if both are.
     """
     moments = quadrature.moments(both.posterior)
     check = quadrature.moments(both.check)
@@ -330,9 +330,10 @@ def _support_if_missing(
     if not missing.any():
         return intervals
     low, high = support
-    # In runs with a measurement the intervals beyond those of the measurement are empty.
+    # In runs with a measurement the parts beyond its intervals are empty.
     empty = [(low, low)] * (number_of_parts - len(intervals))
     with_measurement = [*intervals, *empty]
+    # In runs without a measurement the intervals beyond the parts are empty.
     shares = [min(i / number_of_parts, 1.0) for i in range(len(with_measurement) + 1)]
     ends = [(1.0 - share) * low + share * high for share in shares]
     divided = []
@@ -400,7 +401,8 @@ def _likely_intervals(
     intervals = []
     number = np.cumsum(edges[:-1] > 0, axis=0)  # of the stretch that a state is in or after
     for i in range(1, min(int(number.max()), _MOST_INTERVALS) + 1):
-        is_stretch = number == i if i < _MOST_INTERVALS else number >= i
+        is_last_allowed = i == _MOST_INTERVALS
+        is_stretch = number >= i if is_last_allowed else number == i
         intervals.append(_first_and_last(states, wide & is_stretch))
     return intervals
 

@@ -157,6 +157,7 @@ class EvolutionFilter(ProposalFilter):
         """Report as idle the keys of an evolution without generations, and unused final weights."""
         idle = super().idle_keys(scenario)
         if self.G == 0:
+            # T0, rho and `select` are keys of HDEPF only.
             keys = ["F", "CR", "T0", "rho"]
             keys += [f"reading.{key}" for key in ("fitness", "keep_best", "bounds", "select")]
             idle |= dict.fromkeys(keys, "with `G: 0`")
@@ -227,7 +228,7 @@ class EvolutionFilter(ProposalFilter):
             with np.errstate(invalid="ignore", over="ignore"):
                 gain = self.reading.compared(trial_fitness) - self.reading.compared(fitness)
             take = selection.accept(gain, rng)
-            is_new = (trial != x).any(axis=0)
+            is_new = (trial != x).any(axis=0)  # a trial that equals its parent does not count
             x = choose(take, trial, x)
             fitness = choose(take, trial_fitness, fitness)
             if self.reading.keep_best == "slot":

@@ -35,7 +35,7 @@ from trackbench.filters.gaussian import (
     select_innovation,
     select_steps,
 )
-from trackbench.filters.jump_markov import JumpMarkov, shared_components
+from trackbench.filters.jump_markov import JumpMarkov, position_velocity_components
 from trackbench.models.base import Model, Scene, angle_rows, extra_std
 from trackbench.models.motions.irregular import matrices_of_steps
 from trackbench.models.priors import augment_gaussian
@@ -185,7 +185,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
     def init(self, model: Model, prior: Distribution, rng: Generator) -> ModelBank:
         """Start every model from the prior."""
         models = self.models(model)
-        n = len(shared_components(model.motion))
+        n = len(position_velocity_components(model.motion))
         runs = prior.mean.shape[1]
         # Each state has the shared components of the prior, and those that its motion adds.
         first = self.filter.initialize(model, prior)
@@ -246,7 +246,9 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
             return None
         transition = np.array(self.transition)
         measured = measured_by_kernel(model.sensor, matrices[0].motion.size)
-        radar = measured if measured is not None and measured.is_radar else None
+        radar = None
+        if measured is not None and measured.is_radar:
+            radar = measured
         interacting = interact(state.states, state.weights, matrices, transition, z, radar)
         if interacting is None:
             return None
@@ -288,7 +290,8 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         for model, before in zip(models, mixed, strict=True):
             posterior, innovation, weight = self.filter.predict_and_update(model, before, z, k)
             if self.smooths:
-                innovation = innovation._replace(predicted=None)  # all states stay in memory
+                # The smoother keeps the states of all steps in memory: leave out their predictions.
+                innovation = innovation._replace(predicted=None)
             states.append(posterior)
             innovations.append(innovation)
             sensor_weights.append(weight)
@@ -312,7 +315,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
             self.filter.refused_components(models[j].sensor, z, innovation, likelihoods.nis[j])
             for j, innovation in enumerate(likelihoods.innovations)
         ]
-        refused = np.logical_and.reduce(refused_by_model)
+        refused = np.logical_and.reduce(refused_by_model)  # (n_z, M)
         # Step 2: the second pass.
         used = np.where(refused, np.nan, z)
         second = self._filter_each(models, mixed, used, k)
@@ -328,7 +331,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
             )
         return _Gated(
             refused=refused,
-            number=self.filter.count_refused(models[0].sensor, refused),
+            number=self.filter.count_refused(models[0].sensor, refused),  # all have one sensor
             used=used,
             filtered=second,
             likelihoods=likelihoods,
@@ -379,7 +382,10 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         models = self.models(model)
 
         def smooth_one_back(step: int, later: ModelBank) -> ModelBank:
-            """Smooth the models' states and weights of a step by the smoothed ones of the next step."""
+            """Smooth states and weights of the models in ``states[step]``, that of step k + step.
+
+            ``later`` are those of the next step, smoothed.
+            """
             bank = states[step]
             priors = [per_run_moments(state) for state in bank.states]
             _, mixing = predict_weights(bank.weights, np.array(self.transition))
@@ -388,13 +394,14 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
             for j, model_j in enumerate(models):
                 # Step 1: predict each state i by model j.
                 transitions = [
-                    self._cross_transition(model_i, prior, model_j, priors[j], k + 1 + step)
+                    self._cross_transition(model_i, prior, model_j, priors[j], k + step + 1)
                     for model_i, prior in zip(models, priors, strict=True)
                 ]
                 # Step 2: x_{k+1} given i, j and all z; Pr(i, j | all z) = mu_j|T p_ij mu_i c_ij / c_j.
                 predicted = [transition.predicted for transition in transitions]
                 angles = angle_rows(model_j.motion)
                 ends, log_c = given_later(predicted, mixing[:, j], later.states[j], angles)
+                # A likelihood is exp(-nis / 2): c_ij enters as a NIS of -2 log c_ij.
                 share = update_weights(mixing[:, j], -2.0 * log_c)
                 joint_weights.append(later.weights[j] * share)
                 # Step 3: smooth each state i.
@@ -514,6 +521,7 @@ def _steps_of(
             nis=interacting.nis[steps],
             innovations=tuple(innovations),
             predicted=interacting.predicted_weights[:, steps],
+            # Without a gate nothing is refused.
             refused=np.zeros(z[:, steps].shape, dtype=np.bool_),
             gated=np.zeros(z[0, steps].shape),
             measurement_weight=None,

@@ -72,6 +72,7 @@ class InputEstimation(Filter[Corrected]):
         """Reject windows that do not fit into the scenario's runs."""
         T = sampling_of(scenario.model).T
         misfits = self.detector.conflicts(T, float(scenario.times[-1]))
+        # The detector's keys are keys of this filter.
         return {key.removeprefix("detector."): what for key, what in misfits.items()}
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
@@ -85,7 +86,8 @@ class InputEstimation(Filter[Corrected]):
         axes = state.cov.shape[2]
         inputs = empty_hypotheses(self.detector.window(sampling_of(model).T), axes, runs)
         unknown = np.full(runs, np.nan)
-        return Corrected(state, inputs, unknown, np.zeros(runs, dtype=np.bool_), unknown)
+        no_alarm = np.zeros(runs, dtype=np.bool_)
+        return Corrected(filter=state, inputs=inputs, nis=unknown, alarm=no_alarm, age=unknown)
 
     def step(self, model: Model, state: Corrected, z: Array, k: int, rng: Generator) -> Corrected:
         """Predict, update, and add the input of the most significant onset."""
@@ -110,7 +112,14 @@ class InputEstimation(Filter[Corrected]):
             inputs = inputs.reset(alarm, k)
         nis = np.where(is_missing(innovation), np.nan, sum_over_axes(innovation.nis))
         age_s = np.where(alarm, age * T, np.nan)
-        return Corrected(posterior, inputs.add_onset(k), nis, alarm, age_s, innovation)
+        return Corrected(
+            filter=posterior,
+            inputs=inputs.add_onset(k),
+            nis=nis,
+            alarm=alarm,
+            age=age_s,
+            innovation=innovation,
+        )
 
     def estimate(self, state: Corrected) -> Gaussian:
         """Return the corrected filter."""

@@ -68,7 +68,7 @@ class JumpMarkov(Filter[State]):
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Reject motions with other positions and velocities than the target, or unknown inputs."""
-        target = shared_components(scenario.model.motion)
+        target = position_velocity_components(scenario.model.motion)
         conflicts = super().conflicts(scenario)
         unknown_inputs = {}
         for i, motion in enumerate(self.motions):
@@ -78,8 +78,10 @@ class JumpMarkov(Filter[State]):
                 unknown_inputs[f"motions.{i}.input"] = str(error)
         if unknown_inputs:
             return conflicts | unknown_inputs
+        # `sampled` is the motion along the axes and over the steps of the target's.
         for i, (sampled, _) in enumerate(self.models(scenario.model)):
-            if shared_components(sampled) != target:
+            if position_velocity_components(sampled) != target:
+                # Along the axes of a target without positions, a motion has no components.
                 names = ", ".join(sampled.components) or "positions and velocities"
                 conflicts[f"motions.{i}"] = f"a motion of {names} for {', '.join(target)}"
         return conflicts
@@ -108,7 +110,7 @@ def _with_angles(motion: Motion, names: tuple[str, ...]) -> Motion:
     return motion.with_angles(names, 1) if isinstance(motion, AngledMotion) else motion
 
 
-def shared_components(motion: SampledMotion) -> tuple[str, ...]:
+def position_velocity_components(motion: SampledMotion) -> tuple[str, ...]:
     """Return the positions and velocities, which all motions of a target share."""
     return motion.components[: len(motion.components) - len(extra_std(motion))]
 
@@ -131,13 +133,13 @@ class MultipleModelPF(JumpMarkov[PFState], ParticleFilter):
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> PFState:
         """Draw particles from the prior, each with a motion."""
-        x, log_w = draw_covering(prior, rng, self._size(0))
+        x, log_w = draw_covering(prior, rng, self._particle_count_after(0))
         runs, N = x.shape[1:]
         extra = _extra_deviations(self.models(model))
         # Draw the motion of each particle from the initial probabilities.
         mode = _draw_modes(np.tile(self.initial_weights[:, None, None], (1, runs, N)), rng)
         # Take the shared components from the prior; draw those that a motion adds.
-        shared = x[: len(shared_components(model.motion))]
+        shared = x[: len(position_velocity_components(model.motion))]
         weighted = Particles(shared, particles.normalize(log_w).w)
         x = np.concatenate([shared, _draw_extra(extra, mode, rng)])
         state = PFState.first(weighted, log_w)
@@ -147,7 +149,7 @@ class MultipleModelPF(JumpMarkov[PFState], ParticleFilter):
         """Draw each particle's motion, then its state from that motion; weigh, resample."""
         assert state.mode is not None
         models = self.models(model)
-        n = len(shared_components(model.motion))
+        n = len(position_velocity_components(model.motion))
         # Step 1: draw the motion of each particle by its row of the transition matrix.
         extra = _extra_deviations(models)
         before = state.mode
@@ -162,7 +164,7 @@ class MultipleModelPF(JumpMarkov[PFState], ParticleFilter):
         angles = [i for i in angle_rows(models[0].motion) if i < n]
         x = bring_together(Particles(x, w), angles).x
         weighted = Particles(x[:n], w)
-        size = self._size(state.age + 1)
+        size = self._particle_count_after(state.age + 1)
         # Step 4: resample states and motions; regularize the particles of each motion by themselves.
         index = resampling.ancestors(w, rng, self.resampling, size)
         spreads = _spreads(models, x, mode, w)
@@ -193,7 +195,7 @@ def _extra_names(models: list[Model]) -> list[str]:
     """Return the components beyond the shared positions and velocities, each once."""
     names: list[str] = []
     for model in models:
-        n = len(shared_components(model.motion))
+        n = len(position_velocity_components(model.motion))
         names += [name for name in model.motion.components[n:] if name not in names]
     return names
 
@@ -235,7 +237,7 @@ def _draw_modes(p: Array, rng: Streams) -> Index:
 
 def _rows_of_motions(models: list[Model]) -> list[list[int]]:
     """Return the rows of a particle's state that each motion moves."""
-    n = len(shared_components(models[0].motion))
+    n = len(position_velocity_components(models[0].motion))
     names = _extra_names(models)
     rows = []
     for model in models:

@@ -121,6 +121,7 @@ class ProposalFilter(Filter[PFState]):
         effective sample size of the draws. ``distinct_particles``: particles that are no copies after
         resampling or evolution. Both are shares of N.
         """
+        # Copies have equal first components, which sorting puts side by side.
         distinct = particles.distinct_share(np.sort(state.particles.x[0]))
         return state.diagnostics() | {"distinct_particles": distinct}
 
@@ -147,16 +148,16 @@ class ProposalFilter(Filter[PFState]):
         prior = model.motion.transition(origin, k)
 
         def log_target(x: Array) -> Array:
-            """Return the log-density that the proposals aim at."""
+            """Return ``log p(z_k | x) + log p(x | origin)`` (M, N) of particles x (n, M, N)."""
             # log p(z_k | x), in the arithmetic of the key `weights`
-            likelihood = read_likelihood(log_likelihood(model.sensor, z, x, k), arithmetic)
+            log_p_z = read_likelihood(log_likelihood(model.sensor, z, x, k), arithmetic)
             if transition == "model":
-                return likelihood + prior.log_prob(x)
+                return log_p_z + prior.log_prob(x)
             # The increment v has the density of the noise. As in the public demo it is not cut at v = 0:
             # v^2 exp(-2 v) grows without bound for v < 0.
             noise = cast(GammaMotion, model.motion).noise
             v = x[0] - origin[0]
-            return likelihood + (noise.shape - 1.0) * log(np.abs(v)) - noise.rate * v
+            return log_p_z + (noise.shape - 1.0) * log(np.abs(v)) - noise.rate * v
 
         return log_target
 
@@ -181,7 +182,9 @@ class KalmanProposalFilter(ProposalFilter):
         state = super().init(model, prior, rng)
         shape = state.particles.x.shape
         # All particles of all runs start with one covariance.
-        cov = prior.cov if self.P0 is None else self.P0 * np.eye(len(prior.mean))
+        cov = prior.cov
+        if self.P0 is not None:
+            cov = self.P0 * np.eye(len(prior.mean))
         P = np.broadcast_to(with_trailing(cov, 2, leading=2), (shape[0], *shape))
         return state._replace(P=P)
 

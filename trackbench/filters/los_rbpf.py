@@ -13,7 +13,7 @@ import numpy as np
 from numpy.random import Generator
 
 from trackbench.core import linalg, particles
-from trackbench.core.arrays import Array, Mask, note
+from trackbench.core.arrays import Array, Mask, count_operations
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.elementary import arctan2, cos_sin, log
 from trackbench.core.mixtures import combine
@@ -61,6 +61,7 @@ class CrossSpeedModes(NamedTuple):
     def kernels(self, x: Array) -> list[Mode]:
         """Return a kernel for each mode of the particles x (n, M, N)."""
         up = x[1] > 0.0
+        # Without two separate modes the kernel of both signs is that of all particles.
         shares = np.where(self.separate, self.share, 1.0)
         return [
             Mode(members=up, share=shares[0], cov=self.cov[0]),
@@ -142,7 +143,7 @@ class LineOfSight(ParticleFilter):
         variance = cast(RangeAzimuth, model.sensor).R[0, 0]
         r1 = prior.first[0][:, None]
         r2 = prior.second[0][:, None]
-        a1, a2, log_w = prior.azimuths(rng, self._size(0))
+        a1, a2, log_w = prior.azimuths(rng, self._particle_count_after(0))
         # In the frame of the second scan, with d = a2 - a1, the first position is r1 (cos d, -sin d):
         # v_c = r1 sin d / T,  r' = (r2 - r1 cos d) / T.
         d = a2 - a1
@@ -163,7 +164,7 @@ class LineOfSight(ParticleFilter):
         motion, sensor = cast("tuple[Linear, RangeAzimuth]", model)
         # Step 1: predict the particles and the covariance P of (r, r').
         x, P = _propagate(motion, state, rng)
-        missing = np.isnan(z[0] + z[1])
+        missing = np.isnan(z[0] + z[1])  # range or azimuth
         r, across, along = along_line_of_sight(np.where(missing, 0.0, z[1]), x[0], x[2])
         K, S, P = _kalman_gain(P, sensor.R[0, 0], missing)
         # Step 2: log w = log w - nu^2 / (2 S) - (a - theta)^2 / (2 sigma_a^2), nu = z_r - r.
@@ -171,19 +172,22 @@ class LineOfSight(ParticleFilter):
         half_distance = np.square(nu)
         angle = arctan2(across, along)
         half_distance *= (0.5 / S)[:, None]
-        angle *= angle
-        angle *= 0.5 / sensor.R[1, 1]
-        half_distance += angle
+        of_azimuth = np.square(angle, out=angle)
+        of_azimuth *= 0.5 / sensor.R[1, 1]
+        half_distance += of_azimuth
         if missing.any():
             nu[missing] = 0.0
             half_distance[missing] = 0.0
-        note("likelihoods", half_distance, components=0)
+        count_operations("likelihoods", half_distance, component_axes=0)
         log_w = state.log_w - half_distance
         w, collapsed, mass = particles.normalize(log_w)
         scale = 2.0 * np.pi * np.sqrt(S * sensor.R[1, 1])
+        # A step without a measurement has no likelihood.
         evidence = Evidence(
             mass, carried=state.log_w, N=w.shape[1], scale=np.where(missing, np.nan, scale)
         )
+        if collapsed.any():
+            log_w = np.where(collapsed[:, None], 0.0, log_w)
         # Step 3: correct each particle by K nu along its own line of sight.
         relative_innovation = np.divide(nu, r, out=nu)
         weighted = Particles(_apply_gain(x, K, relative_innovation), w)
@@ -194,11 +198,11 @@ class LineOfSight(ParticleFilter):
             collapsed=collapsed,
             age=state.age + 1,
             P=P,
-            log_w=np.where(collapsed[:, None], 0.0, log_w) if collapsed.any() else log_w,
+            log_w=log_w,
             evidence=(evidence,),
         )
         # Step 4: resample and regularize the runs with few effective particles.
-        return self._resample_degenerate(new, k, rng, self._size(new.age))
+        return self._resample_degenerate(new, k, rng, self._particle_count_after(new.age))
 
     def _resample_degenerate(self, state: PFState, k: int, rng: Generator, size: int) -> PFState:
         """Resample and regularize the runs whose effective sample size is below the threshold.
@@ -206,6 +210,7 @@ class LineOfSight(ParticleFilter):
         ``size`` is the number of particles from now on. If it changes, all runs are resampled.
         """
         x, w = state.weighted
+        # Also runs that have diverged, whose effective sample size is NaN.
         degenerate = ~(particles.effective_sample_size(w) >= self.ess_threshold * size)
         if size != w.shape[1]:
             degenerate[:] = True
@@ -304,8 +309,8 @@ def _kalman_gain(P: Array, variance: float, missing: Mask) -> tuple[Array, Array
     P (2, 2, M) is that of range and range rate, ``variance`` that of the measurement. Runs whose
     measurement is ``missing`` (M,) have the gain zero.
     """
-    note("covariances", P, components=2)
-    # S = P11 + R,  K = P h / S,  P' = P - K S K'
+    count_operations("covariances", P, component_axes=2)
+    # S = P11 + R,  K = P h / S,  P' = P - K S K', with h = [1, 0]'
     S = P[0, 0] + variance
     K = np.where(missing, 0.0, P[:, 0] / S)
     return K, S, P - linalg.outer(K, K) * S

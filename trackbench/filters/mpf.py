@@ -20,7 +20,7 @@ import numpy as np
 from numpy.random import Generator
 
 from trackbench.core import particles
-from trackbench.core.arrays import Array, note
+from trackbench.core.arrays import Array, count_operations
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.particle_moves import Kernel, displaced, jitter
 from trackbench.core.particles import Particles
@@ -66,7 +66,7 @@ class MPF(ParticleFilter):
     def init(self, model: Model, prior: Distribution, rng: Generator) -> PFState:
         """Draw the positions of both scans; their difference over T is the velocity's mean."""
         assert isinstance(prior, TwoPoint)
-        first, second, log_w = prior.positions(rng, self._size(0))
+        first, second, log_w = prior.positions(rng, self._particle_count_after(0))
         vx, vy = (second - first) / prior.T
         x = np.stack([second[0], vx, second[1], vy])
         cloud = Particles(x, particles.normalize(log_w).w)
@@ -85,7 +85,7 @@ class MPF(ParticleFilter):
         age = state.age + 1
         moments = weighted.moments()
         # Step 4: resample and regularize; C is the same in all particles.
-        resampled = self._resample(weighted, rng, self._size(age))
+        resampled = self._resample(weighted, rng, self._particle_count_after(age))
         jittered = self._jitter(resampled.x, moments.cov, rng)
         regularized = self._jitter_measured(z, resampled.x, jittered)
         return PFState(
@@ -121,7 +121,7 @@ def _propagate(motion: Linear, state: PFState, rng: Generator) -> tuple[Array, A
     # N = T^2 C + Q11, K = (T C + Q12) / N
     N = T * T * C + Q[0, 0]
     K = (T * C + Q[0, 1]) / N
-    note("covariances", C, components=0)
+    count_operations("covariances", C, component_axes=0)
     # dp - T v ~ N(0, N), of both axes
     position_innovation = rng.standard_normal((2, *x.shape[1:]))
     position_innovation *= np.sqrt(N)

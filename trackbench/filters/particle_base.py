@@ -129,7 +129,7 @@ class ParticleFilter(WeightedParticlesFilter):
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> PFState:
         """Draw from the prior, with weights if the draws cover its tails."""
-        x, log_w = draw_covering(prior, rng, self._size(0))
+        x, log_w = draw_covering(prior, rng, self._particle_count_after(0))
         return PFState.first(Particles(x, particles.normalize(log_w).w), log_w)
 
     def posterior(self, state: PFState) -> Posterior | None:
@@ -193,6 +193,6 @@ class ParticleFilter(WeightedParticlesFilter):
             return jittered
         return np.where(has_measurement[:, None], jittered, resampled)
 
-    def _size(self, age: int) -> int:
+    def _particle_count_after(self, age: int) -> int:
         """Return the number of particles after so many steps."""
         return self.N * (self.boost if age < self.boost_scans else 1)

@@ -51,7 +51,7 @@ class PF(SimulatingSmoother):
         angles = angle_rows(model.motion)
         weighted = bring_together(Particles(x, w), angles)
         # Step 3: resample: draw particle i with probability w_k^i, with equal weights afterwards.
-        size = self._size(state.age + 1)
+        size = self._particle_count_after(state.age + 1)
         if self.moves:
             # Step 4: move. A move needs the parent, which is resampled with its child as one state.
             families = Particles(np.concatenate((weighted.x, parents)), w)
@@ -72,6 +72,7 @@ class PF(SimulatingSmoother):
 
     def diagnostics(self, state: PFState) -> dict[str, Array]:
         """Report also ``distinct_particles``: share of particles that are no copies after resampling."""
+        # Copies have equal first components, and stand side by side.
         distinct = particles.distinct_share(state.particles.x[0])
         return super().diagnostics(state) | {"distinct_particles": distinct}
 
@@ -137,6 +138,7 @@ class JitterPF(PF):
         n, _, size = resampled.x.shape
         h = self.bandwidth_scale * bandwidth(n, size, "gaussian")
         e = Gaussian(np.zeros(P.shape[1:]), P).sample(rng, size)
+        # Resampling puts copies side by side, and they have equal first components.
         first = resampled.x[0]
         is_copy = (first == np.roll(first, 1, axis=-1)) | (first == np.roll(first, -1, axis=-1))
         return resampled._replace(x=np.where(is_copy, resampled.x + h * e, resampled.x))
@@ -165,7 +167,7 @@ class RPF(SimulatingSmoother):
         moments = weighted.moments()
         # Step 3: resample, and add h A e: e from the kernel, A A' the covariance of the particles.
         age = state.age + 1
-        resampled = self._resample(weighted, rng, self._size(age))
+        resampled = self._resample(weighted, rng, self._particle_count_after(age))
         jittered = jitter(resampled.x, moments.cov, self.kernel, rng, self.bandwidth_scale)
         x = self._jitter_measured(z, resampled.x, jittered)
         return PFState(
@@ -206,18 +208,18 @@ class APF(SimulatingSmoother):
     def step(self, model: Model, state: PFState, z: Array, k: int, rng: Generator) -> PFState:
         """Choose ancestors by p(z|mu), move them, weigh by p(z|x) / p(z|mu)."""
         cloud = state.particles
-        size = self._size(state.age + 1)
+        size = self._particle_count_after(state.age + 1)
         # First stage: resample the ancestors by w p(z|mu).
         mu = self._characteristic(model, cloud.x, k, rng)
-        first = self._log_likelihood(model, z, mu, k)
-        chosen = particles.normalize(self._in_arithmetic(first + state.log_w))
+        log_p_mu = self._log_likelihood(model, z, mu, k)
+        chosen = particles.normalize(self._in_arithmetic(log_p_mu + state.log_w))
         # Where every first-stage weight is zero, p(z|mu) counts as flat.
-        first = np.where(chosen.collapsed[:, None], 0.0, first)
+        log_p_mu = np.where(chosen.collapsed[:, None], 0.0, log_p_mu)
         index = resampling.ancestors(chosen.w, rng, self.resampling, size)
         # Second stage: draw from the transition, weigh by p(z|x) / p(z|mu).
         x = model.motion.transition(select(cloud.x, index), k).sample(rng)
-        second = self._log_likelihood(model, z, x, k) - select(first, index)
-        w, collapsed, mass = particles.normalize(second)
+        log_w = self._log_likelihood(model, z, x, k) - select(log_p_mu, index)
+        w, collapsed, mass = particles.normalize(log_w)
         weighted = bring_together(Particles(x, w), angle_rows(model.motion))
         new = PFState(
             particles=weighted,
@@ -227,7 +229,7 @@ class APF(SimulatingSmoother):
             age=state.age + 1,
             w=w,
             evidence=(
-                Evidence(chosen.mass, carried=state.log_w, N=first.shape[1]),
+                Evidence(chosen.mass, carried=state.log_w, N=log_p_mu.shape[1]),
                 Evidence(mass, carried=0.0, N=w.shape[1]),
             ),
         )
@@ -237,13 +239,14 @@ class APF(SimulatingSmoother):
             return new._replace(particles=resampled)
         if self._carries_float64:
             return new._replace(log_w=elementary.log(w))
-        return new._replace(log_w=np.where(collapsed[:, None], 0.0, second))
+        return new._replace(log_w=np.where(collapsed[:, None], 0.0, log_w))
 
     def log_likelihood(self, state: PFState) -> Array:
         """Return the log-product (M,) of both stages' mean weights (Pitt 2002, section 2.2)."""
         if not state.evidence:
             return np.full(state.collapsed.shape, np.nan)
         first, second = (stage.log for stage in state.evidence)
+        # Where all first-stage weights were zero, p(z|mu) counted as flat.
         return np.where(first == -np.inf, 0.0, first) + second
 
     @property

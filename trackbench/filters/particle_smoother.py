@@ -46,7 +46,10 @@ class SimulatingSmoother(SmoothingFilter[PFState], ParticleFilter):
         angles = angle_rows(model.motion)
 
         def draw_one_back(i: int, later: Array) -> Array:
-            """Draw a state of the trajectories at a step, given their states ``later`` (n, M, r)."""
+            """Draw states of r trajectories from the particles of ``states[i]``, at step k + i.
+
+            ``later`` (n, M, r) are the trajectories' states at the step after it.
+            """
             cloud = states[i].weighted
             transition = model.motion.transition(cloud.x, k + 1 + i)
 

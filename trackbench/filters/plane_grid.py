@@ -97,24 +97,25 @@ class PlaneGrid(Filter[Planes]):
 
         Raises WrongReturnError if half as many nodes give other moments.
         """
-        motion = _map(model.motion, self.estimate(state), k)
+        motion = _map(model.motion, self.estimate(state), k)  # f, its Jacobian and Q
         nodes, check_nodes = self._node_counts
         posteriors = []
         checks = []
         for run, (old, old_check) in enumerate(zip(state.posteriors, state.checks, strict=True)):
 
-            def likelihood(x: Array, z: Array = z[:, run : run + 1]) -> Array:
+            def log_density_of_z(x: Array, z: Array = z[:, run : run + 1]) -> Array:
+                """Return log p(z | x) (N,) of states x (2, N), for the measurement z of this run."""
                 return log_likelihood(model.sensor, z, x[:, None], k)[0]
 
             try:
-                posteriors.append(plane_quadrature.condition(old, motion, likelihood, nodes))
+                posteriors.append(plane_quadrature.condition(old, motion, log_density_of_z, nodes))
                 checks.append(
-                    plane_quadrature.condition(old_check, motion, likelihood, check_nodes)
+                    plane_quadrature.condition(old_check, motion, log_density_of_z, check_nodes)
                 )
             except UnresolvedError as error:
                 raise self._unresolved(k, f": {error}") from None
         planes = Planes(posteriors=tuple(posteriors), checks=tuple(checks))
-        if not _largest_difference(planes) <= _TOLERANCE:
+        if not _largest_difference(planes) <= _TOLERANCE:  # or NaN
             raise self._unresolved(k, "")
         for i in angle_rows(model.motion):
             if _most_beyond_half_a_turn(planes.posteriors, i) > _NEGLIGIBLE:

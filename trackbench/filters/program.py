@@ -89,11 +89,13 @@ class Program:
 
     def exchange(self, lines: Sequence[str]) -> list[str]:
         """Send the lines and return the answers, one a line; raises ProgramError."""
+        # Nothing is owed before the lines are sent.
         with suppress(BlockingIOError):
             surplus = os.read(self._stdout.fileno(), _CHUNK)
             if surplus:
                 text = surplus.decode(errors="replace")
                 raise self._broken(f"answers more than one line: {_shorten(text)}", 0)
+        # Write what the program takes, and read what it answers, until every line has its answer.
         waiting = memoryview("".join(f"{line}\n" for line in lines).encode())
         received = list[bytes]()
         answered = 0
@@ -146,7 +148,7 @@ class Program:
             raise self._broken(self._describe_end(), answered) from None
 
     def _describe_end(self) -> str:
-        """Return how the program ended."""
+        """Return how the program ended, or that it closed its output if it still runs."""
         with suppress(subprocess.TimeoutExpired):
             code = self._process.wait(_END_S)
             names = {number.value: number.name for number in signal.Signals}
@@ -196,7 +198,7 @@ class Program:
     def kill(self) -> None:
         """Kill the program with all that it started, and keep the last lines that it wrote on stderr."""
         _running.discard(self)
-        _ended_s.append(self.cpu_s)
+        _ended_s.append(self.cpu_s)  # for `programs_cpu_s`
         # The guard is the shell that would kill the program's process group if this process ended.
         self._guard.kill()
         self._guard.communicate()

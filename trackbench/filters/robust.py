@@ -96,8 +96,11 @@ class RobustUpdate:
         posterior = per_run_moments(posterior)
         R = with_trailing(sensor.measurement(posterior.mean, k).cov, 1, leading=2)
         # Step 1: residuals z - h(x) at the mean, or at cubature points of the posterior.
-        points = _CUBATURE.points(posterior) if self.uses_spread else None
-        x = posterior.mean[:, None] if points is None else points.x
+        points = None
+        x = posterior.mean[:, None]
+        if self.uses_spread:
+            points = _CUBATURE.points(posterior)
+            x = points.x
         expected = sensor.measurement(x, k).mean
         z_of_points = np.broadcast_to(z[:, None], expected.shape)
         missing = np.isnan(z_of_points)
@@ -105,13 +108,16 @@ class RobustUpdate:
         weights = []
         for rows in sensor_rows(sensor):
             # Step 2: r' R^-1 r of the sensor's measured components, averaged over the points.
-            absent = missing[rows, 0]
+            absent = missing[rows, 0]  # the same at all points
+            # Missing components, and a singular R, get the unit matrix as a stand-in.
             eye = np.eye(len(absent))[..., None]
             noise = np.where(absent[:, None] | absent[None], eye, R[rows, rows])
             is_regular = (linalg.diagonal(linalg.cholesky(noise)) > 0.0).all(axis=0)
             noise = np.where(is_regular, noise, eye)
             of_points = linalg.mahalanobis(residual[rows], noise[:, :, None])
-            squared = of_points[0] if points is None else points.mean(of_points[None])[0]
+            squared = of_points[0]
+            if points is not None:
+                squared = points.mean(of_points[None])[0]
             # Step 3: the weight.
             weight = np.maximum(self.weight(squared, (~absent).sum(axis=0)), _LEAST)
             weights.append(np.where(is_regular, weight, 1.0))

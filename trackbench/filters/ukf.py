@@ -13,7 +13,7 @@ import numpy as np
 from annotated_types import Interval
 
 from trackbench.core import kalman, linalg
-from trackbench.core.arrays import Array, Mask, any_nan, note, with_trailing
+from trackbench.core.arrays import Array, Mask, any_nan, count_operations, with_trailing
 from trackbench.core.distributions import Factored, Gaussian, from_root, per_run_moments
 from trackbench.core.kalman import Innovation, Updated
 from trackbench.core.smoothing import Transition
@@ -197,9 +197,10 @@ def augmented_step(
     Updated
         Posterior, and the innovation with S.
     """
-    of_scalars = _scalar_step(model, state, z, k, assumed, rule)
-    if of_scalars is not None:
-        return of_scalars
+    # A scalar state has a faster way to the same result, if it applies.
+    scalar_result = _scalar_step(model, state, z, k, assumed, rule)
+    if scalar_result is not None:
+        return scalar_result
     # Step 1: points of (x, v, n), of mean (m, 0, 0) and covariance diag(P, Q, R).
     n_x = len(state.mean)
     transition = assumed.transition(model, state.mean, k)
@@ -289,7 +290,7 @@ def _measure_points(
         S = S + R
     # Step 3: the innovation; a missing component (NaN) loses its row and column of S and C.
     batch = predicted.mean.shape[1:]
-    if z.shape[1:] != batch:
+    if z.shape[1:] != batch:  # the particles of a run share its measurement
         z = np.broadcast_to(with_trailing(z, len(batch)), (len(z), *batch))
     nu = model.sensor.innovation(z, z_of_center + relative_mean)
     missing = None
@@ -324,7 +325,7 @@ def _condition(
         return _condition_roots(points, x, predicted, measured, R)
     nu = measured.nu
     known = nu if measured.missing is None else np.where(measured.missing, 0.0, nu)
-    note("covariances", measured.S, components=2)
+    count_operations("covariances", measured.S, component_axes=2)
     posterior = kalman.condition(predicted, known, measured.C, measured.S)
     cancelled = is_cancelled(posterior.cov, predicted.cov)
     # A direction without spread, such as of an exact measurement of a sum, is left with rounding.
@@ -384,7 +385,11 @@ def _condition_roots(
 def _scalar_step(
     model: Model, state: Gaussian, z: Array, k: int, assumed: AssumedNoise, rule: PointRule
 ) -> Updated | None:
-    """Return what `augmented_step` does, by points of three scalars; None where they do not serve."""
+    """Return what `augmented_step` does, by points of the three scalars x, v and n.
+
+    None if state or measurement has several components, an angle is measured, the noise depends on the
+    state, a measurement is missing, the variance would lose its digits, or there are no C kernels.
+    """
     if not isinstance(rule, Unscented) or isinstance(state, Factored):
         return None
     if type(model.sensor).innovation is not SensorBase.innovation:  # such as one of angles
@@ -392,20 +397,22 @@ def _scalar_step(
     points = rule.scalar_points(state)
     if points is None:
         return None
-    # Predict: f(x) and f(mean) +- v. A process noise that depends on the state has a variance per point.
+    # Predict: f(x) and f(mean) +- v. None if Q depends on the state, and so has a value per point.
     moved = assumed.transition(model, points.x, k)
     predicted = points.add_noise(moved.mean, moved.cov)
     if predicted is None:
         return None
-    # Measure the predicted points, and condition on z.
+    # Measure the predicted points, and condition on z; None if a component is missing.
     measured = assumed.measurement(model, predicted, k)
     conditioned = points.condition(predicted, measured.mean, measured.cov, z)
     if conditioned is None:
         return None
     mean, cov, nu, S = conditioned
-    if (cov[0] < _CANCELLED * np.square(np.ptp(predicted, axis=1))).any():
+    # A variance that is only rounding beside the spread of the points is left to the other way.
+    spread = np.ptp(predicted, axis=1)
+    if (cov[0] < _CANCELLED * np.square(spread)).any():
         return None
-    note("covariances", S, components=2)
+    count_operations("covariances", S, component_axes=2)
     return Gaussian(mean, cov), Innovation(nu, S)
 
 

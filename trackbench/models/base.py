@@ -15,7 +15,14 @@ from typing import ClassVar, NamedTuple, Protocol, TypeAlias, TypeGuard, cast, r
 import numpy as np
 
 from trackbench.core import kalman, linalg
-from trackbench.core.arrays import Array, Index, any_nan, note, with_axes_of, with_trailing
+from trackbench.core.arrays import (
+    Array,
+    Index,
+    any_nan,
+    count_operations,
+    with_axes_of,
+    with_trailing,
+)
 from trackbench.core.distributions import Distribution, Gamma, Gaussian, zero_mean_log_prob
 from trackbench.core.random_streams import Streams
 from trackbench.extension_points import Part
@@ -607,7 +614,7 @@ def log_likelihood(sensor: Sensor, z: Array, x: Array, k: int) -> Array:
     array (M,) or (M, N)
         log p(z_k | x_k = x), zero if all components are missing.
     """
-    note("likelihoods", x, components=1)
+    count_operations("likelihoods", x, component_axes=1)
     if has_own_density(sensor):
         return sensor.log_density(z, x, k)
     # Step 1: innovations nu and their covariance R, by the sensor's fast way for particles if any.

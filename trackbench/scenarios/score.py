@@ -107,8 +107,8 @@ class Score:
     ) -> None:
         """Raise InvalidKeyError if training or scoring has no steps.
 
-        ``trained`` is the number of the last training step. ``recorded_runs`` is None for simulated
-        runs.
+        ``trained`` is the number of the last training step, and ``steps`` are those of the scenario, the
+        prior's first. ``recorded_runs`` is None for simulated runs.
         """
         if recorded_runs is None:
             what = "training has runs of its own: only what is recorded is shared out"
@@ -117,7 +117,7 @@ class Score:
             raise InvalidKeyError("leaves no step to be scored", "score", "train")
         if trained <= steps[0]:
             raise InvalidKeyError("leaves no step to train on", "score", "train")
-        self.cut_to_training(trained)
+        self.cut_to_training(trained)  # raises if none of the training's steps is scored
 
     def cut_to_training(self, last: int) -> "Score":
         """Return the scoring of the steps up to ``last``, the last training step.

@@ -47,7 +47,9 @@ def cross_share(floor: Array, error: Array, distance: Array) -> RunEstimate:
     """
     # E^2 = F^2 + D^2 + cross term
     squares = np.square(error)
-    return _over_runs(*_share(squares - np.square(floor) - np.square(distance), squares))
+    cross_terms = squares - np.square(floor) - np.square(distance)
+    share, influences = _ratio_of_means(cross_terms, squares)
+    return _over_runs(share, influences)
 
 
 def runs_saved(plain: RunEstimate, controlled: RunEstimate) -> RunEstimate:
@@ -59,20 +61,24 @@ def runs_saved(plain: RunEstimate, controlled: RunEstimate) -> RunEstimate:
     """
     if plain.influences is None or controlled.influences is None or plain.runs < _FEWEST_RUNS:
         return RunEstimate(np.nan, np.nan, None, plain.runs)
-    return _over_runs(*_share(np.square(plain.influences), np.square(controlled.influences)))
+    # The variance of an estimate is in proportion to the mean of its squared influences.
+    ratio, influences = _ratio_of_means(
+        np.square(plain.influences), np.square(controlled.influences)
+    )
+    return _over_runs(ratio, influences)
 
 
 @np.errstate(all="ignore")
 def _root_share(numerator: Array, denominator: Array) -> RunEstimate:
     """Return the square root of the ratio of two means over the runs, from values (M,)."""
-    share, influences = _share(numerator, denominator)
+    ratio, influences = _ratio_of_means(numerator, denominator)
     # d sqrt(s) = ds / (2 sqrt(s))
-    root = float(np.sqrt(share))
+    root = float(np.sqrt(ratio))
     return _over_runs(root, influences / (2.0 * root))
 
 
 @np.errstate(all="ignore")
-def _share(numerator: Array, denominator: Array) -> tuple[float, Array]:
+def _ratio_of_means(numerator: Array, denominator: Array) -> tuple[float, Array]:
     """Return the ratio of the means of two numbers (M,) over the runs, with influences (M,) on it."""
     a = float(sums.mean(numerator))
     b = float(sums.mean(denominator))

@@ -57,7 +57,14 @@ class AdaptiveKF(JoinableVariableDimension):
     @property
     def parameters(self) -> Parameters:
         """Motions and decisions, from the keys."""
-        return Parameters(self.nmf, self.mf, self.detector, self.dlw, self.exit, self.initialize)
+        return Parameters(
+            nmf=self.nmf,
+            mf=self.mf,
+            detector=self.detector,
+            dlw=self.dlw,
+            exit=self.exit,
+            initialize=self.initialize,
+        )
 
     @classmethod
     def explain(cls) -> str:
@@ -108,9 +115,19 @@ class VDF(JoinableVariableDimension):
         """Decisions: the fading sum raises alarms, all confirmed, the window is the onset."""
         detector = Detector(kind="fading", gamma=self.gamma, eta=self.eta, alpha=self.alpha)
         leave = Exit(p=self.p, Ta=self.Ta)
-        return Parameters(self.nmf, self.mf, detector, CONFIRM_EVERY_ALARM, leave, "barshalom")
+        return Parameters(
+            nmf=self.nmf,
+            mf=self.mf,
+            detector=detector,
+            dlw=CONFIRM_EVERY_ALARM,
+            exit=leave,
+            initialize="barshalom",
+        )
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Reject a window that does not fit into the scenario's runs."""
         misfits = super().conflicts(scenario)
-        return {"gamma": next(iter(misfits.values()))} if misfits else {}
+        if not misfits:
+            return {}
+        # The only window is that of `gamma`.
+        return {"gamma": next(iter(misfits.values()))}

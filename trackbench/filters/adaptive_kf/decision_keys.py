@@ -79,8 +79,9 @@ class Detector:
 
     def window(self, T: float) -> int:
         """Return the length of the window in samples."""
-        length = 1.0 / (1.0 - self.gamma) if self.window_s is None else self.window_s / T
-        return max(1, round(length))
+        if self.window_s is None:
+            return max(1, round(1.0 / (1.0 - self.gamma)))
+        return max(1, round(self.window_s / T))
 
     def min_window(self, T: float) -> int:
         """Return the least age of an onset in samples."""

@@ -150,6 +150,7 @@ class VariableDimension(Filter[AdaptiveState]):
         axes = nmf.cov.shape[2]
         # One onset hypothesis per sample of the detection window.
         window = p.detector.window(sampling_of(model).T)
+        past = history(nmf, window) if p.initialize == "barshalom" else None
         # The MF has no estimate before the first alarm: mean zero, unit covariance.
         identity = np.broadcast_to(np.eye(3)[:, :, None, None], (3, 3, axes, runs))
         zero = np.zeros(runs)
@@ -161,7 +162,7 @@ class VariableDimension(Filter[AdaptiveState]):
             detector=DetectorState(
                 rho=zero,
                 inputs=empty_hypotheses(window, axes, runs),
-                history=history(nmf, window) if p.initialize == "barshalom" else None,
+                history=past,
                 significance=np.full((p.exit.p, runs), np.inf),
             ),
             record=StepRecord(
@@ -187,7 +188,9 @@ class VariableDimension(Filter[AdaptiveState]):
         # Exit: the acceleration is not significant any more.
         over = _exit_test(p, state, k, sampling)
         if (alarm | decided | over).any():
+            # Both are on after an alarm; the MF goes on alone if it is confirmed, else the NMF.
             on = np.where(alarm, BOTH, np.where(decided | over, NMF, state.mode.on))
+            # The exit test of a confirmed MF waits for p samples of its own.
             significance = np.where(confirmed, np.inf, state.detector.significance)
             state = state._replace(
                 mode=state.mode.switch(np.where(confirmed, MF, on), k),
@@ -312,19 +315,21 @@ def _first_decision(
     rho, inputs, past, _ = state.detector
     runs = np.arange(len(rho))
     oldest_zeta = state.record.zeta
-    # Onset t*: argmax of zeta over the window, or a fixed age.
+    # Statistic: rho, or the largest zeta. Onset t*: argmax of zeta over the window, or a fixed age.
+    statistic = rho
     if detector.onset_rule == "argmax":
         zeta = inputs.significance()
         slot = zeta.argmax(axis=0)
-        max_zeta = zeta[slot, runs]
+        if detector.kind == "ie":
+            statistic = zeta[slot, runs]
         oldest_zeta = zeta[inputs.slot_of(inputs.width, k), runs]
     else:
         age = 1 if detector.onset_rule == "paper" else inputs.width
         slot = inputs.slot_of(age, k)
-        max_zeta = inputs.significance().max(axis=0) if detector.kind == "ie" else rho
+        if detector.kind == "ie":
+            statistic = inputs.significance().max(axis=0)
     onset = inputs.onset(slot, k)
     # Alarm: the statistic exceeds eta while the NMF (filter of straight flight) is on alone.
-    statistic = max_zeta if detector.kind == "ie" else rho
     alarm = (statistic > detector.threshold) & (state.mode.on == NMF) & (k >= detector.start)
     # An onset within the minimum window xi_min postpones the decision.
     alarm &= k - onset >= detector.min_window(sampling.T)

@@ -72,7 +72,8 @@ def axis_step(state: Gaussian, motion: Axis, z: Array, R: Array) -> Updated:
     if any_nan(nu):
         nu = np.where(np.isnan(nu).any(axis=1), np.nan, nu)
     posterior, innovation = kalman.update(predicted, nu, _position(len(motion.F)), R)
-    # Axes that share their covariance still do after a missing measurement.
+    # Axes that share their covariance (A = 1) still do after a missing measurement, for which the update
+    # gave each axis its own.
     axes = state.cov.shape[2]
     innovation = innovation._replace(S=innovation.S[:, :, :axes])
     return Gaussian(posterior.mean, posterior.cov[:, :, :axes]), innovation
@@ -172,13 +173,13 @@ def augmented_start(state: Gaussian, z: Array, T: float, R: float) -> Gaussian:
     1982, eqs. 21-29). R is the variance of z.
     """
     x, v = state.mean
-    # With e = z - x - T v and var(z) = R, the covariances of z, v + T a and a follow.
     p11 = state.cov[0, 0]
     p12 = state.cov[0, 1]
     p22 = state.cov[1, 1]
     # Mean: a = 2 e / T^2 with e = z - x - T v.
     a = 2.0 / (T * T) * (z - x - T * v)
     mean = np.stack([z, v + T * a, a])
+    # With var(z) = R the covariances of z, v + T a and a follow.
     P11 = np.full_like(p11, R)
     P12 = np.full_like(p11, 2.0 * R / T)
     P13 = np.full_like(p11, 2.0 * R / (T * T))

@@ -187,11 +187,11 @@ def _runs_ranked(ranking: Ranking) -> str:
     is_ranked = np.zeros(ranking.runs, dtype=np.bool_)
     for candidate in (*ranking.order, *ranking.losing):
         values = candidate.sample.values
-        M = len(values)
+        M = len(values)  # a filter may have fewer runs than another
         is_ranked[:M] |= np.isfinite(values) | (candidate.lost[:M] > 0)
     number = int(is_ranked.sum())
     all_runs = counted(ranking.runs, "run")
-    if number in (0, ranking.runs):
+    if number in (0, ranking.runs):  # 0 without a truth
         return all_runs
     return f"{number} of {all_runs}"
 

@@ -32,7 +32,7 @@ def levels_of(rows: Rows, kind: str, in_degrees: bool) -> tuple[tuple[float, ...
     """Estimate the errors of a sensor's quantities and the usual speed, from complete rows in order.
 
     Return the standard deviations and the speed, m/s, which is 0 for a sensor that shows none. ``kind``
-    is a key of `SENSORS`. ``in_degrees`` if angles are in degrees.
+    is a key of `SENSORS`. ``in_degrees`` is True if angles are in degrees.
     """
     time = rows.time
     values = _unwrapped_values(rows, kind, in_degrees)
@@ -46,7 +46,10 @@ def levels_of(rows: Rows, kind: str, in_degrees: bool) -> tuple[tuple[float, ...
 
 
 def _unwrapped_values(rows: Rows, kind: str, in_degrees: bool) -> list[Array]:
-    """Return the values (R,) of a sensor's quantities, angles without jumps; as for `levels_of`."""
+    """Return the values (R,) of each quantity of a sensor; angles are in radians and without jumps.
+
+    ``kind`` is a key of `SENSORS`. ``in_degrees`` is True if the angles of ``rows`` are in degrees.
+    """
     # Rows of the values below those of the sensor's quantities are measured velocities.
     values = [*rows.values[: len(SENSORS[kind])]]
     if SENSORS[kind][-1] in ANGLES:
@@ -95,8 +98,8 @@ def scatter(time: Array, value: Array) -> float:
 def error_of_azimuth(rows: Rows, kind: str, in_degrees: bool) -> float:
     """Estimate the standard deviation of azimuths, rad, from complete rows in order.
 
-    0 for a sensor of another ``kind`` than those of `SENSORS` with an azimuth. ``in_degrees`` is that of
-    `levels_of`.
+    Return 0 for a sensor of another ``kind`` than those of `SENSORS` with an azimuth. ``in_degrees`` is
+    True if the azimuths of ``rows`` are in degrees.
     """
     if SENSORS[kind][-1] != "azimuth":
         return 0.0
@@ -107,7 +110,7 @@ def share_of_outliers(rows: Rows, kind: str, in_degrees: bool) -> float:
     """Return the share of complete rows, in order, that lie far from the line between their neighbors.
 
     Far is more than `_FAR_SIGMAS` standard deviations of the other rows. ``kind`` is a key of `SENSORS`,
-    and ``in_degrees`` is that of `levels_of`.
+    and ``in_degrees`` is True if the angles of ``rows`` are in degrees.
     """
     shares = [0.0]
     for value in _unwrapped_values(rows, kind, in_degrees):

@@ -45,6 +45,8 @@ from trackbench.scenarios.recordings.mixtures import (
 
 TICK = 1e-6
 """s: times that are nearer to each other are one"""
+_ANGLE_ROUNDING = 1e-6
+"""rad: rounding of a written angle, such as one of a whole turn"""
 _LATEST = 1e12
 """s: beyond are no times, and ticks would not fit into their numbers"""
 _MOST_MISTAKES = 20
@@ -793,10 +795,10 @@ def check_turns(gathered: Gathered, rows: Rows, angles: Mapping[str, int]) -> No
     ``angles`` has the row of each angle among the values, by its name.
     """
     for name, i in angles.items():
-        limit = 2.0 * np.pi + TICK
+        limit = 2.0 * np.pi + _ANGLE_ROUNDING
         turn = "a whole turn"
         if name == "elevation":
-            limit = 0.5 * np.pi + TICK
+            limit = 0.5 * np.pi + _ANGLE_ROUNDING
             turn = "a quarter turn"
         sizes = np.abs(rows.values[i])
         wide = np.flatnonzero(sizes > limit)
@@ -809,6 +811,7 @@ def check_turns(gathered: Gathered, rows: Rows, angles: Mapping[str, int]) -> No
             others = [unit for unit in ("deg", "mrad") if UNITS[unit] != scale]
             fitting = [unit for unit in others if largest * UNITS[unit] <= limit]
             if not fitting and scale == 1.0:
+                # A few cells are wrong in any unit. Of numbers beyond a turn degrees are the likeliest.
                 fitting = ["deg"]
             way = ""
             if fitting == ["mrad"] and 360.0 < largest <= 400.0:
