@@ -51,7 +51,7 @@ class Options:
     `(steps, n_z)` or `(runs, steps, n_z)`, or a list with one of these for each sensor"""
     truth: Any = None
     """true states that belong to `measurements`: a data frame, a mapping of columns, or an array
-    `(runs, steps, n_x)`"""
+    `(steps, n_x)` or `(runs, steps, n_x)`"""
     runs: int | None = None
     """number of Monte Carlo runs; default: that of the config"""
     quick: bool = False
@@ -61,7 +61,8 @@ class Options:
     grid: Sequence[str] = ()
     """values of keys for a sweep, each as `PATH=V1,V2,...`, `PATH=a..b:n` or `PATH=log:a..b:n`"""
     product: bool = False
-    """combine values of different filters' keys, where otherwise one filter varies after the other"""
+    """combine the values of one filter's keys with those of another's; by default only one filter varies at
+    a time"""
     out: Path | str | None = None
     """results folder; of several configs the folder that contains theirs; default: `results/NAME`"""
     engine: Engine = "processes"

@@ -279,5 +279,6 @@ def mistaken_track(tracker: AnyFilter, problem: Tracking) -> str:
     is_late = error_from_earlier < 0.3 * error
     if error < 1.5 * max(rms_error(predicted), rms_error(measured)) and not is_late:
         return ""
-    text = f"positions are off by {error:.3g} m, those measured by {rms_error(measured):.3g} m"
+    measured_error = rms_error(measured)
+    text = f"estimated positions are off by {error:.3g} m, measured ones by {measured_error:.3g} m"
     return text + _guess_cause(estimates, data.truth, {"squared_distance": np.inf, "error": np.inf})
