@@ -377,7 +377,7 @@ class FunctionSensor(SensorBase):
         row, run = np.argwhere(wrong)[0].tolist()
         values = zip(self.state, state[:, run].tolist(), strict=True)
         where = ", ".join(f"{name} = {value:.4g}" for name, value in values)
-        h, _, R = self._programs
+        h, R = self._programs
         variance = linalg.diagonal(R(state[:, run : run + 1], k)).ravel()[row]
         component = self.components[row]
         if np.isnan(h(state[:, run : run + 1], k)[row]).any():
