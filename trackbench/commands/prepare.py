@@ -61,8 +61,8 @@ class Options:
     grid: Sequence[str] = ()
     """values of keys for a sweep, each as `PATH=V1,V2,...`, `PATH=a..b:n` or `PATH=log:a..b:n`"""
     product: bool = False
-    """combine the values of one filter's keys with those of another's; by default only one filter varies at
-    a time"""
+    """combine the values of one filter's keys with those of another's; by default only one filter
+    varies at a time"""
     out: Path | str | None = None
     """results folder; of several configs the folder that contains theirs; default: `results/NAME`"""
     engine: Engine = "processes"
