@@ -172,6 +172,44 @@ def test_two_plugins_cannot_register_the_same_kind(config: Path) -> None:
     assert str(caught.value).startswith(f"{config}:6:20: plugins.1: ")
 
 
+def with_helpers(folder: Path) -> list[str]:
+    """Write two plugins in folders of their own, each with a module factor.py beside it."""
+    for name, factor in (("one", 3.0), ("two", 5.0)):
+        (folder / name).mkdir()
+        (folder / name / "factor.py").write_text(f"FACTOR = {factor}\n")
+        text = PLUGIN.replace('"half"', f'"{name}"').replace(
+            "import numpy", "import factor\nimport numpy"
+        )
+        (folder / name / "half.py").write_text(text.replace("= FACTOR", "= factor.FACTOR"))
+    return ["one/half.py", "two/half.py"]
+
+
+def test_two_plugins_cannot_import_two_modules_of_one_name(config: Path) -> None:
+    """The second plugin would get the module of the first one."""
+    paths = with_helpers(config.parent)
+    text = CONFIG.replace("[half.py]", str(paths)).replace("kind: half", "kind: two")
+    config.write_text(text.replace("'", ""))
+    with pytest.raises(
+        UserError, match=r"imports factor from .*two.*, and another plugin has imported"
+    ):
+        load(config, allow_plugins=True)
+    # Two files of the same content are one module.
+    (config.parent / "two" / "factor.py").write_text("FACTOR = 3.0\n")
+    assert load(config, allow_plugins=True).points[0].filters["Half"].scale == 3.0
+
+
+def test_plugins_of_two_configs_may_import_modules_of_one_name(config: Path) -> None:
+    paths = with_helpers(config.parent)
+    scales = []
+    for i in (0, 1, 0):
+        kind = paths[i].partition("/")[0]
+        config.write_text(
+            CONFIG.replace("half.py", paths[i]).replace("kind: half", f"kind: {kind}")
+        )
+        scales.append(load(config, allow_plugins=True).points[0].filters["Half"].scale)
+    assert scales == [3.0, 5.0, 3.0]
+
+
 def test_a_plugin_that_was_loaded_before_has_its_kinds_again(config: Path) -> None:
     """In one process, after another file of the same name took them."""
     other = config.parent / "sub"

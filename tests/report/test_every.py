@@ -27,7 +27,7 @@ filters:
   Exact: {kind: grid, nodes: 40}
   None: {kind: prior-mean}
 published: [claims.csv]
-metrics: [log_score, bias]
+metrics: [rmse, log_score, bias]
 """.replace("MERWE", merwe_text(T=8))
 CLAIMS = """paper,claim,experiment,left,expression,relation,factor,right
 p,lower at every step,every,Exact,rmse@3..last,<,1,None

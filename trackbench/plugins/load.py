@@ -8,7 +8,7 @@ not travel; a worker checks that they are those of the main process.
 import hashlib
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, packages_distributions, version
 from pathlib import Path
@@ -209,6 +209,7 @@ def load_plugin(plugin: Plugin, check: Callable[[type[Part]], None] | None = Non
     modules, _ = imports(plugin.source, plugin.path)
     if check is None:
         _compare_with_main(plugin)
+    _check_names(modules)
     for name, compiled in imported_modules(modules, modules.values()).items():
         if is_rebuilt(compiled):
             raise PluginError(
@@ -248,6 +249,23 @@ def load_plugin(plugin: Plugin, check: Callable[[type[Part]], None] | None = Non
     loaded_plugin = plugin if check is None else _with_opened(plugin, opened)
     _mark(loaded_plugin)
     return loaded_plugin
+
+
+def _check_names(files: Mapping[str, str]) -> None:
+    """Raise PluginError for a module to be imported if Python has another module of its name.
+
+    ``files`` has the file of each module by its name. The other module is one that another plugin of the
+    config imported from its own folder. The plugin would get that one.
+    """
+    for name, module in imported_modules(files, ()).items():
+        loaded_file = os.path.abspath(getattr(module, "__file__", None) or "")
+        if not os.path.isfile(loaded_file) or os.path.samefile(loaded_file, files[name]):
+            continue
+        if digest_of(loaded_file) != digest_of(files[name]):
+            raise PluginError(
+                f"imports {name} from {files[name]}, and another plugin has imported {loaded_file}, "
+                "which has the same name; rename one of the two files"
+            )
 
 
 def _loaded_plugin(module: str) -> Plugin | None:
