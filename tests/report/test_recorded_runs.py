@@ -100,8 +100,8 @@ def test_a_grid_names_its_errors_and_the_point_that_is_drawn(tmp_path: Path) -> 
     assert 0.0 < low <= high < 3.0
     spec = results.parts("figures")["track"]
     figure = spec.draw(results)
-    assert "['b']" in figure.get_suptitle()
-    assert "['b']" in spec.default_caption(results)
+    assert "runs = b" in figure.get_suptitle()
+    assert "runs = b" in spec.default_caption(results)
     # A panel for each filter that is named, and none for the best one.
     assert [ax.get_title() for ax in figure.axes] == ["Stiff", "Lost"]
     style.close(figure)
