@@ -354,9 +354,10 @@ def _cost_of_shipped(job: Job, options: Options, missing: Sequence[BlockTask]) -
     """Estimate the CPU time of the missing blocks from the known time of a shipped experiment.
 
     None if the config is no shipped experiment, or is changed by options. The known time is that of all
-    filters together. It is scaled by the largest ratio, over the filters, of missing blocks to shipped
-    ones. The estimate is a bound if this ratio is smaller for other filters.
+    filters together. It is scaled by the largest ratio, over filters and points of the grid, of missing
+    blocks to shipped ones. The estimate is a bound unless the ratios are similar.
     """
+    # `--quick` sets FIT, the override block=fit, which changes no filter.
     is_changed = options.grid or options.only or any(word != FIT for word in options.set)
     if isinstance(job.config, Mapping | Assembled) or is_changed:
         return None
@@ -372,7 +373,7 @@ def _cost_of_shipped(job: Job, options: Options, missing: Sequence[BlockTask]) -
         shipped_runs = int(read(path).data.get("runs", 1))
         missing_tasks = set(missing)
         ratios = []
-        for tasks in job.plan.tasks.values():
+        for tasks in job.plan.tasks.values():  # the blocks of one filter at one point of the grid
             shipped_blocks = ceil(shipped_runs / tasks[0].width)
             ratios.append(len(missing_tasks.intersection(tasks)) / shipped_blocks)
         is_bound = max(ratios) > _SIMILAR_RATIO * min(ratios)
@@ -411,7 +412,7 @@ _MOST_TRIALS = 40
 A trial takes some 0.3 s.
 """
 FIT = "block=fit"
-"""Override of `--quick`, which changes no filter."""
+"""Override of `--quick`: equal blocks of fewer runs, which change no filter."""
 _KEYS_OF_TIME = ("scenario", "filters", "grid", "only")
 """Keys of a config that its time depends on, apart from the runs."""
 

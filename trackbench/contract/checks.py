@@ -136,7 +136,7 @@ def _compare_with_all_steps(
 
 def _check_purity(tracker: AnyFilter, scenario: Scenario) -> None:
     """Check that `init` and `step` leave their arguments unchanged, and that equal steps are equal."""
-    data = simulate(scenario, 5)
+    data = simulate(scenario, runs=5)
     prior = deepcopy(data.prior)
     state = tracker.init(scenario.model, data.prior, new_rng())
     if not _equal(prior, data.prior):
@@ -169,7 +169,7 @@ def _equal(a: object, b: object) -> bool:
 
 def _check_repeats(tracker: AnyFilter, scenario: Scenario) -> None:
     """Check that a second run gives equal estimates, and draws from `rng` alone."""
-    data = simulate(scenario, 3)
+    data = simulate(scenario, runs=3)
     before = repr((random.getstate(), np.random.get_state(legacy=False)))
     first = run_filter(tracker, scenario, data)
     second = run_filter(tracker, scenario, data)
@@ -205,14 +205,14 @@ def _check_independence(tracker: AnyFilter, scenario: Scenario) -> None:
     mean = reversed_runs.mean[..., ::-1]
     if not np.allclose(mean, together.mean, rtol=1e-10, atol=1e-10, equal_nan=True):
         raise ContractError("the estimates depend on the order of the runs")
-    alone = run_filter(tracker, scenario, simulate(scenario, 1)).mean
+    alone = run_filter(tracker, scenario, simulate(scenario, runs=1)).mean
     if not np.allclose(alone, together.mean[..., :1], rtol=1e-10, atol=1e-10, equal_nan=True):
         raise ContractError("the first run has another estimate without the other runs")
 
 
 def _check_covariance(tracker: AnyFilter, scenario: Scenario) -> None:
     """Check that covariances are symmetric and positive definite."""
-    P = run_filter(tracker, scenario, simulate(scenario, 20)).cov
+    P = run_filter(tracker, scenario, simulate(scenario, runs=20)).cov
     known = np.isfinite(P)
     if (known != np.swapaxes(known, 0, 1)).any():
         raise ContractError(
@@ -238,7 +238,7 @@ def _check_covariance(tracker: AnyFilter, scenario: Scenario) -> None:
 
 def _check_gaps(tracker: AnyFilter, scenario: Scenario) -> None:
     """Check that a filter predicts where a measurement is missing, and does not take it as a number."""
-    data = simulate(scenario, 6)
+    data = simulate(scenario, runs=6)
     z = data.measurements
     # The second measurement of every other run is missing: the third estimate, since the first one is
     # that of the prior.
@@ -307,7 +307,7 @@ def _check_unequal_intervals(tracker: AnyFilter, scenario: ModelDraws) -> None:
         raise LeftOutError("the steps of this problem cannot be unequal")
     if not runs_on(tracker, other):
         raise LeftOutError("the filter refuses unequal intervals")
-    two_runs = run_filter(tracker, other, simulate(other, 2))
+    two_runs = run_filter(tracker, other, simulate(other, runs=2))
     if "mode" in two_runs.series:
         raise LeftOutError("has several motions: it reports the diagnostic `mode`")
     if has_constant_covariance(two_runs):
@@ -369,7 +369,7 @@ def _check_tracks(tracker: AnyFilter, scenario: Scenario) -> None:
 
 def _check_consistency(tracker: AnyFilter, scenario: Scenario) -> None:
     """Check errors and covariance against reference filters, on draws from the filter's model."""
-    if "mode" in run_filter(tracker, scenario, simulate(scenario, 2)).series:
+    if "mode" in run_filter(tracker, scenario, simulate(scenario, runs=2)).series:
         raise LeftOutError("has several motions: it reports the diagnostic `mode`")
     problems = [scenario]
     if scenario is PLANAR:

@@ -247,7 +247,7 @@ def mistaken_track(tracker: AnyFilter, problem: Tracking) -> str:
 
     The estimates are compared with the truth alone, so that the filter may have any model.
     """
-    data = simulate(problem, 40)
+    data = simulate(problem, runs=40)
     estimates = run_filter(tracker, problem, data)
     # Step 1: estimates from another prior must differ.
     moved_prior = Gaussian(data.prior.mean + 100.0, data.prior.cov)

@@ -231,7 +231,7 @@ def depends_on_seed(tracker: AnyFilter, scenario: Scenario) -> bool:
     """Test whether a program draws random numbers: its estimates depend on the seed of the run."""
     if not tracker.runs_program:
         return False
-    data = simulate(scenario, 2)
+    data = simulate(scenario, runs=2)
     means: list[Array] = []
     for rng in (new_rng(), Generator(SFC64(20260102))):
         state = tracker.init(scenario.model, data.prior, rng)
@@ -242,7 +242,7 @@ def depends_on_seed(tracker: AnyFilter, scenario: Scenario) -> bool:
 
 def has_covariance(tracker: AnyFilter, scenario: Scenario) -> bool:
     """Test whether the estimates have covariances, as a program may answer means alone."""
-    return not np.isnan(run_filter(tracker, scenario, simulate(scenario, 1)).cov).all()
+    return not np.isnan(run_filter(tracker, scenario, simulate(scenario, runs=1)).cov).all()
 
 
 def has_constant_covariance(estimates: Estimates) -> bool:
@@ -264,7 +264,7 @@ def runs_on(tracker: AnyFilter, scenario: Scenario) -> bool:
         with guarded(), np.errstate(all="ignore"):
             if why_not(tracker, scenario):
                 return False
-            run_filter(tracker, scenario, simulate(scenario, 2))
+            run_filter(tracker, scenario, simulate(scenario, runs=2))
     except Exception:
         return False
     return True
@@ -287,7 +287,7 @@ def why_program_fails(tracker: AnyFilter, scenario: Scenario) -> str:
         return ""
     try:
         with guarded(), np.errstate(all="ignore"):
-            run_filter(tracker, scenario, simulate(scenario, 2))
+            run_filter(tracker, scenario, simulate(scenario, runs=2))
     except ProgramRunError as error:
         return in_line(error.failure)
     except Exception as error:

@@ -256,7 +256,7 @@ def update_roots(m: Array, nu: Array, dx: Array, dz: Array, R: Array) -> tuple[F
     -------
     posterior : Factored
         Posterior with its lower root.
-    root : array (n_z, n_z[, *batch])
+    S_root : array (n_z, n_z[, *batch])
         Lower root of S.
     """
     n_z = len(dz)

@@ -117,7 +117,7 @@ def is_worker_bootstrapping() -> bool:
     return bool(getattr(multiprocessing.current_process(), "_inheriting", False))
 
 
-def check_script() -> None:
+def check_script_import() -> None:
     """Raise UserError if worker processes cannot import the script that runs.
 
     Python lets each worker import the script's file first. Without a file, or without a main guard, no
@@ -257,7 +257,7 @@ def cpu_count() -> int:
     return os.cpu_count() or 1
 
 
-def check_address_space() -> None:
+def check_memory_limit() -> None:
     """Raise RunError if the shell allows a process less memory than the libraries need.
 
     With less memory, loading the libraries may never end instead of failing.
@@ -275,10 +275,13 @@ def check_address_space() -> None:
 
 
 def begin(name: str, workers: int | None, *modules: str) -> None:
-    """Start the fork server of the engine ``name`` early and let it import these modules."""
-    check_address_space()
+    """Start the fork server of the engine ``name`` early and let it import these modules.
+
+    Raises the errors of `engine`.
+    """
+    check_memory_limit()
     if name == "processes" and (workers or cpu_count()) > 1:
-        check_script()
+        check_script_import()
         start_forkserver(*modules)
 
 
@@ -286,14 +289,15 @@ def engine(name: Engine, workers: int, scheduler: str | None = None) -> OpenEngi
     """Return a function that opens the engine with so many workers.
 
     ``scheduler`` is the address of a Dask scheduler. The function raises UserError if Dask is missing
-    or no scheduler answers.
+    or no scheduler answers. Before that, this call raises RunError if the shell allows a process too
+    little memory, and UserError if processes are wanted that cannot import the script that runs.
     """
-    check_address_space()
+    check_memory_limit()
     if name == "dask":
         return lambda: _dask(workers, scheduler)
     if name == "serial" or workers == 1:
         return SerialExecutor
-    check_script()
+    check_script_import()
     return lambda: pool(workers)
 
 

@@ -118,7 +118,7 @@ class EKF(NonlinearFilter):
         """Filter all measurements z (n_z, T, M) in one call, with the bits of `step`.
 
         A linear model is filtered as by a Kalman filter. None unless this is a plain EKF, and motion and
-        sensor are linear and all runs have one covariance, or they are of `nonlinear_steps`.
+        sensor are linear and all runs have one covariance, or `nonlinear_steps` can filter with them.
         """
         # A plain EKF has all other keys at their defaults.
         plain = EKF(smooth=self.smooth, start=self.start, P0=self.P0)

@@ -25,7 +25,7 @@ def refused_components(
     """Return the measured components that are beyond their gates.
 
     The gate of one sensor judges the NIS of its own innovation, ``nu_s' S_ss^-1 nu_s``. The limit
-    depends on the number of measured components.
+    depends on the number of components with an innovation.
 
     Parameters
     ----------
@@ -50,16 +50,19 @@ def refused_components(
     nu = innovation.nu
     S = innovation.S
     limits = gate_limits(gate, len(z))
-    measured = ~np.isnan(nu)
+    # A measured component that the filter cannot use has no innovation and adds nothing to the NIS, such
+    # as a range without azimuth in cmkf.
+    has_innovation = ~np.isnan(nu)
+    is_measured = ~np.isnan(z)
     rows_of_sensors = sensor_rows(sensor)
     if scope == "measurement" or len(rows_of_sensors) == 1:
-        beyond = nis > limits[measured.sum(axis=0)]
-        return np.asarray(beyond & ~np.isnan(z))
+        beyond = nis > limits[has_innovation.sum(axis=0)]
+        return np.asarray(beyond & is_measured)
     refused = np.zeros(z.shape, dtype=np.bool_)
     for rows in rows_of_sensors:
         nis_of_sensor = Innovation(nu[rows], S[rows, rows]).nis
-        refused[rows] = nis_of_sensor > limits[measured[rows].sum(axis=0)]
-    return refused & ~np.isnan(z)
+        refused[rows] = nis_of_sensor > limits[has_innovation[rows].sum(axis=0)]
+    return refused & is_measured
 
 
 def count_refused(scope: GateScope, sensor: Sensor, refused: Mask) -> Array:

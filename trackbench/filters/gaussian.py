@@ -531,7 +531,7 @@ def nonlinear_steps(
     k : int
         Number of the first of these steps.
     keeps_predictions : bool
-        Whether the states have the predictions.
+        Whether the states have the predictions. A smoother leaves them out, as it stores all states.
     rule : Unscented, optional
         Sigma points of state and noises; default: none, for the EKF.
 
@@ -566,7 +566,7 @@ def nonlinear_steps(
         )
 
     def state_of_all_steps() -> Tracked:
-        """Return one state whose batch (T, M) is all steps, with their predictions."""
+        """Return one state whose batch (T, M) is all steps, with the predictions if they are kept."""
         return state_after(slice(None))
 
     def state_before(steps: Index) -> Tracked:

@@ -528,7 +528,7 @@ def _steps_of(
         )
 
     def state_of_all_steps() -> ModelBank:
-        """Return one state whose batch (T, M) is all steps, with their predictions."""
+        """Return one state whose batch (T, M) is all steps, with the predictions if they are kept."""
         return state_after(slice(None))
 
     def state_before(steps: Index) -> ModelBank:
@@ -536,6 +536,7 @@ def _steps_of(
         states = tuple(join_steps(state, steps) for state in interacting.states)
         weights = interacting.weights[:, steps].reshape(len(states), -1)
         unknown = np.full(weights.shape[1], np.nan)
+        # `IMM.step` reads states and weights alone, and replaces all that a measurement gives.
         return first._replace(states=states, weights=weights, nis=unknown, innovations=())
 
     # The estimate has no components that only the motions have.

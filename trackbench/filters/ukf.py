@@ -99,9 +99,10 @@ class UKF(SigmaPointFilter):
     def all_steps(self, model: Model, state: Tracked, z: Array, k: int) -> Steps | None:
         """Filter all measurements z (n_z, T, M) in one call, with the bits of `step`.
 
-        None unless this is a plain UKF of augmented points, and motion and sensor are of
-        `nonlinear_steps`.
+        None unless this is a plain UKF of augmented points, and `nonlinear_steps` can filter with this
+        motion and sensor.
         """
+        # A plain UKF has all other keys at their defaults.
         plain = UKF(
             alpha=self.alpha,
             beta=self.beta,
@@ -112,7 +113,10 @@ class UKF(SigmaPointFilter):
         )
         if type(self) is not UKF or self != plain:
             return None
-        return nonlinear_steps(model, state, z, k, not self.smooths, self.rule)
+        # A smoother stores the states of all steps: leave out their predictions.
+        return nonlinear_steps(
+            model, state, z, k, keeps_predictions=not self.smooths, rule=self.rule
+        )
 
     @property
     def augmented(self) -> bool:

@@ -381,7 +381,7 @@ class Table:
 
     @property
     def csv_header(self) -> list[str]:
-        """Keys, then value and standard error of each column, then the runs lost."""
+        """Keys, then value and standard error of each column, then the number of lost runs."""
         header = [*self.key_headers]
         for head in self.value_headers:
             header += [head, f"{head} stderr"]
@@ -394,6 +394,7 @@ class Table:
             row: list[object] = [*keys]
             for cell in cells:
                 row += cell.estimate  # value and standard error
+            # The cells of a row may lose different runs: the row has the largest number of lost runs.
             row.append(max(cell.lost for cell in cells))
             rows.append(row)
         return rows

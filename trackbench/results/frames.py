@@ -162,7 +162,7 @@ def _check_printable(texts: Iterable[str]) -> None:
 
 def read_columns(path: Path, needed: Collection[str] = ()) -> Columns:
     """Read a file whole; the types of a grid's columns follow from their texts."""
-    pieces = [*read_pieces(path, needed)]
+    pieces = [*read_pieces(path, needed=needed)]
     arrays = {}
     for name in pieces[0]:
         array = np.concatenate([piece[name] for piece in pieces])
@@ -200,14 +200,14 @@ def parse_of(column: Array) -> Parse:
 
 
 def read_runs(path: Path, summary: Columns, grid: list[str], labels: Collection[str]) -> PointRuns:
-    """Read per_run.csv: the values per run by filter and metric, at each point of the grid.
+    """Read per_run.csv: read-only values per run by filter and metric, at each point of the grid.
 
     ``grid`` are the grid's paths; their values get the types that they have in ``summary``. ``labels``
     are the filters to read.
     """
     keys = [*grid, "filter", "metric"]
     pieces: dict[tuple[str, ...], dict[tuple[str, str], list[Array]]] = {}
-    for piece in read_pieces(path, ["filter", "metric", "value"], only=[*keys, "value"]):
+    for piece in read_pieces(path, needed=["filter", "metric", "value"], only=[*keys, "value"]):
         # A filter's values of a metric stand together.
         end = 0
         for words, rows in groupby(piece.tuples(keys)):

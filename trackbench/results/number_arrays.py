@@ -154,8 +154,8 @@ class RunArrays:
 class Series(NamedTuple):
     """Rows of one metric of one filter at one grid point."""
 
-    words: dict[str, Any]
-    """value in each row of the grid's columns, of ``filter`` and of ``metric``"""
+    constants: dict[str, Any]
+    """the one value of each column of the grid, of ``filter`` and of ``metric``"""
     numbers: dict[str, Any]
     """columns (S,) such as ``step``, ``time``, ``value``, ``stderr`` and ``runs``"""
 
@@ -186,16 +186,16 @@ class SeriesColumns(Columns):
 
     def at(self, values: Mapping[str, Any]) -> Columns:
         """Return the rows that have these values, by names of columns."""
-        # Words, such as the filter's label, choose whole series; numbers choose rows of them.
-        word_columns = set(self._names).difference(_NUMBERS)
-        words = {name: value for name, value in values.items() if name in word_columns}
+        # Constants, such as the filter's label, choose whole series; numbers choose rows of them.
+        constant_columns = set(self._names).difference(_NUMBERS)
+        constants = {name: value for name, value in values.items() if name in constant_columns}
         chosen = [
             series
             for series in self._series
-            if all(series.words[name] == word for name, word in words.items())
+            if all(series.constants[name] == value for name, value in constants.items())
         ]
         columns = SeriesColumns(chosen, self._names)
-        numbers = {name: value for name, value in values.items() if name not in word_columns}
+        numbers = {name: value for name, value in values.items() if name not in constant_columns}
         if not numbers:
             return columns
         return Columns(columns.arrays).at(numbers)
@@ -208,7 +208,8 @@ def _column(series: Series, name: str) -> Array:
     """Return one column (S,) of a series' rows."""
     if name in series.numbers:
         return series.numbers[name]
-    value = series.words[name]
+    # A text, such as the filter's label, or a number or truth value of the grid.
+    value = series.constants[name]
     if isinstance(value, str):
         return np.full(series.rows, value, dtype=object)
     return np.full(series.rows, value)
@@ -243,7 +244,7 @@ def read_steps(
             known = np.flatnonzero(runs != _NO_ROW)
             series.append(
                 Series(
-                    words={**point, "filter": label, "metric": metric},
+                    constants={**point, "filter": label, "metric": metric},
                     numbers={
                         "step": arrays[f"{prefix}step"][known],
                         "time": arrays[f"{prefix}time"][known],
@@ -291,7 +292,7 @@ def rows_of_runs(runs: PointRuns, columns: Sequence[str]) -> Columns:
     for values_of_point, runs_of_point in runs.items():
         point = dict(zip(paths, values_of_point, strict=True))
         for (label, metric), values in runs_of_point.items():
-            words = {**point, "filter": label, "metric": metric}
+            constants = {**point, "filter": label, "metric": metric}
             numbers = {"run": np.arange(len(values)), "value": values}
-            series.append(Series(words=words, numbers=numbers))
+            series.append(Series(constants=constants, numbers=numbers))
     return SeriesColumns(series, columns)

@@ -104,7 +104,9 @@ class StepRecord(NamedTuple):
     zeta: Array
     """zeta of the oldest onset"""
     nmf: Innovation | None = None
+    """innovation of the NMF; None before the first step"""
     mf: Innovation | None = None
+    """innovation of the MF; None if it was off in all runs"""
     reports_mf: Mask | None = None
     """the MF was the reported filter when the measurement came"""
 
@@ -205,13 +207,18 @@ class VariableDimension(Filter[AdaptiveState]):
         return both_axes(where_runs(state.mode.on == MF, mf, state.nmf))
 
     def log_likelihood(self, state: AdaptiveState) -> Array:
-        """Evaluate log N(innovation; 0, S) (M,) of the filter that was reported before the step."""
+        """Evaluate log N(innovation; 0, S) (M,) of the filter that was reported before the step.
+
+        That is the maneuvering filter (MF) in runs where it was on alone, else the non-maneuvering one
+        (NMF).
+        """
         nmf = state.record.nmf
         mf = state.record.mf
-        if nmf is None:
+        if nmf is None:  # before the first step
             return np.full(state.record.nis.shape, np.nan)
         # The axes are independent: their log-likelihoods add up.
         value = sum_over_axes(nmf.log_likelihood)
+        # Without an innovation of the MF it was off in all runs.
         if mf is not None and state.record.reports_mf is not None:
             value = np.where(state.record.reports_mf, sum_over_axes(mf.log_likelihood), value)
         # A step without a measurement has no predictive likelihood.

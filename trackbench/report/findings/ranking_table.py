@@ -19,6 +19,7 @@ from trackbench.report.findings.phrases import head_of, metric_words, named, sta
 from trackbench.report.findings.ranking import Candidate, Ranking, best_settings, rankings
 from trackbench.report.results import Results
 from trackbench.report.table import Text, TextTable, rounded
+from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import rules
 from trackbench.statistics.collapsed_runs import COLLAPSED_NOTE, collapsed_in_words
 from trackbench.statistics.comparison import Comparison
@@ -240,9 +241,17 @@ def _row(
     ]
 
 
+def _bound_point(results: Results, ranking: Ranking) -> GridPoint:
+    """Return the point of the grid at which the bound and exact errors of a ranking are taken.
+
+    The scenario has the values of the ranking, and all other paths have their first values.
+    """
+    return results.points()[0] | ranking.scene
+
+
 def _smoothers_below_bound(results: Results, ranking: Ranking) -> list[str]:
-    """List the smoothers whose error is smaller than the bound."""
-    point = results.points()[0] | ranking.scene
+    """List the smoothers whose error in the ranking, mean or rms, is smaller than the bound's rms."""
+    point = _bound_point(results, ranking)
     summary = results.columns("summary", point)
     of_metric = summary.where(metric=f"rms({ranking.metric.metric})").records()
     bounds = [row["value"] for row in of_metric if row["filter"] == results.config.get("bound")]
@@ -274,9 +283,8 @@ def _unranked_rows(
         ratio = _ratio(ranking, reference, matters)
         name = f"{reference.label} (reference)"
         yield _row(results, reference, name, ratio, consistency_words[reference])
-    # Bound and exact errors are rms errors. They are taken at the scenario's point at which all other
-    # paths have their first values.
-    point = results.points()[0] | ranking.scene
+    # Bound and exact errors are rms errors.
+    point = _bound_point(results, ranking)
     statistic = next((candidate.sample.statistic for candidate in ranking.order), "")
     bound = results.config.get("bound")
     summary = results.columns("summary", point)

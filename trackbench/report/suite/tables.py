@@ -189,12 +189,14 @@ def _score_row(score: Score) -> list[Text]:
 def ratio_in_words(score: Score) -> str:
     """Write the ratio to the best with its interval, ``1.2 x (1.1 to 1.4)``, and the rule's word.
 
-    The word is ``n.s.``, ``untested`` or ``loses more runs``; a filter that is worse has none.
+    The word is ``n.s.``, ``untested`` or ``loses more runs``; a filter that is worse has none. The best
+    filter is ``best``, without a ratio, and another with the same errors ``equal to the best``.
     """
     ratio = score.ratio_to_best
     width = ratio.high - ratio.low
-    if score.word == BEST:
+    if score.word == BEST:  # the first filter of the ranking alone
         return "best"
+    # A ratio of 1 with an interval of no width: the errors are equal in every run.
     if is_best(score) and width < SAME:
         return "equal to the best"
     text = f"{phrases.multiple(ratio.value, width)} x"

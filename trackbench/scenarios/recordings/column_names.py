@@ -304,7 +304,9 @@ def words_of(name: str) -> list[str]:
     # m_s, m per s and m s^-1 are m/s.
     name = _PER_SECOND.sub(r"\1/\2", name)
     name = _NAUTICAL_MILES.sub("nmi", name)
+    # [0.01 m] is cm; [0.1 m], which has no name, is one word, 0.1*m.
     name = _BRACKETS.sub(_name_scaled_unit, name)
+    # Units that are one word in spite of the slash; the last four are of whole numbers, such as AIS has.
     units = r"rad/s|deg/s|km/h|cm/s|mm/s|m/s|ft/s|deg/600000|deg/100|deg/10|kn/10"
     return re.findall(rf"[0-9.e/+-]+\*[a-z0-9/]+|{units}|[a-z0-9]+", name)
 

@@ -14,7 +14,7 @@ from trackbench.scenarios.recordings.guess_truth import TruthGuess
 
 _LOCATING = {"position", "range-azimuth"}
 """Types of sensors by which a filter can start."""
-_LABELS = ("run", "sensor")
+_LABEL_COLUMNS = ("run", "sensor")
 _MOST_NAMES = 7  # of further runs
 _LEAST_OUTLIERS = 0.005  # share of the rows from which on a filter with a gate is written
 _LAST = 20_000  # step of a long recording, which all filters reach within minutes
@@ -415,7 +415,8 @@ def _target_lines(guess: Guess, truth: TruthGuess | None) -> Iterator[str]:
         if name in guess.inputs:
             continue
         line = f"  {name}: {quoted(column)}"
-        if name in _LABELS:
+        # The reasons for other columns are those of their units, and stand beside these.
+        if name in _LABEL_COLUMNS:
             line += _comment(why, name)
         if name == "time":
             line += _comment(why, "time_column")
