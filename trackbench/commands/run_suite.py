@@ -207,7 +207,10 @@ def run_suite(
     folder = suite_folder(suite, options)
     if suite.too_long:
         names = ", ".join(suite.too_long)
-        say(f"note: --quick leaves out {names}, which takes long; --problem NAME runs it", options)
+        what = "which takes long; --problem NAME runs it"
+        if len(suite.too_long) > 1:
+            what = "which take long; --problem NAME runs one of them"
+        say(f"note: --quick leaves out {names}, {what}", options)
     for line in _left_out_notes(suite):
         say(f"note: {line}", options)
     scores: dict[str, list[Score]] = {name: [] for name in suite.settings.groups}
