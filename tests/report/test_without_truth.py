@@ -12,6 +12,7 @@ from tests.report.test_findings import NATS, ranked
 from trackbench import api
 from trackbench.errors import UserError
 from trackbench.report.figures.critical_difference import mean_ranks
+from trackbench.report.findings.ranking import rankings
 
 RADAR = """
 kind: tracking
@@ -260,7 +261,7 @@ def test_a_filter_that_skips_measurements_is_ranked_over_those_that_all_score(
         rows.append(f"{t[k]:g},{distance[k]:.3f},{'' if k % 3 == 2 else f'{azimuth[k]:.7f}'}")
     (tmp_path / "m.csv").write_text("\n".join(rows))
     config = CONFIG.replace("  T: 2\n", "").replace(
-        "  RPF: {kind: rpf, N: 300}", "  CMKF: {kind: cmkf}"
+        "  RPF: {kind: rpf, N: 300}", "  CMKF: {kind: cmkf}\n  Prior: {kind: prior-mean}"
     )
     config = re.sub("start: .*", "start: {kind: one-scan, sigma_velocity: 50}", config)
     config += "tables: {score: {kind: metrics, columns: {Log score: mean(log_score)}}}\n"
@@ -269,9 +270,11 @@ def test_a_filter_that_skips_measurements_is_ranked_over_those_that_all_score(
     series = report.results.per_step
     scores = series[series["metric"] == "log_score"]
     by_filter = scores.pivot(index="step", columns="filter", values="value")
-    common = by_filter.dropna()
+    common = by_filter[["EKF", "CMKF"]].dropna()
     assert len(common) < len(by_filter["EKF"].dropna())
     shown = ranked(report.results)
+    # A filter without a score is left out, and none is there with one of several settings.
+    assert not rankings(report.results)[0].chosen
     for label in ("EKF", "CMKF"):
         assert float(shown[label]["Log score (nats)"]) == pytest.approx(
             common[label].mean(), rel=1e-3

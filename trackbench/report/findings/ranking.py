@@ -119,8 +119,8 @@ class Conflict(NamedTuple):
 class CommonSteps(NamedTuple):
     """Steps of a recording over which filters are compared, if some have a metric at fewer steps."""
 
-    steps: int
-    """number of steps at which all filters have the metric"""
+    is_common: Mask
+    """True for each step (T,) at which all filters have the metric"""
     most: int
     """largest number of steps at which one has it"""
     skipping: list[Candidate]
@@ -308,8 +308,11 @@ def ranking_of(
     # Step 3: filters of a recording count over the steps at which all have the metric.
     common_steps = _common_steps(order)
     if common_steps is not None:
-        order = sorted(_over_common_steps(order), key=lambda c: _sort_key(c, sign))
-        ranked = [*order, *losing]
+        others = [c for c in ranked if c not in order]
+        is_common = common_steps.is_common
+        compared_alike = [replace(c, sample=c.sample.over_steps(is_common)) for c in order]
+        order = sorted(compared_alike, key=lambda c: _sort_key(c, sign))
+        ranked = [*order, *others]
     ranking = Ranking(
         scene={},
         metric=m,
@@ -375,19 +378,12 @@ def _common_steps(candidates: Sequence[Candidate]) -> CommonSteps | None:
     # (filters, T), and the number of steps of each filter.
     has_value = np.array([c.sample.steps.has_value for c in candidates if c.sample.steps])
     numbers = has_value.sum(axis=1)
-    is_common = has_value.all(axis=0)
+    is_common: Mask = np.logical_and.reduce(has_value, axis=0)
     if (numbers == is_common.sum()).all():
         return None
     most = int(numbers.max())
     skipping = [c for c, number in zip(candidates, numbers, strict=True) if number < most]
-    return CommonSteps(steps=int(is_common.sum()), most=most, skipping=skipping)
-
-
-def _over_common_steps(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """Return candidates of one recording with their samples over the steps that all have."""
-    has_value = np.array([c.sample.steps.has_value for c in candidates if c.sample.steps])
-    is_common: Mask = np.logical_and.reduce(has_value, axis=0)
-    return [replace(c, sample=c.sample.over_steps(is_common)) for c in candidates]
+    return CommonSteps(is_common=is_common, most=most, skipping=skipping)
 
 
 def candidates_of(

@@ -82,9 +82,10 @@ def _explain_common_steps(common: CommonSteps) -> str:
     """Explain over which steps filters are compared if some have the metric at fewer steps."""
     names = [candidate.name for candidate in common.skipping]
     verb = "has" if len(names) == 1 else "have"
+    number = int(common.is_common.sum())
     return (
-        f"The ranking is over the {common.steps} of {common.most} measured steps at which every filter "
-        f"has a value; {listed(names)} {verb} none at the others."
+        f"The ranking is over the {number} of {common.most} measured steps at which every filter has a "
+        f"value; {listed(names)} {verb} none at the others."
     )
 
 
