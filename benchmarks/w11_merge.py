@@ -15,7 +15,7 @@ from trackbench.results import number_arrays
 from trackbench.results.write import write_results
 
 CONFIG = "hdepf"
-RUNS = 2000
+RUNS = 5000
 CORES = 150
 
 
@@ -51,11 +51,12 @@ def _compute(job: Job, store: BlockStore) -> Entrant:
 
 def _merge(job: Job, store: BlockStore, many_runs: int) -> Entrant:
     def entrant() -> Outcome:
-        outcome = _execute(job, store, fresh=False)
         usual = number_arrays.MANY_RUNS
         number_arrays.MANY_RUNS = many_runs
         try:
             started = time.process_time()
+            # Find the blocks of the cluster, merge them, and write the results.
+            outcome = _execute(job, store, fresh=False)
             write_results(job.folder, job.experiment, outcome, tracks=False)
             seconds = time.process_time() - started
         finally:

@@ -28,6 +28,7 @@ from trackbench.config.load import load
 from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.run_block import run_block
 from trackbench.evaluation.run_filter import FilterOutput, run_filter
+from trackbench.execution import cache as blocks
 from trackbench.filters.base import AnyFilter
 from trackbench.registry import kinds
 from trackbench.scenarios.base import Scenario
@@ -166,6 +167,12 @@ def _commands_read_once() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(typer.main, name, cache(getattr(typer.main, name)))
         yield
+
+
+def forget_facts() -> None:
+    """Compute the keys of blocks anew, as after the machine's arithmetic was patched."""
+    blocks._facts_of.cache_clear()
+    blocks._digest_without_runs.cache_clear()
 
 
 @pytest.fixture

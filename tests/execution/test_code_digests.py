@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import trackbench
-from tests.conftest import PLANE
+from tests.conftest import PLANE, forget_facts
 from tests.papers import merwe
 from trackbench.config.load import load
 from trackbench.core import elementary, linalg, random_streams, sums
@@ -196,15 +196,15 @@ def test_keys_follow_numpys_arithmetic_where_it_matters(
     task: BlockTask, apart: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(cache, "as_config", lambda part, shown: repr(part))
-    cache._facts_of.cache_clear()
+    forget_facts()
     here = cache.block_key(task, 2)
     monkeypatch.setattr(code_digests, "numpy_arithmetic", lambda: "of another processor")
-    cache._facts_of.cache_clear()
+    forget_facts()
     assert (cache.block_key(task, 2) != here) == apart
-    cache._facts_of.cache_clear()
+    forget_facts()
     monkeypatch.setattr(code_digests, "own_arithmetic", lambda: "of no IEEE machine")
     assert cache.block_key(task, 2) != here
-    cache._facts_of.cache_clear()
+    forget_facts()
 
 
 def test_a_worker_refuses_what_may_come_out_otherwise() -> None:

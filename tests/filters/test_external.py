@@ -16,13 +16,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.conftest import make_filter, track
+from tests.conftest import forget_facts, make_filter, track
 from trackbench import api
 from trackbench.contract import check_file, check_filter
 from trackbench.contract.problems import UNEQUAL, ModelDraws, new_rng, planar, radar, simulate
 from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask
-from trackbench.execution import cache, code_digests
+from trackbench.execution import code_digests
 from trackbench.execution.cache import block_key
 from trackbench.filters import program
 from trackbench.filters.external import External, ProgramRunError
@@ -513,9 +513,9 @@ def test_the_arithmetic_of_the_machine_is_part_of_the_key_of_a_program(
     keys = []
     for machine in ("one", "another"):
         monkeypatch.setattr(code_digests, "numpy_arithmetic", lambda digest=machine: digest)
-        cache._facts_of.cache_clear()
+        forget_facts()
         keys.append([block_key(BlockTask(planar(), f, 1, 0, 2, 2), 2) for f in filters])
-    cache._facts_of.cache_clear()
+    forget_facts()
     (of_program, of_kf), (elsewhere, of_kf_elsewhere) = keys
     assert of_program != elsewhere
     assert of_kf == of_kf_elsewhere

@@ -49,14 +49,6 @@ class StepSums(NamedTuple):
     squares: Array
     number: Array
 
-    def plus(self, other: "StepSums") -> "StepSums":
-        """Return the sums over the runs of both."""
-        return StepSums(
-            total=self.total + other.total,
-            squares=self.squares + other.squares,
-            number=self.number + other.number,
-        )
-
 
 def series(
     scenario: Scenario,

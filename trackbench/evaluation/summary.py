@@ -1,4 +1,4 @@
-"""Summarize one filter over all runs: merge its blocks, compute the rows of summary.csv.
+"""Summarize one filter over all runs: compute the rows of summary.csv and per_step.csv.
 
 The last part computes what each run contributes to a number over steps.
 """
@@ -11,7 +11,7 @@ import numpy as np
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.sums import mean as average
 from trackbench.core.sums import total
-from trackbench.evaluation.block import BlockResult, Tracks
+from trackbench.evaluation.block import Tracks
 from trackbench.evaluation.error_series import NOT_LOST, StepSums, over_windows
 from trackbench.evaluation.exact_errors import QUADRATIC
 from trackbench.evaluation.metric_expression import TIME_MEAN, Measure, measured
@@ -44,50 +44,6 @@ class FilterResult(NamedTuple):
     timing: list[Timing]
     measured: Measured | None = None
     """CPU times of repeated steps, measured in turns with the other filters"""
-
-
-def merge(blocks: Iterable[BlockResult]) -> FilterResult:
-    """Concatenate per-run values and add up per-step sums, block by block in the given order."""
-    # Collect the parts of each metric and series, and add up the sums per step.
-    per_run: dict[str, list[Array]] = {}
-    steps: dict[str, StepSums] = {}
-    run_series: dict[str, list[Array]] = {}
-    tracks: list[Tracks] = []
-    timing: list[Timing] = []
-    for block in blocks:
-        for name, values in block.per_run.items():
-            per_run.setdefault(name, []).append(values)
-        for name, sums in block.steps.items():
-            if name in steps:
-                steps[name] = steps[name].plus(sums)
-            else:
-                steps[name] = sums
-        for name, values in block.run_series.items():
-            run_series.setdefault(name, []).append(values)
-        if block.tracks is not None:
-            tracks.append(block.tracks)
-        timing.append(Timing(block.cpu_s, block.width))
-    # Join the parts along the runs.
-    return FilterResult(
-        per_run={name: np.concatenate(parts) for name, parts in per_run.items()},
-        steps=steps,
-        run_series={name: np.concatenate(parts, axis=1) for name, parts in run_series.items()},
-        tracks=_merged_tracks(tracks),
-        timing=timing,
-    )
-
-
-def _merged_tracks(parts: list[Tracks]) -> Tracks | None:
-    """Join the tracks of several blocks along the runs; None if no block has any."""
-    if not parts:
-        return None
-    covs = [tracks.cov for tracks in parts if tracks.cov is not None]
-    return Tracks(
-        truth=np.concatenate([tracks.truth for tracks in parts], axis=-1),
-        measurements=np.concatenate([tracks.measurements for tracks in parts], axis=-1),
-        mean=np.concatenate([tracks.mean for tracks in parts], axis=-1),
-        cov=np.concatenate(covs, axis=-1) if covs else None,
-    )
 
 
 class SummaryRow(NamedTuple):

@@ -1,23 +1,51 @@
 """File format of a finished block.
 
-Magic, SHA-256 of all that follows, length of the header (8 bytes), JSON header, raw float64. Reading
-constructs only numbers, so a block from a stranger cannot run code.
+Magic, SHA-256 of all that follows, length of the header (8 bytes), JSON header, length of the layout
+(8 bytes), JSON layout, raw float64. Reading constructs only numbers, so a block from a stranger cannot
+run code.
 """
 
 import hashlib
 import json
 import struct
 from collections.abc import Iterator
+from functools import lru_cache
 from math import prod
 from pathlib import Path
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from trackbench.atomic_files import ensure_folder, write_bytes
 from trackbench.core.arrays import Array
-from trackbench.evaluation.block import BlockResult, Tracks
-from trackbench.evaluation.error_series import StepSums
+from trackbench.evaluation.block import BlockResult
+
+ArrayPath: TypeAlias = tuple[str, ...]
+"""Names that lead to an array in the results of a block: ``("steps", "squared_position", "total")``.
+
+The first name is ``per_run``, ``steps``, ``kept`` for a stored series, or ``tracks``.
+"""
+
+
+class PackedArray(NamedTuple):
+    """Place of an array among the numbers of a block."""
+
+    path: ArrayPath
+    shape: tuple[int, ...]
+    start: int
+    end: int
+
+
+class PackedBlock(NamedTuple):
+    """A block with all its numbers in one array, as its file has them."""
+
+    layout: tuple[PackedArray, ...]
+    """arrays in the order of their numbers; those of the sums per step are neighbors"""
+    numbers: Array
+    cpu_s: float
+    """CPU seconds of the filter for all runs of the block"""
+    width: int
+    """number of runs that the CPU time is for"""
 
 
 class BlockFile(NamedTuple):
@@ -30,51 +58,85 @@ class BlockFile(NamedTuple):
 def write_block(file: BlockFile, result: BlockResult) -> None:
     """Write a block; raises WriteError."""
     ensure_folder(file.path.parent)
-    write_bytes(file.path, encode(result, file.key))
+    write_bytes(file.path, encode(pack(result), file.key))
 
 
-_ArrayPath: TypeAlias = tuple[str, ...]
+def pack(result: BlockResult) -> PackedBlock:
+    """Return a block with its numbers in one array."""
+    layout: list[PackedArray] = []
+    parts: list[Array] = []
+    start = 0
+    for path, array in _arrays(result):
+        end = start + array.size
+        layout.append(PackedArray(path=path, shape=array.shape, start=start, end=end))
+        parts.append(np.ravel(array))
+        start = end
+    return PackedBlock(
+        layout=tuple(layout),
+        numbers=np.concatenate(parts, dtype="<f8"),
+        cpu_s=result.cpu_s,
+        width=result.width,
+    )
 
-_MAGIC = b"TBBLOCK1"
+
+FORMAT = "TBBLOCK2"
+_MAGIC = FORMAT.encode()
 _HASH = hashlib.sha256().digest_size
 _LENGTH = struct.Struct("<Q")
 
 
-def encode(result: BlockResult, key: str) -> bytes:
+def encode(block: PackedBlock, key: str) -> bytes:
     """Return the file of a block; it contains ``key``, so that a renamed file is rejected."""
-    arrays = dict(_arrays(result))
-    header = {
-        "key": key,
-        "cpu_s": result.cpu_s,
-        "width": result.width,
-        "arrays": [[path, array.shape] for path, array in arrays.items()],
-    }
-    text = json.dumps(header).encode()
-    raw = [np.ascontiguousarray(array, dtype="<f8").tobytes() for array in arrays.values()]
-    body = b"".join([_LENGTH.pack(len(text)), text, *raw])
+    header = json.dumps({"key": key, "cpu_s": block.cpu_s, "width": block.width}).encode()
+    layout = json.dumps([[array.path, array.shape] for array in block.layout]).encode()
+    numbers = block.numbers.tobytes()
+    lengths = [_LENGTH.pack(len(text)) for text in (header, layout)]
+    body = b"".join([lengths[0], header, lengths[1], layout, numbers])
     return _MAGIC + hashlib.sha256(body).digest() + body
 
 
-def decode(content: bytes, key: str) -> BlockResult | None:
+def decode(content: bytes, key: str) -> PackedBlock | None:
     """Return the block in the bytes of a file; None if it is damaged, truncated, or of another key."""
-    start = len(_MAGIC) + _HASH
-    body = content[start:]
+    # Views on the bytes, which would otherwise be copied several times.
+    body = memoryview(content)[len(_MAGIC) + _HASH :]
     if content[: len(_MAGIC)] != _MAGIC:
         return None
-    if hashlib.sha256(body).digest() != content[len(_MAGIC) : start]:
+    if hashlib.sha256(body).digest() != content[len(_MAGIC) : len(_MAGIC) + _HASH]:
         return None
-    (length,) = _LENGTH.unpack_from(body)
-    header = json.loads(body[_LENGTH.size : _LENGTH.size + length])
+    header_text, rest = _split_text(body)
+    layout_text, numbers = _split_text(rest)
+    header = json.loads(header_text)
     if header["key"] != key:
         return None
-    return _result(header, body[_LENGTH.size + length :])
+    return PackedBlock(
+        layout=_read_layout(layout_text),
+        numbers=np.frombuffer(numbers, dtype="<f8"),
+        cpu_s=header["cpu_s"],
+        width=header["width"],
+    )
 
 
-def _arrays(result: BlockResult) -> Iterator[tuple[_ArrayPath, Array]]:
-    """Yield the arrays of a block, each with the names that lead to it in the result.
+def _split_text(body: memoryview) -> tuple[bytes, memoryview]:
+    """Split off the text at the beginning, whose length stands before it."""
+    (length,) = _LENGTH.unpack_from(body)
+    end = _LENGTH.size + length
+    return bytes(body[_LENGTH.size : end]), body[end:]
 
-    In files the first name of a stored series is ``kept``.
-    """
+
+@lru_cache(maxsize=64)
+def _read_layout(text: bytes) -> tuple[PackedArray, ...]:
+    """Return the places of a block's arrays; cached, because most blocks of a filter are alike."""
+    layout: list[PackedArray] = []
+    start = 0
+    for path, shape in json.loads(text):
+        end = start + prod(shape)
+        layout.append(PackedArray(path=tuple(path), shape=tuple(shape), start=start, end=end))
+        start = end
+    return tuple(layout)
+
+
+def _arrays(result: BlockResult) -> Iterator[tuple[ArrayPath, Array]]:
+    """Yield the arrays of a block with their paths."""
     for name, values in result.per_run.items():
         yield ("per_run", name), values
     for name, sums in result.steps.items():
@@ -86,32 +148,3 @@ def _arrays(result: BlockResult) -> Iterator[tuple[_ArrayPath, Array]]:
         for name, tracks in result.tracks._asdict().items():
             if tracks is not None:
                 yield ("tracks", name), tracks
-
-
-def _result(header: dict[str, Any], raw: bytes) -> BlockResult:
-    """Build the block from the numbers in ``raw``; the header names their arrays and has the shapes."""
-    per_run: dict[str, Array] = {}
-    run_series: dict[str, Array] = {}
-    tracks: dict[str, Array] = {}
-    sums: dict[str, dict[str, Array]] = {}
-    start = 0
-    numbers = np.frombuffer(raw, dtype="<f8")
-    for path, shape in header["arrays"]:
-        end = start + prod(shape)
-        array = numbers[start:end].reshape(shape)
-        start = end
-        if path[0] == "steps":
-            _, name, field = path
-            sums.setdefault(name, {})[field] = array
-        else:
-            group, name = path
-            arrays = {"per_run": per_run, "kept": run_series, "tracks": tracks}[group]
-            arrays[name] = array
-    return BlockResult(
-        per_run=per_run,
-        steps={name: StepSums(**fields) for name, fields in sums.items()},
-        run_series=run_series,
-        tracks=Tracks(**{"cov": None, **tracks}) if tracks else None,  # type: ignore[arg-type]
-        cpu_s=header["cpu_s"],
-        width=header["width"],
-    )

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 from trackbench.config.experiment import Experiment
 from trackbench.errors import counted
-from trackbench.evaluation.block import BlockResult, BlockTask
+from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.consistency_and_calibration import sizes
 from trackbench.evaluation.precision_check import (
     PrecisionCheck,
@@ -18,10 +18,11 @@ from trackbench.evaluation.precision_check import (
     checkpoints,
 )
 from trackbench.evaluation.run_block import run_whole_block
-from trackbench.evaluation.summary import FilterResult, merge
-from trackbench.execution.block_file import decode, encode
+from trackbench.evaluation.summary import FilterResult
+from trackbench.execution.block_file import PackedBlock, pack
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.engines import OpenEngine
+from trackbench.execution.merge_blocks import merge
 from trackbench.execution.plan import Key, Plan
 from trackbench.execution.queue import BlockOutcome, Queue, algorithm, progress_bar
 
@@ -51,25 +52,17 @@ class Outcome:
     """the number that is farthest from its requested error, if the runs end by precision"""
 
     def results(self) -> Iterator[tuple[Key, FilterResult]]:
-        """Yield each filter's merged results, so that one filter is in memory at a time.
-
-        Blocks are always decoded from their bytes, whether this run or an earlier one computed
-        them.
-        """
+        """Yield each filter's merged results, so that one filter is in memory at a time."""
         for key, tasks in self.plan.tasks.items():
             if key not in self.failures:
-                yield key, merge(self._block(task) for task in tasks)
-
-    def _block(self, task: BlockTask) -> BlockResult:
-        return stored_block(self.store, task)
+                yield key, merge(stored_block(self.store, task) for task in tasks)
 
 
-def stored_block(store: BlockStore, task: BlockTask) -> BlockResult:
+def stored_block(store: BlockStore, task: BlockTask) -> PackedBlock:
     """Return a finished block; computes it again if it was removed meanwhile."""
     block = store.get(task)
     if block is None:
-        block = decode(encode(run_whole_block(task)[task.runs_used], ""), "")
-    assert block is not None
+        block = pack(run_whole_block(task)[task.runs_used])
     return block
 
 

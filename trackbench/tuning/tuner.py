@@ -18,9 +18,10 @@ from trackbench.core.arrays import Array
 from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.evaluation.consistency_and_calibration import sizes
-from trackbench.evaluation.summary import merge
+from trackbench.execution.block_file import PackedBlock
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.engines import OpenEngine
+from trackbench.execution.merge_blocks import merge
 from trackbench.execution.plan import block_width
 from trackbench.execution.queue import Queue, progress_bar
 from trackbench.execution.runner import stored_block
@@ -77,7 +78,7 @@ class _SessionBlocks:
         self._fresh = fresh
         self._finished: set[BlockTask] = set()
 
-    def get(self, task: BlockTask) -> BlockResult | None:
+    def get(self, task: BlockTask) -> PackedBlock | None:
         """Return a block, or None if it is to be computed."""
         if self._fresh and task not in self._finished:
             return None
@@ -102,7 +103,7 @@ class _Tuner:
         self._search = Search(self.training.axes, self.training.start, self.budget)
         self._search_requests = self._search.run()
         self._requested: dict[Values, list[BlockTask]] = {}
-        self._results: dict[BlockTask, BlockResult | None] = {}
+        self._results: dict[BlockTask, PackedBlock | None] = {}
         self._request(next(self._search_requests))
 
     def advance(self) -> int:
@@ -126,7 +127,7 @@ class _Tuner:
                 self._requested = {}
         return len(self.record.trials) - trials_before
 
-    def receive(self, task: BlockTask, result: BlockResult | None) -> None:
+    def receive(self, task: BlockTask, result: PackedBlock | None) -> None:
         """Record the results of a block, None if its filter failed; ignore blocks of other filters."""
         if task in self.missing:
             self.missing.remove(task)

@@ -12,9 +12,10 @@ from math import isfinite
 from trackbench.config.experiment import Experiment
 from trackbench.config.tuning import tuned_label
 from trackbench.evaluation.run_block import run_whole_block
-from trackbench.evaluation.summary import merge
+from trackbench.execution.block_file import pack
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.engines import cpu_count, engine
+from trackbench.execution.merge_blocks import merge
 from trackbench.report.results import Results
 from trackbench.tuning.search import Rank, Record, Search, Trial, Values
 from trackbench.tuning.tuner import Training, given_values, tune
@@ -60,7 +61,7 @@ def _run_trials(record: Record, training: Training, trials: list[Trial]) -> list
     computed = []
     for trial in trials:
         tasks = training.tasks(_trial_values(record, trial))
-        blocks = [run_whole_block(task)[task.runs_used] for task in tasks]
+        blocks = [pack(run_whole_block(task)[task.runs_used]) for task in tasks]
         score = None
         if blocks:
             score = training.score(merge(blocks).per_run)
