@@ -4,16 +4,19 @@ import json
 import os
 import re
 import sys
+from dataclasses import fields
 from pathlib import Path
 from threading import Thread
 from typing import Any
 
 import pytest
 
+from docs.site.blocks import blocks
 from tests.commands import BARE, Command, spawned, trackbench
 from tests.conftest import ROOT
 from trackbench.cli.output import echo_line
 from trackbench.registry import GROUPS, kinds
+from trackbench.report.suite.scores import Score
 
 
 def lines(
@@ -98,6 +101,52 @@ def test_run_and_compare(tmp_path: Path) -> None:
     assert compared == found["numbers"] + found["claims"]
     assert {"verdict", "published", "measured"} <= compared[0].keys()
     assert "claim" in compared[-1]
+
+
+PAGE = (ROOT / "docs" / "programs.md").read_text(encoding="utf-8")
+
+
+def keys_of(command: str) -> list[str]:
+    """The keys that the page on programs names for the lines of a command."""
+    (keys,) = re.findall(rf"^\| {re.escape(command)} \|[^|]*\| `([^`]+)`", PAGE, re.MULTILINE)
+    return keys.split()
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        ("`list`, `list filters`, ...", "list filters"),
+        ("`list experiments`", "list experiments"),
+        ("`list problems`", "list problems"),
+        ("`list metrics`", "list metrics"),
+        ("`list statistics`", "list statistics"),
+        ("`list metrics CONFIG`", "list metrics nile"),
+        ("`describe KIND`", "describe kf"),
+        ("`describe METRIC`", "describe rmse"),
+        ("`describe GROUP`", "describe tables"),
+        ("`check CONFIG`", "check nile"),
+        ("any of these with `--dry-run`", "run nile --dry-run"),
+    ],
+)
+def test_the_page_has_the_keys(command: str, words: str) -> None:
+    assert keys_of(command) == [*lines(*words.split())[0]]
+
+
+def test_the_page_has_the_line_of_check() -> None:
+    texts = [block.text for block in blocks(PAGE) if block.language == "json"]
+    assert lines("check", "nile") == [json.loads(texts[0])]
+
+
+def test_the_page_has_the_keys_of_runs_and_comparisons(tmp_path: Path) -> None:
+    words = ("--runs", "4", "--set", "block=fit", *BARE)
+    (found,) = lines("run", "hdepf", "--only", "PF", "--out", "out", *words, cwd=tmp_path)
+    assert keys_of("`run`, `sweep`, `tune`, `fit`") == [*found]
+    assert keys_of("`suite`") == [field.name for field in fields(Score)]
+    compared = lines("compare", "out", cwd=tmp_path)
+    assert keys_of("`compare DIR`") == [*compared[0]]
+    assert keys_of("`compare DIR`, after the numbers") == [*compared[-1]]
+    equal = lines("compare", "out", "out", cwd=tmp_path)
+    assert keys_of("`compare DIR DIR2`, `gate`") == [*equal[0]]
 
 
 def test_a_filter_that_fails_is_said(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from trackbench.commands import with_known_keywords
 from trackbench.commands.prepare import OPTION_NAMES, Options, file_of, prepare
 from trackbench.commands.run_experiment import preview, run_all, run_each
 from trackbench.commands.stored_results import Report, compare, load, plot, report
-from trackbench.errors import UserError
+from trackbench.errors import Mark, Problem, UserError
 from trackbench.yaml_source import Config
 
 __all__ = [
@@ -46,7 +46,9 @@ def run(config: Config, options: Options | None = None, **changes: Any) -> Repor
     ------
     UserError : bad input, with one line per mistake
     """
-    (report,) = run_all([config], options, **changes)
+    options = (options or Options()).changed(changes)
+    check_has_report(options)
+    (report,) = run_all([config], options)
     return report
 
 
@@ -58,6 +60,7 @@ def sweep(config: Config, options: Options | None = None, **changes: Any) -> Rep
     The results go to ``results/<name>-sweep/``, so the experiment's own results stay.
     """
     options = (options or Options()).changed(changes)
+    check_has_report(options)
     # A folder beside that of the experiment's own results.
     if options.out is None:
         config = file_of(config, options)
@@ -76,6 +79,15 @@ def tune(config: Config, options: Options | None = None, **changes: Any) -> Repo
     options = (options or Options()).changed(changes)
     check_tuned([config], options)
     return run(config, options)
+
+
+def check_has_report(options: Options) -> None:
+    """Raise UserError for a shard, which writes no results that a report could have."""
+    if options.shard:
+        what = (
+            f'a shard has no report: compute it by list(run_all([config], shard="{options.shard}"))'
+        )
+        raise UserError(Problem(Mark("shard="), "", what))
 
 
 def check_tuned(configs: Sequence[Config], options: Options) -> None:

@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -63,3 +64,12 @@ def test_a_wrong_shard_is_one_line(shard: str, tmp_path: Path) -> None:
     (tmp_path / "s.yaml").write_text(CONFIG)
     with pytest.raises(UserError, match=r"--shard: .* is no shard"):
         list(api.run_all([tmp_path / "s.yaml"], shard=shard, quiet=True, out=tmp_path / "o"))
+
+
+@pytest.mark.parametrize("function", [api.run, api.sweep])
+def test_a_shard_has_no_report(function: Callable[..., api.Report], tmp_path: Path) -> None:
+    (tmp_path / "s.yaml").write_text(CONFIG)
+    with pytest.raises(
+        UserError, match=r"shard=: a shard has no report: compute it by list\(run_all"
+    ):
+        function(tmp_path / "s.yaml", shard="1/2", quiet=True, out=tmp_path / "o")

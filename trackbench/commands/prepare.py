@@ -59,10 +59,11 @@ class Options:
     seed: int | None = None
     """seed of all random numbers; default: that of the config"""
     grid: Sequence[str] = ()
-    """values of keys for a sweep, each as `PATH=V1,V2,...`, `PATH=a..b:n` or `PATH=log:a..b:n`"""
+    """values of keys, each as `PATH=V1,V2,...`, `PATH=a..b:n` or `PATH=log:a..b:n`; the experiment runs
+    at all of them"""
     product: bool = False
-    """combine the values of one filter's keys with those of another's; by default only one filter
-    varies at a time"""
+    """if `grid` has keys of several filters, run every combination of their values; by default the
+    filters vary one after the other"""
     out: Path | str | None = None
     """results folder; of several configs the folder that contains theirs; default: `results/NAME`"""
     engine: Engine = "processes"
@@ -82,13 +83,15 @@ class Options:
     allow_plugins: bool = False
     """run the code of the config's plugins"""
     filters: Sequence[Path | str] = ()
-    """Python files whose filters run beside those of the config, each under its kind; their code runs"""
+    """Python files whose filters run beside those of the config, each with its kind as label; you permit
+    the code of these files to run, even without `allow_plugins`"""
     quiet: bool = False
     """print no progress and no notes"""
     spare: bool = False
     """if the results folder has results of more runs, keep them and write to `NAME-quick/` beside it"""
     shard: str = ""
-    """`i/n`: compute the i-th of n parts of the blocks into the cache, and write no results"""
+    """`i/n`: compute the i-th of n parts of the blocks into the cache, and write no results; only for
+    `run_all`"""
 
     def __new__(cls, **options: Any) -> "Options":
         """Return options to initialize; raises UserError for a wrong name."""
