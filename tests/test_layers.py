@@ -19,7 +19,7 @@ from trackbench.registry import kinds
 PACKAGE = Path(trackbench.__file__).parent
 LAYERS = (
     ("core", "metrics", "extension_points", "field_types", "errors", "durations"),
-    ("atomic_files", "yaml_source", "registry"),
+    ("atomic_files", "progress_bar", "yaml_source", "registry"),
     ("models", "statistics"),
     ("scenarios", "filters"),
     ("adapters", "evaluation"),

@@ -12,8 +12,8 @@ import yaml
 
 import trackbench
 from tests.papers import merwe_text
-from trackbench.execution import queue
-from trackbench.execution.queue import progress_bar
+from trackbench import progress_bar as bars
+from trackbench.progress_bar import progress_bar
 from trackbench.report.table import Text, TextTable, table_html
 from trackbench.yaml_source import from_mapping, parse
 
@@ -182,7 +182,7 @@ def test_off_a_terminal_progress_is_a_line_each_tenth(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for seconds, lines in ((0.0, 10), (60.0, 0)):
-        monkeypatch.setattr(queue, "_LONG_S", seconds)
+        monkeypatch.setattr(bars, "_LONG_S", seconds)
         with progress_bar(40, "block", True, desc="x") as bar:
             for _ in range(40):
                 bar.update(1)

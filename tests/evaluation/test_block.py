@@ -29,7 +29,7 @@ from trackbench.scenarios.starts.without_scans import GaussianStart
 from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.targets.legs import RandomLegs
 from trackbench.scenarios.tracking import Tracking
-from trackbench.statistics.over_runs import median
+from trackbench.statistics.sample_statistics import median
 
 
 @pytest.mark.parametrize(

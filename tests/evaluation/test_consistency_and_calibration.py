@@ -25,7 +25,7 @@ from trackbench.filters.base import AnyFilter
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.sensors.base import Assume
 from trackbench.scenarios.tracking import Tracking
-from trackbench.statistics.over_runs import mean
+from trackbench.statistics.sample_statistics import mean
 
 ALL: tuple[Kind, ...] = ("calibration", "ranks", "crps")
 RUNS = 2000

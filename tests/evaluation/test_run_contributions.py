@@ -13,7 +13,7 @@ from trackbench.evaluation.summary import (
     time_mean_shares,
     with_shares,
 )
-from trackbench.statistics import over_runs as st
+from trackbench.statistics import sample_statistics as st
 
 STEPS, RUNS = 30, 200
 

@@ -9,7 +9,7 @@ from trackbench import api
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.results import Results
-from trackbench.statistics.over_runs import mean
+from trackbench.statistics.sample_statistics import mean
 from trackbench.verify import verify
 
 CONFIG = """

@@ -24,9 +24,9 @@ from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask
 from trackbench.execution import code_digests
 from trackbench.execution.cache import block_key
-from trackbench.filters import program
+from trackbench.filters import external_process
 from trackbench.filters.external import External, ProgramRunError
-from trackbench.filters.program import programs_cpu_s
+from trackbench.filters.external_process import programs_cpu_s
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.scaffold import write_new
@@ -69,8 +69,8 @@ def compiled(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def no_program_is_left() -> Iterator[None]:
     yield
-    program.end_all()
-    assert not program._running
+    external_process.end_all()
+    assert not external_process._running
 
 
 def external(path: Path, **parameters: float) -> External:
@@ -290,7 +290,7 @@ def test_the_end_of_a_long_stderr_is_kept(tmp_path: Path) -> None:
     tracker = script(tmp_path, "sys.exit('the last words')", first)
     kept = list[int]()
 
-    class Counted(program.Program):
+    class Counted(external_process.Program):
         def kill(self) -> None:
             super().kill()
             kept.append(sum(map(len, self._error_lines)))
@@ -338,7 +338,7 @@ def test_a_kill_at_any_time_is_an_error_or_the_right_numbers(compiled: Path) -> 
 
         def kill(delay: float = i / 40 * 0.01) -> None:
             time.sleep(delay)
-            for running in [*program._running]:
+            for running in [*external_process._running]:
                 os.kill(running._process.pid, signal.SIGKILL)
 
         thread = threading.Thread(target=kill)
@@ -360,7 +360,7 @@ def test_nothing_is_left_of_a_process_that_is_killed(tmp_path: Path) -> None:
     )
     (tmp_path / "wrapper.sh").chmod(0o755)
     code = (
-        "import os, signal, time\nfrom trackbench.filters.program import Program\n"
+        "import os, signal, time\nfrom trackbench.filters.external_process import Program\n"
         "program = Program(['./wrapper.sh'], 'hello', 20.0)\n"
         "while not (text := os.pread(program._errors.fileno(), 99, 0)): time.sleep(0.01)\n"
         "print(program._process.pid, text.decode(), flush=True)\n"
@@ -489,7 +489,7 @@ def test_the_time_of_a_program_is_that_of_its_filter(tmp_path: Path) -> None:
     assert 0.02 * answers < spent < float(output.mean[0].max()) + 0.1
     assert output.cpu_s > 0.02 * answers
     # A program that ends takes no time from the filter that is timed meanwhile.
-    program.end_all()
+    external_process.end_all()
     assert spent <= programs_cpu_s() - ready < spent + 0.1
 
 
@@ -498,8 +498,8 @@ def test_the_time_of_a_program_is_known_after_its_end(tmp_path: Path) -> None:
     """Of one that works 20 ms for each answer, also if nobody has asked before it ended."""
     work = "end = time.process_time() + 0.02\n    while time.process_time() < end: pass"
     tracker = script(tmp_path, f"{work}\n    print(good, flush=True)")
-    for end in (program.end_programs, lambda programs: [one.kill() for one in programs]):
-        one, before = program.Program(tracker.command, "hello", 20.0), programs_cpu_s()
+    for end in (external_process.end_programs, lambda programs: [one.kill() for one in programs]):
+        one, before = external_process.Program(tracker.command, "hello", 20.0), programs_cpu_s()
         one.exchange(["step"] * 5)
         end([one])
         assert 0.1 < programs_cpu_s() - before < 1.0

@@ -5,7 +5,7 @@ import pytest
 
 from tests.conftest import make_filter, per_run
 from tests.papers import merwe
-from trackbench.statistics.over_runs import mean, variance
+from trackbench.statistics.sample_statistics import mean, variance
 
 PUBLISHED = {  # RMSE mean and variance over 100 runs
     "EKF": (0.374, 0.015),

@@ -18,7 +18,7 @@ from trackbench.report.expressions import Evaluator
 from trackbench.report.results import Results, own_values
 from trackbench.report.tables.efficiency import EqualCost
 from trackbench.statistics.estimates import RunEstimate
-from trackbench.statistics.over_runs import influence, mean
+from trackbench.statistics.sample_statistics import influence, mean
 from trackbench.verify import verify
 
 NOBODY = np.zeros(0)

@@ -5,7 +5,7 @@ import pytest
 
 from tests.commands import ran
 from trackbench.report.results import Results
-from trackbench.statistics.over_runs import rms
+from trackbench.statistics.sample_statistics import rms
 
 LEGS = """
 name: legs

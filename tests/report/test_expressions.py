@@ -12,7 +12,7 @@ from trackbench.report.verdicts.claims import judge
 from trackbench.results.frames import Columns
 from trackbench.results.point_facts import PointFacts
 from trackbench.statistics import intervals as inference
-from trackbench.statistics import over_runs as st
+from trackbench.statistics import sample_statistics as st
 from trackbench.statistics.intervals import (
     interval_of_difference,
     of_variances,

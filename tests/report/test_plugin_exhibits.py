@@ -14,7 +14,7 @@ from trackbench.report.results import PartialReportError
 PLUGIN = """
 from dataclasses import dataclass
 
-from trackbench.statistics.over_runs import Estimate
+from trackbench.statistics.sample_statistics import Estimate
 from trackbench.registry import register
 from trackbench.report.plotting import style
 from trackbench.report.kinds import FigureKind, TableKind

@@ -19,11 +19,11 @@ from trackbench.report.tables.readings import (
     _notes,
     distance,
 )
-from trackbench.report.verdicts.files import markdown
+from trackbench.report.verdicts.comparison_files import markdown
 from trackbench.report.verdicts.numbers import compare
 from trackbench.report.verdicts.searches import ways_to_measure
 from trackbench.statistics.estimates import RunEstimate
-from trackbench.statistics.over_runs import mean
+from trackbench.statistics.sample_statistics import mean
 
 CONFIG = """
 name: search

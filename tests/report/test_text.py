@@ -15,7 +15,7 @@ from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table, Text, TextTable, in_tex, rounded
 from trackbench.report.tables.metrics import Metrics, _lost_notes, best_labels
 from trackbench.statistics.estimates import RunEstimate, Share
-from trackbench.statistics.over_runs import Estimate
+from trackbench.statistics.sample_statistics import Estimate
 
 
 def table():

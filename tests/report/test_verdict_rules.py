@@ -12,8 +12,8 @@ from trackbench.report.verdicts.numbers import _is_near, _verdict
 from trackbench.statistics import rules
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.intervals import interval_of
-from trackbench.statistics.over_runs import Estimate
 from trackbench.statistics.rules import claim_verdict, combine_batches, number_verdict
+from trackbench.statistics.sample_statistics import Estimate
 
 
 def word(published, value, stderr, *parts, runs=400):

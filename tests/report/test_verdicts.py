@@ -19,7 +19,7 @@ from trackbench.report.expressions import Evaluator
 from trackbench.report.paired import pairs_of
 from trackbench.report.results import Results
 from trackbench.report.verdicts.claims import evidence_at, judge
-from trackbench.report.verdicts.files import bars, summary_lines, verdict_tables
+from trackbench.report.verdicts.comparison_files import bars, summary_lines, verdict_tables
 from trackbench.report.verdicts.numbers import (
     Compared,
     Reproduced,

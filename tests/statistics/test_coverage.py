@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from trackbench.evaluation.summary import time_mean_shares
-from trackbench.statistics import over_runs as st
+from trackbench.statistics import sample_statistics as st
 from trackbench.statistics.intervals import (
     Sides,
     has_heavy_tail,

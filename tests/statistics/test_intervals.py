@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from trackbench.statistics import over_runs as st
+from trackbench.statistics import sample_statistics as st
 from trackbench.statistics.collapsed_runs import collapsed_in_words
 from trackbench.statistics.comparison import Comparison, as_family
 from trackbench.statistics.estimates import (

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from trackbench.config.tuning import Objective, bad_terms
-from trackbench.statistics.over_runs import STATISTICS
+from trackbench.statistics.sample_statistics import STATISTICS
 from trackbench.tuning.search import Trial
 
 SIZES = {"": 4, "position": 2}

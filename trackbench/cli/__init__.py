@@ -13,7 +13,8 @@ from typer.core import TyperGroup
 from trackbench import __version__
 from trackbench.cli.check import cache, check
 from trackbench.cli.compare import gate
-from trackbench.cli.info import copy, describe, list_, new, schema, show
+from trackbench.cli.info import copy, describe, list_, schema, show
+from trackbench.cli.new import new
 from trackbench.cli.output import (
     as_reportable,
     exit_if_stdout_fails,

@@ -40,11 +40,11 @@ from trackbench.evaluation.timing import REPEATS, Measured, measure
 from trackbench.execution.cache import BlockStore, block_key, cache_folder, times_folder
 from trackbench.execution.engines import OpenEngine, begin, engine
 from trackbench.execution.plan import Key, Plan, cautions
-from trackbench.execution.queue import progress_bar
 from trackbench.execution.runner import Outcome, execute, next_batch, stop_reason
 from trackbench.field_types import require_regular_file
 from trackbench.filters.external import PRINT_ALL_DIGITS, External
 from trackbench.plugins.errors import guarded
+from trackbench.progress_bar import progress_bar
 from trackbench.report import DRAWER
 from trackbench.report.html.report_page import write_report
 from trackbench.report.render import render

@@ -30,8 +30,12 @@ from trackbench.report.render import conclusions, ranking, write_figures
 from trackbench.report.results import PartialReportError, Results
 from trackbench.report.sweep import Best, best_points
 from trackbench.report.table import Table, TextTable, results_html
+from trackbench.report.verdicts.comparison_files import (
+    summary_lines,
+    write_comparison,
+    write_paired,
+)
 from trackbench.report.verdicts.cpu_times import time_line
-from trackbench.report.verdicts.files import summary_lines, write_comparison, write_paired
 from trackbench.report.verdicts.inconclusive import reasons
 from trackbench.report.verdicts.numbers import Verdicts
 from trackbench.report.verdicts.numbers import compare as compare_with_published

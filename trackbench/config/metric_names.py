@@ -26,7 +26,7 @@ from trackbench.models.delays import LATE_COUNTS
 from trackbench.plugins.errors import guarded
 from trackbench.registry import of_kind
 from trackbench.scenarios.base import Scenario
-from trackbench.statistics.over_runs import STATISTICS
+from trackbench.statistics.sample_statistics import STATISTICS
 
 Made: TypeAlias = AnyFilter | None
 """A filter, or None for one whose keys are mistaken."""

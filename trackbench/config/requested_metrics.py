@@ -18,7 +18,7 @@ from trackbench.evaluation.summary import series_of
 from trackbench.extension_points import field_values
 from trackbench.filters.base import AnyFilter
 from trackbench.registry import Group
-from trackbench.statistics.over_runs import STATISTICS
+from trackbench.statistics.sample_statistics import STATISTICS
 from trackbench.yaml_source import Keys, Source
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from trackbench.field_types import Count, Finite, is_number
 from trackbench.metrics import in_window
 from trackbench.scenarios.base import Scenario, error_names
 from trackbench.statistics.estimates import RunEstimate
-from trackbench.statistics.over_runs import STATISTICS, influence, mean
+from trackbench.statistics.sample_statistics import STATISTICS, influence, mean
 
 SUFFIX = " (tuned)"
 """End of the label of a tuned filter."""

@@ -19,7 +19,7 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeAlias, cast, get_arg
 
 from trackbench.field_types import annotations_of
 from trackbench.metrics import Metric, in_window, joined, metric_of
-from trackbench.statistics.over_runs import STATISTICS
+from trackbench.statistics.sample_statistics import STATISTICS
 
 TIME_MEAN = "time-mean"
 """Statistic: the mean over a window's steps of the RMSE over runs."""

@@ -33,7 +33,7 @@ from trackbench.evaluation.validate_output import (
 from trackbench.extension_points import foreign_parts
 from trackbench.filters.base import AnyFilter, Steps, WrongReturnError, has_expectations
 from trackbench.filters.external import ProgramRunError
-from trackbench.filters.program import programs_cpu_s
+from trackbench.filters.external_process import programs_cpu_s
 from trackbench.models.base import Model, extra_std
 from trackbench.models.priors import augment_prior
 from trackbench.models.sensors.base import Sensors, rows_of

@@ -17,7 +17,7 @@ from trackbench.evaluation.exact_errors import QUADRATIC
 from trackbench.evaluation.metric_expression import TIME_MEAN, Measure, measured
 from trackbench.evaluation.timing import Measured
 from trackbench.metrics import in_window, joined, metric_of, metrics_of
-from trackbench.statistics.over_runs import (
+from trackbench.statistics.sample_statistics import (
     STATISTICS,
     Estimates,
     mean,

@@ -1,13 +1,10 @@
-"""Queue of blocks in stacks: each runs once, in order, blocks of a dead worker again; progress bar."""
+"""Queue of blocks in stacks: each runs once, in order, blocks of a dead worker again."""
 
 import pickle
-import sys
-import time
 from collections import Counter, deque
 from collections.abc import Generator, Hashable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from dataclasses import replace
-from importlib.util import find_spec
 from itertools import chain, islice
 from math import inf, nan
 from pathlib import Path
@@ -31,8 +28,6 @@ _AHEAD = 16
 """Blocks per worker that are handed over: they last while the caller writes an experiment's report."""
 _TASK_SECONDS = 1.0
 """Least time that a task of a cluster should take."""
-_LONG_S = 10.0
-"""Seconds from which progress is printed where stderr is no terminal."""
 _SCHEDULER_SECONDS = 0.004
 """Time that a cluster's scheduler takes for a task."""
 
@@ -330,61 +325,3 @@ def _result_of(future: Future[list[Computed]]) -> list[Computed] | Exception:
         raise RunError("the engine was closed before it was done") from None
     except Exception as error:
         return error
-
-
-def progress_bar(total: int, unit: str, wanted: bool, **keys: Any) -> Any:
-    """Return a progress bar of ``total`` units, or an object that prints lines outside of terminals.
-
-    ``wanted`` is False for no bar, and ``keys`` are arguments of tqdm.
-    """
-    if wanted and not sys.stderr.isatty() and not _in_notebook():
-        return _ProgressLines(total, unit, **keys)
-    bar_class = _bar_class()
-    return bar_class(total=total, unit=unit, disable=not wanted, **keys)
-
-
-class _ProgressLines:
-    """Progress into a file: a line after each tenth of the units, if they take long."""
-
-    def __init__(self, total: int, unit: str, initial: int = 0, desc: str = "") -> None:
-        self.total = total
-        self._unit = unit
-        self._done = initial
-        self._name = desc
-        self._began = time.monotonic()
-        self._tenths = 10 * initial // max(total, 1)
-
-    def __enter__(self) -> "_ProgressLines":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        return
-
-    def update(self, n: int = 1) -> None:
-        """Count units as done."""
-        self._done += n
-        tenths = 10 * self._done // max(self.total, 1)
-        seconds = time.monotonic() - self._began
-        if tenths > self._tenths and seconds >= _LONG_S:
-            self._tenths = tenths
-            units = f"{self._done} of {counted(self.total, self._unit)}"
-            print(f"{self._name}: {units}, {seconds:.0f} s", file=sys.stderr, flush=True)
-
-    def set_postfix_str(self, text: str) -> None:
-        """Ignore the text that a bar shows after the count."""
-
-
-def _bar_class() -> Any:
-    """Return tqdm's class of a bar: that for notebooks if this is one and it can show the bar."""
-    import tqdm
-
-    if not (_in_notebook() and find_spec("ipywidgets")):
-        return tqdm.tqdm
-    import tqdm.notebook
-
-    return tqdm.notebook.tqdm
-
-
-def _in_notebook() -> bool:
-    """Test whether an IPython kernel runs this process."""
-    return "ipykernel" in sys.modules and sys.modules["IPython"].get_ipython() is not None

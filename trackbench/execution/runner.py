@@ -24,7 +24,8 @@ from trackbench.execution.cache import BlockStore
 from trackbench.execution.engines import OpenEngine
 from trackbench.execution.merge_blocks import merge
 from trackbench.execution.plan import Key, Plan
-from trackbench.execution.queue import BlockOutcome, Queue, algorithm, progress_bar
+from trackbench.execution.queue import BlockOutcome, Queue, algorithm
+from trackbench.progress_bar import progress_bar
 
 
 @dataclass

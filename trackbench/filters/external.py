@@ -44,7 +44,7 @@ from trackbench.field_types import (
     require_regular_file,
 )
 from trackbench.filters.base import Filter, Steps, WrongReturnError
-from trackbench.filters.program import (
+from trackbench.filters.external_process import (
     PROTOCOL,
     Program,
     ProgramError,

@@ -151,7 +151,7 @@ def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[JsonRow]
 def statistics_known() -> dict[str, str]:
     """Return every statistic with its text."""
     from trackbench.evaluation.metric_expression import TIME_MEAN
-    from trackbench.statistics.over_runs import STATISTICS
+    from trackbench.statistics.sample_statistics import STATISTICS
 
     texts = {name: statistic.help for name, statistic in STATISTICS.items()}
     texts[TIME_MEAN] = "mean over a window's steps of the RMSE over runs"

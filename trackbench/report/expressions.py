@@ -33,7 +33,7 @@ from trackbench.statistics.estimates import (
     linear_combination,
     quotient,
 )
-from trackbench.statistics.over_runs import OVER_RUNS, influence, median
+from trackbench.statistics.sample_statistics import OVER_RUNS, influence, median
 
 
 class _OverRuns(NamedTuple):

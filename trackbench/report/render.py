@@ -32,9 +32,9 @@ from trackbench.config.mistakes import unknown
 from trackbench.errors import Mark, Problem, UserError, WriteError
 from trackbench.execution.cache import figure_cache_folder
 from trackbench.execution.engines import pool, result_of
-from trackbench.execution.queue import progress_bar
 from trackbench.field_types import require_regular_file
 from trackbench.plugins.load import loaded_identities
+from trackbench.progress_bar import progress_bar
 from trackbench.registry import is_plugin
 from trackbench.report.findings.ranking_table import ranking_tables
 from trackbench.report.findings.sentences import answer, headline
@@ -44,7 +44,7 @@ from trackbench.report.plotting import style
 from trackbench.report.plotting.page_formats import SHEETS, Style, drawing_for, is_crowded
 from trackbench.report.results import Results, as_figure, as_table, catch_errors
 from trackbench.report.table import Table, TextTable
-from trackbench.report.verdicts.files import write_comparison, write_paired
+from trackbench.report.verdicts.comparison_files import write_comparison, write_paired
 from trackbench.report.verdicts.numbers import Verdicts, compare
 from trackbench.results.folder_contents import FIGURE_FORMS, RUN_FILES, TABLE_FORMS
 

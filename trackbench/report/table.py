@@ -16,7 +16,7 @@ from trackbench.core.arrays import Array
 from trackbench.errors import counted
 from trackbench.statistics.collapsed_runs import COLLAPSED_NOTE
 from trackbench.statistics.estimates import RunEstimate, Share, in_words
-from trackbench.statistics.over_runs import Estimate, paired_difference
+from trackbench.statistics.sample_statistics import Estimate, paired_difference
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -71,7 +71,7 @@ from trackbench.results.number_arrays import (
 from trackbench.results.point_facts import POINTS_FILE, points_text
 from trackbench.results.run_facts import facts_of_run
 from trackbench.results.tracks import FigureTracks, TrackFile
-from trackbench.statistics.over_runs import Estimate, Estimates, median
+from trackbench.statistics.sample_statistics import Estimate, Estimates, median
 
 
 class Losses(NamedTuple):

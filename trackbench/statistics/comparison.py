@@ -34,7 +34,7 @@ from trackbench.statistics.intervals import (
     studentized_difference,
     studentized_rows,
 )
-from trackbench.statistics.over_runs import STATISTICS, influence, mean, without_rounding
+from trackbench.statistics.sample_statistics import STATISTICS, influence, mean, without_rounding
 
 Key = TypeVar("Key", bound=Hashable)
 

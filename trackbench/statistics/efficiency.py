@@ -13,7 +13,7 @@ import numpy as np
 from trackbench.core import sums
 from trackbench.core.arrays import Array
 from trackbench.statistics.estimates import RunEstimate
-from trackbench.statistics.over_runs import influence, influence_of_ratio, mean
+from trackbench.statistics.sample_statistics import influence, influence_of_ratio, mean
 
 _FEWEST_RUNS = 6
 """Runs from which a ratio of variances has a standard error."""

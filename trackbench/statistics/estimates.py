@@ -19,7 +19,7 @@ from trackbench.statistics.intervals import (
     studentized,
     studentized_difference,
 )
-from trackbench.statistics.over_runs import Estimate, influence_of_ratio, mean, z_score
+from trackbench.statistics.sample_statistics import Estimate, influence_of_ratio, mean, z_score
 from trackbench.statistics.series import series_mean
 
 

@@ -21,7 +21,7 @@ from trackbench.core.arrays import Array
 from trackbench.field_types import Count, Finite, Natural, NonNegative, Positive
 from trackbench.statistics.estimates import OfSteps, RunEstimate
 from trackbench.statistics.intervals import deviations, holm, normal_of_t, sign_test, two_sided
-from trackbench.statistics.over_runs import Estimate, z_score
+from trackbench.statistics.sample_statistics import Estimate, z_score
 
 LEVEL = 0.01
 """Probability that any of the filters of a family without a difference are called different."""

@@ -23,8 +23,9 @@ from trackbench.execution.cache import BlockStore
 from trackbench.execution.engines import OpenEngine
 from trackbench.execution.merge_blocks import merge
 from trackbench.execution.plan import block_width
-from trackbench.execution.queue import Queue, progress_bar
+from trackbench.execution.queue import Queue
 from trackbench.execution.runner import stored_block
+from trackbench.progress_bar import progress_bar
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.tuning.search import Record, Search, Shares, Trial, Values
 

@@ -15,7 +15,7 @@ from trackbench.evaluation.metric_expression import TIME_MEAN, measured
 from trackbench.report.render import write_tables
 from trackbench.report.results import Results
 from trackbench.report.sweep import write_sweep
-from trackbench.report.verdicts.files import FILES, write_comparison, write_paired
+from trackbench.report.verdicts.comparison_files import FILES, write_comparison, write_paired
 from trackbench.report.verdicts.numbers import compare
 from trackbench.results.folder_contents import (
     ARRIVALS,

@@ -17,7 +17,7 @@ from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.results import Results
 from trackbench.report.verdicts.claims import point_of
 from trackbench.results.point_facts import GridPoint
-from trackbench.statistics.over_runs import interval
+from trackbench.statistics.sample_statistics import interval
 
 _WITHOUT_NUMBER = "no finite value"
 """Text in the row of a filter that lost all its runs, or does not measure the metric."""

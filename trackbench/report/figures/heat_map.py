@@ -26,7 +26,7 @@ from trackbench.report.table import rounded
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import rules
 from trackbench.statistics.estimates import MISSING
-from trackbench.statistics.over_runs import Estimate
+from trackbench.statistics.sample_statistics import Estimate
 
 _LETTER_IN = 0.075
 """Width of a letter of a tick's label."""

@@ -26,7 +26,7 @@ from trackbench.report.results import Results, missing_paths
 from trackbench.results.frames import Columns
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics.estimates import MISSING
-from trackbench.statistics.over_runs import Estimate
+from trackbench.statistics.sample_statistics import Estimate
 
 
 @register("figures", "rmse-vs-parameter")

@@ -29,7 +29,7 @@ from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import rules
 from trackbench.statistics.comparison import Comparison, Sample, compare_all
 from trackbench.statistics.estimates import RunEstimate
-from trackbench.statistics.over_runs import Estimate
+from trackbench.statistics.sample_statistics import Estimate
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,7 +24,7 @@ from trackbench.statistics import rules
 from trackbench.statistics.collapsed_runs import COLLAPSED_NOTE, collapsed_in_words
 from trackbench.statistics.comparison import Comparison
 from trackbench.statistics.intervals import studentized
-from trackbench.statistics.over_runs import influence, interval, mean
+from trackbench.statistics.sample_statistics import influence, interval, mean
 
 _LOST = "Lost runs"
 _ANEES = "ANEES"

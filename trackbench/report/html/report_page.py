@@ -20,13 +20,13 @@ from trackbench.report.kinds import FigureKind, figure_folder
 from trackbench.report.render import best_filter, conclusions, draw_figure, ranking
 from trackbench.report.results import Results
 from trackbench.report.table import Text, TextTable, rounded
-from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
-from trackbench.report.verdicts.files import (
+from trackbench.report.verdicts.comparison_files import (
     bars,
     needed_runs,
     summary_lines,
     verdict_tables,
 )
+from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
 from trackbench.report.verdicts.numbers import Verdicts, compare
 from trackbench.statistics import rules
 from trackbench.statistics.rules import NOT_MEASURED, TOO_FEW_RUNS, UNDECIDED

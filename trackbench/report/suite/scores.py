@@ -35,8 +35,8 @@ from trackbench.report.results import Results
 from trackbench.statistics.collapsed_runs import collapsed_runs
 from trackbench.statistics.comparison import Comparison, compare
 from trackbench.statistics.estimates import RunEstimate
-from trackbench.statistics.over_runs import mean
 from trackbench.statistics.rules import ALIKE, UNTESTED, WORSE
+from trackbench.statistics.sample_statistics import mean
 
 WORST = 10.0
 """Ratio to the best from which on a filter counts as useless for the problem."""

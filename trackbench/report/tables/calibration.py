@@ -19,7 +19,7 @@ from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics.intervals import holm
-from trackbench.statistics.over_runs import Estimate
+from trackbench.statistics.sample_statistics import Estimate
 
 
 def check_rank(m: Measure, *path: str) -> None:

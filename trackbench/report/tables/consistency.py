@@ -20,7 +20,7 @@ from trackbench.report.table import Cell, Table
 from trackbench.results.frames import Columns
 from trackbench.statistics.estimates import MISSING
 from trackbench.statistics.intervals import AcceptedNis, anees_band
-from trackbench.statistics.over_runs import Estimate
+from trackbench.statistics.sample_statistics import Estimate
 
 _DegreesOfFreedom: TypeAlias = dict[tuple[int, AcceptedNis | None], set[float]]
 """Degrees of freedom of the steps, by number of components and law of what a gate accepts."""

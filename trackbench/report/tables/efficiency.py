@@ -33,7 +33,7 @@ from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import rules
 from trackbench.statistics.comparison import as_family
 from trackbench.statistics.efficiency import cross_share, efficiency, plain_efficiency, runs_saved
-from trackbench.statistics.over_runs import Estimate
+from trackbench.statistics.sample_statistics import Estimate
 
 _NOT_EXACT = "the cross term is not zero, the reference is no exact mean: take the one without"
 

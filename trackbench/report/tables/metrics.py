@@ -23,7 +23,7 @@ from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import rules
 from trackbench.statistics.comparison import Sample
 from trackbench.statistics.intervals import has_heavy_tail
-from trackbench.statistics.over_runs import STATISTICS, influence, interval
+from trackbench.statistics.sample_statistics import STATISTICS, influence, interval
 
 _WHY_NO_NEES = (
     "is empty, as it needs a truth of the whole state, velocities included. "

@@ -15,7 +15,7 @@ from trackbench.registry import register
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
-from trackbench.statistics.over_runs import Estimate
+from trackbench.statistics.sample_statistics import Estimate
 
 
 @register("tables", "precision")

@@ -24,8 +24,8 @@ from trackbench.report.verdicts.claims import judge
 from trackbench.report.verdicts.searches import searched_points, ways_to_measure
 from trackbench.statistics.comparison import as_family, compare_estimates
 from trackbench.statistics.estimates import RunEstimate
-from trackbench.statistics.over_runs import Estimate, mean
 from trackbench.statistics.rules import CLAIM_WORDS, NEAR, UNDECIDED
+from trackbench.statistics.sample_statistics import Estimate, mean
 
 
 class Number(NamedTuple):

@@ -17,7 +17,7 @@ from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
 from trackbench.statistics.comparison import Comparison, as_family, compare_estimates
 from trackbench.statistics.estimates import RunEstimate
-from trackbench.statistics.over_runs import Estimate
+from trackbench.statistics.sample_statistics import Estimate
 from trackbench.tuning.search import Record
 
 _HEADS = ["Training", "Results", "Gap", "Untuned", "Gained"]

@@ -19,8 +19,8 @@ from trackbench.report.results import Results
 from trackbench.report.table import Text, TextTable
 from trackbench.report.verdicts.claims import point_of
 from trackbench.results.folder_contents import TIME_VERDICTS
-from trackbench.statistics.over_runs import interval, median
 from trackbench.statistics.rules import NOT_MEASURED, UNDECIDED
+from trackbench.statistics.sample_statistics import interval, median
 
 SCATTER = 2.0
 """Factor by which a ratio of two filters' times may differ on another machine or at another time."""

@@ -16,7 +16,7 @@ from trackbench.report.findings import phrases
 from trackbench.report.results import Results
 from trackbench.report.verdicts.cpu_times import without_times
 from trackbench.results.point_facts import GridPoint
-from trackbench.statistics.over_runs import STATISTICS
+from trackbench.statistics.sample_statistics import STATISTICS
 
 
 class SearchedReading(NamedTuple):

@@ -7,7 +7,7 @@ import scipy.signal
 import scipy.stats
 
 from trackbench.core.arrays import Array
-from trackbench.statistics import over_runs as st
+from trackbench.statistics import sample_statistics as st
 from trackbench.statistics.efficiency import plain_efficiency
 from trackbench.statistics.series import series_mean
 

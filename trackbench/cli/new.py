@@ -1,0 +1,140 @@
+"""Command `new`: writes starting files, and configs of recorded data."""
+
+import re
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from trackbench.cli.options import one_of
+
+
+def new(
+    noun: Annotated[
+        str,
+        typer.Argument(
+            metavar="what", help="filter, sensor, motion, start, scenario or experiment"
+        ),
+    ],
+    name: Annotated[
+        str | None, typer.Argument(help="its name, such as my-sensor; of data by default theirs")
+    ] = None,
+    data: Annotated[
+        Path | None,
+        typer.Option("--from", metavar="FILE", help="an experiment's table of data"),
+    ] = None,
+    truth: Annotated[
+        Path | None,
+        typer.Option("--truth", metavar="FILE", help="a table of the true path, beside --from"),
+    ] = None,
+    per_run: Annotated[
+        bool, typer.Option("--per-run", help="a filter that is written for one run, without arrays")
+    ] = False,
+    nonlinear: Annotated[
+        bool,
+        typer.Option(
+            "--nonlinear",
+            help="a motion of any state, by its equations in Python; with --per-run a filter that takes "
+            "any model as functions",
+        ),
+    ] = False,
+    language: Annotated[
+        str,
+        typer.Option(help="a filter as a program: c, c++, rust, julia, octave, javascript, python"),
+    ] = "",
+    sets: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="how --from reads: columns.time=Zeit"),
+    ] = None,
+) -> None:
+    """Write a commented starting file that runs as it is, and its test.
+
+    With --from, an experiment is on recorded data, whose columns, units and errors are guessed.
+    With --language, a filter is a program that reads and writes lines, and a config runs it.
+    """
+    from trackbench.errors import UserError
+    from trackbench.scaffold import LANGUAGES, NOUNS, write_config_for, write_new
+
+    # Step 1: check the options.
+    one_of("new", noun, NOUNS)
+    if language:
+        one_of("--language", language, tuple(LANGUAGES))
+    chosen_options = []
+    takes_any_model = noun == "filter" and per_run and nonlinear
+    if per_run:
+        chosen_options.append("--per-run")
+    if nonlinear and not takes_any_model:
+        chosen_options.append("--nonlinear")
+    if language:
+        chosen_options.append("--language")
+    if data:
+        chosen_options.append("--from")
+    if len(chosen_options) > 1:
+        raise UserError(f"new {noun} {name}: {' and '.join(chosen_options)} exclude each other")
+    if data is not None and noun != "experiment":
+        raise typer.BadParameter(f"a {noun} is not made from data", param_hint="--from")
+    if truth is not None and data is None:
+        raise typer.BadParameter("is of --from", param_hint="--truth")
+    if sets and data is None:
+        raise typer.BadParameter("is of --from", param_hint="--set")
+    # Step 2: write the files.
+    unplaced_sensors: list[str] = []
+    unused_columns: list[str] = []
+    quantities: list[str] = []
+    guessed_units: list[str] = []
+    left_out_filters: list[str] = []
+    if data is not None:
+        data_name = name or re.sub("[^A-Za-z0-9]+", "-", data.stem).strip("-")
+        written = write_config_for(data, data_name, Path(), sets or (), truth)
+        paths = written.paths
+        unplaced_sensors = written.unknown
+        unused_columns = written.unused
+        quantities = written.quantities
+        guessed_units = written.units
+        left_out_filters = written.left_out
+    elif name is None:
+        raise typer.BadParameter("is required without --from", param_hint="NAME")
+    else:
+        form = language
+        if takes_any_model:
+            form = "per_run_nonlinear"
+        elif per_run:
+            form = "per_run"
+        elif nonlinear:
+            form = "nonlinear"
+        paths = write_new(noun, name, Path(), form)
+    # Step 3: print what was written, and what to do next.
+    for path in paths:
+        typer.echo(f"wrote {path}")
+    if unused_columns:
+        _echo_unused_columns(unused_columns, quantities)
+    for line in [*guessed_units, *left_out_filters]:
+        typer.echo(line)
+    config = next(path for path in paths if path.suffix == ".yaml")
+    if language:
+        build_command = LANGUAGES[language].build
+        if build_command:
+            typer.echo(f"build it: {build_command.replace('@MODULE@', config.stem)}")
+    if unplaced_sensors:
+        typer.echo(f"write into it where these are: {', '.join(unplaced_sensors)}")
+    run_command = f"trackbench run {config}"
+    if noun != "experiment":
+        run_command += " --allow-plugins"
+    typer.echo(f"run it: {run_command}")
+
+
+_MOST_COLUMNS = 9
+"""Unused columns that are named."""
+
+
+def _echo_unused_columns(columns: list[str], quantities: list[str]) -> None:
+    """Print the columns that a config does not read, and the quantities that one may be used as."""
+    names = ", ".join(columns[:_MOST_COLUMNS])
+    if len(columns) > _MOST_COLUMNS:
+        names += f" and {len(columns) - _MOST_COLUMNS} more"
+    words = quantities[-1]
+    if len(quantities) > 1:
+        words = f"{', '.join(quantities[:-1])} or {quantities[-1]}"
+    purpose = f"to use one as {words}"
+    option = f"--set 'columns.{quantities[0]}=ITS NAME'"
+    typer.echo(f"columns not used: {names} ({purpose}: {option})")
