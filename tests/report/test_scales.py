@@ -188,14 +188,31 @@ def test_a_diverged_line_is_cut_off_and_marked_where_it_leaves() -> None:
     for label, error in errors.items():
         axes.plot(k, 5.0 + error, label=label)
         below.plot(k, error, label=label)
-    filter_lines.cut_dwarfing_lines([axes, below], errors)
+    filter_lines.cut_dwarfing_lines([axes, below], errors, extent=100.0)
     assert axes.get_ylim() == pytest.approx((3 - 0.2, 7 + 0.2))
-    mark = below.lines[-1]
+    mark, in_legend = below.lines[-2:]
+    assert in_legend.get_label() == "Leaves the axis"
     assert (mark.get_marker(), mark.get_xdata().tolist()) == ("^", [2.0])
     assert 2.0 < mark.get_ydata()[0] < below.get_ylim()[1]
     # Of two filters neither is cut: which one is right is not known.
-    filter_lines.cut_dwarfing_lines([axes], {"A": errors["A"], "C": errors["C"]})
-    assert len(axes.lines) == 4
+    two_errors = {"A": errors["A"], "C": errors["C"]}
+    filter_lines.cut_dwarfing_lines([axes], two_errors, extent=100.0)
+    assert len(axes.lines) == 5
+
+
+@pytest.mark.parametrize(("extent", "is_cut"), [(20.0, True), (200.0, False)])
+def test_a_line_with_one_spike_beyond_the_truth_is_cut_off(extent: float, is_cut: bool) -> None:
+    """Of two filters one has an error of 100 at one step, and both have errors of 1 elsewhere."""
+    ax = Figure().add_subplot()
+    small = np.resize([1.0, -1.0], 50)
+    errors = {"A": small, "B": np.where(np.arange(50) == 30, 100.0, small)}
+    for label, error in errors.items():
+        ax.plot(np.arange(50.0), error, label=label)
+    filter_lines.cut_dwarfing_lines([ax], errors, extent)
+    assert (ax.get_ylim()[1] < 2.0) == is_cut
+    # A filter alone is never cut.
+    filter_lines.cut_dwarfing_lines([ax], {"B": errors["B"]}, extent=0.0)
+    assert (len(ax.lines) > 2) == is_cut
 
 
 @pytest.mark.parametrize("decades", [3, 14])

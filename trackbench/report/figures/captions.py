@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from trackbench.config.grid import single_paths
 from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.report.findings import phrases
@@ -43,6 +44,30 @@ def quantity(metric: Measure) -> str:
 def heading(results: Results, point: GridPoint) -> str:
     """Return a grid point with the units of its paths: ``sigma = 10 m, q = 2``."""
     return phrases.heading(point, results.grid_units)
+
+
+def panel_headings(results: Results, points: Sequence[GridPoint]) -> list[str]:
+    """Return the titles of the panels of grid points, with units.
+
+    Of paths that vary together a title has the first ones: as many as make the titles differ.
+    """
+    units = {single_paths(path)[0]: unit for path, unit in results.grid_units.items()}
+    most = max((len(single_paths(path)) for path in results.grid), default=1)
+    headings: list[str] = []
+    for number in range(1, most + 1):
+        headings = [phrases.heading(_first_paths(point, number), units) for point in points]
+        if len(set(headings)) == len(points):
+            break
+    return headings
+
+
+def _first_paths(point: GridPoint, number: int) -> GridPoint:
+    """Return a grid point with the first ``number`` of paths that vary together, each by itself."""
+    first: GridPoint = {}
+    for path, value in point.items():
+        values = phrases.values_of_paths(path, value)
+        first |= dict(list(zip(single_paths(path), values, strict=True))[:number])
+    return first
 
 
 def panels(results: Results) -> str:
