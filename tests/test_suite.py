@@ -521,7 +521,12 @@ def test_the_users_own_filter_has_a_color_and_a_label() -> None:
     axes = figure.axes[0]
     (legend,) = figure.legends
     names = [text.get_text() for text in legend.get_texts()]
-    assert names == [*"ABCDEF", "mine", "other filters"]
+    assert names == [*"ABCDEF", "mine", "other filters", "95 % over resampled runs"]
+    assert figure.get_suptitle() == group.title
+    # An equal line that is drawn later has dashes, so that both are seen.
+    dashes = [line.get_linestyle() for line in axes.get_lines() if line.get_label()[0] in "ABCDEF"]
+    assert dashes[0] == "-"
+    assert "-" not in dashes[1:]
     (line,) = [line for line in axes.get_lines() if line.get_label() == "mine"]
     assert line.get_linewidth() > 2.0
     scores = [replace(score, cpu_s=1.0) for score in group.scores]

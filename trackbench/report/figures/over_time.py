@@ -337,7 +337,7 @@ class OverTime(Curves):
             ax.axvspan(first, last, top - 1.0 / strips, top, label=fault["name"], **look)
 
     def _span_of_fault(self, rows: Columns, fault: Mapping[str, Any]) -> tuple[float, float] | None:
-        """Return the first and last place on the axis at which a fault lasts; None if it is not drawn."""
+        """Return the first and last place of a fault on the axis; None if it is not drawn."""
         # A fault lasts from step to step, or from time to time; an end that is None is that of the run.
         if fault["steps"] is not None:
             first, last = fault["steps"]

@@ -126,7 +126,7 @@ def subplots(
 
 
 def line(index: int) -> LineStyle:
-    """Return color and dash of number ``index``: the first 10 differ in color, the first 80 in either."""
+    """Return color and dash of number ``index``: the first 10 differ in color, the first 80 in one."""
     color = COLORS[index % len(COLORS)]
     # Each further round of the colors begins one dash later.
     dash = DASHES[(index + index // len(COLORS)) % len(DASHES)]

@@ -44,6 +44,8 @@ _LOSES = "×"
 _COLLAPSES = "!"
 _OVERCONFIDENT = "*"
 _NOT_RUN = "#dcdcdc"
+_BAND = "95 % over resampled runs"
+"""Text of the profiles' bands in a legend."""
 _COLORS = "viridis_r"
 _FACTORS = (1.0, 1.1, 1.2, 1.5, 2.0, 3.0, 5.0, WORST)
 """Ticks of a performance profile."""
@@ -342,7 +344,8 @@ def draw_profile(group: SuiteScores) -> Figure:
     figure, ax = style.subplots(height_in=3.4)
     # The first filters and the user's own have a color; the user's own have a thick line, too.
     colored = order[:_SHOWN] + [i for i in order[_SHOWN:] if labels[i] in group.added]
-    for i in reversed(order):
+    # Gray lines are below. A later line has dashes, through which an equal line below it is seen.
+    for i in [*(i for i in order if i not in colored), *colored]:
         if i in colored:
             look = style.line(colored.index(i))
             if labels[i] in group.added:
@@ -355,6 +358,7 @@ def draw_profile(group: SuiteScores) -> Figure:
             ax.step(factors, shares[i], where="post", color="#c4c4c4", linewidth=0.8, zorder=1.5)
     if len(order) > len(colored):
         ax.plot([], [], color="#c4c4c4", linewidth=0.8, label="other filters")
+    ax.fill_between([], [], [], color="#888888", alpha=0.4, lw=0, label=_BAND)
     ax.set_xscale("log")
     # The axis ends behind the last step of a curve.
     last = 1.0
@@ -369,9 +373,10 @@ def draw_profile(group: SuiteScores) -> Figure:
     ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     ax.minorticks_off()
     ax.set_xlim(1.0, right)
-    ax.set_ylim(0.0, 1.02)
+    ax.set_ylim(0.0, 1.04)  # a line at 1 is not on the frame
     ax.set_xlabel("Factor to the error of the best filter")
     ax.set_ylabel("Share of problems within the factor")
+    style.set_title(figure, group.title)
     style.legend_outside(figure, order=[labels[i] for i in order])
     return figure
 
