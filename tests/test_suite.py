@@ -24,8 +24,8 @@ from trackbench.config.shipped_experiments import SuiteTime, suite_names, suite_
 from trackbench.config.suite import QUICK_RUNS, load_suite
 from trackbench.errors import UserError
 from trackbench.report.plotting import style
+from trackbench.report.plotting.point_labels import PointLabel, label_points
 from trackbench.report.suite.figures import (
-    _name_points,
     cell_text,
     draw_cost,
     draw_matrix,
@@ -554,9 +554,22 @@ def test_names_beside_points_do_not_overlap() -> None:
     ax = figure.subplots()
     ax.set(xlim=(1.0, 20.0), ylim=(0.0, 4.0))
     places = {"PF 2000": (3.0, 1.0), "RPF": (3.2, 1.0), "APF": (3.4, 1.0), "GPF": (3.0, 1.05)}
-    _name_points(figure, ax, places)
+    labels = [PointLabel(text=text, point=point) for text, point in places.items()]
+    label_points(figure, ax, labels, font_size=6.5)
     boxes = [text.get_window_extent() for text in ax.texts]
     assert [text.get_text() for text in ax.texts] == list(places)
+    for place, box in enumerate(boxes):
+        assert not any(box.overlaps(other) for other in boxes[:place])
+
+
+def test_texts_without_room_beside_their_point_are_left_out() -> None:
+    figure = Figure(figsize=(3.5, 2.0), layout="constrained")
+    ax = figure.subplots()
+    ax.set(xlim=(0.0, 2.0), ylim=(0.0, 2.0))
+    labels = [PointLabel(text=str(n), point=(n / 1000, 1.0)) for n in range(1000, 1020)]
+    label_points(figure, ax, labels, font_size=7.0, leave_out=True)
+    boxes = [text.get_window_extent() for text in ax.texts]
+    assert 1 < len(boxes) < len(labels)
     for place, box in enumerate(boxes):
         assert not any(box.overlaps(other) for other in boxes[:place])
 
