@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -268,3 +269,15 @@ def test_the_axes_of_estimates_have_name_and_unit(tmp_path: Path) -> None:
     stored = ran(tmp_path, UNSORTED.replace("GRID", "")).results
     shown = panels(stored.parts("figures")["one"], stored)
     assert [ax.get_ylabel() for ax in shown] == ["px (m)", "Estimate \N{MINUS SIGN} truth (m)"]
+
+
+def test_a_caption_says_what_the_bound_is_of(tmp_path: Path) -> None:
+    without_faults = UNSORTED.partition("  faults:")[0]
+    text = f"{without_faults}bound: PCRLB\nfilters: {{EKF: {{kind: ekf}}}}\ntables: {{}}\n"
+    stored = ran(tmp_path, text).results
+    words = "PCRLB bounds filters whose first errors have the covariance of the start"
+    spec = RmseVsTime(metric=RMSE)
+    assert f" {words}." in spec.default_caption(stored)
+    assert words not in replace(spec, filters=("EKF",)).default_caption(stored)
+    smoothed = ran(tmp_path, text.replace("{kind: ekf}", "{kind: ekf, smooth: true}")).results
+    assert f"{words}; smoothers may lie below it." in spec.default_caption(smoothed)

@@ -270,3 +270,30 @@ def test_the_caption_of_a_panel_for_each_filter_names_the_bands(tmp_path: Path) 
     results = results_of(tmp_path, runs=2, filters=filters, scenario=scenario, figures={})
     spec = RmseVsTime(metric=measure("rmse_position"))
     assert "Bands are two standard errors" in spec.default_caption(results)
+
+
+def test_zero_on_a_logarithmic_axis_stands_behind_a_break() -> None:
+    values = np.array([0.0, 1e-4, 1e-3, 1e-2])
+    ax = Figure().add_subplot()
+    ax.plot(scales.places_with_zero(values), values)
+    scales.set_log_scale_with_zero(ax, values)
+    (mark,) = ax.texts
+    assert mark.get_text() == "//"
+    assert scales.places_with_zero(values)[0] < mark.get_position()[0] < values[1]
+    # An axis without zero has no break.
+    ax = Figure().add_subplot()
+    scales.set_log_scale_with_zero(ax, values[1:])
+    assert not ax.texts
+
+
+@pytest.mark.parametrize(
+    ("values", "texts"),
+    [
+        ([0.0, 1e-6, 1e-4, 0.1], ["0", "10⁻⁶", "10⁻⁴", "10⁻¹"]),
+        ([0.1, 1.0, 10.0], ["0.1", "1", "10"]),
+        ([-0.5, 0.0, 2.0], ["−0.5", "0", "2"]),
+        ([1e-6, 3e-6, 1.0], ["1e−06", "3e−06", "1"]),
+    ],
+)
+def test_labels_of_values(values: list[float], texts: list[str]) -> None:
+    assert scales.value_texts(values) == texts

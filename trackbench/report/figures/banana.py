@@ -20,7 +20,7 @@ from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import listed, named
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
-from trackbench.report.plotting.scales import length_unit
+from trackbench.report.plotting.scales import length_unit, with_true_minus
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.results import Results
 
@@ -102,7 +102,7 @@ class Banana(FigureKind):
         ax.set_xlabel(style.wrapped("Across the line of sight (km)", panels))
         most_ticks = 4 if panels < 4 else 2
         ax.xaxis.set_major_locator(MaxNLocator(most_ticks, steps=[1, 2, 5, 10]))
-        ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+        ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: with_true_minus(f"{x:g}")))
 
 
 @register("figures", "posterior")

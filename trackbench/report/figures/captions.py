@@ -89,3 +89,17 @@ def sentence(words: str) -> str:
 def of_curves(results: Results, words: str, labels: Sequence[str]) -> str:
     """Return a sentence such as ``Position RMSE over time of KF and EKF, 400 runs.``"""
     return sentence(f"{words} of {filters(labels)}, {runs(results)}{panels(results)}")
+
+
+def bound(results: Results, labels: Sequence[str]) -> str:
+    """Return a sentence on what the bound is of, if it is among the labels of a figure; else empty."""
+    name = results.config.get("bound")
+    if name not in labels:
+        return ""
+    words = (
+        f" {named(str(name))} bounds filters whose first errors have the covariance of the start"
+    )
+    settings = results.config["filters"]
+    if any((settings.get(label) or {}).get("smooth") for label in labels):
+        words += "; smoothers may lie below it"
+    return f"{words}."

@@ -431,6 +431,7 @@ class RmseVsTime(OverTime):
             has_bars = not panel_labels and len(labels) > filter_lines.MOST_BANDS
             spread = "Bars" if has_bars else "Bands"
             caption += f" {spread} are two standard errors on either side."
+        caption += captions.bound(results, labels)
         if results.facts(results.points()[0]).scenario.get("faults"):
             caption += " The times of faults are shaded."
         return caption
@@ -574,7 +575,10 @@ class EstimatesOfOneRun(OverTime):
         for ax in error_axes:
             ax.set_yscale("linear")
             ax.axhline(0.0, **style.TRUTH | {"linewidth": 0.8})
-        # Step 2: lines of the filters.
+        # Step 2: lines of the filters. Without a truth they begin behind a prior that is given: it is no
+        # estimate, and may be far from all that follows.
+        start = results.facts(panel.point).scenario.get("start") or {}
+        first = 1 if not has_truth and start.get("kind") == "given" else 0
         errors: dict[str, Array] = {}
         for label, look in self.labels_and_looks(results):
             if f"mean/{label}" not in arrays:
@@ -586,7 +590,7 @@ class EstimatesOfOneRun(OverTime):
             errors[label] = error
             line_look = {"label": label, **look}
             for ax in estimate_axes:
-                self.draw_curve(ax, k, mean, line_look, panel.label, panel_labels)
+                self.draw_curve(ax, k[first:], mean[first:], line_look, panel.label, panel_labels)
             for ax in error_axes:
                 self.draw_curve(ax, known_k, error, line_look, panel.label, panel_labels)
         if not panel_labels:
