@@ -247,6 +247,10 @@ def test_panels_of_a_number_ascend_and_have_its_unit(tmp_path: Path) -> None:
 
 def test_panels_of_linked_paths_are_named_by_the_paths_that_differ(tmp_path: Path) -> None:
     grid = "grid: {scenario.sensor.sigma & scenario.target.motion.q: [[1, 2], [1, 3]]}"
+    low = UNSORTED.replace("GRID", "grid: {scenario.target.launch.x: [-2, 10]}")
+    below_zero = ran(tmp_path, low, out=tmp_path / "low").results
+    titles = [ax.get_title() for ax in panels(below_zero.parts("figures")["time"], below_zero)]
+    assert titles == ["x = \N{MINUS SIGN}2", "x = 10"]
     both = ran(tmp_path, UNSORTED.replace("GRID", grid), out=tmp_path / "both").results
     titles = [ax.get_title() for ax in panels(both.parts("figures")["time"], both)]
     assert titles == ["sigma = 1 m, q = 2", "sigma = 1 m, q = 3"]

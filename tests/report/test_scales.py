@@ -253,6 +253,14 @@ def test_a_narrow_axis_has_two_labels_without_a_factor(limits: tuple[float, floa
         assert ax.get_xlim() == limits
 
 
+def test_a_narrow_axis_has_a_label_at_the_expected_value() -> None:
+    with style.rc_context():
+        _, ax = style.subplots(height_in=1.0)
+        ax.set_xlim(0.9, 5.6)
+        scales.set_few_ticks(ax, expected=1.0)
+        assert [tick.get_text() for tick in ax.get_xticklabels()] == ["1", "5"]
+
+
 def test_the_nis_of_a_short_record_has_ten_points(tmp_path: Path) -> None:
     """60 measured components a point would be one point, of the record's first half."""
     results = results_of(tmp_path, runs=1)

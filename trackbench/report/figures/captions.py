@@ -1,5 +1,6 @@
 """Parts of captions: what is drawn, of which filters, over how many runs, at which grid point."""
 
+import re
 from collections.abc import Sequence
 
 from trackbench.config.grid import single_paths
@@ -58,7 +59,8 @@ def panel_headings(results: Results, points: Sequence[GridPoint]) -> list[str]:
         headings = [phrases.heading(_first_paths(point, number), units) for point in points]
         if len(set(headings)) == len(points):
             break
-    return headings
+    # The minus of a number, not the hyphen of a name.
+    return [re.sub(r"(?<!\w)-(?=\d)", "\N{MINUS SIGN}", heading) for heading in headings]
 
 
 def _first_paths(point: GridPoint, number: int) -> GridPoint:

@@ -248,4 +248,4 @@ class Dots(FigureKind):
             )
         if metric in self.expected:
             ax.axvline(self.expected[metric], color="black", linewidth=0.6, label="Without fault")
-        scales.set_few_ticks(ax)
+        scales.set_few_ticks(ax, self.expected.get(metric, 0.0))

@@ -264,14 +264,19 @@ def set_plain_log_scale(axis: Axis, most: float = 100.0) -> None:
     axis.set_minor_formatter(FuncFormatter(lambda value, _: ""))
 
 
-def set_few_ticks(ax: Axes) -> None:
-    """Label a narrow horizontal axis at two round values: the nearest to zero, and the farthest."""
+def set_few_ticks(ax: Axes, expected: float = 0.0) -> None:
+    """Label a narrow horizontal axis at the expected value, and at the round value farthest from it.
+
+    If the expected value is not on the axis, the round value nearest to it has a label.
+    """
     low, high = ax.get_xlim()
     ax.locator_params(axis="x", nbins=2)
     ticks = [tick for tick in ax.get_xticks() if low <= tick <= high]
-    if len(ticks) > 2:
-        farthest = max(ticks, key=abs)
-        nearest = min(ticks, key=abs)
+    if len(ticks) > 1:
+        farthest = max(ticks, key=lambda tick: abs(tick - expected))
+        nearest = min(ticks, key=lambda tick: abs(tick - expected))
+        if low <= expected <= high:
+            nearest = expected
         ticks = sorted({nearest, farthest})
     ax.set_xticks(ticks, [with_true_minus(f"{tick:g}") for tick in ticks])
     ax.set_xlim(low, high)
