@@ -273,6 +273,8 @@ def test_the_axes_of_estimates_have_name_and_unit(tmp_path: Path) -> None:
     stored = ran(tmp_path, UNSORTED.replace("GRID", "")).results
     shown = panels(stored.parts("figures")["one"], stored)
     assert [ax.get_ylabel() for ax in shown] == ["px (m)", "Estimate \N{MINUS SIGN} truth (m)"]
+    shown = panels(EstimatesOfOneRun(y_label="East (km)"), stored)
+    assert [ax.get_ylabel() for ax in shown] == ["East (km)", "Estimate \N{MINUS SIGN} truth (km)"]
 
 
 def test_a_caption_says_what_the_bound_is_of(tmp_path: Path) -> None:

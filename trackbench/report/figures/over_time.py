@@ -1,5 +1,6 @@
 """Figure kinds over time: `rmse-vs-time`, `estimates`; what they share with others of curves."""
 
+import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import ceil
@@ -524,6 +525,10 @@ class EstimatesOfOneRun(OverTime):
         # Step 3: labels of the vertical axes.
         name, unit = results.facts(panels[0].point).component(component)
         y_label = self.y_label or phrases.in_unit(name, unit)
+        # The unit of a component that has none may stand in the label: `Angle (rad)`.
+        unit_in_label = re.search(r"\(([^()]+)\)$", y_label)
+        if unit_in_label is not None:
+            unit = unit_in_label[1]
         error_label = phrases.in_unit("Estimate \N{MINUS SIGN} truth", unit)
         if panel_labels:
             figure.supylabel(f"{y_label}\n{error_label}" if has_truth else y_label)
