@@ -17,6 +17,7 @@ from tests.times import seconds
 from trackbench import yaml_source
 from trackbench.config import shipped_experiments
 from trackbench.config.load import load
+from trackbench.report.results import Results
 from trackbench.yaml_source import read
 
 NAMES = [*EXPERIMENT_FILES]
@@ -182,3 +183,24 @@ def test_a_config_comes_on_stdin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     assert wrong.stderr.startswith(f"stdin:{config.count(chr(10)) + 1}:1: bogus: unknown key")
     assert piped("", "check", "-").stderr == "stdin:1:1: is empty\n"
     assert "has more than 1 MB" in piped("#" * 1_000_001, "check", "-").stderr
+
+
+def test_estimates_show_the_component_that_their_title_names() -> None:
+    """Components are counted from 1."""
+    checked = 0
+    for path in sorted((ROOT / "results").glob("*/config.yaml")):
+        results = Results(path.parent)
+        config = results.config
+        for figure in results.figure_configs.values():
+            if figure["kind"] != "estimates":
+                continue
+            facts = results.facts(results.points()[0])
+            name = facts.components[figure["component"] - 1]
+            title = figure["title"]
+            if title.startswith("The component "):
+                assert title == f"The component {name}", path
+                checked += 1
+            if title == "A component that is not measured":
+                assert name not in config["scenario"]["sensor"]["h"].values(), path
+                checked += 1
+    assert checked > 5

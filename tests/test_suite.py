@@ -24,8 +24,8 @@ from trackbench.config.shipped_experiments import SuiteTime, suite_names, suite_
 from trackbench.config.suite import QUICK_RUNS, load_suite
 from trackbench.errors import UserError
 from trackbench.report.plotting import style
+from trackbench.report.plotting.point_labels import PointLabel, label_points
 from trackbench.report.suite.figures import (
-    _name_points,
     cell_text,
     draw_cost,
     draw_matrix,
@@ -521,7 +521,12 @@ def test_the_users_own_filter_has_a_color_and_a_label() -> None:
     axes = figure.axes[0]
     (legend,) = figure.legends
     names = [text.get_text() for text in legend.get_texts()]
-    assert names == [*"ABCDEF", "mine", "other filters"]
+    assert names == [*"ABCDEF", "mine", "other filters", "95 % over resampled runs"]
+    assert figure.get_suptitle() == group.title
+    # An equal line that is drawn later has dashes, so that both are seen.
+    dashes = [line.get_linestyle() for line in axes.get_lines() if line.get_label()[0] in "ABCDEF"]
+    assert dashes[0] == "-"
+    assert "-" not in dashes[1:]
     (line,) = [line for line in axes.get_lines() if line.get_label() == "mine"]
     assert line.get_linewidth() > 2.0
     scores = [replace(score, cpu_s=1.0) for score in group.scores]
@@ -549,9 +554,22 @@ def test_names_beside_points_do_not_overlap() -> None:
     ax = figure.subplots()
     ax.set(xlim=(1.0, 20.0), ylim=(0.0, 4.0))
     places = {"PF 2000": (3.0, 1.0), "RPF": (3.2, 1.0), "APF": (3.4, 1.0), "GPF": (3.0, 1.05)}
-    _name_points(figure, ax, places)
+    labels = [PointLabel(text=text, point=point) for text, point in places.items()]
+    label_points(figure, ax, labels, font_size=6.5)
     boxes = [text.get_window_extent() for text in ax.texts]
     assert [text.get_text() for text in ax.texts] == list(places)
+    for place, box in enumerate(boxes):
+        assert not any(box.overlaps(other) for other in boxes[:place])
+
+
+def test_texts_without_room_beside_their_point_are_left_out() -> None:
+    figure = Figure(figsize=(3.5, 2.0), layout="constrained")
+    ax = figure.subplots()
+    ax.set(xlim=(0.0, 2.0), ylim=(0.0, 2.0))
+    labels = [PointLabel(text=str(n), point=(n / 1000, 1.0)) for n in range(1000, 1020)]
+    label_points(figure, ax, labels, font_size=7.0, leave_out=True)
+    boxes = [text.get_window_extent() for text in ax.texts]
+    assert 1 < len(boxes) < len(labels)
     for place, box in enumerate(boxes):
         assert not any(box.overlaps(other) for other in boxes[:place])
 

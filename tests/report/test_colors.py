@@ -95,7 +95,7 @@ def test_a_run_of_some_filters_has_a_color_for_each(tmp_path: Path) -> None:
 
 
 def test_looks_of_many_filters_are_distinct() -> None:
-    usual = {str(number): style.line(0) for number in range(70)}
+    usual = {str(number): style.line(0) for number in range(90)}
     looks = style.distinct_looks(usual)
     assert list(looks) == list(usual)
     first = [looks[str(number)]["color"] for number in range(len(style.COLORS))]

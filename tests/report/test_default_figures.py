@@ -235,7 +235,8 @@ def test_captions_name_metric_filters_and_runs(results: Results) -> None:
     position = measure("rmse_position")
     assert RmseVsTime(metric=position, x="time").default_caption(results) == (
         "Position RMSE over time of KF, PF and PCRLB, 8 runs, a panel for each value of N and sigma. "
-        "Bands are two standard errors on either side."
+        "Bands are two standard errors on either side. "
+        "PCRLB bounds filters whose first errors have the covariance of the start."
     )
     caption = RmseVsParameter(parameter=NOISE).default_caption(results)
     assert caption == "Position RMSE over sigma of KF and PF, 8 runs at each value. At N = 6."

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -210,3 +211,79 @@ def test_an_axis_without_a_label_gets_one_and_is_logarithmic_where_one_curve_dwa
         "similar": ("Position RMSE (m)", "linear"),
         "said": ("Position RMSE (km)", "linear"),
     }
+
+
+UNSORTED = """
+name: unsorted
+runs: 2
+scenario:
+  kind: tracking
+  last: 12
+  target: {kind: driven, motion: {kind: cv, q: 1}, launch: {x: 10}}
+  sensor: {kind: position, sigma: 1}
+  start: {kind: gaussian, sigma: [2, 1, 2, 1]}
+  faults:
+  - {name: early, kind: blackout, from: 3, to: 6}
+  - {name: late, kind: outliers, from: 5, to: 9, factor: 5}
+GRID
+filters: {EKF: {kind: ekf}}
+tables: {}
+figures: {time: {kind: rmse-vs-time, metric: rmse_position}, one: {kind: estimates}}
+"""
+
+
+def test_panels_of_a_number_ascend_and_have_its_unit(tmp_path: Path) -> None:
+    stored = ran(tmp_path, UNSORTED.replace("GRID", "grid: {scenario.sensor.sigma: [3, 1, 2]}"))
+    titles = ["sigma = 1 m", "sigma = 2 m", "sigma = 3 m"]
+    for name in ("time", "one"):
+        shown = panels(stored.results.parts("figures")[name], stored.results)
+        assert [ax.get_title() for ax in shown if ax.get_title()] == titles
+    # The panel of a value has its numbers.
+    first = panels(stored.results.parts("figures")["time"], stored.results)[0]
+    rows = stored.results.per_step.query("metric == 'rmse_position'")
+    of_first = rows.loc[rows["scenario.sensor.sigma"] == 1, "value"]
+    np.testing.assert_allclose(lines(first)["EKF"][:, 1], of_first)
+
+
+def test_panels_of_linked_paths_are_named_by_the_paths_that_differ(tmp_path: Path) -> None:
+    grid = "grid: {scenario.sensor.sigma & scenario.target.motion.q: [[1, 2], [1, 3]]}"
+    low = UNSORTED.replace("GRID", "grid: {scenario.target.launch.x: [-2, 10]}")
+    below_zero = ran(tmp_path, low, out=tmp_path / "low").results
+    titles = [ax.get_title() for ax in panels(below_zero.parts("figures")["time"], below_zero)]
+    assert titles == ["x = \N{MINUS SIGN}2", "x = 10"]
+    both = ran(tmp_path, UNSORTED.replace("GRID", grid), out=tmp_path / "both").results
+    titles = [ax.get_title() for ax in panels(both.parts("figures")["time"], both)]
+    assert titles == ["sigma = 1 m, q = 2", "sigma = 1 m, q = 3"]
+    one = ran(tmp_path, UNSORTED.replace("GRID", grid.replace("[1, 3]", "[4, 3]"))).results
+    titles = [ax.get_title() for ax in panels(one.parts("figures")["time"], one)]
+    assert titles == ["sigma = 1 m", "sigma = 4 m"]
+
+
+def test_faults_that_overlap_are_shaded_above_each_other(tmp_path: Path) -> None:
+    stored = ran(tmp_path, UNSORTED.replace("GRID", "")).results
+    (ax,) = panels(stored.parts("figures")["time"], stored)
+    heights = [patch.get_bbox().intervaly.tolist() for patch in ax.patches]
+    assert heights == [[0.5, 1.0], [0.0, 0.5]]
+    apart = ran(tmp_path, UNSORTED.replace("GRID", "").replace("from: 5", "from: 7")).results
+    (ax,) = panels(apart.parts("figures")["time"], apart)
+    assert [patch.get_bbox().intervaly.tolist() for patch in ax.patches] == [[0.0, 1.0]] * 2
+
+
+def test_the_axes_of_estimates_have_name_and_unit(tmp_path: Path) -> None:
+    stored = ran(tmp_path, UNSORTED.replace("GRID", "")).results
+    shown = panels(stored.parts("figures")["one"], stored)
+    assert [ax.get_ylabel() for ax in shown] == ["px (m)", "Estimate \N{MINUS SIGN} truth (m)"]
+    shown = panels(EstimatesOfOneRun(y_label="East (km)"), stored)
+    assert [ax.get_ylabel() for ax in shown] == ["East (km)", "Estimate \N{MINUS SIGN} truth (km)"]
+
+
+def test_a_caption_says_what_the_bound_is_of(tmp_path: Path) -> None:
+    without_faults = UNSORTED.partition("  faults:")[0]
+    text = f"{without_faults}bound: PCRLB\nfilters: {{EKF: {{kind: ekf}}}}\ntables: {{}}\n"
+    stored = ran(tmp_path, text).results
+    words = "PCRLB bounds filters whose first errors have the covariance of the start"
+    spec = RmseVsTime(metric=RMSE)
+    assert f" {words}." in spec.default_caption(stored)
+    assert words not in replace(spec, filters=("EKF",)).default_caption(stored)
+    smoothed = ran(tmp_path, text.replace("{kind: ekf}", "{kind: ekf, smooth: true}")).results
+    assert f"{words}; smoothers may lie below it." in spec.default_caption(smoothed)

@@ -188,14 +188,31 @@ def test_a_diverged_line_is_cut_off_and_marked_where_it_leaves() -> None:
     for label, error in errors.items():
         axes.plot(k, 5.0 + error, label=label)
         below.plot(k, error, label=label)
-    filter_lines.cut_dwarfing_lines([axes, below], errors)
+    filter_lines.cut_dwarfing_lines([axes, below], errors, extent=100.0)
     assert axes.get_ylim() == pytest.approx((3 - 0.2, 7 + 0.2))
-    mark = below.lines[-1]
+    mark, in_legend = below.lines[-2:]
+    assert in_legend.get_label() == "Leaves the axis"
     assert (mark.get_marker(), mark.get_xdata().tolist()) == ("^", [2.0])
     assert 2.0 < mark.get_ydata()[0] < below.get_ylim()[1]
     # Of two filters neither is cut: which one is right is not known.
-    filter_lines.cut_dwarfing_lines([axes], {"A": errors["A"], "C": errors["C"]})
-    assert len(axes.lines) == 4
+    two_errors = {"A": errors["A"], "C": errors["C"]}
+    filter_lines.cut_dwarfing_lines([axes], two_errors, extent=100.0)
+    assert len(axes.lines) == 5
+
+
+@pytest.mark.parametrize(("extent", "is_cut"), [(20.0, True), (200.0, False)])
+def test_a_line_with_one_spike_beyond_the_truth_is_cut_off(extent: float, is_cut: bool) -> None:
+    """Of two filters one has an error of 100 at one step, and both have errors of 1 elsewhere."""
+    ax = Figure().add_subplot()
+    small = np.resize([1.0, -1.0], 50)
+    errors = {"A": small, "B": np.where(np.arange(50) == 30, 100.0, small)}
+    for label, error in errors.items():
+        ax.plot(np.arange(50.0), error, label=label)
+    filter_lines.cut_dwarfing_lines([ax], errors, extent)
+    assert (ax.get_ylim()[1] < 2.0) == is_cut
+    # A filter alone is never cut.
+    filter_lines.cut_dwarfing_lines([ax], {"B": errors["B"]}, extent=0.0)
+    assert (len(ax.lines) > 2) == is_cut
 
 
 @pytest.mark.parametrize("decades", [3, 14])
@@ -236,6 +253,14 @@ def test_a_narrow_axis_has_two_labels_without_a_factor(limits: tuple[float, floa
         assert ax.get_xlim() == limits
 
 
+def test_a_narrow_axis_has_a_label_at_the_expected_value() -> None:
+    with style.rc_context():
+        _, ax = style.subplots(height_in=1.0)
+        ax.set_xlim(0.9, 5.6)
+        scales.set_few_ticks(ax, expected=1.0)
+        assert [tick.get_text() for tick in ax.get_xticklabels()] == ["1", "5"]
+
+
 def test_the_nis_of_a_short_record_has_ten_points(tmp_path: Path) -> None:
     """60 measured components a point would be one point, of the record's first half."""
     results = results_of(tmp_path, runs=1)
@@ -253,3 +278,30 @@ def test_the_caption_of_a_panel_for_each_filter_names_the_bands(tmp_path: Path) 
     results = results_of(tmp_path, runs=2, filters=filters, scenario=scenario, figures={})
     spec = RmseVsTime(metric=measure("rmse_position"))
     assert "Bands are two standard errors" in spec.default_caption(results)
+
+
+def test_zero_on_a_logarithmic_axis_stands_behind_a_break() -> None:
+    values = np.array([0.0, 1e-4, 1e-3, 1e-2])
+    ax = Figure().add_subplot()
+    ax.plot(scales.places_with_zero(values), values)
+    scales.set_log_scale_with_zero(ax, values)
+    (mark,) = ax.texts
+    assert mark.get_text() == "//"
+    assert scales.places_with_zero(values)[0] < mark.get_position()[0] < values[1]
+    # An axis without zero has no break.
+    ax = Figure().add_subplot()
+    scales.set_log_scale_with_zero(ax, values[1:])
+    assert not ax.texts
+
+
+@pytest.mark.parametrize(
+    ("values", "texts"),
+    [
+        ([0.0, 1e-6, 1e-4, 0.1], ["0", "10⁻⁶", "10⁻⁴", "10⁻¹"]),
+        ([0.1, 1.0, 10.0], ["0.1", "1", "10"]),
+        ([-0.5, 0.0, 2.0], ["−0.5", "0", "2"]),
+        ([1e-6, 3e-6, 1.0], ["1e−06", "3e−06", "1"]),
+    ],
+)
+def test_labels_of_values(values: list[float], texts: list[str]) -> None:
+    assert scales.value_texts(values) == texts

@@ -1,12 +1,16 @@
 """Units of keys are declared, and never guessed from words."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
 import pytest
 
 from trackbench.field_types import Unit
-from trackbench.report.results import _unit
+from trackbench.report.plotting import style
+from trackbench.report.results import Results, _unit
+
+STORED = Path(__file__).parents[2] / "results"
 
 TEXTS = (
     *("names of files, s", "standard deviation, m", "time between looks, s, or steps"),
@@ -41,3 +45,33 @@ def test_no_unit_comes_from_the_words_of_a_docstring(text: str) -> None:
 )
 def test_keys_of_the_package_have_their_units(group: str, kind: str, key: str, unit: str) -> None:
     assert _unit({"kind": kind}, group, None, [key]) == unit
+
+
+@pytest.mark.parametrize(
+    ("experiment", "figure", "x_labels"),
+    [
+        ("ais", "tuning-EKF-Singer", ["sigma of motion (m/s^2)", "sigma of sensor 1 (m)"]),
+        (
+            "adaptive-kf-tuned",
+            "tuning-IMM",
+            ["q of motion 1 ((m/s^2)^2)", "q of motion 2 ((m/s^2)^2)"],
+        ),
+    ],
+)
+def test_axes_of_tuned_keys_have_words_and_units(
+    experiment: str, figure: str, x_labels: list[str]
+) -> None:
+    results = Results(STORED / experiment)
+    with style.rc_context():
+        drawn = results.parts("figures")[figure].draw(results)
+    panels = [ax for ax in drawn.axes if ax.axison]
+    assert [ax.get_xlabel() for ax in panels] == x_labels
+    names = [text.get_text().replace("\n", " ") for text in drawn.legends[0].get_texts()]
+    has_spread = "Within 1 standard error of the best" in names
+    # The score of a recording has no standard error.
+    assert has_spread == (experiment != "ais")
+    assert ("Best trial, ± 1 standard error" if has_spread else "Best trial") in names
+    assert {"Trial", "Trial above the axis", "Only this key changed"} <= set(names)
+    trials = [line for ax in panels for line in ax.lines if line.get_label() == "Trial"]
+    assert trials
+    assert not any(line.get_clip_on() for line in trials)

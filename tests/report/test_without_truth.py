@@ -13,6 +13,7 @@ from trackbench import api
 from trackbench.errors import UserError
 from trackbench.report.figures.critical_difference import mean_ranks
 from trackbench.report.findings.ranking import rankings
+from trackbench.report.plotting import style
 
 RADAR = """
 kind: tracking
@@ -288,3 +289,28 @@ def test_a_filter_that_skips_measurements_is_ranked_over_those_that_all_score(
     difference = (common["EKF"] - common["CMKF"]).mean()
     assert paired["difference"] == pytest.approx(difference, rel=1e-3)
     assert np.sign(paired["z"]) == np.sign(difference)
+
+
+@pytest.mark.parametrize(
+    ("start", "begins_behind"),
+    [
+        ("{kind: given, mean: [0, 0, 0, 0], sigma: [1e4, 9, 1e4, 9]}", True),
+        ("{kind: one-scan, sigma_velocity: 20}", False),
+    ],
+)
+def test_estimates_begin_behind_a_prior_that_is_given(
+    tmp_path: Path, start: str, begins_behind: bool
+) -> None:
+    rows = [f"1,{step},{900 + step},{800 - step}" for step in range(8)]
+    (tmp_path / "prior.csv").write_text("\n".join(["run,step,x,y", *rows]) + "\n")
+    plane = PLANE.format(name="prior").replace("{kind: one-scan, sigma_velocity: 20}", start)
+    plane += "figures: {one: {kind: estimates}}\n"
+    (tmp_path / "prior.yaml").write_text(plane)
+    keys = {"formats": (), "workers": 1, "quiet": True, "out": tmp_path / "out"}
+    results = api.run(tmp_path / "prior.yaml", **keys).results
+    with style.rc_context():
+        figure = results.parts("figures")["one"].draw(results)
+    (line,) = [line for line in figure.axes[0].lines if line.get_label() == "KF"]
+    steps = results.tracks({})["steps"]
+    assert line.get_xdata().tolist() == steps[1 if begins_behind else 0 :].tolist()
+    assert line.get_ydata().min() > 800.0

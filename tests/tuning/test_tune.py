@@ -123,7 +123,7 @@ def test_a_figure_per_filter(report: api.Report) -> None:
     names = sorted(path.name for path in (report.folder / "figures").iterdir())
     assert names == ["tuning-KF.svg", "tuning-Kind.svg"]
     drawn = (report.folder / "figures" / "tuning-Kind.svg").read_text()
-    assert "assume.motion.kind" in drawn
+    assert "kind of motion" in drawn
     assert "cwna" in drawn
     page = (report.folder / "report.html").read_text()
     assert 'id="figure-tuning-KF"' in page

@@ -385,33 +385,39 @@ class Results(ResultsFolder):
             _, unit_in_name = phrases.quantity(path)
             if unit_in_name:
                 continue
-            # Keys such as `filters`, `EKF`, `motion`, `q`, or `scenario`, `sensor`, `sigma`. Indices in
-            # lists are left out.
-            keys = split_path(self.source, single_paths(path)[0])
-            words = [str(key) for key in keys if not isinstance(key, int)]
-            if words[0] == "filters":
-                group = "filters"
-                settings = self.config["filters"][words[1]]
-                inner_words = words[2:]
-            else:
-                group = "scenarios"
-                settings = self.config[words[0]]
-                inner_words = words[1:]
-            if not inner_words:  # the path varies a whole filter or scenario
-                continue
-            unit = _unit(settings, group=group, cls=None, keys=inner_words)
+            unit = self.unit_of_key(split_path(self.source, single_paths(path)[0]))
             if unit:
                 units[path] = unit
         return units
 
+    def unit_of_key(self, keys: Sequence[str | int]) -> str:
+        """Return the unit of a key of the config; empty if none is known.
 
-def _unit(settings: Any, group: str | None, cls: type[Any] | None, keys: Sequence[str]) -> str:
+        The ``keys`` are its path, such as `filters`, `EKF`, `motion`, `q`, or `scenario`, `sensor`, 0,
+        `sigma`.
+        """
+        if keys[0] == "filters":
+            group = "filters"
+            settings = self.config["filters"][keys[1]]
+            inner_keys = keys[2:]
+        else:
+            group = "scenarios"
+            settings = self.config[str(keys[0])]
+            inner_keys = keys[1:]
+        if not inner_keys:  # the path is that of a whole filter or scenario
+            return ""
+        return _unit(settings, group=group, cls=None, keys=inner_keys)
+
+
+def _unit(
+    settings: Any, group: str | None, cls: type[Any] | None, keys: Sequence[str | int]
+) -> str:
     """Return the unit of the key at the path ``keys`` in ``settings``.
 
     The settings are those of a component of ``group``, or of the dataclass ``cls``. Empty if the
     component is unknown or the key has no unit.
     """
-    key = keys[0]
+    key = str(keys[0])
     inner_keys = keys[1:]
     if group is not None:
         # Only a filter may lack its kind: it is an EKF.
@@ -426,6 +432,13 @@ def _unit(settings: Any, group: str | None, cls: type[Any] | None, keys: Sequenc
     # A key of a component or dataclass inside this one.
     if inner_keys:
         inner_settings = settings.get(key)
+        # The item of a list, such as one of several sensors.
+        index = inner_keys[0]
+        if isinstance(index, int) and isinstance(inner_settings, list | tuple):
+            inner_settings = inner_settings[index]
+            inner_keys = inner_keys[1:]
+        if not inner_keys:
+            return ""
         if not isinstance(inner_settings, dict):
             return ""
         inner_classes = dataclasses_in(hint)

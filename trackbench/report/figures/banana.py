@@ -20,7 +20,7 @@ from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import listed, named
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
-from trackbench.report.plotting.scales import length_unit
+from trackbench.report.plotting.scales import length_unit, with_true_minus
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.results import Results
 
@@ -102,7 +102,7 @@ class Banana(FigureKind):
         ax.set_xlabel(style.wrapped("Across the line of sight (km)", panels))
         most_ticks = 4 if panels < 4 else 2
         ax.xaxis.set_major_locator(MaxNLocator(most_ticks, steps=[1, 2, 5, 10]))
-        ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+        ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: with_true_minus(f"{x:g}")))
 
 
 @register("figures", "posterior")
@@ -193,7 +193,12 @@ class PosteriorEllipses(FigureKind):
             [measured, *predicted, *ellipses.values(), np.zeros((2, 1))], axis=1
         )
         half_height = self.half_height_m or 1.05 * float(np.nanmax(np.abs(outlines[0])))
-        half_width = 1.05 * float(np.nanmax(np.abs(outlines[1])))
+        # What is above or below the panel takes no room beside it.
+        across_shown = outlines[1, np.abs(outlines[0]) <= half_height]
+        left = float(np.nanmin(across_shown))
+        right = float(np.nanmax(across_shown))
+        margin = 0.05 * (right - left)
+        half_width = 0.5 * (right - left) + margin
         along_m, along_unit = length_unit(2.0 * half_height)
         across_m, across_unit = length_unit(2.0 * half_width)
         # Step 3: regions, and the target at the origin.
@@ -209,7 +214,7 @@ class PosteriorEllipses(FigureKind):
             ax.plot(across / across_m, along / along_m, label=f"{label}, 2 σ", **looks[label])
         # Step 4: axes; where both have similar lengths, with equal scales.
         ax.set_ylim(-half_height / along_m, half_height / along_m)
-        ax.set_xlim(-half_width / across_m, half_width / across_m)
+        ax.set_xlim((left - margin) / across_m, (right + margin) / across_m)
         ratio = half_height / half_width
         if along_unit == across_unit and 1.0 / _SIMILAR < ratio < _SIMILAR:
             ax.set_aspect("equal", adjustable="box")

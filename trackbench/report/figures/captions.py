@@ -1,7 +1,9 @@
 """Parts of captions: what is drawn, of which filters, over how many runs, at which grid point."""
 
+import re
 from collections.abc import Sequence
 
+from trackbench.config.grid import single_paths
 from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.report.findings import phrases
@@ -45,6 +47,31 @@ def heading(results: Results, point: GridPoint) -> str:
     return phrases.heading(point, results.grid_units)
 
 
+def panel_headings(results: Results, points: Sequence[GridPoint]) -> list[str]:
+    """Return the titles of the panels of grid points, with units.
+
+    Of paths that vary together a title has the first ones: as many as make the titles differ.
+    """
+    units = {single_paths(path)[0]: unit for path, unit in results.grid_units.items()}
+    most = max((len(single_paths(path)) for path in results.grid), default=1)
+    headings: list[str] = []
+    for number in range(1, most + 1):
+        headings = [phrases.heading(_first_paths(point, number), units) for point in points]
+        if len(set(headings)) == len(points):
+            break
+    # The minus of a number, not the hyphen of a name.
+    return [re.sub(r"(?<!\w)-(?=\d)", "\N{MINUS SIGN}", heading) for heading in headings]
+
+
+def _first_paths(point: GridPoint, number: int) -> GridPoint:
+    """Return a grid point with the first ``number`` of paths that vary together, each by itself."""
+    first: GridPoint = {}
+    for path, value in point.items():
+        values = phrases.values_of_paths(path, value)
+        first |= dict(list(zip(single_paths(path), values, strict=True))[:number])
+    return first
+
+
 def panels(results: Results) -> str:
     """Return the end of a sentence on the panels of grid points; empty if there is one point."""
     if len(results.points()) < 2:
@@ -64,3 +91,17 @@ def sentence(words: str) -> str:
 def of_curves(results: Results, words: str, labels: Sequence[str]) -> str:
     """Return a sentence such as ``Position RMSE over time of KF and EKF, 400 runs.``"""
     return sentence(f"{words} of {filters(labels)}, {runs(results)}{panels(results)}")
+
+
+def bound(results: Results, labels: Sequence[str]) -> str:
+    """Return a sentence on what the bound is of, if it is among the labels of a figure; else empty."""
+    name = results.config.get("bound")
+    if name not in labels:
+        return ""
+    words = (
+        f" {named(str(name))} bounds filters whose first errors have the covariance of the start"
+    )
+    settings = results.config["filters"]
+    if any((settings.get(label) or {}).get("smooth") for label in labels):
+        words += "; smoothers may lie below it"
+    return f"{words}."

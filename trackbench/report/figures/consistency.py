@@ -222,8 +222,9 @@ class Dots(FigureKind):
         axes[0][0].invert_yaxis()
         for ax, x_label in zip(axes[-1], self.columns, strict=True):
             ax.set_xlabel(x_label)
-        style.set_title(figure, self.title, len(results.points()))
-        return figure
+        bar: style.LineStyle = {"marker": "_", "markersize": 8, "color": "#888888"}
+        axes[0][0].plot([], [], linestyle="", label=style.SPREAD, **bar)
+        return style.add_title_and_legend(figure, self.title, len(results.points()))
 
     def _draw_metric(
         self, ax: Axes, results: Results, point: GridPoint, metric: str, labels: list[str]
@@ -246,5 +247,5 @@ class Dots(FigureKind):
                 capsize=2,
             )
         if metric in self.expected:
-            ax.axvline(self.expected[metric], color="black", linewidth=0.6)
-        scales.set_few_ticks(ax)
+            ax.axvline(self.expected[metric], color="black", linewidth=0.6, label="Without fault")
+        scales.set_few_ticks(ax, self.expected.get(metric, 0.0))

@@ -27,11 +27,14 @@ from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import joined
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import filter_lines, scales, style
+from trackbench.report.plotting.point_labels import PointLabel, label_points
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.results import Results, points_of, scenes
 from trackbench.results.point_facts import GridPoint
 
 _MARKERS = "osD^vP*X"
+_SIZE_POINTS = 7.0
+"""Size of the letters of a filter's sizes, in points."""
 _FRONT: LineStyle = {"color": "#bbbbbb", "linewidth": 4.0, "alpha": 0.6, "zorder": 0.5}
 
 
@@ -50,7 +53,7 @@ class AccuracyVsCost(FigureKind):
     metric: Expression = measure("mean(rmse)")
     """what is compared: an RMSE, a distance or an efficiency"""
     along: str = "N"
-    """the filters' key that buys accuracy with time; its values stand beside the points"""
+    """the filters' key that buys accuracy with time; its values stand beside points with room"""
     filters: tuple[str, ...] | None = None
     """labels to draw; default: all but the reference"""
     floor: str | None = None
@@ -110,15 +113,35 @@ class AccuracyVsCost(FigureKind):
             ax.set_title(heading)
             ax.set_xlabel(COST)
         axes[0][0].set_ylabel(self.y_label or str(self.metric))
-        return style.add_title_and_legend(figure, self.title, len(all_scenes))
+        style.add_title_and_legend(figure, self.title, len(all_scenes))
+        for (ax,), scene in zip(axes, drawn, strict=True):
+            self._label_sizes(figure, ax, results, scene)
+        return figure
+
+    def _label_sizes(self, figure: Figure, ax: Axes, results: Results, scene: GridPoint) -> None:
+        """Write the sizes of the filters beside their points, where they have room."""
+        looks = self._looks(results)
+        labels = []
+        for curve in self._curves(results, scene):
+            if curve.is_fixed:
+                continue
+            for spot in curve.spots:
+                point = (MICRO * spot.cost.value, spot.error.value)
+                color = {"color": looks[curve.label]["color"]}
+                labels.append(PointLabel(text=phrases.number(spot.size), point=point, look=color))
+        label_points(figure, ax, labels, _SIZE_POINTS, leave_out=True)
+
+    def _looks(self, results: Results) -> dict[str, LineStyle]:
+        """Return color and dash of each filter but the floor."""
+        floor = self._floor(results)
+        labels = compared_labels(results, self.filters)
+        return results.line_styles([label for label in labels if label != floor])
 
     def _draw_panel(self, ax: Axes, results: Results, scene: GridPoint) -> None:
         """Draw the filters' curves, the front and the floor of one scene."""
         drawn = self._curves(results, scene)
         floor = self._floor(results)
-        looks = results.line_styles(
-            [label for label in compared_labels(results, self.filters) if label != floor]
-        )
+        looks = self._looks(results)
         # Step 1: curves; those of one filter have a marker each.
         curves_by_label: dict[str, int] = {}
         for curve in drawn:
@@ -170,7 +193,7 @@ class AccuracyVsCost(FigureKind):
 
 
 def _draw_curve(ax: Axes, curve: Curve, look: LineStyle) -> None:
-    """Draw a filter's points with bars of two standard errors, and its sizes beside them."""
+    """Draw a filter's points with bars of two standard errors."""
     values = _values_of(curve.spots)
     ax.plot(values.time, values.error, markersize=3.5, label=curve.name, **look)
     filter_lines.draw_error_bars(
@@ -184,17 +207,6 @@ def _draw_curve(ax: Axes, curve: Curve, look: LineStyle) -> None:
         capsize=1.5,
         xerr=2.0 * values.time_stderr,
     )
-    if curve.is_fixed:
-        return
-    for spot in curve.spots:
-        ax.annotate(
-            phrases.number(spot.size),
-            (MICRO * spot.cost.value, spot.error.value),
-            (2.5, 2.5),
-            textcoords="offset points",
-            fontsize=6,
-            color=look["color"],
-        )
 
 
 def _spots_of(all_curves: Sequence[Curve]) -> list[Spot]:

@@ -19,7 +19,7 @@ from trackbench.report.kinds import FigureKind
 from trackbench.report.paired import Pair
 from trackbench.report.plotting import style
 from trackbench.report.plotting.page_formats import sheet
-from trackbench.report.plotting.scales import has_logarithm
+from trackbench.report.plotting.scales import has_logarithm, with_true_minus
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.results import Results, missing_paths, points_of
 from trackbench.report.table import rounded
@@ -236,8 +236,8 @@ def _set_ticks(ax: Axes, columns: list[str], rows: list[str], cell_in: float) ->
 def _z_text(z: float) -> str:
     """Write a z with its sign, and with a digit after the point if there is room."""
     if abs(z) < 100:
-        return f"{z:+.1f}"
-    return f"{z:+.0f}"
+        return with_true_minus(f"{z:+.1f}")
+    return with_true_minus(f"{z:+.0f}")
 
 
 def cell_texts(rows: Sequence[Sequence[Estimate]]) -> list[list[str]]:

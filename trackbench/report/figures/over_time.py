@@ -1,5 +1,6 @@
 """Figure kinds over time: `rmse-vs-time`, `estimates`; what they share with others of curves."""
 
+import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import ceil
@@ -9,7 +10,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import Measure, OfStep, measure
-from trackbench.field_types import Count
+from trackbench.field_types import Count, is_number
 from trackbench.registry import register
 from trackbench.report.figures import captions
 from trackbench.report.findings import phrases
@@ -116,8 +117,8 @@ class Curves(FigureKind):
         results
             The results folder.
         rows
-            Number of axes below each other in each panel. A single row shares its vertical axis, several
-            rows share their horizontal axis.
+            Number of axes below each other in each panel. A single row shares its vertical axis. Several
+            rows share their horizontal axis with the panels above and below.
         **layout
             Further arguments of matplotlib's ``Figure.subplots``, such as ``height_ratios``.
 
@@ -127,25 +128,42 @@ class Curves(FigureKind):
         panels : list of Panel
             Their labels are empty, as all filters share a panel.
         """
-        points = results.points()[: style.MOST_PANELS]
+        points = self.panel_points(results)
         height = 3.2 if rows == 1 else 2.4 * rows
         if len(points) > 4:
             height *= 0.75
         figure, axes = style.make_panels(
-            len(points), rows, height, sharex=rows > 1, sharey=rows == 1, **layout
+            len(points),
+            rows,
+            height,
+            sharex="col" if rows > 1 else False,
+            sharey=rows == 1,
+            **layout,
         )
-        headings = style.wrap_headings([phrases.heading(point) for point in points])
+        headings = style.wrap_headings(captions.panel_headings(results, points))
         panels = []
         for column, point, heading in zip(axes, points, headings, strict=True):
             column[0].set_title(heading)
             column[-1].set_xlabel(self.x_name)
+            column[-1].tick_params(labelbottom=True)  # also above another panel
             for ax in column:
                 self._set_scales(ax)
             panels.append(Panel(axes=list(column), point=point, label=""))
         if self.y_label:
-            axes[0][0].set_ylabel(self.y_label)
+            for panel in leftmost_panels(panels):
+                panel.axes[0].set_ylabel(self.y_label)
         style.set_title(figure, self.title, len(results.points()))
         return figure, panels
+
+    def panel_points(self, results: Results) -> list[GridPoint]:
+        """Return the grid points that have a panel, 12 at most; the numbers of a single path ascend."""
+        points = results.points()[: style.MOST_PANELS]
+        if len(results.grid) != 1:
+            return points
+        path = results.grid[0]
+        if not all(is_number(point[path]) for point in points):
+            return points
+        return sorted(points, key=lambda point: float(point[path]))
 
     def _set_scales(self, ax: Axes) -> None:
         """Make the vertical axis logarithmic if wanted; give a counting horizontal axis whole ticks."""
@@ -300,11 +318,27 @@ class OverTime(Curves):
         style.set_title(figure, self.title)
         return figure, panels
 
-    def shade_fault(self, ax: Axes, rows: Columns, fault: Mapping[str, Any], number: int) -> None:
-        """Shade the part of the axis in which a fault of a sensor lasts.
+    def shade_faults(self, ax: Axes, rows: Columns, faults: Sequence[Mapping[str, Any]]) -> None:
+        """Shade the parts of the axis in which faults of sensors last, each in its color.
 
-        ``rows`` have the steps and times that are drawn. ``number`` is the fault's, and sets its color.
+        ``rows`` have the steps and times that are drawn. If some faults overlap in time, each is shaded
+        in a strip of the axis, so that none covers another.
         """
+        spans = [self._span_of_fault(rows, fault) for fault in faults]
+        strips = 1
+        for number, span in enumerate(spans):
+            if any(_overlap(span, other) for other in spans[:number]):
+                strips = len(faults)
+        for number, (fault, span) in enumerate(zip(faults, spans, strict=True)):
+            if span is None:
+                continue
+            first, last = span
+            top = 1.0 - (number % strips) / strips  # as a share of the axis
+            look = style.fault_look(number)
+            ax.axvspan(first, last, top - 1.0 / strips, top, label=fault["name"], **look)
+
+    def _span_of_fault(self, rows: Columns, fault: Mapping[str, Any]) -> tuple[float, float] | None:
+        """Return the first and last place of a fault on the axis; None if it is not drawn."""
         # A fault lasts from step to step, or from time to time; an end that is None is that of the run.
         if fault["steps"] is not None:
             first, last = fault["steps"]
@@ -318,9 +352,10 @@ class OverTime(Curves):
             is_faulty &= steps_or_times >= first
         if last is not None:
             is_faulty &= steps_or_times <= last
-        if is_faulty.any():
-            x = rows[self.x][is_faulty]
-            ax.axvspan(x.min(), x.max(), label=fault["name"], **style.fault_look(number))
+        if not is_faulty.any():
+            return None
+        x = rows[self.x][is_faulty]
+        return float(x.min()), float(x.max())
 
     def series_with_gaps(self, rows: Columns) -> tuple[Array, ...]:
         """Return the steps or times, the values and the standard errors (n,) of rows of per_step.csv.
@@ -354,6 +389,20 @@ class OverTime(Curves):
         return filter_lines.draw_filter_line(ax, x, value, look)
 
 
+def _overlap(span: tuple[float, float] | None, other: tuple[float, float] | None) -> bool:
+    """Return whether two spans on an axis have more than an end in common; None is an empty span."""
+    if span is None or other is None:
+        return False
+    return max(span[0], other[0]) < min(span[1], other[1])
+
+
+def leftmost_panels(panels: Sequence[Panel]) -> Sequence[Panel]:
+    """Return the first panel of each row of panels."""
+    gridspec = panels[0].axes[0].get_gridspec()
+    across = gridspec.ncols if gridspec is not None else len(panels)
+    return panels[::across]
+
+
 @register("figures", "rmse-vs-time")
 @dataclass(frozen=True, kw_only=True)
 class RmseVsTime(OverTime):
@@ -383,6 +432,7 @@ class RmseVsTime(OverTime):
             has_bars = not panel_labels and len(labels) > filter_lines.MOST_BANDS
             spread = "Bars" if has_bars else "Bands"
             caption += f" {spread} are two standard errors on either side."
+        caption += captions.bound(results, labels)
         if results.facts(results.points()[0]).scenario.get("faults"):
             caption += " The times of faults are shaded."
         return caption
@@ -403,8 +453,7 @@ class RmseVsTime(OverTime):
             # In a filter's own panel the errors are a band, as of a single line: gray lines have none.
             lines_with_errors = 1 if panel_labels else len(all_series)
             faults = results.facts(panel.point).scenario.get("faults", ())
-            for number, fault in enumerate(faults):
-                self.shade_fault(ax, all_series[0].rows, fault, number)
+            self.shade_faults(ax, all_series[0].rows, faults)
             for place, series in enumerate(all_series):
                 look = series.look
                 k, value, stderr = self.series_with_gaps(series.rows)
@@ -449,7 +498,7 @@ class EstimatesOfOneRun(OverTime):
     def draw(self, results: Results) -> Figure:
         """Return one line per filter over the truth's points; errors only where there is a truth."""
         component = self.component - 1
-        tracks = [results.tracks(point) for point in results.points()[: style.MOST_PANELS]]
+        tracks = [results.tracks(point) for point in self.panel_points(results)]
         has_truth = any(self._has_truth(arrays) for arrays in tracks)
         panel_labels = self._panel_labels(results, tracks[0])
         # Step 1: empty panels; with a truth each has axes for estimates, and below for errors.
@@ -475,16 +524,18 @@ class EstimatesOfOneRun(OverTime):
                 self._draw_panel(panel, results, arrays, panel_labels)
         # Step 3: labels of the vertical axes.
         name, unit = results.facts(panels[0].point).component(component)
-        y_label = self.y_label
-        if not y_label and unit:
-            y_label = phrases.in_unit(name, unit)
-        error_label = phrases.in_unit("Estimate - truth", unit)
-        if has_truth and panel_labels:
-            figure.supylabel(f"{y_label}\n{error_label}".lstrip())
+        y_label = self.y_label or phrases.in_unit(name, unit)
+        # The unit of a component that has none may stand in the label: `Angle (rad)`.
+        unit_in_label = re.search(r"\(([^()]+)\)$", y_label)
+        if unit_in_label is not None:
+            unit = unit_in_label[1]
+        error_label = phrases.in_unit("Estimate \N{MINUS SIGN} truth", unit)
+        if panel_labels:
+            figure.supylabel(f"{y_label}\n{error_label}" if has_truth else y_label)
         else:
-            panels[0].axes[0].set_ylabel(y_label)
-        if has_truth and not panel_labels:
-            panels[0].axes[1].set_ylabel(error_label)
+            for panel in leftmost_panels(panels):
+                for ax, text in zip(panel.axes, (y_label, error_label), strict=False):
+                    ax.set_ylabel(text)
             figure.align_ylabels()
         self.keep_possible_scales(figure)
         style.legend_outside(figure, panel_labels)
@@ -529,7 +580,10 @@ class EstimatesOfOneRun(OverTime):
         for ax in error_axes:
             ax.set_yscale("linear")
             ax.axhline(0.0, **style.TRUTH | {"linewidth": 0.8})
-        # Step 2: lines of the filters.
+        # Step 2: lines of the filters. Without a truth they begin behind a prior that is given: it is no
+        # estimate, and may be far from all that follows.
+        start = results.facts(panel.point).scenario.get("start") or {}
+        first = 1 if not has_truth and start.get("kind") == "given" else 0
         errors: dict[str, Array] = {}
         for label, look in self.labels_and_looks(results):
             if f"mean/{label}" not in arrays:
@@ -541,11 +595,12 @@ class EstimatesOfOneRun(OverTime):
             errors[label] = error
             line_look = {"label": label, **look}
             for ax in estimate_axes:
-                self.draw_curve(ax, k, mean, line_look, panel.label, panel_labels)
+                self.draw_curve(ax, k[first:], mean[first:], line_look, panel.label, panel_labels)
             for ax in error_axes:
                 self.draw_curve(ax, known_k, error, line_look, panel.label, panel_labels)
         if not panel_labels:
-            filter_lines.cut_dwarfing_lines(panel.axes, errors)
+            extent = float(np.ptp(truth[is_known])) if has_truth else np.inf
+            filter_lines.cut_dwarfing_lines(panel.axes, errors, extent)
 
 
 def _without_jumps(tracks: dict[str, Array], component: int, run: int) -> dict[str, Array]:

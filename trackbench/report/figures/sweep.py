@@ -142,7 +142,7 @@ class RmseVsParameter(FigureKind):
             if values[0] > 0.0:
                 scales.set_plain_log_scale(ax.xaxis, most=np.inf)
         places = scales.places_with_zero(values) if log_x else values
-        texts = [phrases.number(value) for value in values]
+        texts = scales.value_texts(values.tolist())
         scales.set_ticks_at_values(ax, places, texts, sheet().width_in - _AXIS_IN)
         if self.log_y:
             scales.set_plain_log_scale(ax.yaxis, most=np.inf)
@@ -433,7 +433,7 @@ class SweepFigure(FigureKind):
                 ax.set_xscale("log")
             _set_limits(ax, places)
             if is_numeric:
-                texts = [phrases.number(value) for value in x_values]
+                texts = scales.value_texts(x_values)
                 scales.set_ticks_at_values(ax, places, texts, panel_in)
             else:
                 ax.set_xticks(places, [str(value) for value in x_values])

@@ -447,7 +447,7 @@ def draw_truth(
 
     ``times`` (T,) are those of the path, and ``turning`` has first and last time of each span. The
     path is a broad light line below the estimates of one run, and a thin line above those of several
-    (``estimated_runs``).
+    (``estimated_runs``). These would cover a shade, so that the spans are a thicker line there.
     """
     is_known = np.asarray(np.isfinite(path).all(axis=0))
     if not is_known.any():
@@ -467,9 +467,11 @@ def draw_truth(
     if is_alone.any():
         point_look = look | {"linestyle": "", "marker": ".", "markersize": 2.0}
         ax.plot(x[is_alone], y[is_alone], **point_look)
+    maneuver_look: LineStyle = {"color": style.MANEUVER, "linewidth": 6, "zorder": 0.5}
+    if estimated_runs > 1:
+        maneuver_look = style.TRUTH | {"linewidth": 2.4}
     for start, end in turning:
         during = (times >= start) & (times <= end)
-        maneuver_look: LineStyle = {"color": style.MANEUVER, "linewidth": 6, "zorder": 0.5}
         ax.plot(x[during], y[during], label="Maneuvers", **maneuver_look)
     first_known = np.flatnonzero(is_known)[0]
     ax.plot(x[first_known], y[first_known], "o", color="black", markersize=4, label="Start")

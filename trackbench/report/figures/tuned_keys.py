@@ -18,6 +18,7 @@ from trackbench.tuning.search import Record
 
 _SPREADS = 3.0
 """Spreads of the best half of the trials above their median, up to which the axis shows trials."""
+_NEAR = "Within 1 standard error of the best"
 _BARS = 4.0
 """Standard errors above the best trial that the axis shows at least."""
 
@@ -56,9 +57,21 @@ class TuningFigure(FigureKind):
         figure, panels = style.panel_grid(len(axes), 2.4, 0.5)
         for ax, axis in zip(panels, axes, strict=False):
             _draw_panel(ax, results.tuning[self.filter], axis)
+            ax.set_xlabel(style.wrap_label(self._label_of_key(results, axis.key), 40))
         figure.supylabel(style.wrap_label(axis_of(results.config["tuning"]["metric"]), 32))
-        style.set_title(figure, self.title or style.wrap_label(self.filter, 80))
-        return figure
+        title = self.title or style.wrap_label(f"Tuning of {self.filter}", 80)
+        return style.add_title_and_legend(figure, title)
+
+    def _label_of_key(self, results: Results, key: str) -> str:
+        """Return the label of an axis: ``sigma of sensor 1 (m)`` for ``assume.sensor.0.sigma``."""
+        keys = [int(word) if word.isdigit() else word for word in key.split(".")]
+        name, unit = phrases.quantity(str(keys[-1]))
+        owner = str(keys[-2]) if len(keys) > 1 else ""
+        if owner.isdigit():
+            owner = f"{str(keys[-3]).removesuffix('s')} {int(owner) + 1}"
+        if owner and owner != "assume":
+            name = f"{name} of {owner}"
+        return phrases.in_unit(name, unit or results.unit_of_key(["filters", self.filter, *keys]))
 
 
 def _draw_panel(ax: Axes, record: Record, axis: Axis) -> None:
@@ -73,14 +86,18 @@ def _draw_panel(ax: Axes, record: Record, axis: Axis) -> None:
     best = record.best
     trials = [trial for trial in record.trials if isfinite(trial.objective)]
     top = _limit_of_axis([trial.objective for trial in trials], best.stderr)
-    # Step 1: shade the objectives within a standard error of the best, and the key's values there.
+    # Step 1: shade the objectives within a standard error of the best, and the key's values there. A
+    # single recording has no standard error.
     color = style.COLORS[4]
-    ax.axhspan(best.objective, best.objective + best.stderr, color=color, alpha=0.35, linewidth=0)
+    has_spread = isfinite(best.objective) and best.stderr > 0.0
+    if has_spread:
+        highest = best.objective + best.stderr
+        ax.axhspan(best.objective, highest, color=color, alpha=0.35, linewidth=0, label=_NEAR)
     near_values = record.within(axis)
-    if near_values and not axis.choices:
+    if has_spread and near_values and not axis.choices:
         first = place(near_values[0])
         last = place(near_values[-1])
-        ax.axvspan(first, last, color=color, alpha=0.2, linewidth=0)
+        ax.axvspan(first, last, color=color, alpha=0.2, linewidth=0, label="Values of these trials")
     # Step 2: a line through the trials that differ from the best in this key alone.
     if not axis.choices:
         line = []
@@ -89,20 +106,27 @@ def _draw_panel(ax: Axes, record: Record, axis: Axis) -> None:
             if height > top:
                 height = nan  # a gap in the line
             line.append((place(trial.values[axis.key]), height))
-        ax.plot(*zip(*sorted(line), strict=True), color=style.COLORS[0], linewidth=0.6, alpha=0.6)
+        line_look: Any = {"color": style.COLORS[0], "linewidth": 0.6, "alpha": 0.6}
+        ax.plot(*zip(*sorted(line), strict=True), label="Only this key changed", **line_look)
     # Step 3: all trials, and the best with its standard error.
     for trial in trials:
         height = min(trial.objective, top)
         marker = "o"
+        label = "Trial"
         if trial.objective > top:
             marker = "^"
+            label = "Trial above the axis"
         elif trial.lost:
             marker = "x"
-        ax.plot(
-            place(trial.values[axis.key]), height, marker, color=style.COLORS[0], markersize=3.5
-        )
+            label = "Trial with lost runs"
+        # A value at an end of the range is drawn whole, over the edge of the panel.
+        mark: Any = {"color": style.COLORS[0], "markersize": 3.5, "clip_on": False, "zorder": 3}
+        ax.plot(place(trial.values[axis.key]), height, marker, label=label, linestyle="", **mark)
     if isfinite(best.objective):
         look: Any = {"fmt": "D", "color": style.COLORS[1], "capsize": 2, "zorder": 4}
+        look |= {"clip_on": False, "label": "Best trial"}
+        if has_spread:
+            look["label"] += ", \N{PLUS-MINUS SIGN} 1 standard error"
         ax.errorbar(place(best.values[axis.key]), best.objective, best.stderr, **look)
     # Step 4: the horizontal axis.
     if axis.log:
@@ -112,7 +136,6 @@ def _draw_panel(ax: Axes, record: Record, axis: Axis) -> None:
     else:
         ax.set_xlim(axis.low, axis.high)
         ax.margins(y=0.08)
-    ax.set_xlabel(style.wrap_label(axis.key, 40))
 
 
 def _limit_of_axis(objectives: list[float], stderr: float) -> float:

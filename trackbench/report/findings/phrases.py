@@ -172,18 +172,25 @@ def heading(point: GridPoint, units: Mapping[str, str] = MappingProxyType({})) -
     """Return a grid point as the title of its panel: ``R = 0.1``, ``sigma azimuth = 2 mrad``.
 
     Each of several paths that vary together has its own value: ``q = 1469.1, R = 15099``. ``units`` are
-    the units, by path, of paths whose names end in none.
+    the units, by path, of paths whose names end in none; of several paths that of the first one.
     """
     parts: list[str] = []
     for path, value in point.items():
-        values = values_of(path, _value_of_text(path, value))
+        first_path = single_paths(path)[0]
+        values = values_of_paths(path, value)
         for single_path, single_value in zip(single_paths(path), values, strict=True):
             words, unit = quantity(single_path)
-            unit = unit or units.get(path, "")
+            if single_path == first_path:
+                unit = unit or units.get(path, "")
             part = f"{words} = {_value_words(single_value)} {unit}".rstrip()
             if part not in parts:  # the same key of several filters
                 parts.append(part)
     return ", ".join(parts)
+
+
+def values_of_paths(path: str, value: Any) -> list[Any]:
+    """Return the value of each of the paths that vary together, also if they are read from a text."""
+    return list(values_of(path, _value_of_text(path, value)))
 
 
 def _value_of_text(path: str, value: Any) -> Any:

@@ -10,7 +10,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.report.plotting import svg_file
 from trackbench.report.plotting.scales import DWARFED, line_coordinates
-from trackbench.report.plotting.style import SPREAD, Axes, LineStyle
+from trackbench.report.plotting.style import ANY, SPREAD, Axes, LineStyle
 
 if TYPE_CHECKING:
     from matplotlib.lines import Line2D
@@ -25,6 +25,9 @@ _GRAY: LineStyle = {"color": "#c4c4c4", "linewidth": 0.8, "zorder": 1.5}
 """Look of a line that belongs to another panel."""
 _GRAY_POINTS = 100
 """Largest number of points of a gray line."""
+_SPIKE = 5.0
+_BULK = 0.95
+"""An error is a spike if it is this many times the quantile of the filter's errors."""
 _GAP = 3.0
 """Largest distance of two steps that a line spans, as a multiple of their median distance."""
 
@@ -129,21 +132,30 @@ def draw_gray_line(ax: Axes, x: Array, value: Array, steps: int = 1) -> None:
     ax.plot([], [], label=label, **_GRAY)
 
 
-def cut_dwarfing_lines(axes: Sequence[Axes], errors: Mapping[str, Array]) -> None:
+def cut_dwarfing_lines(axes: Sequence[Axes], errors: Mapping[str, Array], extent: float) -> None:
     """Cut off lines that would flatten the others; a mark shows where each leaves the vertical axis.
 
-    ``errors`` are those of each filter, by label. A filter's line is cut if its largest error is more
-    than `DWARFED` times that of the median filter.
+    ``errors`` are those of each filter, by label, and ``extent`` is that of the truth. A filter's line
+    is cut if its largest error is more than `DWARFED` times that of the median filter. It is also cut
+    if a few errors are larger than the extent and all others are small. One line is never cut.
     """
     largest: dict[str, float] = {}
+    spiked: list[str] = []
     for label, values in errors.items():
-        if np.isfinite(values).any():
-            largest[label] = float(np.nanmax(np.abs(values)))
+        finite = np.abs(values[np.isfinite(values)])
+        if not len(finite):
+            continue
+        largest[label] = float(finite.max())
+        if finite.max() > max(extent, _SPIKE * float(np.quantile(finite, _BULK))):
+            spiked.append(label)
     if not largest:
         return
     limit = DWARFED * median(largest.values())
+    cut = [label for label in largest if largest[label] > limit or label in spiked]
+    if len(cut) == len(largest):
+        return
     for ax in axes:
-        dwarfing = [line for line in ax.lines if largest.get(str(line.get_label()), 0.0) > limit]
+        dwarfing = [line for line in ax.lines if line.get_label() in cut]
         if not dwarfing:
             continue
         # Step 1: the vertical axis shows the other lines, with a margin.
@@ -179,3 +191,5 @@ def _mark_first_exit(ax: Axes, line: Line2D, bottom: float, top: float) -> None:
         linestyle="none",
         label="_cut",
     )
+    # The legend has one mark for all filters, in a color of its own.
+    ax.plot([], [], marker=marker, color=ANY, linestyle="none", label="Leaves the axis")

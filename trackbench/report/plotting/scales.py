@@ -26,6 +26,8 @@ _FEWEST_TICKS = 3
 """Labeled ticks that a logarithmic axis has at least."""
 _MOST_VALUE_TICKS = 10
 """Values up to which each has a tick of its own."""
+_PLAIN_POWERS = 3.0
+"""Span, as a power of ten, up to which powers of ten are plain numbers."""
 _DIGIT_IN = 0.085
 """Width of a digit of a tick's label."""
 DWARFED = 20.0
@@ -96,6 +98,8 @@ def set_log_scale_with_zero(ax: Axes, values: Array) -> None:
     if values[0] > 0.0:
         return
     place_of_zero = places_with_zero(values)[0]
+    if len(values) > 1:
+        _draw_axis_break(ax, float(np.sqrt(place_of_zero * values[1])))
     # A tick at the next power of ten from each number on. 1e-9 allows for rounding of the logarithm.
     exponents = np.unique(np.ceil(np.log10(values[1:]) - 1e-9))
     ax.xaxis.set_major_locator(FixedLocator([place_of_zero, *10.0**exponents]))
@@ -108,6 +112,38 @@ def set_log_scale_with_zero(ax: Axes, values: Array) -> None:
         return power_of_ten(round(np.log10(x)))
 
     ax.xaxis.set_major_formatter(FuncFormatter(tick_label))
+
+
+def _draw_axis_break(ax: Axes, place: float) -> None:
+    """Draw two strokes over the horizontal axis at a place where it is broken."""
+    ax.text(
+        place,
+        0.0,
+        "//",
+        transform=ax.get_xaxis_transform(),
+        horizontalalignment="center",
+        verticalalignment="center",
+        bbox={"color": "white", "pad": 0.5},
+        label="_break",
+        zorder=5,
+    )
+
+
+def with_true_minus(text: str) -> str:
+    """Return a number with the minus sign of matplotlib's axes in place of a hyphen."""
+    return text.replace("-", "\N{MINUS SIGN}")
+
+
+def value_texts(values: Sequence[float]) -> list[str]:
+    """Return the labels of ticks at values: powers of ten that are far apart have raised digits."""
+    from trackbench.report.plotting.canvas import power_of_ten
+
+    positive = np.array([value for value in values if value > 0.0])
+    exponents = np.round(np.log10(positive))
+    are_powers = bool(len(positive)) and np.allclose(positive, 10.0**exponents, rtol=1e-9)
+    if not (are_powers and np.ptp(exponents) > _PLAIN_POWERS and min(values) >= 0.0):
+        return [with_true_minus(f"{value:g}") for value in values]
+    return [power_of_ten(round(np.log10(value))) if value > 0.0 else "0" for value in values]
 
 
 def set_ticks_at_values(ax: Axes, places: Array, texts: Sequence[str], width_in: float) -> None:
@@ -224,18 +260,23 @@ def set_plain_log_scale(axis: Axis, most: float = 100.0) -> None:
         axis.set_minor_locator(NullLocator())
     else:
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: with_true_minus(f"{value:g}")))
     axis.set_minor_formatter(FuncFormatter(lambda value, _: ""))
 
 
-def set_few_ticks(ax: Axes) -> None:
-    """Label a narrow horizontal axis at two round values: the nearest to zero, and the farthest."""
+def set_few_ticks(ax: Axes, expected: float = 0.0) -> None:
+    """Label a narrow horizontal axis at the expected value, and at the round value farthest from it.
+
+    If the expected value is not on the axis, the round value nearest to it has a label.
+    """
     low, high = ax.get_xlim()
     ax.locator_params(axis="x", nbins=2)
     ticks = [tick for tick in ax.get_xticks() if low <= tick <= high]
-    if len(ticks) > 2:
-        farthest = max(ticks, key=abs)
-        nearest = min(ticks, key=abs)
+    if len(ticks) > 1:
+        farthest = max(ticks, key=lambda tick: abs(tick - expected))
+        nearest = min(ticks, key=lambda tick: abs(tick - expected))
+        if low <= expected <= high:
+            nearest = expected
         ticks = sorted({nearest, farthest})
-    ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    ax.set_xticks(ticks, [with_true_minus(f"{tick:g}") for tick in ticks])
     ax.set_xlim(low, high)

@@ -25,7 +25,19 @@ else:
 
 
 # Okabe & Ito 2008. Brown and indigo stand for its yellow, which disappears on paper, and its black.
-COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#6F4E37", "#332288")
+# Olive and wine are from Tol's muted scheme (2021).
+COLORS = (
+    "#0072B2",
+    "#D55E00",
+    "#009E73",
+    "#CC79A7",
+    "#56B4E9",
+    "#E69F00",
+    "#6F4E37",
+    "#332288",
+    "#999933",
+    "#882255",
+)
 """Colors of filters. References and bounds are black or gray, filters never are."""
 DASHES: tuple[Any, ...] = (
     "-",
@@ -51,8 +63,8 @@ _REFERENCE_DASHES: tuple[Any, ...] = (
 """Dashes of black lines, of which `FLOOR` has the first."""
 ANY = "#555555"
 """Color in a legend that stands for every filter."""
-MANEUVER = "#f3d9a4"
-"""Color of the time of a maneuver."""
+MANEUVER = "#dde5b6"
+"""Color of the time of a maneuver, far from the color of every filter."""
 _FAULTS = ("#f4cccc", "#c9daf8", "#d9ead3", "#fff2cc")
 """Colors of the times of sensors' faults."""
 BAND: LineStyle = {"color": "black", "alpha": 0.15, "lw": 0}
@@ -114,7 +126,7 @@ def subplots(
 
 
 def line(index: int) -> LineStyle:
-    """Return color and dash of number ``index``: the first 8 differ in both, the first 64 in one."""
+    """Return color and dash of number ``index``: the first 10 differ in color, the first 80 in one."""
     color = COLORS[index % len(COLORS)]
     # Each further round of the colors begins one dash later.
     dash = DASHES[(index + index // len(COLORS)) % len(DASHES)]
@@ -188,7 +200,7 @@ def distinct_looks(usual_looks: Mapping[str, LineStyle]) -> dict[str, LineStyle]
 
 
 def fault_look(number: int) -> LineStyle:
-    """Return the look of the time of a sensor's fault; a fault may be within another."""
+    """Return the look of the time of a sensor's fault."""
     return {"color": _FAULTS[number % len(_FAULTS)], "alpha": 0.7, "lw": 1, "zorder": 0}
 
 

@@ -1,7 +1,7 @@
 """Figures of a suite: the matrix of problems and filters, performance profiles, error over cost."""
 
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import log10, nan
 from pathlib import Path
@@ -11,6 +11,7 @@ import numpy as np
 
 from trackbench.atomic_files import ensure_folder, write_bytes
 from trackbench.report.plotting import style
+from trackbench.report.plotting.point_labels import PointLabel, label_points
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.suite.scores import (
     FILTER,
@@ -44,21 +45,11 @@ _LOSES = "×"
 _COLLAPSES = "!"
 _OVERCONFIDENT = "*"
 _NOT_RUN = "#dcdcdc"
+_BAND = "95 % over resampled runs"
+"""Text of the profiles' bands in a legend."""
 _COLORS = "viridis_r"
 _FACTORS = (1.0, 1.1, 1.2, 1.5, 2.0, 3.0, 5.0, WORST)
 """Ticks of a performance profile."""
-_NAME_PLACES = (
-    ((4.0, 2.0), "left"),
-    ((4.0, -7.0), "left"),
-    ((-4.0, 2.0), "right"),
-    ((-4.0, -7.0), "right"),
-    ((0.0, 10.0), "center"),
-    ((0.0, -15.0), "center"),
-    ((0.0, 18.0), "center"),
-    ((0.0, -23.0), "center"),
-    ((0.0, 26.0), "center"),
-)
-"""Offsets of a name from its point, in points, with the alignment; the first free one is taken."""
 _SHOWN = 6
 """First filters of a performance profile, which have a color; others but the user's are gray."""
 _OWN_LINE = 2.4
@@ -342,7 +333,8 @@ def draw_profile(group: SuiteScores) -> Figure:
     figure, ax = style.subplots(height_in=3.4)
     # The first filters and the user's own have a color; the user's own have a thick line, too.
     colored = order[:_SHOWN] + [i for i in order[_SHOWN:] if labels[i] in group.added]
-    for i in reversed(order):
+    # Gray lines are below. A later line has dashes, through which an equal line below it is seen.
+    for i in [*(i for i in order if i not in colored), *colored]:
         if i in colored:
             look = style.line(colored.index(i))
             if labels[i] in group.added:
@@ -355,6 +347,7 @@ def draw_profile(group: SuiteScores) -> Figure:
             ax.step(factors, shares[i], where="post", color="#c4c4c4", linewidth=0.8, zorder=1.5)
     if len(order) > len(colored):
         ax.plot([], [], color="#c4c4c4", linewidth=0.8, label="other filters")
+    ax.fill_between([], [], [], color="#888888", alpha=0.4, lw=0, label=_BAND)
     ax.set_xscale("log")
     # The axis ends behind the last step of a curve.
     last = 1.0
@@ -369,9 +362,10 @@ def draw_profile(group: SuiteScores) -> Figure:
     ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     ax.minorticks_off()
     ax.set_xlim(1.0, right)
-    ax.set_ylim(0.0, 1.02)
+    ax.set_ylim(0.0, 1.04)  # a line at 1 is not on the frame
     ax.set_xlabel("Factor to the error of the best filter")
     ax.set_ylabel("Share of problems within the factor")
+    style.set_title(figure, group.title)
     style.legend_outside(figure, order=[labels[i] for i in order])
     return figure
 
@@ -392,9 +386,7 @@ def draw_cost(group: SuiteScores) -> Figure:
     figure, ax = style.subplots(height_in=3.4)
     number = len({score.problem for score in group.of_role(FILTER)})
     left_out = Counter(score.label for score in group.of_role(FILTER) if score.is_left_out)
-    # Names with their points; those of the user's own filters are bold.
-    names: dict[str, tuple[float, float]] = {}
-    own_names: set[str] = set()
+    names: list[PointLabel] = []
     for label in ordered_labels(group):
         if label not in costs:
             continue
@@ -410,9 +402,8 @@ def draw_cost(group: SuiteScores) -> Figure:
         text = label
         if left_out[label]:
             text += f" ({number - left_out[label]} of {number})"
-        names[text] = (costs[label], typical[label])
-        if is_own:
-            own_names.add(text)
+        look = {"fontweight": "bold" if is_own else "normal"}
+        names.append(PointLabel(text=text, point=(costs[label], typical[label]), look=look))
     ax.set_xscale("log")
     ax.set_yscale("log")
     ticks = [
@@ -424,40 +415,8 @@ def draw_cost(group: SuiteScores) -> Figure:
     ax.minorticks_off()
     ax.set_xlabel("CPU time / that of the fastest filter, median over the problems")
     ax.set_ylabel("Error / that of the best filter,\ngeometric mean over the problems")
-    _name_points(figure, ax, names, own_names)
+    label_points(figure, ax, names, font_size=6.5)
     return figure
-
-
-def _name_points(
-    figure: Figure, ax: Axes, places: dict[str, tuple[float, float]], bold: Collection[str] = ()
-) -> None:
-    """Write each filter's name beside its point, where it covers no other name and no other point.
-
-    ``places`` are the points (x, y) by name; names in ``bold`` are bold. If no place is free, the name
-    is at the last of `_NAME_PLACES`.
-    """
-    figure.draw_without_rendering()  # sets the transformation from data to pixels
-    dots = {label: ax.transData.transform(place) for label, place in places.items()}
-    boxes: list[Any] = []
-    for label, place in places.items():
-        others = [dot for name, dot in dots.items() if name != label]
-        for offset, side in _NAME_PLACES:
-            text = ax.annotate(
-                label,
-                place,
-                offset,
-                textcoords="offset points",
-                fontsize=6.5,
-                fontweight="bold" if label in bold else "normal",
-                ha=side,
-            )
-            box = text.get_window_extent()
-            covers_point = any(box.contains(*dot) for dot in others)
-            if not covers_point and not any(box.overlaps(other) for other in boxes):
-                break
-            if (offset, side) != _NAME_PLACES[-1]:
-                text.remove()
-        boxes.append(box)
 
 
 def cost_caption(group: SuiteScores) -> str:
