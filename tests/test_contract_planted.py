@@ -86,6 +86,11 @@ def test_the_cause_is_named(base: type[Any], bug: str, cause: str) -> None:
     assert any(f.verdict == "bad" and cause in f.why for f in findings(with_bug(base, bug), None))
 
 
+def test_the_digits_of_a_start_are_not_taken_for_those_of_float32() -> None:
+    verdicts = {f.check: f.verdict for f in findings(with_bug(HandEKF, "returns its start"), None)}
+    assert verdicts["shapes"] == "good"
+
+
 def test_the_errors_of_an_angle_without_wrap_name_it() -> None:
     """As a cause of large errors, whatever the check of the angles says."""
     what = misfit(with_bug(HandEKF, "no wrap")(), ModelDraws(base=RADAR), 40)

@@ -78,10 +78,13 @@ def _check_shapes(tracker: AnyFilter, scenario: Scenario) -> None:
     # Step 2: step through the scenario; check the estimate and the other numbers at each step. The first
     # step (i = 0) is that of the prior, which has no measurement.
     has_single_precision = True
+    first = tracker.estimate(state)
+    changes = False
     for i, k in enumerate(scenario.steps):
         if i:
             state = tracker.step(scenario.model, state, data.measurements[:, i - 1], int(k), rng)
         estimate = tracker.estimate(state)
+        changes = changes or not np.array_equal(estimate.mean, first.mean)
         if i and all_steps is not None:
             _compare_with_all_steps(tracker, all_steps, estimate, i, int(k))
         check_estimate(estimate, (n, n), runs)
@@ -113,7 +116,8 @@ def _check_shapes(tracker: AnyFilter, scenario: Scenario) -> None:
         digits = tracker.few_digits(scenario.model, data.prior, data.measurements, first_step)
         if digits:
             raise ContractError(f"answers have {digits}: {PRINT_ALL_DIGITS}")
-    if has_single_precision:
+    # Estimates that stay as they began have the digits of the start, whatever they are computed in.
+    if has_single_precision and changes:
         raise ContractError("the estimates have the digits of float32: compute in float64")
 
 
