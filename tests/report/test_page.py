@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from trackbench import api
 from trackbench.errors import UserError
+from trackbench.report.html.report_page import _breakable
 from trackbench.report.html.svg import inline
 from trackbench.report.plotting.style import matplotlib_file
 from trackbench.report.results import Results
@@ -271,15 +272,82 @@ def test_the_page_opens_on_the_answer(shown):
         assert shown.execute_script(WIDE) <= 0
 
 
-def test_no_table_is_wider_than_the_printed_page(shown):
-    """Paper does not scroll: A5 is about 460 px wide between its margins."""
+LETTER, A5 = 739, 482  # pixels between the margins that browsers leave
+PARTED = """
+const parted = [];
+for (const cell of document.querySelectorAll("th, td")) {
+  const texts = document.createTreeWalker(cell, NodeFilter.SHOW_TEXT);
+  while (texts.nextNode()) {
+    for (const word of texts.currentNode.data.matchAll(/[-+]?\\d[\\d.]*(?:e[-+]?\\d+)?|\\w+/g)) {
+      const range = document.createRange();
+      range.setStart(texts.currentNode, word.index);
+      range.setEnd(texts.currentNode, word.index + word[0].length);
+      const lines = new Set([...range.getClientRects()].map(box => Math.round(box.top)));
+      if (lines.size > 1) parted.push(word[0]);
+    }
+  }
+}
+return parted
+"""
+
+
+@pytest.fixture
+def printed(shown):
+    """The report as it is printed; its script unfolds what is folded."""
     shown.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
-    try:
-        sized(shown, 510, 900)
-        shown.execute_script("for (const d of document.querySelectorAll('details')) d.open = true")
-        assert shown.execute_script(WIDE) <= 0
-    finally:
-        shown.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
+    shown.execute_script("window.dispatchEvent(new Event('beforeprint'))")
+    yield shown
+    shown.execute_script("window.dispatchEvent(new Event('afterprint'))")
+    shown.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
+
+
+@pytest.mark.parametrize("width", [LETTER, A5])
+def test_printed_numbers_and_words_stay_whole(printed, width):
+    sized(printed, width, 900)
+    assert printed.execute_script(PARTED) == []
+
+
+@pytest.mark.parametrize(("width", "excess"), [(LETTER, 0), (A5, 60)])
+def test_no_table_is_wider_than_the_printed_page(printed, width, excess):
+    """Paper does not scroll. Browsers print a page that is slightly wider so much smaller."""
+    sized(printed, width, 900)
+    assert printed.execute_script(WIDE) <= excess
+
+
+def test_paper_has_no_buttons_and_nothing_closed(printed):
+    text = part(printed, "main").text
+    assert "A click on a heading sorts" not in text
+    assert "The resolved config is the file config.yaml" in text
+    assert "numpy" in text  # the versions, which a screen has folded
+    assert "filters:" not in text  # the config itself
+
+
+def test_a_phone_has_no_row_that_is_mostly_empty(shown):
+    """A long note at the end of a row, off the screen, has up to three lines."""
+    sized(shown, 420, 900)
+    shown.execute_script(
+        "for (const part of document.querySelectorAll('details')) part.open = true"
+    )
+    rows = shown.find_elements("css selector", "#verdicts tbody tr")
+    heights = [row.size["height"] for row in rows if row.text.startswith("PF")]
+    assert heights
+    assert max(heights) < 75
+
+
+def test_filters_are_counted_as_the_answer_counts_them(page):
+    assert "of 4 filters." in page.text
+    assert "5, 4 ranked" in page.text  # the reference is not
+
+
+def test_long_words_of_a_table_may_break_and_numbers_not():
+    text = "assume.sensor.0.sigma 6.28e-07 ± 1.8e-07 <b> ANEES " + "x" * 30
+    html = str(_breakable(text))
+    assert html.replace("<wbr>", "") == (
+        'assume.sensor.0.sigma <span class="whole">6.28e-07</span> ± <span class="whole">1.8e-07</span>'
+        f" &lt;b&gt; ANEES {'x' * 30}"
+    )
+    assert "assume.<wbr>sensor.0.<wbr>sigma" in html
+    assert f"{'x' * 24}<wbr>{'x' * 6}" in html
 
 
 def test_tables_unfold_and_sort(shown):
