@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from tests.browser import A5, LETTER, PARTED, WIDE, paper, sized
 from trackbench import api
 from trackbench.errors import UserError
 from trackbench.report.html.report_page import _breakable
@@ -192,43 +193,10 @@ def test_pages_of_the_shipped_results_are_small():
     assert max(sizes) < 1_500_000
 
 
-BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
-DRIVER = shutil.which("chromedriver")
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    if not BROWSER or not DRIVER:
-        pytest.skip("no chromium with chromedriver on this machine")
-    webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
-    from selenium.webdriver.chrome.service import Service
-
-    options = webdriver.ChromeOptions()
-    options.binary_location = BROWSER
-    for flag in (
-        *("headless", "no-sandbox", "disable-gpu", "disable-quic", "no-first-run", "disable-sync"),
-        *("disable-background-networking", "disable-component-update", "disable-dev-shm-usage"),
-        f"user-data-dir={tmp_path_factory.mktemp('browser')}",
-    ):
-        options.add_argument(f"--{flag}")
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    driver = webdriver.Chrome(options=options, service=Service(DRIVER))
-    yield driver
-    driver.quit()
-
-
-WIDE = "return document.documentElement.scrollWidth - document.documentElement.clientWidth"
-
-
 def column(browser, selector, index):
     rows = "[...document.querySelectorAll(arguments[0])]"
     script = f"return {rows}.map(row => row.cells[arguments[1]].innerText)"
     return browser.execute_script(script, f"{selector} tbody tr", index)
-
-
-def sized(browser, width, height):
-    screen = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
-    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", screen)
 
 
 @pytest.fixture
@@ -272,50 +240,17 @@ def test_the_page_opens_on_the_answer(shown):
         assert shown.execute_script(WIDE) <= 0
 
 
-LETTER, A5 = 739, 482  # pixels between the margins that browsers leave
-PARTED = """
-const parted = [];
-for (const cell of document.querySelectorAll("th, td")) {
-  const texts = document.createTreeWalker(cell, NodeFilter.SHOW_TEXT);
-  while (texts.nextNode()) {
-    for (const word of texts.currentNode.data.matchAll(/[-+]?\\d[\\d.]*(?:e[-+]?\\d+)?|\\w+/g)) {
-      const range = document.createRange();
-      range.setStart(texts.currentNode, word.index);
-      range.setEnd(texts.currentNode, word.index + word[0].length);
-      const lines = new Set([...range.getClientRects()].map(box => Math.round(box.top)));
-      if (lines.size > 1) parted.push(word[0]);
-    }
-  }
-}
-return parted
-"""
-
-
-@pytest.fixture
-def printed(shown):
-    """The report as it is printed; its script unfolds what is folded."""
-    shown.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
-    shown.execute_script("window.dispatchEvent(new Event('beforeprint'))")
-    yield shown
-    shown.execute_script("window.dispatchEvent(new Event('afterprint'))")
-    shown.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
-
-
-@pytest.mark.parametrize("width", [LETTER, A5])
-def test_printed_numbers_and_words_stay_whole(printed, width):
-    sized(printed, width, 900)
-    assert printed.execute_script(PARTED) == []
-
-
 @pytest.mark.parametrize(("width", "excess"), [(LETTER, 0), (A5, 60)])
-def test_no_table_is_wider_than_the_printed_page(printed, width, excess):
+def test_printed_tables_fit_the_paper_and_their_words_stay_whole(shown, width, excess):
     """Paper does not scroll. Browsers print a page that is slightly wider so much smaller."""
-    sized(printed, width, 900)
-    assert printed.execute_script(WIDE) <= excess
+    with paper(shown, width):
+        assert shown.execute_script(PARTED) == []
+        assert shown.execute_script(WIDE) <= excess
 
 
-def test_paper_has_no_buttons_and_nothing_closed(printed):
-    text = part(printed, "main").text
+def test_paper_has_no_buttons_and_nothing_closed(shown):
+    with paper(shown, LETTER):
+        text = part(shown, "main").text
     assert "A click on a heading sorts" not in text
     assert "The resolved config is the file config.yaml" in text
     assert "numpy" in text  # the versions, which a screen has folded
@@ -332,6 +267,13 @@ def test_a_phone_has_no_row_that_is_mostly_empty(shown):
     heights = [row.size["height"] for row in rows if row.text.startswith("PF")]
     assert heights
     assert max(heights) < 75
+    # The column that stays in place covers no rule: each cell has its own.
+    first = part(shown, "#tables tbody tr:nth-child(2) th")
+    assert first.value_of_css_property("border-top-width") == "1px"
+    assert (
+        first.find_element("xpath", "ancestor::table").value_of_css_property("border-collapse")
+        == "separate"
+    )
 
 
 def test_filters_are_counted_as_the_answer_counts_them(page):
