@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 import typer.main
 
+from tests.browser import browser
 from trackbench import registry
 from trackbench.config import shipped_experiments
 from trackbench.config.build import hints_of
@@ -33,6 +34,7 @@ from trackbench.filters.base import AnyFilter
 from trackbench.registry import kinds
 from trackbench.scenarios.base import Scenario
 
+__all__ = ["browser"]
 ROOT = Path(__file__).parent.parent
 EXPERIMENTS = ROOT / "experiments"
 EXPERIMENT_FILES = shipped_experiments.files()

@@ -11,7 +11,7 @@ from functools import cache
 from itertools import takewhile
 from math import isfinite
 from pathlib import Path
-from typing import get_args, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 import pytest
 import yaml
@@ -19,6 +19,7 @@ import yaml
 import trackbench
 from docs.site import gallery, problems, reference, thumbnails
 from docs.site.pages import pages, rewritten
+from tests.browser import LETTER, PARTED, WIDE, paper, sized
 from tests.conftest import EXPERIMENT_FILES, ROOT
 from tests.test_shipped import NAMES
 from trackbench.commands.gate import NEGLIGIBLE
@@ -256,3 +257,21 @@ def test_the_site_is_built_and_asks_nothing_of_the_net(site: Path) -> None:
     assert all((site / link).is_file() for link in links)
     style = "".join(p.read_text(encoding="utf-8") for p in site.rglob("*.css"))
     assert not re.search(r"url\(['\"]?https?:", style)
+
+
+def test_pages_fit_a_phone_and_paper(site: Path, browser: Any) -> None:
+    """Small letters of a picture grow on a phone; on paper tables have all columns, and whole words."""
+    sized(browser, 388, 900)
+    browser.get((site / "which-filter.html").as_uri())
+    script = (
+        "return [...document.querySelectorAll('.sideways img')].map(image => image.clientWidth)"
+    )
+    widths = browser.execute_script(script)
+    assert len(widths) == 4
+    assert min(widths) > 500
+    assert browser.execute_script(WIDE) <= 0
+    for page in ("gallery/hdepf.html", "findings/hdepf.html"):
+        browser.get((site / page).as_uri())
+        with paper(browser, LETTER):
+            assert browser.execute_script(PARTED) == []
+            assert browser.execute_script(WIDE) <= 0

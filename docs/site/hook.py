@@ -12,7 +12,7 @@ from mkdocs.structure.files import File, Files
 ROOT = Path(__file__).parent.parent.parent
 sys.path.insert(0, str(ROOT))
 
-from docs.site import gallery, numbers, problems, reference
+from docs.site import gallery, narrow, numbers, problems, reference
 from docs.site.blocks import blocks, fenced
 from docs.site.pages import assistants_text, pages, rewritten
 
@@ -66,6 +66,13 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     if place is None:
         return markdown
     return _front()[0] if place == "README.md" else _linked(place)
+
+
+def on_page_content(content: str, page: Any, **_: Any) -> str:
+    """Fit the page to a phone and to paper."""
+    pictures = gallery.files() | _pictures()
+    scrolling = narrow.with_scrolling_pictures(content, page.file.src_uri, pictures)
+    return narrow.with_whole_numbers(scrolling)
 
 
 def _linked(place: str) -> str:

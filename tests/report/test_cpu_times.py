@@ -119,6 +119,9 @@ def test_a_folder_of_an_older_version_has_no_verdicts_on_times() -> None:
     folder = Folder({"A": [], "B": []}, Published([], [claim("<")]))
     (found,) = time_verdicts(folder)  # type: ignore[arg-type]
     assert found.word == "not measured"
+    (table,) = time_tables([found])
+    (row,) = table.rows
+    assert row[table.heads.index("95 %")].text == "–"
 
 
 def test_tables_say_where_the_ratio_has_to_be() -> None:

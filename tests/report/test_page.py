@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from tests.browser import A5, LETTER, PARTED, WIDE, paper, sized
 from trackbench import api
 from trackbench.errors import UserError
+from trackbench.report.html.report_page import _breakable
 from trackbench.report.html.svg import inline
 from trackbench.report.plotting.style import matplotlib_file
 from trackbench.report.results import Results
@@ -191,43 +193,10 @@ def test_pages_of_the_shipped_results_are_small():
     assert max(sizes) < 1_500_000
 
 
-BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
-DRIVER = shutil.which("chromedriver")
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    if not BROWSER or not DRIVER:
-        pytest.skip("no chromium with chromedriver on this machine")
-    webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
-    from selenium.webdriver.chrome.service import Service
-
-    options = webdriver.ChromeOptions()
-    options.binary_location = BROWSER
-    for flag in (
-        *("headless", "no-sandbox", "disable-gpu", "disable-quic", "no-first-run", "disable-sync"),
-        *("disable-background-networking", "disable-component-update", "disable-dev-shm-usage"),
-        f"user-data-dir={tmp_path_factory.mktemp('browser')}",
-    ):
-        options.add_argument(f"--{flag}")
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    driver = webdriver.Chrome(options=options, service=Service(DRIVER))
-    yield driver
-    driver.quit()
-
-
-WIDE = "return document.documentElement.scrollWidth - document.documentElement.clientWidth"
-
-
 def column(browser, selector, index):
     rows = "[...document.querySelectorAll(arguments[0])]"
     script = f"return {rows}.map(row => row.cells[arguments[1]].innerText)"
     return browser.execute_script(script, f"{selector} tbody tr", index)
-
-
-def sized(browser, width, height):
-    screen = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
-    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", screen)
 
 
 @pytest.fixture
@@ -271,15 +240,56 @@ def test_the_page_opens_on_the_answer(shown):
         assert shown.execute_script(WIDE) <= 0
 
 
-def test_no_table_is_wider_than_the_printed_page(shown):
-    """Paper does not scroll: A5 is about 460 px wide between its margins."""
-    shown.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
-    try:
-        sized(shown, 510, 900)
-        shown.execute_script("for (const d of document.querySelectorAll('details')) d.open = true")
-        assert shown.execute_script(WIDE) <= 0
-    finally:
-        shown.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
+@pytest.mark.parametrize(("width", "excess"), [(LETTER, 0), (A5, 60)])
+def test_printed_tables_fit_the_paper_and_their_words_stay_whole(shown, width, excess):
+    """Paper does not scroll. Browsers print a page that is slightly wider so much smaller."""
+    with paper(shown, width):
+        assert shown.execute_script(PARTED) == []
+        assert shown.execute_script(WIDE) <= excess
+
+
+def test_paper_has_no_buttons_and_nothing_closed(shown):
+    with paper(shown, LETTER):
+        text = part(shown, "main").text
+    assert "A click on a heading sorts" not in text
+    assert "The resolved config is the file config.yaml" in text
+    assert "numpy" in text  # the versions, which a screen has folded
+    assert "filters:" not in text  # the config itself
+
+
+def test_a_phone_has_no_row_that_is_mostly_empty(shown):
+    """A long note at the end of a row, off the screen, has up to three lines."""
+    sized(shown, 420, 900)
+    shown.execute_script(
+        "for (const part of document.querySelectorAll('details')) part.open = true"
+    )
+    rows = shown.find_elements("css selector", "#verdicts tbody tr")
+    heights = [row.size["height"] for row in rows if row.text.startswith("PF")]
+    assert heights
+    assert max(heights) < 75
+    # The column that stays in place covers no rule: each cell has its own.
+    first = part(shown, "#tables tbody tr:nth-child(2) th")
+    assert first.value_of_css_property("border-top-width") == "1px"
+    assert (
+        first.find_element("xpath", "ancestor::table").value_of_css_property("border-collapse")
+        == "separate"
+    )
+
+
+def test_filters_are_counted_as_the_answer_counts_them(page):
+    assert "of 4 filters." in page.text
+    assert "5, 4 ranked" in page.text  # the reference is not
+
+
+def test_long_words_of_a_table_may_break_and_numbers_not():
+    text = "assume.sensor.0.sigma 6.28e-07 ± 1.8e-07 <b> ANEES " + "x" * 30
+    html = str(_breakable(text))
+    assert html.replace("<wbr>", "") == (
+        'assume.sensor.0.sigma <span class="whole">6.28e-07</span> ± <span class="whole">1.8e-07</span>'
+        f" &lt;b&gt; ANEES {'x' * 30}"
+    )
+    assert "assume.<wbr>sensor.0.<wbr>sigma" in html
+    assert f"{'x' * 24}<wbr>{'x' * 6}" in html
 
 
 def test_tables_unfold_and_sort(shown):

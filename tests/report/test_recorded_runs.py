@@ -11,6 +11,7 @@ from trackbench import api
 from trackbench.report.figures.track import Track
 from trackbench.report.findings.ranking_table import ranking_tables
 from trackbench.report.findings.sentences import answer
+from trackbench.report.html.report_page import write_report
 from trackbench.report.plotting import style
 
 STEPS = 120
@@ -76,6 +77,12 @@ def test_what_is_undecided_is_said_once_with_names_and_a_way(one: Any) -> None:
     assert "5 recordings may decide, or the log score: filters are ranked by" in text
     (table,) = ranking_tables(one)
     assert any(note.startswith("untested: ") for note in table.notes)
+
+
+def test_an_untested_pair_has_a_dash_for_its_interval(one: Any, tmp_path: Path) -> None:
+    page = write_report(one, path=tmp_path / "report.html").read_text()
+    assert "<td>untested</td>" in page
+    assert "– to –" not in page
 
 
 def test_two_recordings_are_told_of_the_grid(tmp_path: Path) -> None:

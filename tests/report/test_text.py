@@ -10,9 +10,10 @@ import pytest
 from trackbench import api
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
+from trackbench.report.figures.heat_map import _z_text
 from trackbench.report.findings.ranking import rankings
 from trackbench.report.results import Results
-from trackbench.report.table import Cell, Table, Text, TextTable, in_tex, rounded
+from trackbench.report.table import Cell, Table, Text, TextTable, in_tex, one_zero, rounded
 from trackbench.report.tables.metrics import Metrics, _lost_notes, best_labels
 from trackbench.statistics.estimates import RunEstimate, Share
 from trackbench.statistics.sample_statistics import Estimate
@@ -50,6 +51,14 @@ def test_formulas_in_heads_stay_latex():
 def test_what_is_no_number_is_said_in_words():
     assert rounded(float("nan"), float("nan"), 4) == "–"
     assert rounded(float("-inf"), 1.0, 4) == "infinite"
+
+
+def test_a_number_that_is_rounded_to_zero_has_no_sign():
+    assert rounded(-0.001, 0.11, 4) == "0.00 ± 0.11"
+    assert rounded(-1e-9, 1.0, 4) == "0.0 ± 1.0"
+    assert in_tex(-0.001, 0.11, 4) == "0.00 +- 0.11"
+    assert [_z_text(z) for z in (-0.04, 0.04, -0.06)] == ["0.0", "0.0", "-0.1"]
+    assert one_zero("-0.0; +0.0; -0.1; +10.0; 1e-0.0; -0") == "0.0; 0.0; -0.1; +10.0; 1e-0.0; 0"
 
 
 def test_markdown_escapes_bars_and_tags():

@@ -26,7 +26,7 @@ from trackbench.report.findings import phrases
 from trackbench.report.paired import compared_statistic, primary_metrics, with_statistic
 from trackbench.report.plotting import style
 from trackbench.report.results import Results
-from trackbench.report.table import Text, TextTable, rounded
+from trackbench.report.table import Text, TextTable, one_zero, rounded
 from trackbench.results.folder_contents import DIGITS
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import rules
@@ -412,7 +412,7 @@ def table_of(title: str, rows: Sequence[Row], names: tuple[str, str]) -> TextTab
             rounded(row.change.a.value, nan, 4),
             rounded(row.difference.value, row.difference.stderr, 2),
             _change(row),
-            f"{z:+.1f}" if isfinite(z) else "–",
+            one_zero(f"{z:+.1f}") if isfinite(z) else "–",
         ]
         cells = [Text(_series(row)), Text(_with_unit(row.metric))]
         # Any number as the second field puts the text to the right.
@@ -457,7 +457,7 @@ def _change(row: Row) -> str:
             return text
         return f"+{text}"
     if not before > 0.0 or "score" in row.metric:
-        return f"{difference:+.2g}"
+        return one_zero(f"{difference:+.2g}")
     share = difference / before
     text = phrases.percent(share)
     if share < 0.0:

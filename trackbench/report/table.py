@@ -465,6 +465,14 @@ def _losses_text(cells: list[Cell]) -> Text:
     return Text(in_words(most.lost, runs, noun=""), most.lost)
 
 
+_SIGNED_ZERO = re.compile(r"(?<![\w.])[-+](0(\.0+)?)(?![\w.])")
+
+
+def one_zero(text: str) -> str:
+    """Return the text with its zeros, which were rounded, without a sign: ``0.0`` for ``-0.0``."""
+    return _SIGNED_ZERO.sub(r"\1", text)
+
+
 _ROUNDING = 0.5e-7
 """Share of a value below which its error is rounding: a tenth of what seven digits leave open."""
 
@@ -505,8 +513,8 @@ def rounded(value: float, stderr: float, digits: int) -> str:
     if needs_exponent:
         return f"{value:.{_places(value, stderr, digits)}e} ± {stderr:.1e}"
     if not has_error:
-        return f"{value:.{decimals}f}"
-    return f"{value:.{decimals}f} ± {stderr:.{decimals}f}"
+        return f"{value:z.{decimals}f}"
+    return f"{value:z.{decimals}f} ± {stderr:.{decimals}f}"
 
 
 def _places(value: float, stderr: float, digits: int) -> int:
@@ -563,7 +571,7 @@ def in_tex(value: float, stderr: float, digits: int) -> str:
     first_digit = _exponent(larger) - exponent
     places = max(min(places, most_digits - 1 - first_digit), 0)
     # Step 3: the text.
-    number = f"{mantissa:.{places}f}"
+    number = f"{mantissa:z.{places}f}"
     error_text = f"{error:.{places}f}"
     if float(error_text):
         number += f" +- {error_text}"

@@ -22,7 +22,7 @@ from trackbench.report.plotting.page_formats import sheet
 from trackbench.report.plotting.scales import has_logarithm, with_true_minus
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.results import Results, missing_paths, points_of
-from trackbench.report.table import rounded
+from trackbench.report.table import one_zero, rounded
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import rules
 from trackbench.statistics.estimates import MISSING
@@ -236,7 +236,7 @@ def _set_ticks(ax: Axes, columns: list[str], rows: list[str], cell_in: float) ->
 def _z_text(z: float) -> str:
     """Write a z with its sign, and with a digit after the point if there is room."""
     if abs(z) < 100:
-        return with_true_minus(f"{z:+.1f}")
+        return with_true_minus(one_zero(f"{z:+.1f}"))
     return with_true_minus(f"{z:+.0f}")
 
 

@@ -47,6 +47,21 @@ def headline(results: Results) -> str:
     return sentence
 
 
+def unranked_count(results: Results) -> int:
+    """Count the filters that `headline` leaves out: the reference, and those that cannot be compared.
+
+    Several rankings may leave out different filters, for which it is 0.
+    """
+    scene_rankings = rankings(results)
+    if len(scene_rankings) != 1:
+        return 0
+    (ranking,) = scene_rankings
+    if ranking.best is None:
+        return 0
+    ranked_labels = {candidate.label for candidate in ranking.order}
+    return len(set(results.filters) - ranked_labels)
+
+
 def _headline_over_scenes(scene_rankings: Sequence[Ranking]) -> str:
     """Return the sentence on the filter that is among the best most often; empty if none ever is."""
     times_best = Counter[str]()

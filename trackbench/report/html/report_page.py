@@ -3,10 +3,12 @@
 import base64
 import hashlib
 import inspect
+import re
 import shlex
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
+from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,12 +16,12 @@ from trackbench.atomic_files import write_text
 from trackbench.config.dump import as_yaml
 from trackbench.config.grid import single_paths
 from trackbench.report.findings import phrases
-from trackbench.report.findings.sentences import HOW_DECIDED
+from trackbench.report.findings.sentences import HOW_DECIDED, unranked_count
 from trackbench.report.html.svg import inline
 from trackbench.report.kinds import FigureKind, figure_folder
 from trackbench.report.render import best_filter, conclusions, draw_figure, ranking
 from trackbench.report.results import Results
-from trackbench.report.table import Text, TextTable, rounded
+from trackbench.report.table import Text, TextTable, one_zero, rounded
 from trackbench.report.verdicts.comparison_files import (
     bars,
     needed_runs,
@@ -33,6 +35,7 @@ from trackbench.statistics.rules import NOT_MEASURED, TOO_FEW_RUNS, UNDECIDED
 
 if TYPE_CHECKING:
     from jinja2 import Environment
+    from markupsafe import Markup
 
 
 def write_report(
@@ -122,7 +125,7 @@ def _facts(results: Results) -> list[tuple[str, object]]:
         facts.append(("Scenario", scenario))
     cpu_s = results.manifest.get("cpu_s", float("nan"))
     facts += [
-        ("Filters", len(results.filters)),
+        ("Filters", _filter_count(results)),
         ("Runs", config["runs"]),
         ("Seed", config["seed"]),
         ("CPU time", f"{cpu_s:.3g} s"),
@@ -141,6 +144,15 @@ def _facts(results: Results) -> list[tuple[str, object]]:
     if paths:
         facts.append(("Grid", ", ".join(paths)))
     return facts
+
+
+def _filter_count(results: Results) -> str:
+    """Write the number of filters, and how many of them are ranked: ``14, 13 ranked``."""
+    number = len(results.filters)
+    unranked = unranked_count(results)
+    if not unranked:
+        return str(number)
+    return f"{number}, {number - unranked} ranked"
 
 
 _PAIR_ALONE = (
@@ -162,12 +174,14 @@ def _pairs(results: Results) -> TextTable:
         for pair in pairs:
             difference = pair.comparison.difference
             value_text = rounded(difference.value, difference.stderr, 4)
+            low, high = difference.interval()
             # The ends have the digits of the value, without the error: "1.23" of "1.23 ± 0.12".
             end_texts = []
-            for end in difference.interval():
+            for end in (low, high):
                 end_texts.append(rounded(end, difference.stderr, 4).partition(" ")[0])
             interval_text = " to ".join(end_texts)
-            if pair.comparison.interval_contradicts:
+            has_interval = not (isnan(low) and isnan(high))
+            if not has_interval or pair.comparison.interval_contradicts:
                 interval_text = "–"
             table.rows.append(
                 [
@@ -331,10 +345,46 @@ def _environment() -> "Environment":
     """Return the environment of the templates, which escapes every text that is not marked as safe."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-    return Environment(
+    environment = Environment(
         loader=FileSystemLoader(_TEMPLATES),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["breakable"] = _breakable
+    environment.filters["one_zero"] = one_zero
+    return environment
+
+
+_LONGEST_WORD = 16
+"""Characters of a word that stays on one line."""
+_PIECE = re.compile(
+    r".{1,24}?(?:"  # at most 24 characters
+    r"[_/(\[=,](?=[\w-])"  # up to punctuation
+    r"|\w\.(?=[a-zA-Z])"  # or a point that is none of a number
+    r"|$)"  # or the end
+    r"|.{24}",
+    re.DOTALL,
+)
+"""A part of a longer word."""
+_HYPHENED_NUMBER = re.compile(r"[\d.]+e-\d+")
+
+
+def _breakable(text: str) -> "Markup":
+    """Return the text for HTML, whose long words, such as paths of a config, may break into lines.
+
+    Shorter words stay whole also where a table has little room, and so do numbers, which a browser
+    would break after the hyphen of an exponent.
+    """
+    from markupsafe import Markup, escape
+
+    words = []
+    for word in text.split(" "):
+        if len(word) > _LONGEST_WORD:
+            words.append(Markup("<wbr>").join(_PIECE.findall(word)))
+        elif _HYPHENED_NUMBER.search(word):
+            words.append(Markup('<span class="whole">{}</span>').format(word))
+        else:
+            words.append(escape(word))
+    return Markup(" ").join(words)

@@ -424,7 +424,7 @@ def cost_caption(group: SuiteScores) -> str:
     return (
         f"{group.title}: error and CPU time of each filter over all problems. Lower and further left "
         f"is better. A ratio counts as {WORST:g} at most, also of a filter that fails or cannot be run. "
-        "A label with `5 of 9` is of a filter that runs on 5 of 9 problems: the others count as "
-        f"{WORST:g}. A filter for one run loops over the runs in Python, and the time of a program "
+        "A label with \u201c5 of 9\u201d is of a filter that runs on 5 of 9 problems: the others count "
+        f"as {WORST:g}. A filter for one run loops over the runs in Python, and the time of a program "
         "includes the exchange of lines."
     )

@@ -252,7 +252,9 @@ def time_line(results: Results) -> list[str]:
 
 
 def _range(low: float, high: float) -> str:
-    """Write ``0.8 to 1.2``, ``< 2`` from zero, ``> 2`` to infinity."""
+    """Write ``0.8 to 1.2``, ``< 2`` from zero, ``> 2`` to infinity; a dash if nothing is measured."""
+    if isnan(low) and isnan(high):
+        return _number(low)
     if low == high:
         return _number(low)
     if low == 0.0:

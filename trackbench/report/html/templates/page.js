@@ -84,10 +84,10 @@
     button.addEventListener("click", toggle);
     if (!("live" in svg.dataset)) svg.addEventListener("click", toggle);
   });
-  // What is folded is printed unfolded, but for the config.
+  // What is folded is printed unfolded, but for the config, of which paper names the file.
   const folded = [];
   window.addEventListener("beforeprint", () => {
-    folded.push(...document.querySelectorAll("section:not(#again) > details:not([open])"));
+    folded.push(...document.querySelectorAll("details:not(.screen, [open])"));
     folded.forEach((part) => { part.open = true; });
   });
   window.addEventListener("afterprint", () => folded.splice(0).forEach((part) => { part.open = false; }));
