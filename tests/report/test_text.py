@@ -57,7 +57,7 @@ def test_a_number_that_is_rounded_to_zero_has_no_sign():
     assert rounded(-0.001, 0.11, 4) == "0.00 ± 0.11"
     assert rounded(-1e-9, 1.0, 4) == "0.0 ± 1.0"
     assert in_tex(-0.001, 0.11, 4) == "0.00 +- 0.11"
-    assert [_z_text(z) for z in (-0.04, 0.04, -0.06)] == ["0.0", "0.0", "-0.1"]
+    assert [_z_text(z) for z in (-0.04, 0.04, -0.06)] == ["0.0", "0.0", "\N{MINUS SIGN}0.1"]
     assert one_zero("-0.0; +0.0; -0.1; +10.0; 1e-0.0; -0") == "0.0; 0.0; -0.1; +10.0; 1e-0.0; 0"
 
 
