@@ -1,5 +1,6 @@
 """`--json`: an object a line, for programs; and nothing but text where nobody looks at a terminal."""
 
+import csv
 import json
 import os
 import re
@@ -15,6 +16,7 @@ from docs.site.blocks import blocks
 from tests.commands import BARE, Command, spawned, trackbench
 from tests.conftest import ROOT
 from trackbench.cli.output import echo_line
+from trackbench.contract import Finding
 from trackbench.registry import GROUPS, kinds
 from trackbench.report.suite.scores import Score
 
@@ -103,50 +105,105 @@ def test_run_and_compare(tmp_path: Path) -> None:
     assert "claim" in compared[-1]
 
 
-PAGE = (ROOT / "docs" / "programs.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "json-lines.md").read_text(encoding="utf-8")
+EXAMPLES = [json.loads(b.text) for b in blocks(PAGE) if b.language == "json"]
 
 
-def keys_of(command: str) -> list[str]:
-    """The keys that the page on programs names for the lines of a command."""
-    (keys,) = re.findall(rf"^\| {re.escape(command)} \|[^|]*\| `([^`]+)`", PAGE, re.MULTILINE)
+def keys_of_list(command: str) -> list[str]:
+    """The keys that the page names for the lines of a form of `list`."""
+    (keys,) = re.findall(rf"^\| `{command}` \|[^|]*\| `([^`]+)`", PAGE, re.MULTILINE)
     return keys.split()
+
+
+def keys_of(section: str, table: int = 0) -> list[str]:
+    """The keys in the first column of a table of a section that has the heads key and content."""
+    text = re.split(r"^## ", PAGE, flags=re.MULTILINE)
+    (body,) = (part for part in text if part.startswith(f"{section}\n"))
+    rows = body.split("| key | content |\n|---|---|\n")[1 + table].partition("\n\n")[0]
+    cells = [row.split(" | ")[0] for row in rows.splitlines()]
+    return re.findall(r"`(\w+)`", " ".join(cells))
 
 
 @pytest.mark.parametrize(
     ("command", "words"),
     [
-        ("`list`, `list filters`, ...", "list filters"),
-        ("`list experiments`", "list experiments"),
-        ("`list problems`", "list problems"),
-        ("`list metrics`", "list metrics"),
-        ("`list statistics`", "list statistics"),
-        ("`list metrics CONFIG`", "list metrics nile"),
-        ("`describe KIND`", "describe kf"),
-        ("`describe METRIC`", "describe rmse"),
-        ("`describe GROUP`", "describe tables"),
-        ("`check CONFIG`", "check nile"),
-        ("any of these with `--dry-run`", "run nile --dry-run"),
+        ("list filters", "list filters"),
+        ("list experiments", "list experiments"),
+        ("list problems", "list problems"),
+        ("list metrics", "list metrics"),
+        ("list statistics", "list statistics"),
+        ("list metrics CONFIG", "list metrics nile"),
     ],
 )
-def test_the_page_has_the_keys(command: str, words: str) -> None:
-    assert keys_of(command) == [*lines(*words.split())[0]]
+def test_the_page_has_the_keys_of_lists(command: str, words: str) -> None:
+    keys = keys_of_list(command)
+    assert keys == [*lines(*words.split())[0]]
+    assert {*keys} <= {*keys_of("`list`")}
 
 
-def test_the_page_has_the_line_of_check() -> None:
-    texts = [block.text for block in blocks(PAGE) if block.language == "json"]
-    assert lines("check", "nile") == [json.loads(texts[0])]
+@pytest.mark.parametrize(
+    ("section", "table", "words", "code", "nested"),
+    [
+        ("Mistakes", 0, "check nile --set runs=a", 2, "mistakes"),
+        ("`describe`", 0, "describe cwna", 0, ""),
+        ("`describe`", 1, "describe motions", 0, ""),
+        ("`check`", 0, "check nile", 0, ""),
+    ],
+)
+def test_the_page_has_the_keys_and_a_line(
+    section: str, table: int, words: str, code: int, nested: str
+) -> None:
+    found = lines(*words.split(), code=code)
+    inner = [*found[0][nested][0]] if nested else []
+    assert keys_of(section, table) == [*found[0], *inner]
+    assert f"`trackbench {words} --json`" in PAGE
+    assert found[0] in EXAMPLES
+
+
+def test_the_page_has_a_line_of_list() -> None:
+    (example,) = (line for line in EXAMPLES if line.get("group") == "filters")
+    assert example in lines("list", "filters")
+
+
+def test_the_page_on_programs_has_the_line_of_check() -> None:
+    page = (ROOT / "docs" / "programs.md").read_text(encoding="utf-8")
+    (block,) = (block for block in blocks(page) if block.language == "json")
+    assert lines("check", "nile") == [json.loads(block.text)]
 
 
 def test_the_page_has_the_keys_of_runs_and_comparisons(tmp_path: Path) -> None:
     words = ("--runs", "4", "--set", "block=fit", *BARE)
     (found,) = lines("run", "hdepf", "--only", "PF", "--out", "out", *words, cwd=tmp_path)
     assert keys_of("`run`, `sweep`, `tune`, `fit`") == [*found]
+    assert {"title", "rows", "notes"} == {*found["tables"]["table1"]} == {*found["ranking"][0]}
     assert keys_of("`suite`") == [field.name for field in fields(Score)]
     compared = lines("compare", "out", cwd=tmp_path)
     assert keys_of("`compare DIR`") == [*compared[0]]
-    assert keys_of("`compare DIR`, after the numbers") == [*compared[-1]]
+    assert keys_of("`compare DIR`", 1) == [*compared[-1]]
     equal = lines("compare", "out", "out", cwd=tmp_path)
     assert keys_of("`compare DIR DIR2`, `gate`") == [*equal[0]]
+    assert keys_of("`check`", 1) == ["file", "kind", "contract", *Finding._fields]
+
+
+def test_a_line_for_each_long_table_of_keys_is_on_the_page() -> None:
+    examples = [[*line] for line in EXAMPLES]
+    assert keys_of("`suite`") in examples
+    assert keys_of("`compare DIR`") in examples
+    assert keys_of("`compare DIR`", 1) in examples
+    assert keys_of("`compare DIR DIR2`, `gate`") in examples
+    assert ["file", "kind", "contract"] in examples
+
+
+@pytest.mark.parametrize(("key", "name"), [("published", "comparison"), ("claim", "claims")])
+def test_the_lines_of_compare_are_those_of_stored_results(key: str, name: str) -> None:
+    (example,) = (line for line in EXAMPLES if key in line)
+    text = (ROOT / "results" / "bearings-two" / f"{name}.csv").read_text(encoding="utf-8")
+    row = next(csv.DictReader(text.splitlines()))
+    for word, value in example.items():
+        if isinstance(value, float):
+            assert float(row[word]) == pytest.approx(value, rel=0.01)
+        else:
+            assert row[word] == str(value)
 
 
 def test_a_filter_that_fails_is_said(tmp_path: Path) -> None:

@@ -176,7 +176,7 @@ Only = Annotated[
     typer.Option(metavar="LABEL", help="run these filters only", autocompletion=labels),
 ]
 All = Annotated[bool, typer.Option("--all", help="also print the config's tables and all notes")]
-Json = Annotated[bool, typer.Option("--json", help="JSON, an object a line (docs/programs.md)")]
+Json = Annotated[bool, typer.Option("--json", help="JSON, an object a line (docs/json-lines.md)")]
 Runs = Annotated[int | None, typer.Option(min=1, help="Monte Carlo runs")]
 Seed = Annotated[int | None, typer.Option(min=0, help="seed of every random number")]
 Out = Annotated[

@@ -65,7 +65,8 @@ class Options:
     """if `grid` has keys of several filters, run every combination of their values; by default the
     filters vary one after the other"""
     out: Path | str | None = None
-    """results folder; of several configs the folder that contains theirs; default: `results/NAME`"""
+    """results folder, by default `results/NAME`; if several experiments run, the folder in which each of
+    them gets a results folder"""
     engine: Engine = "processes"
     """where blocks are computed: `processes`, `serial` or `dask`"""
     workers: int | None = None
@@ -75,7 +76,8 @@ class Options:
     fresh: bool = False
     """compute and draw everything again, in place of reading it from the cache"""
     times: bool = True
-    """measure CPU times where a table, a figure, a published number or a claim names them"""
+    """time the filters in turns after the runs if a table, a figure, a published number or a claim needs
+    CPU times; otherwise all CPU times are those that the blocks took when they were computed"""
     save_tracks: bool = False
     """write the truth, measurements and estimates of every run to `tracks.npz`"""
     formats: Sequence[str] = ("png", "svg")
