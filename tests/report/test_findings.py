@@ -553,3 +553,20 @@ filters:
     (note,) = [note for note in table.notes if note.startswith("The bound is that of filters")]
     assert "KF, smoothed" in note
     assert "Lag" in note
+
+
+def test_a_smoother_is_below_the_bound_only_by_its_root_mean_square(tmp_path: Path) -> None:
+    """The bound is of mean squares; the mean of the errors is smaller than their rms."""
+    spread = np.array([0.0, 2.0] * 20)  # mean 1, rms 1.41
+    results = folder(
+        tmp_path, {"KF": spread + 3.0, "KF, smoothed": spread}, smoothed=["KF"], bound="B"
+    )
+    for bound, below in ((1.3, []), (1.5, ["KF, smoothed"])):
+        row = dict.fromkeys(COLUMNS["summary.csv"], 0)
+        row |= {"filter": "B", "metric": "rms(rmse_position)", "value": bound}
+        pd.DataFrame([row]).to_csv(tmp_path / "summary.csv", index=False)
+        results = Results(tmp_path, run_facts={"failed": []}, point_facts=results.point_facts)
+        (table,) = ranking_tables(results)
+        notes = [note for note in table.notes if note.startswith("The bound is that of filters")]
+        assert len(notes) == len(below)
+        assert all("KF, smoothed may lie below it" in note for note in notes)

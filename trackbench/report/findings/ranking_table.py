@@ -24,7 +24,7 @@ from trackbench.statistics import rules
 from trackbench.statistics.collapsed_runs import COLLAPSED_NOTE, collapsed_in_words
 from trackbench.statistics.comparison import Comparison
 from trackbench.statistics.intervals import studentized
-from trackbench.statistics.sample_statistics import influence, interval, mean
+from trackbench.statistics.sample_statistics import influence, interval, mean, rms
 
 _LOST = "Lost runs"
 _ANEES = "ANEES"
@@ -250,7 +250,7 @@ def _bound_point(results: Results, ranking: Ranking) -> GridPoint:
 
 
 def _smoothers_below_bound(results: Results, ranking: Ranking) -> list[str]:
-    """List the smoothers whose error in the ranking, mean or rms, is smaller than the bound's rms."""
+    """List the smoothers whose root mean square error is smaller than the bound's."""
     point = _bound_point(results, ranking)
     summary = results.columns("summary", point)
     of_metric = summary.where(metric=f"rms({ranking.metric.metric})").records()
@@ -263,7 +263,10 @@ def _smoothers_below_bound(results: Results, ranking: Ranking) -> list[str]:
     for candidate in ranking.order:
         label = candidate.label
         is_smoother = label in smoothed_labels or filters.get(label, {}).get("smooth")
-        if is_smoother and candidate.overall.value < bounds[0]:
+        if not is_smoother:
+            continue
+        errors = candidate.sample.values
+        if rms(errors[~np.isnan(errors)]).value < bounds[0]:
             below.append(label)
     return below
 
