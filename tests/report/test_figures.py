@@ -46,6 +46,24 @@ def test_only_draws_a_figure_by_name_or_by_kind(folder):
         api.plot(folder, ["svg"], ["barz"])
 
 
+def test_a_figure_none_of_whose_filters_ran_is_not_drawn_and_named(tmp_path):
+    figures = """figures:
+  both: {kind: rmse-vs-time, metric: rmse_position}
+  of-kf: {kind: rmse-vs-time, metric: rmse_position, filters: [KF]}
+"""
+    text = "name: n\nruns: 3\n" + PLANE + "filters: {KF: {kind: kf}, EKF: {kind: ekf}}\n" + figures
+    (tmp_path / "n.yaml").write_text(text)
+    report = api.run(tmp_path / "n.yaml", only=["EKF"], out=tmp_path / "out", quiet=True)
+    folder = tmp_path / "out"
+    assert sorted(p.stem for p in (folder / "figures").glob("*.svg")) == ["both"]
+    assert "because none of their filters ran: of-kf" in report.notes[0]
+    assert "of-kf: none of their filters ran" in (folder / "report.html").read_text()
+    with pytest.raises(UserError, match="--only of-kf: none of its filters ran"):
+        api.plot(folder, ["svg"], ["of-kf"])
+    with pytest.raises(UserError, match="none of its filters ran"):
+        report.figure("of-kf")
+
+
 def test_floor_and_baseline_have_a_look_of_their_own(made):
     spec = Results(made).parts("figures")["time"]
     looks = dict(spec.labels_and_looks(Results(made)))

@@ -206,6 +206,9 @@ def _write_results_and_report(job: Job, outcome: Outcome, options: Options, swee
     notes += _bound_notes(job.experiment)
     notes += _digit_notes(job.experiment, outcome)
     notes += array_notes(job.experiment)
+    if results.idle_figures:
+        names = ", ".join(results.idle_figures)
+        notes.append(f"figures that are not drawn, because none of their filters ran: {names}")
     return Report(
         results=results,
         failed_filters=list(_failure_lines(job.experiment, outcome, written.losses)),

@@ -42,7 +42,13 @@ from trackbench.report.kinds import FigureKind, TableKind, figure_folder
 from trackbench.report.paired import compared_statistics
 from trackbench.report.plotting import style
 from trackbench.report.plotting.page_formats import SHEETS, Style, drawing_for, is_crowded
-from trackbench.report.results import Results, as_figure, as_table, catch_errors
+from trackbench.report.results import (
+    NO_FILTER_RAN,
+    Results,
+    as_figure,
+    as_table,
+    catch_errors,
+)
 from trackbench.report.table import Table, TextTable
 from trackbench.report.verdicts.comparison_files import write_comparison, write_paired
 from trackbench.report.verdicts.numbers import Verdicts, compare
@@ -379,11 +385,13 @@ def write_figures(
 
     Raises
     ------
-    UserError : a word of ``only`` is no figure's name or kind
+    UserError : a word of ``only`` is no figure's name or kind, or none of that figure's filters ran
     """
     figures = results.parts("figures")
     known = [*figures, *{spec.kind for spec in figures.values()}]
     for word in only:
+        if word in results.idle_figures:
+            raise UserError(Problem(Mark(f"--only {word}"), "", NO_FILTER_RAN))
         if word not in known:
             raise UserError(Problem(Mark(f"--only {word}"), "", unknown(word, known)))
     forms = style.forms(formats)

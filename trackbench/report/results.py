@@ -46,11 +46,15 @@ from trackbench.statistics.comparison import Sample
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from trackbench.report.kinds import FigureKind
+
 
 T = TypeVar("T")
 
 _ERROR = re.compile(r"rms\((?P<metric>rmse(?:_(?P<quantity>\w+))?)\)")
 """A row of summary.csv: ``rms(rmse_position)``."""
+NO_FILTER_RAN = "none of its filters ran"
+"""Why a figure is not drawn."""
 _MOST_ROWS = 50
 """Of more there is `sweep.csv`."""
 
@@ -137,9 +141,11 @@ class Results(ResultsFolder):
 
         Raises
         ------
-        UserError : there is no figure of that name
+        UserError : there is no figure of that name, or none of its filters ran
         """
         figures = self.parts("figures")
+        if name in self.idle_figures:
+            raise UserError(Problem(Mark("figure"), name, NO_FILTER_RAN))
         # Without a name it is the key figure, if there is any figure.
         if name not in figures and (name or not figures):
             raise UserError(Problem(Mark("figure"), name, unknown(name, [*figures])))
@@ -174,12 +180,29 @@ class Results(ResultsFolder):
 
         Returns
         -------
-        Tables or figures by name, without those whose plugin is not loaded.
+        Tables or figures by name, without those whose plugin is not loaded, and without figures none
+        of whose filters ran.
 
         Raises
         ------
         UserError : a table or figure of the config is mistaken
         """
+        built = self._build_parts(group)
+        if group == "tables":
+            return built
+        return {name: spec for name, spec in built.items() if not self._is_idle(spec)}
+
+    @property
+    def idle_figures(self) -> list[str]:
+        """Names of the figures none of whose filters ran, as with ``--only``; they are not drawn."""
+        return [name for name, spec in self._build_parts("figures").items() if self._is_idle(spec)]
+
+    def _is_idle(self, figure: "FigureKind") -> bool:
+        """Test whether a figure names filters, and none of them ran."""
+        return bool(figure.filters) and not self.chosen(figure.filters)
+
+    def _build_parts(self, group: Group) -> dict[str, Any]:
+        """Return the tables or figures of the config by name, without those of missing plugins."""
         has_tables = bool(self.config.get("tables"))
         has_own_figures = not {*(self.config.get("figures") or ())} <= {TRACK}
         takes_default = not has_tables and (group == "tables" or not has_own_figures)

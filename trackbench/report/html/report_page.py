@@ -143,6 +143,9 @@ def _facts(results: Results) -> list[tuple[str, object]]:
         paths.append(path_text)
     if paths:
         facts.append(("Grid", ", ".join(paths)))
+    if results.idle_figures:
+        names = ", ".join(results.idle_figures)
+        facts.append(("Figures not drawn", f"{names}: none of their filters ran"))
     return facts
 
 
