@@ -220,7 +220,7 @@ class Equations:
 
     def covariance(
         self, terms: Covariance, components: Sequence[str], *path: str | int
-    ) -> "ArrayProgram":
+    ) -> "CovarianceProgram":
         """Compile the ``terms`` of a covariance (n, n) of ``components``; raises InvalidKeyError."""
         n = len(components)
         rows = _rows(terms, components, *path)
@@ -235,7 +235,7 @@ class Equations:
                 if below != above:
                     what = f"not symmetric: row {i + 1}, column {j + 1} and the reverse differ"
                     raise InvalidKeyError(what, *path)
-        program = ArrayProgram(self, nodes, (n, n))
+        program = CovarianceProgram(self, nodes, components, path)
         if program.constant is not None:
             least, largest = np.linalg.eigvalsh(program.constant)[[0, -1]]
             if least < -_ROUNDING * largest or np.isnan(least):
@@ -333,3 +333,49 @@ class ArrayProgram:
         if any(map(self.uses, self._scalars)):
             return False
         return not np.any(self(np.zeros((self._size, 1)), *(0.0 for _ in self._scalars)))
+
+
+class CovarianceProgram(ArrayProgram):
+    """Expressions of a covariance (n, n, *batch) for states x (n_x, *batch)."""
+
+    def __init__(
+        self,
+        equations: Equations,
+        nodes: Sequence[Node],
+        components: Sequence[str],
+        path: tuple[str | int, ...],
+    ) -> None:
+        """Compile ``nodes``, the entries of the covariance of ``components``, row by row.
+
+        ``path`` leads to the key of the config that has them.
+        """
+        super().__init__(equations, nodes, (len(components), len(components)))
+        self._names = components
+        self._path = path
+
+    def __call__(self, x: Array, *scalars: float) -> Array:
+        """Evaluate the covariance; the first of ``scalars`` is the step.
+
+        Raises InvalidKeyError if a variance is negative at a state.
+        """
+        cov = super().__call__(x, *scalars)
+        if self.constant is None:
+            self._check_variances(cov, x, scalars)
+        return cov
+
+    def _check_variances(self, cov: Array, x: Array, scalars: Sequence[float]) -> None:
+        """Raise InvalidKeyError for the first negative variance on the diagonal (n, n, *batch)."""
+        for i, name in enumerate(self._names):
+            variances = np.ravel(cov[i, i])
+            negative = np.flatnonzero(variances < 0.0)
+            if not negative.size:
+                continue
+            place = negative[0]
+            state = x.reshape(len(x), -1)[:, place].tolist()
+            values = zip(self._equations.components, state, strict=False)
+            where = ", ".join(f"{component} = {value:.4g}" for component, value in values)
+            what = (
+                f"step {scalars[0]:g}: the variance of {name} is {variances[place]:.4g} at {where}; "
+                "write it so that it is never negative, as `max(0, ...)`"
+            )
+            raise InvalidKeyError(what, *self._path)
