@@ -46,8 +46,6 @@ from trackbench.statistics.comparison import Sample
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from trackbench.report.kinds import FigureKind
-
 
 T = TypeVar("T")
 
@@ -197,7 +195,7 @@ class Results(ResultsFolder):
         """Names of the figures none of whose filters ran, as with ``--only``; they are not drawn."""
         return [name for name, spec in self._build_parts("figures").items() if self._is_idle(spec)]
 
-    def _is_idle(self, figure: "FigureKind") -> bool:
+    def _is_idle(self, figure: Any) -> bool:
         """Test whether a figure names filters, and none of them ran."""
         return bool(figure.filters) and not self.chosen(figure.filters)
 
