@@ -194,16 +194,52 @@ def test_a_line_for_each_long_table_of_keys_is_on_the_page() -> None:
     assert ["file", "kind", "contract"] in examples
 
 
-@pytest.mark.parametrize(("key", "name"), [("published", "comparison"), ("claim", "claims")])
-def test_the_lines_of_compare_are_those_of_stored_results(key: str, name: str) -> None:
+@pytest.mark.parametrize(
+    ("key", "stored_file", "names"),
+    [
+        ("published", "bearings-two/comparison.csv", ("filter", "metric")),
+        ("claim", "merwe2000/claims.csv", ("claim",)),
+    ],
+)
+def test_the_lines_of_compare_are_those_of_stored_results(
+    key: str, stored_file: str, names: tuple[str, ...]
+) -> None:
     (example,) = (line for line in EXAMPLES if key in line)
-    text = (ROOT / "results" / "bearings-two" / f"{name}.csv").read_text(encoding="utf-8")
-    row = next(csv.DictReader(text.splitlines()))
+    row = stored_row(stored_file, {name: example[name] for name in names})
     for word, value in example.items():
         if isinstance(value, float):
             assert float(row[word]) == pytest.approx(value, rel=0.01)
         else:
             assert row[word] == str(value)
+
+
+def test_the_line_of_suite_is_that_of_stored_results() -> None:
+    (example,) = (line for line in EXAMPLES if "problem" in line)
+    cells = {"problem": example["problem"], "filter": example["label"], "role": example["role"]}
+    row = stored_row("standard/scores.csv", cells)
+    ratio = example["ratio_to_best"]
+    reference = example["ratio_to_reference"]
+    numbers = {
+        "error": example["error"],
+        "ratio_to_best": ratio["value"],
+        "low": ratio["low"],
+        "high": ratio["high"],
+        "ratio_to_reference": reference["value"],
+        "reference_low": reference["low"],
+        "reference_high": reference["high"],
+    }
+    for column, number in numbers.items():
+        assert float(row[column]) == pytest.approx(number, rel=0.01)
+    for word in ("group", "metric", "word", "runs", "lost", "collapsed", "consistency", "reason"):
+        assert row[word] == str(example[word])
+
+
+def stored_row(path: str, cells: dict[str, str]) -> dict[str, str]:
+    """Return the only row of a stored table that has these cells."""
+    text = (ROOT / "results" / path).read_text(encoding="utf-8")
+    rows = csv.DictReader(text.splitlines())
+    (row,) = (row for row in rows if cells.items() <= row.items())
+    return row
 
 
 def test_a_filter_that_fails_is_said(tmp_path: Path) -> None:
