@@ -177,6 +177,8 @@ def test_a_filter_that_fails_fails_the_gate_unless_it_is_new(tmp_path: Path) -> 
     old = trackbench("gate", *words, cwd=tmp_path)
     assert old.returncode == 1
     assert "Old failed: " in old.stdout
+    lines = trackbench("gate", *words, "--json", cwd=tmp_path).stdout.splitlines()
+    assert json.loads(lines[-1])["failed"].startswith("Old failed: ")
 
 
 def test_a_filter_of_a_file_joins_a_config_without_plugins(

@@ -130,6 +130,8 @@ def gate(
         _echo_rows(verdict.rows)
         for name in verdict.removed:
             echo_line({"removed": name})
+        for failure in verdict.failed:
+            echo_line({"failed": failure})
     else:
         typer.echo(table.aligned())
     raise typer.Exit(int(verdict.is_worse))
