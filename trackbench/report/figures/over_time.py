@@ -453,7 +453,8 @@ class RmseVsTime(OverTime):
             # In a filter's own panel the errors are a band, as of a single line: gray lines have none.
             lines_with_errors = 1 if panel_labels else len(all_series)
             faults = results.facts(panel.point).scenario.get("faults", ())
-            self.shade_faults(ax, all_series[0].rows, faults)
+            if all_series:  # there is none if every filter failed
+                self.shade_faults(ax, all_series[0].rows, faults)
             for place, series in enumerate(all_series):
                 look = series.look
                 k, value, stderr = self.series_with_gaps(series.rows)

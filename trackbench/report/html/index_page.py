@@ -13,7 +13,6 @@ from xml.etree import ElementTree as ET
 from trackbench.atomic_files import write_text
 from trackbench.errors import Problem, UserError
 from trackbench.report.findings.ranking import Ranking, rankings
-from trackbench.report.findings.sentences import unranked_count
 from trackbench.report.html.report_page import key_picture, write_page
 from trackbench.report.html.svg import clean_svg, outline
 from trackbench.report.open import explain_content_errors, open_with_notes
@@ -153,7 +152,6 @@ def _card(folder: Path, results: Results, comparison: Verdicts) -> dict[str, Any
         "name": config["name"],
         "title": results.fill_title(config["title"]),
         "filters": len(results.filters),
-        "unranked": unranked_count(results),
         "runs": config["runs"],
         "result": _result(results),
         "counted": bars(comparison),
