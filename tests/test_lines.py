@@ -232,7 +232,8 @@ def test_the_verdicts_on_numbers_are_in_their_order() -> None:
 
 def test_the_page_has_the_limits_of_verdicts() -> None:
     assert (rules.SURE, rules.DECIDED) == (3.0, 5.0)
-    assert "`compatible` need a `z` from -3 to 3. `differs` needs a `z` beyond 5 or -5" in PAGE
+    assert "| `agrees`, `compatible` | from -3 to 3 | from -3 to 3 |" in PAGE
+    assert "| `differs` | beyond 5 or -5 | beyond 3 or -3 |" in PAGE
     assert rules.LEVEL == 0.01
     assert "`p_holm` is at least 0.01" in PAGE
     (p_worse,), (sign,) = rules.beyond([-10.0], 3.0)  # a gate's number that is much better
