@@ -16,9 +16,12 @@ from docs.site.blocks import blocks
 from tests.commands import BARE, Command, spawned, trackbench
 from tests.conftest import ROOT
 from trackbench.cli.output import echo_line
+from trackbench.commands.gate import NEGLIGIBLE
 from trackbench.contract import Finding
 from trackbench.registry import GROUPS, kinds
-from trackbench.report.suite.scores import Score
+from trackbench.report.compare_folders import DIFFERS
+from trackbench.report.suite.scores import BEST, LOSES_MORE, Score
+from trackbench.statistics import rules
 
 
 def lines(
@@ -175,7 +178,8 @@ def test_the_page_has_the_keys_of_runs_and_comparisons(tmp_path: Path) -> None:
     words = ("--runs", "4", "--set", "block=fit", *BARE)
     (found,) = lines("run", "hdepf", "--only", "PF", "--out", "out", *words, cwd=tmp_path)
     assert keys_of("`run`, `sweep`, `tune`, `fit`") == [*found]
-    assert {"title", "rows", "notes"} == {*found["tables"]["table1"]} == {*found["ranking"][0]}
+    (ranking,) = found["ranking"]
+    assert {"title", "rows", "notes"} == {*found["tables"]["table1"]} == {*ranking}
     assert keys_of("`suite`") == [field.name for field in fields(Score)]
     compared = lines("compare", "out", cwd=tmp_path)
     assert keys_of("`compare DIR`") == [*compared[0]]
@@ -192,6 +196,75 @@ def test_a_line_for_each_long_table_of_keys_is_on_the_page() -> None:
     assert keys_of("`compare DIR`", 1) in examples
     assert keys_of("`compare DIR DIR2`, `gate`") in examples
     assert ["file", "kind", "contract"] in examples
+
+
+_ON_PAPERS = (rules.TOO_FEW_RUNS, rules.NOT_MEASURED)
+_ON_TESTS = {rules.EQUAL, rules.ALIKE, rules.BETTER, rules.WORSE, rules.UNTESTED}
+
+
+@pytest.mark.parametrize(
+    ("head", "words"),
+    [
+        ("`word`", {BEST, rules.ALIKE, rules.WORSE, LOSES_MORE, rules.UNTESTED}),
+        ("`verdict` on a number, the best first", {*rules.NUMBER_WORDS, *_ON_PAPERS}),
+        ("`verdict` on a claim", {*rules.CLAIM_WORDS, *_ON_PAPERS}),
+        ("`verdict` of `compare`", {*_ON_TESTS, DIFFERS}),
+        ("`verdict` of `gate`", {*_ON_TESTS, NEGLIGIBLE}),
+        ("`verdict` on a cost", {rules.EQUAL, rules.WORSE, rules.ALIKE}),
+    ],
+)
+def test_the_page_has_every_verdict(head: str, words: set[str]) -> None:
+    assert set(words_of(head)) == words
+
+
+def words_of(head: str) -> list[str]:
+    """The words in the first column of the table that has the heads ``head`` and meaning."""
+    rows = PAGE.split(f"| {head} | meaning |\n|---|---|\n")[1].partition("\n\n")[0]
+    return [
+        word for row in rows.splitlines() for word in re.findall(r"`(.+?)`", row.split(" | ")[0])
+    ]
+
+
+def test_the_verdicts_on_numbers_are_in_their_order() -> None:
+    words = words_of("`verdict` on a number, the best first")
+    assert words == [*rules.NUMBER_WORDS, *_ON_PAPERS]
+
+
+def test_the_page_has_the_limits_of_verdicts() -> None:
+    assert (rules.SURE, rules.DECIDED) == (3.0, 5.0)
+    assert "| `agrees`, `compatible` | from -3 to 3 | from -3 to 3 |" in PAGE
+    assert "| `differs` | beyond 5 or -5 | beyond 3 or -3 |" in PAGE
+    assert rules.LEVEL == 0.01
+    assert "`p_holm` is at least 0.01" in PAGE
+    (p_worse,), (sign,) = rules.beyond([-10.0], 3.0)  # a gate's number that is much better
+    assert sign == -1
+    assert p_worse == pytest.approx(1.0)
+    assert rules.beyond([3.001], 3.0)[0][0] <= 0.00135 < rules.beyond([2.999], 3.0)[0][0]
+
+
+def test_stored_verdicts_on_numbers_follow_the_rule_of_the_page() -> None:
+    rounding = 0.05  # of a z in `z_without_batch`
+    for path in sorted((ROOT / "results").glob("*/comparison.csv")):
+        for row in csv.DictReader(path.read_text(encoding="utf-8").splitlines()):
+            is_chosen = "chosen for this number" in row["note"]
+            if row["verdict"] not in ("agrees", "compatible", "inconclusive", "differs"):
+                continue
+            if is_chosen or not row["z_without_batch"]:
+                assert not is_chosen or row["verdict"] == "inconclusive"
+                continue
+            if row["published"] in ("biased", "unbiased"):
+                continue
+            size = abs(float(row["z"]))
+            parts = [abs(float(text)) for text in row["z_without_batch"].split("; ")]
+            if row["verdict"] in ("agrees", "compatible"):
+                assert max(size, *parts) <= 3 + rounding
+            elif row["verdict"] == "differs":
+                assert size >= 5
+                assert min(parts) >= 3 - rounding
+            elif size <= 3:
+                assert max(parts) >= 3 - rounding
+            elif size >= 5:
+                assert min(parts) <= 3 + rounding
 
 
 @pytest.mark.parametrize(

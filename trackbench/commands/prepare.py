@@ -47,7 +47,7 @@ class Options:
     only: Sequence[str] = ()
     """labels of the filters that run; default: all"""
     measurements: Any = None
-    """recorded measurements in place of the target's file: a data frame, a mapping of columns, an array
+    """recorded measurements, in place of those in a file: a data frame, a mapping of columns, an array
     `(steps, n_z)` or `(runs, steps, n_z)`, or a list with one of these for each sensor"""
     truth: Any = None
     """true states that belong to `measurements`: a data frame, a mapping of columns, or an array
@@ -60,13 +60,13 @@ class Options:
     """seed of all random numbers; default: that of the config"""
     grid: Sequence[str] = ()
     """values of keys, each as `PATH=V1,V2,...`, `PATH=a..b:n` or `PATH=log:a..b:n`; the experiment runs
-    at all of them"""
+    at all of them; an error if the config has the key `tune`"""
     product: bool = False
     """if `grid` has keys of several filters, run every combination of their values; by default the
-    filters vary one after the other"""
+    filters vary one after the other, while each other filter keeps the first of its values"""
     out: Path | str | None = None
-    """results folder, by default `results/NAME`; if several experiments run, the folder in which each of
-    them gets a results folder"""
+    """results folder, by default `results/NAME`, and of `sweep` `results/NAME-sweep`; if several
+    experiments run, the folder in which each of them gets a results folder"""
     engine: Engine = "processes"
     """where blocks are computed: `processes`, `serial` or `dask`"""
     workers: int | None = None
@@ -76,8 +76,9 @@ class Options:
     fresh: bool = False
     """compute and draw everything again, in place of reading it from the cache"""
     times: bool = True
-    """time the filters in turns after the runs if a table, a figure, a published number or a claim needs
-    CPU times; otherwise all CPU times are those that the blocks took when they were computed"""
+    """measure CPU times again after the runs, with the filters in turns; this is done only if a table, a
+    figure, a published number or a claim needs CPU times; with `False` the CPU times are those measured
+    while the blocks were computed"""
     save_tracks: bool = False
     """write the truth, measurements and estimates of every run to `tracks.npz`"""
     formats: Sequence[str] = ("png", "svg")
@@ -85,8 +86,9 @@ class Options:
     allow_plugins: bool = False
     """run the code of the config's plugins"""
     filters: Sequence[Path | str] = ()
-    """Python files whose filters run beside those of the config, each with its kind as label; you permit
-    the code of these files to run, even without `allow_plugins`"""
+    """Python files whose filters run beside those of the config, each labelled with the
+    `kind` that its class registers; you permit the code of these files to run, even without
+    `allow_plugins`"""
     quiet: bool = False
     """print no progress and no notes"""
     spare: bool = False
