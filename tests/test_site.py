@@ -259,6 +259,36 @@ def test_the_site_is_built_and_asks_nothing_of_the_net(site: Path) -> None:
     assert not re.search(r"url\(['\"]?https?:", style)
 
 
+CUT = """
+const cut = [];
+for (const text of document.querySelectorAll("svg text")) {
+  const box = text.getBoundingClientRect();
+  const view = text.closest("svg").getBoundingClientRect();
+  const isOutside = box.right < view.left || box.left > view.right
+    || box.bottom < view.top || box.top > view.bottom;
+  const isInside = box.left >= view.left - 1 && box.right <= view.right + 1
+    && box.top >= view.top - 1 && box.bottom <= view.bottom + 1;
+  if (!isOutside && !isInside) cut.push(text.closest("svg").parentElement.id + ": " + text.textContent);
+}
+return cut
+"""
+"""Script: the texts of pictures that an edge cuts."""
+
+
+def test_no_thumbnail_cuts_a_text(tmp_path: Path, browser: Any) -> None:
+    pictures = []
+    for uri, picture in gallery.pictures().items():
+        head = re.search("<svg [^>]*>", picture)
+        assert head
+        texts = "".join(re.findall("<text .*?</text>", picture, re.S))
+        pictures.append(f'<div id="{uri}">{head[0]}{texts}</svg></div>')
+    page = tmp_path / "thumbnails.html"
+    page.write_text(f'<meta charset="utf-8">{"".join(pictures)}', encoding="utf-8")
+    browser.get(page.as_uri())
+    assert len(pictures) > 60
+    assert browser.execute_script(CUT) == []
+
+
 def test_pages_fit_a_phone_and_paper(site: Path, browser: Any) -> None:
     """Small letters of a picture grow on a phone; on paper tables have all columns, and whole words."""
     sized(browser, 388, 900)
