@@ -289,6 +289,41 @@ def test_no_thumbnail_cuts_a_text(tmp_path: Path, browser: Any) -> None:
     assert browser.execute_script(CUT) == []
 
 
+def shown_text(page: str) -> str:
+    """Return the words of a page's article."""
+    article = page.partition("<article")[2].partition("</article>")[0]
+    words = re.sub("</?(code|a|em|strong|span)\\b[^>]*>", "", article)
+    return " ".join(html.unescape(re.sub("<[^>]*>", " ", words)).split())
+
+
+def test_no_word_of_a_docstring_vanishes(site: Path) -> None:
+    texts = {}
+    for group in GROUPS:
+        entries = [entry for kind in kinds(group) for entry in help_kinds.entries(kind)]
+        keys = [key for entry in entries if entry["group"] == group for key in entry["keys"]]
+        texts[group] = [key["text"] for key in keys if not key["key"].startswith("assume.")]
+    texts["config"] = [key["text"] for key in help_kinds.experiment_keys()]
+    assert any("{" in text for text in texts["filters"])
+    assert any("<component>" in text for text in texts["tables"])
+    for name, sentences in texts.items():
+        shown = shown_text((site / "reference" / f"{name}.html").read_text(encoding="utf-8"))
+        for sentence in sentences:
+            plain = " ".join(sentence.replace("`", "").split())
+            assert re.sub(r"\(see trackbench list (\w+)\)", r"(\1)", plain) in shown
+    for path in site.rglob("*.html"):
+        if path.name != "report.html":
+            cells = re.findall(r"<(?:td|th|p|li) ([^>]*)>", path.read_text(encoding="utf-8"))
+            names = {name for cell in cells for name in re.findall(r"([^\s=]+)=", cell)}
+            assert names <= {"class", "id", "style", "align"}, path.name
+
+
+def test_a_list_of_the_changelog_is_a_list(site: Path) -> None:
+    page = (site / "changelog.html").read_text(encoding="utf-8")
+    items = re.findall("^- ", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.M)
+    article = page.partition("<article")[2].partition("</article>")[0]
+    assert article.count("<li>") == len(items)
+
+
 def test_pages_fit_a_phone_and_paper(site: Path, browser: Any) -> None:
     """Small letters of a picture grow on a phone; on paper tables have all columns, and whole words."""
     sized(browser, 388, 900)

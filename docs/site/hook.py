@@ -13,7 +13,7 @@ ROOT = Path(__file__).parent.parent.parent
 sys.path.insert(0, str(ROOT))
 
 from docs.site import gallery, narrow, numbers, problems, reference
-from docs.site.blocks import blocks, fenced
+from docs.site.blocks import blocks, fenced, with_separate_lists
 from docs.site.pages import assistants_text, pages, rewritten
 
 _AFTER = "## What it found\n"
@@ -79,7 +79,8 @@ def _linked(place: str) -> str:
     """Return a page with links to results at its numbers, for the site."""
     page = (ROOT / place).read_text(encoding="utf-8")
     page = numbers.linked(page, numbers.read(ROOT / place), numbers.results(place))
-    return rewritten(fenced(page), place, pages()[place], _known())
+    page = with_separate_lists(fenced(page))
+    return rewritten(page, place, pages()[place], _known())
 
 
 @cache

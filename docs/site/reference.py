@@ -256,12 +256,19 @@ def _first(doc: str) -> str:
 
 
 def _text(text: str) -> str:
-    """What a docstring says, as Markdown: code stays code, and nothing else is markup."""
+    """What a docstring says, as Markdown: code stays code, and nothing else is markup.
+
+    Braces are escaped because the site would read `key: {name: value}` as attributes of a cell.
+    """
     parts = re.split(r"(``[^`]+``|`[^`]+`)", " ".join(text.split()))
-    return "".join(
-        f"`{part.strip('`')}`" if part.startswith("`") else re.sub(r"([*_<\[\]|])", r"\\\1", part)
-        for part in parts
-    )
+    written = []
+    for part in parts:
+        if part.startswith("`"):
+            written.append(f"`{part.strip('`')}`")
+        else:
+            escaped = re.sub(r"([*_\[\]{}|])", r"\\\1", part)
+            written.append(escaped.replace("<", "&lt;"))
+    return "".join(written)
 
 
 def _table(heads: list[str], rows: Iterable[list[str]]) -> str:
