@@ -7,6 +7,7 @@ import re
 import textwrap
 from collections.abc import Iterable, Iterator
 from itertools import pairwise
+from pathlib import PurePosixPath
 from typing import Any
 
 import trackbench
@@ -101,7 +102,10 @@ def _key_table(keys: list[dict[str, str]]) -> Iterator[str]:
         yield "It has no keys."
         return
     rows = [[f"`{k['key']}`", _default(k["default"]), _linked(_text(k["text"]))] for k in keys]
+    # On a phone the cells of a row stand one below another.
+    yield '<div class="keys" markdown="1">'
     yield _table(["key", "default", "what it is"], rows)
+    yield "</div>"
 
 
 def _default(text: str) -> str:
@@ -260,10 +264,13 @@ def _text(text: str) -> str:
 
     Braces are escaped because the site would read `key: {name: value}` as attributes of a cell.
     """
-    parts = re.split(r"(``[^`]+``|`[^`]+`)", " ".join(text.split()))
+    parts = re.split(r"(``[^`]+``|`[^`]+`|docs/[\w/-]+\.(?:md|svg))", " ".join(text.split()))
     written = []
     for part in parts:
-        if part.startswith("`"):
+        if part.startswith("docs/"):
+            place = part.removeprefix("docs/")
+            written.append(f"[{PurePosixPath(part).stem}](../{place})")
+        elif part.startswith("`"):
             written.append(f"`{part.strip('`')}`")
         else:
             escaped = re.sub(r"([*_\[\]{}|])", r"\\\1", part)
