@@ -259,6 +259,125 @@ def test_the_site_is_built_and_asks_nothing_of_the_net(site: Path) -> None:
     assert not re.search(r"url\(['\"]?https?:", style)
 
 
+CUT = """
+const cut = [];
+for (const text of document.querySelectorAll("svg text")) {
+  const box = text.getBoundingClientRect();
+  const view = text.closest("svg").getBoundingClientRect();
+  const isOutside = box.right < view.left || box.left > view.right
+    || box.bottom < view.top || box.top > view.bottom;
+  const isInside = box.left >= view.left - 1 && box.right <= view.right + 1
+    && box.top >= view.top - 1 && box.bottom <= view.bottom + 1;
+  if (!isOutside && !isInside) cut.push(text.closest("svg").parentElement.id + ": " + text.textContent);
+}
+return cut
+"""
+"""Script: the texts of pictures that an edge cuts."""
+
+
+def test_no_thumbnail_cuts_a_text(tmp_path: Path, browser: Any) -> None:
+    pictures = []
+    for uri, picture in gallery.pictures().items():
+        head = re.search("<svg [^>]*>", picture)
+        assert head
+        texts = "".join(re.findall("<text .*?</text>", picture, re.S))
+        pictures.append(f'<div id="{uri}">{head[0]}{texts}</svg></div>')
+    page = tmp_path / "thumbnails.html"
+    page.write_text(f'<meta charset="utf-8">{"".join(pictures)}', encoding="utf-8")
+    browser.get(page.as_uri())
+    assert len(pictures) > 60
+    assert browser.execute_script(CUT) == []
+
+
+def shown_text(page: str) -> str:
+    """Return the words of a page's article."""
+    article = page.partition("<article")[2].partition("</article>")[0]
+    words = re.sub("</?(code|a|em|strong|span)\\b[^>]*>", "", article)
+    return " ".join(html.unescape(re.sub("<[^>]*>", " ", words)).split())
+
+
+def test_no_word_of_a_docstring_vanishes(site: Path) -> None:
+    texts = {}
+    for group in GROUPS:
+        entries = [entry for kind in kinds(group) for entry in help_kinds.entries(kind)]
+        keys = [key for entry in entries if entry["group"] == group for key in entry["keys"]]
+        texts[group] = [key["text"] for key in keys if not key["key"].startswith("assume.")]
+    texts["config"] = [key["text"] for key in help_kinds.experiment_keys()]
+    assert any("{" in text for text in texts["filters"])
+    assert any("<component>" in text for text in texts["tables"])
+    for name, sentences in texts.items():
+        shown = shown_text((site / "reference" / f"{name}.html").read_text(encoding="utf-8"))
+        for sentence in sentences:
+            plain = " ".join(sentence.replace("`", "").split())
+            assert re.sub(r"\(see trackbench list (\w+)\)", r"(\1)", plain) in shown
+    for path in site.rglob("*.html"):
+        if path.name != "report.html":
+            cells = re.findall(r"<(?:td|th|p|li) ([^>]*)>", path.read_text(encoding="utf-8"))
+            names = {name for cell in cells for name in re.findall(r"([^\s=]+)=", cell)}
+            assert names <= {"class", "id", "style", "align"}, path.name
+
+
+def test_options_and_paths_of_pages_are_whole_and_linked(site: Path) -> None:
+    running = (site / "running.html").read_text(encoding="utf-8")
+    assert '<code><span class="whole">--quick</span></code>' in running
+    commands = (site / "reference" / "commands.html").read_text(encoding="utf-8")
+    filters = (site / "reference" / "filters.html").read_text(encoding="utf-8")
+    assert '<a href="../json-lines.html">' in commands
+    assert '<a href="../pictures/line-of-sight.svg">' in filters
+    assert "docs/" not in shown_text(commands) + shown_text(filters)
+    for e in gallery.experiments():
+        page = (site / "gallery" / f"{e.name}.html").read_text(encoding="utf-8")
+        assert re.search(r'<a href="\.\./findings/[^"]+">Findings</a>', page), e.name
+    # The decisions stand in the menu of the design.
+    menu = yaml.load(
+        (ROOT / "docs" / "mkdocs.yml").read_text("utf-8").partition("\nnav:")[2], yaml.CSafeLoader
+    )
+    design = next(section["Design"] for section in menu if "Design" in section)
+    assert {"Decisions": ["decisions/index.md"]} in design
+    decision = (site / "decisions" / "verdicts.html").read_text(encoding="utf-8")
+    tab = re.search(r'md-tabs__item--active">\s*<a[^>]*>\s*([^<]*?)\s*<', decision)
+    assert tab
+    assert tab[1] == "Design"
+
+
+def test_a_list_of_the_changelog_is_a_list(site: Path) -> None:
+    page = (site / "changelog.html").read_text(encoding="utf-8")
+    items = re.findall("^- ", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.M)
+    article = page.partition("<article")[2].partition("</article>")[0]
+    assert article.count("<li>") == len(items)
+
+
+WRAPPED = """
+return [...document.querySelectorAll("pre > code")].filter(code => {
+  const lines = code.textContent.replace(/\\n$/, "").split("\\n").length;
+  const style = getComputedStyle(code);
+  const height = code.clientHeight - parseFloat(style.paddingTop) - parseFloat(style.paddingBottom);
+  return height > (lines + 0.5) * parseFloat(style.lineHeight);
+}).map(code => code.textContent)
+"""
+"""Script: the blocks of code with a line that goes on in the next one."""
+COVERED = """
+return [...document.querySelectorAll("pre:has(.md-code__nav)")].filter(pre => {
+  const button = pre.querySelector(".md-code__nav").getBoundingClientRect();
+  return pre.querySelector("code").getBoundingClientRect().right > button.left + 1;
+}).map(pre => pre.textContent)
+"""
+"""Script: the blocks of code that reach below their button to copy them."""
+OPTIONS = """
+return [...document.querySelectorAll("code .whole")]
+  .filter(option => option.getClientRects().length > 1)
+  .map(option => option.textContent)
+"""
+"""Script: the options that a line's end parts."""
+OVER_PICTURE = """
+return [...document.querySelectorAll(".card")].filter(card =>
+  card.querySelector("strong").getBoundingClientRect().top
+    < card.querySelector(".frame").getBoundingClientRect().bottom - 1
+).map(card => card.textContent)
+"""
+"""Script: the cards of the gallery whose title stands on its picture."""
+
+
 def test_pages_fit_a_phone_and_paper(site: Path, browser: Any) -> None:
     """Small letters of a picture grow on a phone; on paper tables have all columns, and whole words."""
     sized(browser, 388, 900)
@@ -270,6 +389,22 @@ def test_pages_fit_a_phone_and_paper(site: Path, browser: Any) -> None:
     assert len(widths) == 4
     assert min(widths) > 500
     assert browser.execute_script(WIDE) <= 0
+    # Lines of code scroll, and do not go on in the next line.
+    browser.get((site / "precision.html").as_uri())
+    assert browser.execute_script(WRAPPED) == []
+    # A key of the reference has its text below it, on the screen.
+    browser.get((site / "reference" / "scenarios.html").as_uri())
+    cells = "[...document.querySelectorAll('.keys td')].map(td => td.getBoundingClientRect())"
+    assert browser.execute_script(f"return Math.max(...{cells}.map(box => box.right))") <= 388
+    sized(browser, 1400, 900)
+    for page in ("running.html", "your-filter-in-ci.html", "json-lines.html"):
+        browser.get((site / page).as_uri())
+        assert browser.execute_script(WRAPPED) == []
+        assert browser.execute_script(COVERED) == []
+        assert browser.execute_script(OPTIONS) == []
+    browser.get((site / "problems.html").as_uri())
+    with paper(browser, LETTER):
+        assert browser.execute_script(OVER_PICTURE) == []
     for page in ("gallery/hdepf.html", "findings/hdepf.html"):
         browser.get((site / page).as_uri())
         with paper(browser, LETTER):

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import yaml
 
 _COMMAND = re.compile(r"(\$ )?(\.venv/bin/)?(trackbench|cc|make|pip|git|python3?) ")
+_ITEM = re.compile(r"[-*] |1\. ")
 _FENCE = re.compile(r"^(```+) *([\w-]*) *(.*)$")
 
 
@@ -43,6 +44,25 @@ def fenced(page: str) -> str:
             inside = block.text.rstrip("\n").split("\n")
             lines[block.first : block.last + 1] = [f"```{block.language}", *inside, "```"]
     return "\n".join(lines) + "\n"
+
+
+def with_separate_lists(page: str) -> str:
+    """Return the page with an empty line before each list, which the site's Markdown needs.
+
+    On GitHub a list may follow the line of a paragraph.
+    """
+    code = {k for block in blocks(page) for k in range(block.first, block.last + 1)}
+    written: list[str] = []
+    is_in_list = False
+    for i, line in enumerate(page.splitlines()):
+        if not line.strip():
+            is_in_list = False
+        if i not in code and _ITEM.match(line):
+            if not is_in_list and written and written[-1].strip():
+                written.append("")
+            is_in_list = True
+        written.append(line)
+    return "\n".join(written) + "\n"
 
 
 def _found(lines: list[str]) -> Iterator[Block]:

@@ -11,10 +11,13 @@ def link(name: str) -> str:
         heads = re.findall(r"^##+ (.+)$", path.read_text(encoding="utf-8"), re.MULTILINE)
         mine = [head for head in heads if f"`{name}`" in head]
         errata = [head for head in heads if head.startswith("Errata")]
-        if mine:
-            links = [("Findings", mine[0]), *(("errata", head) for head in errata)]
+        # A page on one paper has the paper's name, with which the names of its experiments begin.
+        if mine or name.startswith(path.stem):
             page = f"../findings/{path.name}"
-            return ", ".join(f"[{word}]({page}#{_anchor(head)})" for word, head in links) + "."
+            anchor = f"#{_anchor(mine[0])}" if mine else ""
+            links = [f"[Findings]({page}{anchor})"]
+            links += [f"[errata]({page}#{_anchor(head)})" for head in errata]
+            return ", ".join(links) + "."
     return ""
 
 

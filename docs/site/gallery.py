@@ -2,6 +2,7 @@
 
 import csv
 import html
+import re
 from collections.abc import Iterator
 from functools import cache
 from itertools import groupby, takewhile
@@ -193,7 +194,7 @@ def _parts(e: Experiment) -> Iterator[str]:
     if e.name in _versions():
         runs = counted(e.config["runs"], "run")
         yield f'Cite as "trackbench/{e.name} v{_versions()[e.name]}, {runs}".'
-    yield e.about
+    yield re.sub(r"docs/(findings/[\w-]+\.md)", r"[the findings](../\1)", e.about)
     yield " ".join([*([f"{e.paper}."] if e.paper else []), findings.link(e.name)])
     yield "\n".join(f"- {line}" for line in e.verdict)
     for path in e.figures[:1]:

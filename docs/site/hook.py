@@ -13,7 +13,7 @@ ROOT = Path(__file__).parent.parent.parent
 sys.path.insert(0, str(ROOT))
 
 from docs.site import gallery, narrow, numbers, problems, reference
-from docs.site.blocks import blocks, fenced
+from docs.site.blocks import blocks, fenced, with_separate_lists
 from docs.site.pages import assistants_text, pages, rewritten
 
 _AFTER = "## What it found\n"
@@ -31,15 +31,16 @@ _BOOST = {"tutorial.md": 8, "ledger.md": 0.1, "benchmarks.md": 0.1, "changelog.m
 
 
 def on_config(config: Any) -> Any:
-    """Let the reference be listed as far as it goes."""
-    listed = set(_listed(config.nav))
-    more = [uri for uri in pages().values() if uri not in listed]
+    """List the experiments of the gallery and the decisions in the menu."""
+    decisions = sorted(uri for uri in pages().values() if uri.startswith("decisions/"))
+    decisions.remove("decisions/index.md")
     for section in config.nav:
         for title, entries in section.items():
             if title == "Gallery":
                 entries += [f"gallery/{e.name}.md" for e in gallery.experiments()]
-            if title == "Reference":
-                entries += more
+            if title == "Design":
+                (listed,) = (entry for entry in entries if "Decisions" in entry)
+                listed["Decisions"] += decisions
     return config
 
 
@@ -72,14 +73,15 @@ def on_page_content(content: str, page: Any, **_: Any) -> str:
     """Fit the page to a phone and to paper."""
     pictures = gallery.files() | _pictures()
     scrolling = narrow.with_scrolling_pictures(content, page.file.src_uri, pictures)
-    return narrow.with_whole_numbers(scrolling)
+    return narrow.with_whole_options(narrow.with_whole_numbers(scrolling))
 
 
 def _linked(place: str) -> str:
     """Return a page with links to results at its numbers, for the site."""
     page = (ROOT / place).read_text(encoding="utf-8")
     page = numbers.linked(page, numbers.read(ROOT / place), numbers.results(place))
-    return rewritten(fenced(page), place, pages()[place], _known())
+    page = with_separate_lists(fenced(page))
+    return rewritten(page, place, pages()[place], _known())
 
 
 @cache
@@ -155,10 +157,3 @@ def _pictures() -> dict[str, Path]:
     for path in (ROOT / "results" / "standard" / "figures").glob("*.svg"):
         found[f"pictures/{path.name}"] = path
     return found
-
-
-def _listed(nav: Any) -> list[str]:
-    if isinstance(nav, str):
-        return [nav]
-    inner = nav.values() if isinstance(nav, dict) else nav
-    return [uri for part in inner for uri in _listed(part)]

@@ -1,4 +1,4 @@
-"""Pages on a phone and on paper: pictures scroll if their letters are small, numbers stay whole."""
+"""Pages on a phone and on paper: small letters of pictures grow, numbers and options stay whole."""
 
 import posixpath
 import re
@@ -62,3 +62,16 @@ def with_whole_numbers(page: str) -> str:
         return _HYPHENED_NUMBER.sub(r'<span class="whole">\g<0></span>', table[0])
 
     return _TABLE.sub(kept_whole, page)
+
+
+_CODE = re.compile(r"(?<=<code>).*?(?=</code>)", re.S)
+_OPTION = re.compile(r"(?<![\w-])--?[a-z][\w-]*(?![^<]*>)")
+
+
+def with_whole_options(page: str) -> str:
+    """Keep options such as ``--no-times``, which a browser breaks after a hyphen, on a line."""
+
+    def kept_whole(code: re.Match[str]) -> str:
+        return _OPTION.sub(r'<span class="whole">\g<0></span>', code[0])
+
+    return _CODE.sub(kept_whole, page)

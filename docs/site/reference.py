@@ -7,6 +7,7 @@ import re
 import textwrap
 from collections.abc import Iterable, Iterator
 from itertools import pairwise
+from pathlib import PurePosixPath
 from typing import Any
 
 import trackbench
@@ -101,7 +102,10 @@ def _key_table(keys: list[dict[str, str]]) -> Iterator[str]:
         yield "It has no keys."
         return
     rows = [[f"`{k['key']}`", _default(k["default"]), _linked(_text(k["text"]))] for k in keys]
+    # On a phone the cells of a row stand one below another.
+    yield '<div class="keys" markdown="1">'
     yield _table(["key", "default", "what it is"], rows)
+    yield "</div>"
 
 
 def _default(text: str) -> str:
@@ -256,12 +260,22 @@ def _first(doc: str) -> str:
 
 
 def _text(text: str) -> str:
-    """What a docstring says, as Markdown: code stays code, and nothing else is markup."""
-    parts = re.split(r"(``[^`]+``|`[^`]+`)", " ".join(text.split()))
-    return "".join(
-        f"`{part.strip('`')}`" if part.startswith("`") else re.sub(r"([*_<\[\]|])", r"\\\1", part)
-        for part in parts
-    )
+    """What a docstring says, as Markdown: code stays code, and nothing else is markup.
+
+    Braces are escaped because the site would read `key: {name: value}` as attributes of a cell.
+    """
+    parts = re.split(r"(``[^`]+``|`[^`]+`|docs/[\w/-]+\.(?:md|svg))", " ".join(text.split()))
+    written = []
+    for part in parts:
+        if part.startswith("docs/"):
+            place = part.removeprefix("docs/")
+            written.append(f"[{PurePosixPath(part).stem}](../{place})")
+        elif part.startswith("`"):
+            written.append(f"`{part.strip('`')}`")
+        else:
+            escaped = re.sub(r"([*_\[\]{}|])", r"\\\1", part)
+            written.append(escaped.replace("<", "&lt;"))
+    return "".join(written)
 
 
 def _table(heads: list[str], rows: Iterable[list[str]]) -> str:
