@@ -227,7 +227,10 @@ def _text(name: str) -> str:
 
 
 def _picture(e: Experiment, path: Path) -> str:
-    title = str((e.config.get("figures") or {}).get(path.stem, {}).get("title") or path.stem)
+    figure = (e.config.get("figures") or {}).get(path.stem, {})
+    title = str(figure.get("title") or path.stem)
+    if figure.get("kind") == "tuning" and not figure.get("title"):
+        title = f"Tuning of {figure['filter']}"  # as the figure has it
     words = html.escape(title.replace("{runs}", str(e.config["runs"])))
     return (
         f'<figure markdown="0"><img loading="lazy" alt="{words}" src="{e.name}/{path.name}">'

@@ -12,10 +12,12 @@ from docs.site import gallery
 from trackbench.config.shipped_experiments import ShippedProblem, problems
 from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import measured
+from trackbench.report.findings.ranking import first_ranking_metric, sort_ranking_metrics
+from trackbench.report.paired import compared_statistic
 
 
 class Row(NamedTuple):
-    """A problem's errors: a column of its first table, at the first point of its grid."""
+    """A problem's errors: the number by which its report ranks, at the first point of its grid."""
 
     problem: ShippedProblem
     expression: str
@@ -45,23 +47,38 @@ def rows() -> list[Row]:
 
 
 def _row(problem: ShippedProblem, e: gallery.Experiment) -> Row:
-    tables = [table for table in e.config["tables"].values() if table.get("columns")]
-    columns = [str(expression) for expression in tables[0]["columns"].values()]
     point = next(iter(e.grid_rows), ())
-    measured_by: dict[str, dict[str, float]] = {expression: {} for expression in columns}
+    measured_by: dict[str, dict[str, float]] = {}
     with (e.folder / "summary.csv").open(encoding="utf-8", newline="") as file:
         for row in csv.DictReader(file):
-            if row["metric"] in columns and tuple(row[p] for p in e.config["grid"]) == point:
-                measured_by[row["metric"]][row["filter"]] = float(row["value"])
-    # A bound has no mean error: take the first column that has the reference.
-    with_reference = (x for x in columns if problem.reference in measured_by[x])
-    expression = next(with_reference, columns[0])
+            if tuple(row[p] for p in e.config["grid"]) == point:
+                by_label = measured_by.setdefault(row["metric"], {})
+                by_label[row["filter"]] = float(row["value"])
+    expressions = _ranking_expressions(e, list(measured_by))
+    # A bound has no mean error: take the rms in its place.
+    with_reference = (x for x in expressions if problem.reference in measured_by.get(x, {}))
+    expression = next(with_reference, expressions[0])
     values = measured_by[expression]
     filters = {b for b, keys in e.config["filters"].items() if not keys.get("smooth")}
     shown = [b for b, x in values.items() if b in {*filters, problem.reference} and isfinite(x)]
     found = Row(problem, expression, {label: values[label] for label in shown})
     ranked = sorted(found.values.items(), key=itemgetter(1), reverse=found.is_score)
     return found._replace(values=dict(ranked))
+
+
+def _ranking_expressions(e: gallery.Experiment, expressions: list[str]) -> list[str]:
+    """Return the number by which the report ranks the filters, and the rms of its metric.
+
+    ``expressions`` are those of summary.csv. An experiment whose report ranks by no metric has the first
+    column of its first table.
+    """
+    measures = [measured(expression) for expression in expressions]
+    metrics = list(dict.fromkeys(m.metric for m in measures if not m.relation))
+    metric = first_ranking_metric(e.config, sort_ranking_metrics(e.config, metrics))
+    if not metric:
+        tables = [table for table in e.config["tables"].values() if table.get("columns")]
+        return [str(next(iter(tables[0]["columns"].values())))]
+    return [f"{compared_statistic(e.config, metric)}({metric})", f"rms({metric})"]
 
 
 def table(folder: str = "") -> str:
@@ -87,7 +104,9 @@ def _number(value: float) -> str:
 
 
 NOTE = (
-    "Under each problem stands its error, at the first point of a grid. The table leaves smoothers out. "
+    "Under each problem stands the number by which trackbench ranks the filters, at the first point of "
+    "a grid. A bound has no mean error. In a problem with a bound it is therefore the root mean square. "
+    "The table leaves smoothers out. "
     "Problems with a reference filter or a bound have the ratio of each error to it in parentheses."
 )
 

@@ -80,8 +80,8 @@ def test_the_default_track_has_the_three_best_and_sensors_that_are_near(plane):
 def test_a_swept_key_has_its_unit_and_a_scenario_no_best(tmp_path, path, marks):
     table = "tables: {t: {kind: metrics, columns: {E: mean(rmse_position)}}}"
     results = ran(tmp_path, f"{PLANE}\ngrid: {{{path}: [0.5, 1, 4]}}\n{table}\n").results
-    assert results.axis(path) == "q (m^2/s^3)"
-    assert f"| {path} (m^2/s^3) |" in (results.folder / "tables" / "t.md").read_text()
+    assert results.axis(path) == "q (m²/s³)"
+    assert f"| {path} (m²/s³) |" in (results.folder / "tables" / "t.md").read_text()
     assert (results.folder / "tables" / "t.csv").read_text().startswith(f"{path},Filter,E,")
     only = ("Wide",)
     for spec in (RmseVsParameter(filters=only), SweepFigure(paths=(path,), filters=only)):
@@ -90,7 +90,7 @@ def test_a_swept_key_has_its_unit_and_a_scenario_no_best(tmp_path, path, marks):
         best = [
             line for line in ax.lines if line.get_marker() == "o" and len(line.get_xdata()) == 1
         ]
-        assert ax.get_xlabel() == "q (m^2/s^3)"
+        assert ax.get_xlabel() == "q (m²/s³)"
         assert len(best) == marks
         assert ("Best" in spec.default_caption(results)) == bool(marks)
         panel = json.loads(ET.fromstring(style.content(figure, "svg")).get("data-live"))["axes"][0]

@@ -143,10 +143,10 @@ def test_a_caption_says_what_this_figure_shows(results: Results, name: str) -> N
 @pytest.mark.parametrize(
     ("motion", "unit"),
     [
-        ("{kind: cv, q: 1, noise_gain: standard}", "(m/s^2)^2"),
-        ("{kind: cv, q: 1, noise_gain: printed}", "(m/s)^2"),
-        ("{kind: ca, q: 1, noise_gain: printed}", "(m/s^2)^2"),
-        ("{kind: cwna, q: 1}", "m^2/s^3"),
+        ("{kind: cv, q: 1, noise_gain: standard}", "m²/s⁴"),
+        ("{kind: cv, q: 1, noise_gain: printed}", "m²/s²"),
+        ("{kind: ca, q: 1, noise_gain: printed}", "m²/s⁴"),
+        ("{kind: cwna, q: 1}", "m²/s³"),
     ],
 )
 def test_a_swept_noise_has_the_unit_of_its_motion(tmp_path: Path, motion: str, unit: str) -> None:

@@ -253,10 +253,18 @@ def test_panels_of_linked_paths_are_named_by_the_paths_that_differ(tmp_path: Pat
     assert titles == ["x = \N{MINUS SIGN}2", "x = 10"]
     both = ran(tmp_path, UNSORTED.replace("GRID", grid), out=tmp_path / "both").results
     titles = [ax.get_title() for ax in panels(both.parts("figures")["time"], both)]
-    assert titles == ["sigma = 1 m, q = 2", "sigma = 1 m, q = 3"]
+    assert titles == ["sigma = 1 m, q = 2 m²/s⁴", "sigma = 1 m, q = 3 m²/s⁴"]
     one = ran(tmp_path, UNSORTED.replace("GRID", grid.replace("[1, 3]", "[4, 3]"))).results
     titles = [ax.get_title() for ax in panels(one.parts("figures")["time"], one)]
     assert titles == ["sigma = 1 m", "sigma = 4 m"]
+    times = ran(tmp_path, UNSORTED.replace("GRID", "grid: {scenario.T: [1, 2]}")).results
+    titles = [ax.get_title() for ax in panels(times.parts("figures")["time"], times)]
+    assert titles == ["T = 1 s", "T = 2 s"]
+    start = UNSORTED.replace("[2, 1, 2, 1]", "{px: 2, vx: 1, py: 2, vy: 1}")
+    start = start.replace("GRID", "grid: {scenario.start.sigma.px: [1, 2]}")
+    components = ran(tmp_path, start).results
+    titles = [ax.get_title() for ax in panels(components.parts("figures")["time"], components)]
+    assert titles == ["px = 1 m", "px = 2 m"]
 
 
 def test_faults_that_overlap_are_shaded_above_each_other(tmp_path: Path) -> None:
@@ -264,9 +272,30 @@ def test_faults_that_overlap_are_shaded_above_each_other(tmp_path: Path) -> None
     (ax,) = panels(stored.parts("figures")["time"], stored)
     heights = [patch.get_bbox().intervaly.tolist() for patch in ax.patches]
     assert heights == [[0.5, 1.0], [0.0, 0.5]]
+    words = "early and late have a strip each, from top to bottom."
+    assert words in stored.parts("figures")["time"].default_caption(stored)
     apart = ran(tmp_path, UNSORTED.replace("GRID", "").replace("from: 5", "from: 7")).results
     (ax,) = panels(apart.parts("figures")["time"], apart)
     assert [patch.get_bbox().intervaly.tolist() for patch in ax.patches] == [[0.0, 1.0]] * 2
+    assert words not in apart.parts("figures")["time"].default_caption(apart)
+
+
+def test_lines_on_a_logarithmic_axis_begin_where_each_can(tmp_path: Path) -> None:
+    """The filter with a known start has no error at first, which the axis cannot show."""
+    text = UNSORTED.partition("  faults:")[0] + (
+        "filters: {EKF: {kind: ekf}, Known: {kind: ekf, start: {kind: given, mean: truth}}}\n"
+        "tables: {}\nfigures: {time: {kind: rmse-vs-time, metric: rmse_position, log: true}}\n"
+    )
+    stored = ran(tmp_path, text.replace(", start: {kind: given, mean: truth}", "")).results
+    series = stored.columns("per_step").where(metric="rmse_position")
+    is_first = (series["filter"] == "Known") & (series["step"] == series["step"].min())
+    series["value"][is_first] = 0.0
+    stored.__dict__["columns"] = lambda name, point=None: series
+    (ax,) = panels(stored.parts("figures")["time"], stored)
+    first = series["step"].min()
+    for label in ("EKF", "Known"):
+        x, y = lines(ax)[label].T
+        assert x[np.isfinite(y)][0] == first + 1
 
 
 def test_the_axes_of_estimates_have_name_and_unit(tmp_path: Path) -> None:

@@ -132,14 +132,27 @@ def test_a_key_in_a_table_is_that_of_the_point(
     assert [cells[0].estimate.value for cells in results.tables["t"].cells] == expected
 
 
-def test_linked_paths_of_equal_values_show_one(tmp_path: Path) -> None:
+def test_linked_paths_show_the_keys_that_differ(tmp_path: Path) -> None:
     more = "filters: {A: {kind: pf}, B: {kind: offset, off: 1.0}}\n"
     more += "tables: {t: {kind: metrics, columns: {N: N}, filters: [A]}}\n"
     grid = "{filters.A.N & filters.B.off: [[5, 5], [5, 9], 7], scenario.score.steps: [[2, 2]]}"
     table = with_offset(tmp_path, CONFIG + more + f"grid: {grid}\n").tables["t"]
     keys = [tuple(cell.text for cell in row[:2]) for row in table.texts().rows]
-    assert keys == [("5", "[2, 2]"), ("[5, 9]", "[2, 2]"), ("7", "[2, 2]")]
+    words = ["N = 5, off = 5", "N = 5, off = 9", "N = 7, off = 7"]
+    assert keys == [(text, "[2, 2]") for text in words]
+    assert table.texts().heads[0] == "N, off"
     assert [row[0] for row in table.csv_rows()] == ["[5, 5]", "[5, 9]", "7"]
+
+
+def test_linked_paths_that_one_key_tells_apart_show_it(tmp_path: Path) -> None:
+    more = "filters: {A: {kind: pf}, B: {kind: offset, off: 1.0}}\n"
+    more += "tables: {t: {kind: metrics, columns: {N: N}, filters: [A]}}\n"
+    grid = "{filters.A.N & filters.B.off: [[5, 5], [6, 9], 7]}"
+    table = with_offset(tmp_path, CONFIG + more + f"grid: {grid}\n").tables["t"]
+    assert table.texts().heads[0] == "filters.A.N"
+    assert [row[0].text for row in table.texts().rows] == ["5", "6", "7"]
+    assert "| 6 |" in table.markdown()
+    assert [row[0] for row in table.csv_rows()] == ["[5, 5]", "[6, 9]", "7"]
 
 
 def test_a_key_of_a_plugin_is_known_without_it(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from trackbench.report.figures.heat_map import HeatMap
 from trackbench.report.figures.innovations import Autocorrelation, Nis
 from trackbench.report.figures.over_time import EstimatesOfOneRun, RmseVsTime
 from trackbench.report.figures.per_run import RmsePerRun
-from trackbench.report.figures.sweep import RmseVsParameter
+from trackbench.report.figures.sweep import RmseVsParameter, _is_level
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import filter_lines, scales, style
 from trackbench.report.render import draw_figure
@@ -137,6 +137,14 @@ def test_linked_paths_with_equal_numbers_are_one_parameter(tmp_path: Path) -> No
     keys = {"filters": filters, "grid": grid, "figures": figures}
     (tmp_path / "d.yaml").write_text(yaml.safe_dump(KEYS | keys))
     assert "[30, 31] in the grid" in trackbench("check", tmp_path / "d.yaml").stderr
+
+
+def test_a_filter_that_ignores_the_parameter_has_no_best_value() -> None:
+    values = np.array([52.93, 52.95, 52.92])
+    assert _is_level(values, np.full(3, 1.95))
+    assert not _is_level(values, np.full(3, 0.1))
+    assert not _is_level(np.array([1.0, 2.0, np.nan]), np.full(3, 0.5))
+    assert _is_level(np.full(3, np.nan), np.full(3, np.nan))
 
 
 def test_a_filter_that_lost_all_runs_has_no_line_in_the_legend(tmp_path: Path) -> None:

@@ -190,9 +190,10 @@ def test_a_collapsed_run_is_counted_and_not_averaged(made):
 
 def test_one_lost_run_is_no_runs():
     codes = {("A", "lost"): np.array([0.0, 1.0, 2.0, 2.0])}
-    notes = list(_lost_notes(SimpleNamespace(runs=lambda point: codes), {"q": 1}, ["A"]))
-    assert notes[0].startswith("A at q = 1: 1 run lost because")
-    assert notes[1].startswith("A at q = 1: 2 runs lost because")
+    results = SimpleNamespace(runs=lambda point: codes, point_heading=lambda point: "q = 1 m²/s³")
+    notes = list(_lost_notes(results, {"q": 1}, ["A"]))
+    assert notes[0].startswith("A at q = 1 m²/s³: 1 run lost because")
+    assert notes[1].startswith("A at q = 1 m²/s³: 2 runs lost because")
 
 
 def test_an_error_keeps_a_digit_however_small():

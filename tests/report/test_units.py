@@ -7,6 +7,8 @@ from typing import Annotated
 import pytest
 
 from trackbench.field_types import Unit
+from trackbench.report.figures import captions
+from trackbench.report.findings import phrases
 from trackbench.report.plotting import style
 from trackbench.report.results import Results, _unit
 
@@ -50,11 +52,11 @@ def test_keys_of_the_package_have_their_units(group: str, kind: str, key: str, u
 @pytest.mark.parametrize(
     ("experiment", "figure", "x_labels"),
     [
-        ("ais", "tuning-EKF-Singer", ["sigma of motion (m/s^2)", "sigma of sensor 1 (m)"]),
+        ("ais", "tuning-EKF-Singer", ["sigma of motion (m/s²)", "sigma of sensor 1 (m)"]),
         (
             "adaptive-kf-tuned",
             "tuning-IMM",
-            ["q of motion 1 ((m/s^2)^2)", "q of motion 2 ((m/s^2)^2)"],
+            ["q of motion 1 (m²/s⁴)", "q of motion 2 (m²/s⁴)"],
         ),
     ],
 )
@@ -75,3 +77,26 @@ def test_axes_of_tuned_keys_have_words_and_units(
     trials = [line for ax in panels for line in ax.lines if line.get_label() == "Trial"]
     assert trials
     assert not any(line.get_clip_on() for line in trials)
+
+
+@pytest.mark.parametrize(
+    ("unit", "shown"),
+    [
+        ("m^2/s^3", "m²/s³"),
+        ("(m/s^2)^2", "m²/s⁴"),
+        ("(m/s)^2", "m²/s²"),
+        ("rad/s", "rad/s"),
+        ("s^-1", "s⁻¹"),
+        ("", ""),
+    ],
+)
+def test_units_have_raised_powers(unit: str, shown: str) -> None:
+    assert phrases.with_raised_powers(unit) == shown
+
+
+def test_the_time_of_a_state_without_units_has_none() -> None:
+    """The system of Lorenz has components without units."""
+    results = Results(STORED / "lorenz63-mandel")
+    assert "scenario.T" not in results.grid_units
+    headings = captions.panel_headings(results, results.points())
+    assert headings == ["T = 0.05", "T = 0.35", "T = 0.55"]

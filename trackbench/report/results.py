@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
@@ -37,7 +38,7 @@ from trackbench.report.paired import (
     primary_metrics,
 )
 from trackbench.report.plotting import style
-from trackbench.report.table import Table, results_html
+from trackbench.report.table import LinkedTexts, Table, results_html
 from trackbench.results.folder import ResultsFolder
 from trackbench.results.folder_contents import DEFAULT, TRACK
 from trackbench.results.point_facts import GridPoint
@@ -236,15 +237,29 @@ class Results(ResultsFolder):
         return tables
 
     def with_units(self, table: Table) -> Table:
-        """Set the units of the grid's paths in a table, and how many paths vary together; return it.
+        """Set units of the grid's paths in a table, and texts of those that vary together; return it.
 
         The head of paths that vary together is the first of them.
         """
-        table.units = {single_paths(path)[0]: unit for path, unit in self.grid_units.items()}
-        for paths in map(single_paths, self.grid):
-            if len(paths) > 1:
-                table.linked[paths[0]] = len(paths)
+        table.units = {
+            path: phrases.with_raised_powers(unit) for path, unit in self.grid_units.items()
+        }
+        for path in self.grid:
+            if len(single_paths(path)) > 1:
+                table.linked[single_paths(path)[0]] = self._linked_texts(path)
         return table
+
+    def _linked_texts(self, path: str) -> LinkedTexts:
+        """Return how a table shows the values of paths that vary together: by the keys that differ."""
+        values = list(dict.fromkeys(str(point[path]) for point in self.points()))
+        points, number = phrases.distinct_points([{path: value} for value in values])
+        paths = list(points[0])
+        if number == 1:
+            texts = [str(*point.values()) for point in points]
+            return LinkedTexts(head="", texts=dict(zip(values, texts, strict=True)))
+        names = dict.fromkeys(phrases.quantity(single_path)[0] for single_path in paths)
+        texts = [phrases.heading(point, self.grid_units) for point in points]
+        return LinkedTexts(head=", ".join(names), texts=dict(zip(values, texts, strict=True)))
 
     @property
     def unmade_lines(self) -> list[str]:
@@ -400,16 +415,38 @@ class Results(ResultsFolder):
 
     @cached_property
     def grid_units(self) -> dict[str, str]:
-        """Unit of each path of the grid whose key has one and whose name does not end in it."""
+        """Unit of each single path of the grid whose key has one and whose name does not end in it.
+
+        If no component of the state has a unit, that of the time is unknown, too.
+        """
         units: dict[str, str] = {}
-        for path in self.grid:
+        for path in chain.from_iterable(map(single_paths, self.grid)):
             _, unit_in_name = phrases.quantity(path)
             if unit_in_name:
                 continue
-            unit = self.unit_of_key(split_path(self.source, single_paths(path)[0]))
-            if unit:
+            unit = self.unit_of_key(split_path(self.source, path)) or self._unit_of_component(path)
+            is_time = path == "scenario.T"
+            if unit and not (is_time and not any(self._component_units.values())):
                 units[path] = unit
         return units
+
+    def point_heading(self, point: GridPoint) -> str:
+        """Return a grid point in words, by the keys that differ; empty without a grid."""
+        points = self.points()
+        return phrases.distinct_headings(points, self.grid_units)[points.index(point)]
+
+    @cached_property
+    def _component_units(self) -> dict[str, str]:
+        """Unit of each component of the truth's state by name; empty if none is known."""
+        facts = self.facts(self.points()[0])
+        return {name: facts.component(c)[1] for c, name in enumerate(facts.components)}
+
+    def _unit_of_component(self, path: str) -> str:
+        """Return the unit of a component of the initial state that a path sets; else empty."""
+        parent, _, component = path.rpartition(".")
+        if parent in ("scenario.start.mean", "scenario.start.sigma", "scenario.target.initial"):
+            return self._component_units.get(component, "")
+        return ""
 
     def unit_of_key(self, keys: Sequence[str | int]) -> str:
         """Return the unit of a key of the config; empty if none is known.

@@ -4,7 +4,7 @@ import base64
 import re
 import unicodedata
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from html import escape
 from itertools import chain
 from math import floor, isfinite, isinf, log10
@@ -195,6 +195,7 @@ _TEX = {
     "−": "$-$",
     "²": r"\textsuperscript{2}",
     "³": r"\textsuperscript{3}",
+    "⁴": r"\textsuperscript{4}",
 }
 
 
@@ -328,6 +329,15 @@ class Cell(NamedTuple):
         return cls(estimate=Estimate(float("nan"), float("nan")), runs=0, lost=0)
 
 
+class LinkedTexts(NamedTuple):
+    """Texts of a table for the values of paths that vary together, which stand under one key header."""
+
+    head: str
+    """names of the keys that differ; empty if one key does, whose header stays"""
+    texts: dict[str, str]
+    """text of each value, by the value as the CSV file has it"""
+
+
 @dataclass(repr=False)
 class Table:
     """Rows of keys and cells, with a title and notes: what a table kind returns."""
@@ -347,8 +357,8 @@ class Table:
     """sentences below the table"""
     units: dict[str, str] = field(default_factory=dict)
     """units of key headers that do not name theirs, which the files in CSV leave out"""
-    linked: dict[str, int] = field(default_factory=dict)
-    """key headers of linked paths, and how many these are"""
+    linked: dict[str, LinkedTexts] = field(default_factory=dict)
+    """texts of linked paths by key header, which the files in CSV leave out"""
     best: set[tuple[int, int]] = field(default_factory=set)
     """row and column of the best values, and of those without a significant difference from them"""
 
@@ -403,9 +413,12 @@ class Table:
         """Return ``value ± stderr`` in every cell; lost runs are named in a last column."""
         heads = []
         for head in self.key_headers:
-            if head in self.units:
-                head += f" ({self.units[head]})"
-            heads.append(head)
+            if head in self.linked and self.linked[head].head:
+                heads.append(self.linked[head].head)
+            elif head in self.units:
+                heads.append(f"{head} ({self.units[head]})")
+            else:
+                heads.append(head)
         heads += self.value_headers
         names_losses = any(cell.lost for cell in chain.from_iterable(self.cells))
         if names_losses:
@@ -421,13 +434,12 @@ class Table:
         return table
 
     def _key_texts(self, keys: list[str]) -> list[Text]:
-        """Write the keys of a row; linked paths of equal values, [100, 100], have the one value."""
+        """Write the keys of a row; those of linked paths by the keys that differ."""
         texts = []
         for head, key in zip(self.key_headers, keys, strict=True):
-            # As many values as paths are linked under this head, if its key is a list.
-            values = key.strip("[]").split(", ")
-            are_equal = len(values) == self.linked.get(head) and len({*values}) == 1
-            texts.append(Text(values[0] if are_equal else key))
+            if head in self.linked:
+                key = self.linked[head].texts.get(key, key)
+            texts.append(Text(key))
         return texts
 
     def _cell_text(self, cell: Cell, best: bool) -> Text:
@@ -441,8 +453,8 @@ class Table:
         return Text(text=self.text(cell), number=cell.estimate.value, tex=tex, best=best)
 
     def markdown(self) -> str:
-        """Return a Markdown table, whose keys are those of the CSV file."""
-        return replace(self, linked={}).texts().markdown()
+        """Return a Markdown table."""
+        return self.texts().markdown()
 
     def text(self, cell: Cell) -> str:
         """Return ``0.3164 ± 0.0080``; in words where there is no number, or no error of it."""

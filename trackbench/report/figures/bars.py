@@ -65,7 +65,7 @@ class Bars(FigureKind):
         looks = results.line_styles([*labels, *references], self.floor, self.baseline)
         height = 0.9 + 0.26 * len(labels)
         figure, axes = style.make_panels(len(points), 1, height, sharex=True, sharey=True)
-        headings = style.wrap_headings([phrases.heading(point) for point in points])
+        headings = style.wrap_headings(captions.panel_headings(results, points))
         for (ax,), point, heading in zip(axes, points, headings, strict=True):
             expressions = Evaluator(results, point)
             self._draw_measured(ax, expressions, {label: looks[label]["color"] for label in labels})

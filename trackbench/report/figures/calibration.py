@@ -103,7 +103,7 @@ class CalibrationFigure(FigureKind):
                     _draw_histogram(ax, ranks, color, over_steps=not metric.steps)
                 else:
                     ax.set_axis_off()
-            row_label = ", ".join(filter(None, [label, phrases.heading(point)]))
+            row_label = ", ".join(filter(None, [label, captions.heading(results, point)]))
             row[0].set_ylabel(style.wrap_label(row_label, 16))
         for ax, heading in zip(axes[0], self.columns, strict=True):
             p_value = ax.get_title()  # set by `_draw_histogram`

@@ -3,7 +3,6 @@
 import re
 from collections.abc import Sequence
 
-from trackbench.config.grid import single_paths
 from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.report.findings import phrases
@@ -48,28 +47,10 @@ def heading(results: Results, point: GridPoint) -> str:
 
 
 def panel_headings(results: Results, points: Sequence[GridPoint]) -> list[str]:
-    """Return the titles of the panels of grid points, with units.
-
-    Of paths that vary together a title has the first ones: as many as make the titles differ.
-    """
-    units = {single_paths(path)[0]: unit for path, unit in results.grid_units.items()}
-    most = max((len(single_paths(path)) for path in results.grid), default=1)
-    headings: list[str] = []
-    for number in range(1, most + 1):
-        headings = [phrases.heading(_first_paths(point, number), units) for point in points]
-        if len(set(headings)) == len(points):
-            break
+    """Return the titles of the panels of grid points, with units and with the keys that differ."""
+    headings = phrases.distinct_headings(points, results.grid_units)
     # The minus of a number, not the hyphen of a name.
     return [re.sub(r"(?<!\w)-(?=\d)", "\N{MINUS SIGN}", heading) for heading in headings]
-
-
-def _first_paths(point: GridPoint, number: int) -> GridPoint:
-    """Return a grid point with the first ``number`` of paths that vary together, each by itself."""
-    first: GridPoint = {}
-    for path, value in point.items():
-        values = phrases.values_of_paths(path, value)
-        first |= dict(list(zip(single_paths(path), values, strict=True))[:number])
-    return first
 
 
 def panels(results: Results) -> str:

@@ -213,9 +213,10 @@ class Dots(FigureKind):
         figure, axes = style.subplots(
             len(points), len(self.columns), height, sharey=True, squeeze=False
         )
-        for panels, point in zip(axes, points, strict=True):
+        headings = captions.panel_headings(results, points)
+        for panels, point, heading in zip(axes, points, headings, strict=True):
             # The panel in the middle has the title of the row.
-            panels[len(panels) // 2].set_title(phrases.heading(point))
+            panels[len(panels) // 2].set_title(heading)
             for ax, metric in zip(panels, self.columns.values(), strict=True):
                 self._draw_metric(ax, results, point, str(metric), labels)
             panels[0].set_yticks(range(len(labels)), map(style.wrap_label, labels))

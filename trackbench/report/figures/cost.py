@@ -107,7 +107,7 @@ class AccuracyVsCost(FigureKind):
         all_scenes = scenes(results)
         drawn = all_scenes[: style.MOST_PANELS]
         figure, axes = style.make_panels(len(drawn), 1, 4.2, sharey=True)
-        headings = style.wrap_headings([phrases.heading(scene) for scene in drawn])
+        headings = style.wrap_headings(captions.panel_headings(results, drawn))
         for (ax,), scene, heading in zip(axes, drawn, headings, strict=True):
             self._draw_panel(ax, results, scene)
             ax.set_title(heading)

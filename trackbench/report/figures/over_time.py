@@ -3,6 +3,7 @@
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from math import ceil
 from typing import Any, ClassVar, Literal, NamedTuple, Self
 
@@ -325,10 +326,7 @@ class OverTime(Curves):
         in a strip of the axis, so that none covers another.
         """
         spans = [self._span_of_fault(rows, fault) for fault in faults]
-        strips = 1
-        for number, span in enumerate(spans):
-            if any(_overlap(span, other) for other in spans[:number]):
-                strips = len(faults)
+        strips = len(faults) if _have_overlap(spans) else 1
         for number, (fault, span) in enumerate(zip(faults, spans, strict=True)):
             if span is None:
                 continue
@@ -389,6 +387,11 @@ class OverTime(Curves):
         return filter_lines.draw_filter_line(ax, x, value, look)
 
 
+def _have_overlap(spans: Sequence[tuple[float, float] | None]) -> bool:
+    """Return whether any two of the spans on an axis have more than an end in common."""
+    return any(_overlap(one, other) for one, other in combinations(spans, 2))
+
+
 def _overlap(span: tuple[float, float] | None, other: tuple[float, float] | None) -> bool:
     """Return whether two spans on an axis have more than an end in common; None is an empty span."""
     if span is None or other is None:
@@ -433,8 +436,18 @@ class RmseVsTime(OverTime):
             spread = "Bars" if has_bars else "Bands"
             caption += f" {spread} are two standard errors on either side."
         caption += captions.bound(results, labels)
-        if results.facts(results.points()[0]).scenario.get("faults"):
-            caption += " The times of faults are shaded."
+        faults = results.facts(results.points()[0]).scenario.get("faults") or ()
+        if not faults:
+            return caption
+        caption += " The times of faults are shaded."
+        rows = results.columns("per_step", results.points()[0]).where(metric=str(self.metric))
+        spans = [self._span_of_fault(rows, fault) for fault in faults]
+        if _have_overlap(spans):
+            names = phrases.joined([fault["name"] for fault in faults])
+            caption += (
+                f" As some overlap in time, {names} have a strip each, from top to bottom. The height "
+                "of a strip means nothing."
+            )
         return caption
 
     def draw(self, results: Results) -> Figure:
@@ -455,17 +468,35 @@ class RmseVsTime(OverTime):
             faults = results.facts(panel.point).scenario.get("faults", ())
             if all_series:  # there is none if every filter failed
                 self.shade_faults(ax, all_series[0].rows, faults)
+            first_place = self._first_place(all_series)
             for place, series in enumerate(all_series):
                 look = series.look
                 k, value, stderr = self.series_with_gaps(series.rows)
+                value = np.where(k < first_place, np.nan, value)
                 if self.log and scales.has_logarithm(value):
-                    # A first error that is only rounding, of a known state, would stretch the axis.
                     value = scales.without_rounding(value)
                 if self.draw_curve(ax, k, value, look, panel.label, panel_labels):
                     filter_lines.draw_error_band(
                         ax, k, value, stderr, look, place, lines_with_errors, self.log
                     )
         return self.finish(figure, panel_labels)
+
+    def _first_place(self, all_series: Sequence[MetricSeries]) -> float:
+        """Return the place on the horizontal axis at which the lines of all filters begin.
+
+        A first error of zero, or one that is only rounding, is that of a known state. A logarithmic axis
+        cannot show it, so all lines begin behind it.
+        """
+        first = -np.inf
+        for series in all_series:
+            value = series.rows["value"]
+            if not (self.log and scales.has_logarithm(value)):
+                continue
+            is_hidden = np.isfinite(value) & np.isnan(scales.without_rounding(value))
+            if is_hidden.any() and is_hidden[0]:
+                first_shown = int(np.argmin(is_hidden))
+                first = max(first, float(series.rows[self.x][first_shown]))
+        return first
 
 
 @register("figures", "estimates")

@@ -90,8 +90,7 @@ class RmseVsParameter(FigureKind):
             rows = all_rows.where(filter=label)
             rows = rows.chosen(np.isfinite(rows["value"]))
             values = rows["value"]
-            # A filter that does not depend on the parameter has one value throughout.
-            if len(values) and np.ptp(values) > 0.0:
+            if not _is_level(values, rows["stderr"]):
                 best = best_place(values, self.metric)
                 parameter = _parameter_values(results, path, rows)[best]
                 number = rounded(float(values[best]), 3)
@@ -133,7 +132,7 @@ class RmseVsParameter(FigureKind):
             else:
                 estimates = _Estimates(x=x[of_filter], value=y[of_filter], stderr=stderr[of_filter])
                 best: int | None = None
-                if marked_by is not None and np.isfinite(estimates.value).any():
+                if marked_by is not None and not _is_level(estimates.value, estimates.stderr):
                     best = best_place(estimates.value, marked_by)
                 _draw_estimates(ax, estimates, look | {"marker": "o", "markersize": 2.5}, best)
         values = np.unique(parameters)
@@ -153,6 +152,18 @@ class RmseVsParameter(FigureKind):
         ax.set_xlabel(self.x_label or results.axis(path))
         ax.set_ylabel(self.y_label or phrases.axis_of(self.metric))
         return style.add_title_and_legend(figure, self.title)
+
+
+def _is_level(values: Array, stderrs: Array) -> bool:
+    """Return whether values (n,) with their standard errors (n,) do not depend on the parameter.
+
+    Their spread is then far below each standard error, or there are none.
+    """
+    is_finite = np.isfinite(values)
+    if not is_finite.any():
+        return True
+    finite_stderrs = np.nan_to_num(stderrs[is_finite])
+    return bool(np.ptp(values[is_finite]) <= _LEVEL * finite_stderrs.min())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -226,6 +237,8 @@ def best_place(values: Array, metric: Measure) -> int:
     return int(np.nanargmin(values))
 
 
+_LEVEL = 0.1
+"""Spread of a filter's values, as a multiple of their standard error, up to which none is the best."""
 _ROW_IN = 2.6
 """Height of a row of panels."""
 _EXTRA_IN = 0.6

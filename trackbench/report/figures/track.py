@@ -166,7 +166,7 @@ class Track(FigureKind):
         axes[0][0].set_ylabel(f"y ({unit})")
         title = self.title
         if len(results.grid_points) > 1:
-            title = f"{title} ({phrases.heading(point)})".strip()
+            title = f"{title} ({captions.heading(results, point)})".strip()
         return style.add_title_and_legend(figure, title)
 
     def _read_scene(

@@ -1,5 +1,6 @@
 """Numbers and names as they stand in a sentence."""
 
+import re
 from ast import literal_eval
 from collections.abc import Iterable, Mapping, Sequence
 from math import ceil, inf, log10
@@ -38,7 +39,7 @@ def statistic_words(statistic: str, metric: Measure) -> str:
 
 def with_unit(text: str, metric: Measure) -> str:
     """Return a number, and the unit of the metric if it has one."""
-    return f"{text} {_unit(metric)}".rstrip()
+    return f"{text} {with_raised_powers(_unit(metric))}".rstrip()
 
 
 def head_of(statistic: str, metric: Measure) -> str:
@@ -95,7 +96,24 @@ def in_unit(words: str, unit: str) -> str:
     """Add a unit, if there is one: ``position RMSE (m)``."""
     if not unit:
         return words
-    return f"{words} ({unit})"
+    return f"{words} ({with_raised_powers(unit)})"
+
+
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def with_raised_powers(unit: str) -> str:
+    """Return a unit with raised exponents: ``m²/s³`` for ``m^2/s^3``, ``m²/s⁴`` for ``(m/s^2)^2``."""
+    power_of_all = re.fullmatch(r"\(([^()]+)\)\^([0-9]+)", unit)
+    if power_of_all is None:
+        return re.sub(r"\^(-?[0-9]+)", lambda power: power[1].translate(_RAISED), unit)
+    inner, outer_power = power_of_all.groups()
+
+    def raise_factor(factor: re.Match[str]) -> str:
+        power = int(factor[2] or 1) * int(outer_power)
+        return f"{factor[1]}{str(power).translate(_RAISED)}"
+
+    return re.sub(r"([A-Za-z]+)(?:\^([0-9]+))?", raise_factor, inner)
 
 
 def _unit(metric: Measure) -> str:
@@ -172,20 +190,59 @@ def heading(point: GridPoint, units: Mapping[str, str] = MappingProxyType({})) -
     """Return a grid point as the title of its panel: ``R = 0.1``, ``sigma azimuth = 2 mrad``.
 
     Each of several paths that vary together has its own value: ``q = 1469.1, R = 15099``. ``units`` are
-    the units, by path, of paths whose names end in none; of several paths that of the first one.
+    the units, by single path, of paths whose names end in none.
     """
     parts: list[str] = []
     for path, value in point.items():
-        first_path = single_paths(path)[0]
         values = values_of_paths(path, value)
         for single_path, single_value in zip(single_paths(path), values, strict=True):
-            words, unit = quantity(single_path)
-            if single_path == first_path:
-                unit = unit or units.get(path, "")
+            words, unit_in_name = quantity(single_path)
+            unit = with_raised_powers(unit_in_name or units.get(single_path, ""))
             part = f"{words} = {_value_words(single_value)} {unit}".rstrip()
             if part not in parts:  # the same key of several filters
                 parts.append(part)
     return ", ".join(parts)
+
+
+def distinct_headings(
+    points: Sequence[GridPoint], units: Mapping[str, str] = MappingProxyType({})
+) -> list[str]:
+    """Return the titles of grid points, as `heading` writes them, with no more keys than they need.
+
+    Of paths that vary together a title has the first ones: as many as make the titles differ.
+    """
+    shortened, _ = distinct_points(points)
+    return [heading(point, units) for point in shortened]
+
+
+def distinct_points(points: Sequence[GridPoint]) -> tuple[list[GridPoint], int]:
+    """Shorten grid points to the first of the paths that vary together.
+
+    Returns
+    -------
+    points : list
+        Points by single path.
+    number : int
+        How many of the paths that vary together they have: as many as make the points differ.
+    """
+    most = max((len(single_paths(path)) for point in points for path in point), default=1)
+    shortened: list[GridPoint] = []
+    number = 0
+    while number < most:
+        number += 1
+        shortened = [_first_paths(point, number) for point in points]
+        if len({heading(point) for point in shortened}) == len(points):
+            break
+    return shortened, number
+
+
+def _first_paths(point: GridPoint, number: int) -> GridPoint:
+    """Return a grid point with the first ``number`` of paths that vary together, each by itself."""
+    first: GridPoint = {}
+    for path, value in point.items():
+        values = values_of_paths(path, value)
+        first |= dict(list(zip(single_paths(path), values, strict=True))[:number])
+    return first
 
 
 def values_of_paths(path: str, value: Any) -> list[Any]:
@@ -227,7 +284,7 @@ def at_point(point: GridPoint) -> str:
 def axis(path: str, units: Mapping[str, str] = MappingProxyType({})) -> str:
     """Label an axis with a grid's path: ``sigma azimuth (mrad)``; ``units`` as `heading` has them."""
     words, unit = quantity(path)
-    return in_unit(words, unit or units.get(path, ""))
+    return in_unit(words, unit or units.get(single_paths(path)[0], ""))
 
 
 def quantity(path: str) -> tuple[str, str]:

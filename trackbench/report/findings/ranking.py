@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import isfinite
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -248,27 +248,36 @@ def best_settings(results: Results) -> list[Ranking]:
 
 
 def ranking_metrics(results: Results) -> list[str]:
-    """Return the metrics that filters can be ranked by: errors before log scores.
-
-    Errors that the config names under `score` come first.
-    """
+    """Return the metrics that filters can be ranked by, as `sort_ranking_metrics` sorts them."""
     names: dict[str, None] = {}
     for point in results.points():
         names |= dict.fromkeys(metric for _, metric in results.runs(point))
-    metrics = primary_metrics(list(names))
+    return sort_ranking_metrics(results.config, list(names))
+
+
+def sort_ranking_metrics(config: Mapping[str, Any], names: list[str]) -> list[str]:
+    """Return those metrics that filters can be ranked by: errors before log scores.
+
+    Errors that the ``config`` names under `score` come first. ``names`` are metrics of per_run.csv.
+    """
+    metrics = primary_metrics(names)
     errors = [name for name in metrics if measured(name).is_error]
-    errors = named_errors_first(results.config, errors)
+    errors = named_errors_first(config, errors)
     scores = [name for name in ("held_log_score", "log_score") if name in metrics]
     return [*errors, *scores]
 
 
 def leading_metric(results: Results) -> str:
-    """Return the metric that filters are ranked by; empty if there is none.
+    """Return the metric that filters are ranked by; empty if there is none."""
+    return first_ranking_metric(results.config, ranking_metrics(results))
 
-    It is the first one in the columns of tables that can rank, else the first of `ranking_metrics`.
+
+def first_ranking_metric(config: Mapping[str, Any], metrics: Sequence[str]) -> str:
+    """Return the first of the ranking ``metrics`` that a column of a table has, else the first of them.
+
+    Empty if there are none.
     """
-    metrics = ranking_metrics(results)
-    tabulated = [name for name in compared_statistics(results.config) if name in metrics]
+    tabulated = [name for name in compared_statistics(config) if name in metrics]
     return next(iter([*tabulated, *metrics]), "")
 
 

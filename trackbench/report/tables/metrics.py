@@ -210,7 +210,7 @@ def _cell(evaluator: Evaluator, m: Measure) -> Cell:
 def _lost_notes(results: Results, point: GridPoint, labels: list[str]) -> Iterator[str]:
     """Yield a sentence for each filter and each reason for which it lost runs at a point."""
     runs = results.runs(point)
-    place = ", ".join(f"{path} = {value}" for path, value in point.items())
+    place = results.point_heading(point)
     for label in labels:
         codes = runs.get((label, "lost"), np.empty(0))
         for code, reason in LOST_BECAUSE.items():
@@ -252,7 +252,8 @@ def _tail_notes(
                 text = f"{named(label)} {middle:.3g} ({low:.3g} to {high:.3g})"
                 medians.setdefault(name, {})[label] = text
     # Step 2: a sentence for each error.
-    where = "".join(f" at {path} = {value}" for path, value in evaluator.point.items())
+    place = evaluator.results.point_heading(evaluator.point)
+    where = f" at {place}" if place else ""
     for name, text_by_label in medians.items():
         what = f"A few runs decide the {name}{where}, so its ± may be too small"
         yield f"{what}; medians: {listed(list(text_by_label.values()))}."
