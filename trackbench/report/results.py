@@ -191,7 +191,7 @@ class Results(ResultsFolder):
             return built
         return {name: spec for name, spec in built.items() if not self._is_idle(spec)}
 
-    @property
+    @cached_property
     def idle_figures(self) -> list[str]:
         """Names of the figures none of whose filters ran, as with ``--only``; they are not drawn."""
         return [name for name, spec in self._build_parts("figures").items() if self._is_idle(spec)]

@@ -493,7 +493,7 @@ class RmseVsTime(OverTime):
             if not (self.log and scales.has_logarithm(value)):
                 continue
             is_hidden = np.isfinite(value) & np.isnan(scales.without_rounding(value))
-            if is_hidden.any() and is_hidden[0]:
+            if is_hidden[:1].any():
                 first_shown = int(np.argmin(is_hidden))
                 first = max(first, float(series.rows[self.x][first_shown]))
         return first
