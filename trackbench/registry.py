@@ -15,7 +15,7 @@ from dataclasses import is_dataclass
 from functools import cache
 from importlib.metadata import EntryPoints, entry_points
 from pathlib import Path
-from typing import Literal, NamedTuple, TypeVar, cast, get_args
+from typing import Any, Literal, NamedTuple, TypeVar, cast, get_args
 
 from trackbench.extension_points import Part, rebase
 
@@ -173,4 +173,13 @@ def import_own(*groups: Group) -> None:
 
 
 def _entries(group: Group) -> EntryPoints:
-    return entry_points(group=f"trackbench.{group}")
+    return _installed_entries(tuple(sys.path)).select(group=f"trackbench.{group}")
+
+
+@cache
+def _installed_entries(path: tuple[str, ...]) -> Any:
+    """Read the entry points of all packages on ``path``, which is `sys.path`.
+
+    A file of every installed package is read, so it is done once for all groups.
+    """
+    return entry_points()

@@ -14,11 +14,17 @@ SPECIAL = [
 
 
 @pytest.mark.skipif(compiled.kernels is None, reason="no C compiler")
-@pytest.mark.parametrize("digits", [1, 9, 15, 17])
+@pytest.mark.parametrize("digits", [1, 2, 6, 9, 10, 14, 15, 16, 17])
 def test_rows_have_the_same_bytes(monkeypatch: pytest.MonkeyPatch, digits: int) -> None:
     rng = np.random.default_rng(1)
     random = rng.standard_normal(3000) * 10.0 ** rng.integers(-30, 30, 3000)
-    values = np.concatenate((SPECIAL, random))
+    moderate = rng.standard_normal(3000) * 10.0 ** rng.integers(-17, 17, 3000)
+    # Decimals of few digits, halves between two of them, and their neighbors.
+    powers = 10.0 ** np.arange(-18, 18)
+    halves = np.outer([1.0, 5.0, 0.15, 1.25, 9.5, 9.9999999995, 0.99999999995, 122.5], powers)
+    halves = np.concatenate((halves.ravel(), 2.0 ** np.arange(-60, 60), np.arange(200) / 64.0))
+    halves = np.concatenate((halves, np.nextafter(halves, 0.0), np.nextafter(halves, np.inf)))
+    values = np.concatenate((SPECIAL, random, moderate, halves))
     head = '"a, ""b""",1,'
     compiled_rows, compiled_numbers = _numbered_rows(head, ",rmse (m²),", values, digits)
     monkeypatch.setattr(compiled, "kernels", None)

@@ -1684,43 +1684,121 @@ static char *shortened(double x, int digits) {
   return PyOS_double_to_string(rounded, 'r', 0, Py_DTSF_ADD_DOT_0, NULL);
 }
 
+/* Powers of ten that are exact numbers. */
+static const double TENS[] = {1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16,
+                              1e17, 1e18, 1e19, 1e20, 1e21, 1e22};
+enum { MOST_TENS = 22, MOST_DIGITS = 15, LONGEST_NUMBER = 32 };
+
+/* a / 10^-k or a 10^k as a whole number, rounded as its exact value is: to the nearest, a half to the even one. */
+static int64_t rounded_decimal(double a, int k) {
+  if (k >= 0) {
+    /* product + rest is a 10^k without rounding. */
+    double product = a * TENS[k], rest = fma(a, TENS[k], -product);
+    int64_t below = (int64_t)product;
+    double beyond_half = product - (double)below - 0.5;
+    return below + (beyond_half > -rest || (beyond_half == -rest && below % 2));
+  }
+  int64_t below = (int64_t)(a / TENS[-k]);
+  double rest = fma(-(double)below, TENS[-k], a);
+  if (rest < 0.0) {
+    below--;
+    rest += TENS[-k];
+  }
+  double beyond_half = 2.0 * rest - TENS[-k];
+  return below + (beyond_half > 0.0 || (beyond_half == 0.0 && below % 2));
+}
+
+/* Write the digits of n before `end`; return their beginning. */
+static char *digits_before(char *end, int64_t n) {
+  do *--end = (char)('0' + n % 10);
+  while (n /= 10);
+  return end;
+}
+
+/* Write the text of `shortened` for a number of moderate size, and the number that is read back from it. Return the
+   length of the text, or 0 for a number that is left to `shortened`. */
+static Size moderate_decimal(double x, int digits, char *text, double *as_read) {
+  double a = fabs(x);
+  if (digits > MOST_DIGITS || !(a >= 1e-15 && a < 1e15)) return 0;
+  /* Step 1: the exponent of the first digit, 10^first <= a < 10^(first + 1). */
+  int first = -1;
+  while (first < 14 && a >= TENS[first + 1]) first++;
+  while (first < 0 && a * TENS[-first] < 1.0) first--;
+  /* Step 2: the digits as one whole number; 9.99...9 rounds to a further digit. */
+  int k = digits - 1 - first;
+  if (k > MOST_TENS) return 0;
+  int64_t decimal = rounded_decimal(a, k);
+  if (decimal < (int64_t)TENS[digits - 1] || decimal > (int64_t)TENS[digits]) return 0;
+  /* Both are exact, so that the quotient or product is rounded once, as a text is that is read. */
+  double value = k >= 0 ? (double)decimal / TENS[k] : (double)decimal * TENS[-k];
+  *as_read = x < 0.0 ? -value : value;
+  char reversed[LONGEST_NUMBER], *end = reversed + LONGEST_NUMBER, *to = text;
+  if (x < 0.0) *to++ = '-';
+  /* Step 3: below 10^-4 one digit, the others behind a point, and the exponent. Zeros at the end are not written. */
+  if (a < 1e-4 && value < 1e-4) {
+    if (decimal == (int64_t)TENS[digits]) first++;
+    while (decimal % 10 == 0) decimal /= 10;
+    char *start = digits_before(end, decimal);
+    *to++ = *start++;
+    if (start < end) *to++ = '.';
+    memcpy(to, start, (size_t)(end - start));
+    to += end - start;
+    memcpy(to, "e-", 2);
+    to[2] = (char)('0' - first / 10);
+    to[3] = (char)('0' - first % 10);
+    return to + 4 - text;
+  }
+  /* Else all digits, and at least one behind the point. */
+  for (; k > 1 && decimal % 10 == 0; k--) decimal /= 10;
+  for (; k < 1; k++) decimal *= 10;
+  char *start = digits_before(end, decimal);
+  while (end - start <= k) *--start = '0';
+  Size whole = end - start - k;
+  memcpy(to, start, (size_t)whole);
+  to += whole;
+  *to++ = '.';
+  memcpy(to, end - k, (size_t)k);
+  return to + k - text;
+}
+
 /* numbered_rows(values, as_read, digits, head, middle): the bytes of a row for each value, head, number of the row,
    middle, value; writes to as_read the numbers that are read back from these rows. */
 KERNEL(c_numbered_rows) {
-  enum { LONGEST_NUMBERS = 64 };
   OPEN(2, 1);
   const double *x = DOUBLES(0);
   double *as_read = DOUBLES(1);
-  Size n = LENGTH(0), head_length, middle_length;
-  int digits = (int)WHOLE(2);
-  char *head, *middle, *text = NULL;
+  Size n = LENGTH(0), head_length, middle_length, length = 0;
+  int digits = (int)WHOLE(2), done = 1;
+  char *head, *middle, text[LONGEST_NUMBER], number[LONGEST_NUMBER];
   if (PyBytes_AsStringAndSize(args[3], &head, &head_length) || PyBytes_AsStringAndSize(args[4], &middle, &middle_length)) {
     release(&b);
     return NULL;
   }
-  char *rows = PyMem_Malloc((size_t)n * (size_t)(head_length + middle_length + LONGEST_NUMBERS) + 1), *end = rows;
+  char *rows = PyMem_Malloc((size_t)n * (size_t)(head_length + middle_length + 2 * LONGEST_NUMBER) + 1), *end = rows;
   for (Size i = 0; rows && i < n; i++) {
     /* A number that equals the one before has its text. */
-    if (text && bits_of(x[i]) == bits_of(x[i - 1])) {
+    if (i && bits_of(x[i]) == bits_of(x[i - 1])) {
       as_read[i] = as_read[i - 1];
-    } else {
-      PyMem_Free(text);
-      text = shortened(x[i], digits);
-      if (!text) break;
-      as_read[i] = PyOS_string_to_double(text, NULL, NULL);
+    } else if (!(length = moderate_decimal(x[i], digits, text, &as_read[i]))) {
+      char *shortest = shortened(x[i], digits);
+      if (!shortest) { done = 0; break; }
+      as_read[i] = PyOS_string_to_double(shortest, NULL, NULL);
+      length = (Size)strlen(shortest);
+      memcpy(text, shortest, (size_t)length);
+      PyMem_Free(shortest);
     }
     memcpy(end, head, (size_t)head_length);
     end += head_length;
-    end += PyOS_snprintf(end, LONGEST_NUMBERS, "%lld", (long long)i);
+    char *start = digits_before(number + LONGEST_NUMBER, i);
+    memcpy(end, start, (size_t)(number + LONGEST_NUMBER - start));
+    end += number + LONGEST_NUMBER - start;
     memcpy(end, middle, (size_t)middle_length);
     end += middle_length;
-    size_t length = strlen(text);
-    memcpy(end, text, length);
+    memcpy(end, text, (size_t)length);
     end += length;
     *end++ = '\n';
   }
-  PyObject *result = rows && (text || !n) ? PyBytes_FromStringAndSize(rows, end - rows) : PyErr_NoMemory();
-  PyMem_Free(text);
+  PyObject *result = rows && done ? PyBytes_FromStringAndSize(rows, end - rows) : PyErr_NoMemory();
   PyMem_Free(rows);
   release(&b);
   return result;

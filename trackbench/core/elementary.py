@@ -100,6 +100,8 @@ def power(x: ArrayLike, y: ArrayLike) -> Array:
 
     If y is a single whole number from 0 to 16, x is multiplied by itself.
     """
+    if isinstance(x, float) and isinstance(y, float) and 0.0 < x < np.inf and y != np.floor(y):
+        return exp(y * float(log(x)))  # as below, without the arrays
     x = np.asarray(x, dtype=float)
     y = np.asarray(y, dtype=float)
     if y.ndim == 0 and 0 <= y <= _MOST_FACTORS and y == np.floor(y):

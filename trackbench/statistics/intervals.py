@@ -440,14 +440,13 @@ def normals_of_t(t: Array, freedom: Array | float) -> Array:
     return np.asarray(z / (8.0 * freedom + 3.0))
 
 
-@np.errstate(all="ignore")
 def t_of_normal(z: float, freedom: float) -> float:
     """Return the inverse of `normal_of_t`."""
     if not freedom < np.inf or not abs(z) < np.inf:
         return z
     # t = sqrt(f (exp(s^2 / f) - 1)) with s = z (8 f + 3) / (8 f + 1)
     scaled = z * (8.0 * freedom + 3.0) / (8.0 * freedom + 1.0)
-    return float(np.copysign(np.sqrt(freedom * (exp(scaled * scaled / freedom) - 1.0)), z))
+    return copysign(sqrt(freedom * (float(exp(scaled * scaled / freedom)) - 1.0)), z)
 
 
 def spread(influences: Array, other: float = 0.0) -> Spread:
@@ -515,4 +514,4 @@ def _inverse(y: float, a: float) -> float:
         return y  # its limit, without a division by zero
     # T = 3 / a ((1 + a (y - a / 6))^(1/3) - 1)
     cube = 1.0 + a * (y - a / 6.0)
-    return 3.0 / a * (float(np.copysign(power(abs(cube), 1.0 / 3.0), cube)) - 1.0)
+    return 3.0 / a * (copysign(float(power(abs(cube), 1.0 / 3.0)), cube) - 1.0)
