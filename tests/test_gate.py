@@ -178,7 +178,9 @@ def test_a_filter_that_fails_fails_the_gate_unless_it_is_new(tmp_path: Path) -> 
     assert old.returncode == 1
     assert "Old failed: " in old.stdout
     lines = trackbench("gate", *words, "--json", cwd=tmp_path).stdout.splitlines()
-    assert json.loads(lines[-1])["failed"].startswith("Old failed: ")
+    failed = json.loads(lines[-1])
+    assert (failed["filter"], failed["verdict"]) == ("Old", "failed")
+    assert failed["reason"]
 
 
 def test_a_filter_of_a_file_joins_a_config_without_plugins(
@@ -205,7 +207,8 @@ def test_a_filter_of_a_file_joins_a_config_without_plugins(
     assert lines[0] == "my-own is incomplete: removed KF"
     assert lines[-2:] == ["IMM: unchanged, byte for byte.", "Kalman: new, not compared"]
     found = trackbench(*words, "--runs", 10, "--json", cwd=repository).stdout.splitlines()
-    assert json.loads(found[-1]) == {"removed": "KF"}
+    removed = {"point": None, "filter": "KF", "metric": None, "verdict": "removed", "reason": ""}
+    assert json.loads(found[-1]) == removed
     out = trackbench(*words, "--runs", 10, "--allow-removed", cwd=repository)
     assert out.returncode == 0, out.stderr
     lines = out.stdout.splitlines()
@@ -218,4 +221,7 @@ def test_a_filter_of_a_file_joins_a_config_without_plugins(
     out = trackbench(*words, "--runs", 10, cwd=repository)
     assert out.returncode == 1, out.stderr
     assert "removed rmse_x of KF" in out.stdout.splitlines()[0]
+    found = trackbench(*words, "--runs", 10, "--json", cwd=repository).stdout.splitlines()
+    lines_of_removed = [line for line in map(json.loads, found) if line["verdict"] == "removed"]
+    assert removed | {"metric": "rmse_x"} in lines_of_removed
     git(repository, "reset", "--hard", "--quiet", "HEAD~1")

@@ -4,23 +4,29 @@ import csv
 import json
 import os
 import re
+import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
 from threading import Thread
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
 import pytest
+from scipy.stats import norm
 
 from docs.site.blocks import blocks
 from tests.commands import BARE, Command, spawned, trackbench
-from tests.conftest import ROOT
+from tests.conftest import PLANE, ROOT
+from trackbench import api
 from trackbench.cli.output import echo_line
-from trackbench.commands.gate import NEGLIGIBLE
+from trackbench.commands.gate import FAILED, NEGLIGIBLE, REMOVED, limit_of
 from trackbench.contract import Finding
+from trackbench.errors import WriteError
 from trackbench.registry import GROUPS, kinds
-from trackbench.report.compare_folders import DIFFERS
-from trackbench.report.suite.scores import BEST, LOSES_MORE, Score
+from trackbench.report.compare_folders import COST, DIFFERS, EXACT, INDEPENDENT, PAIRED
+from trackbench.report.suite.scores import BEST, LOSES_MORE, Ratio, Score
+from trackbench.report.sweep import Best
 from trackbench.statistics import rules
 
 
@@ -55,6 +61,7 @@ def test_describe() -> None:
     assert found["group"] == "filters"
     keys = {key["key"]: key for key in found["keys"]}
     assert keys["CR"]["default"] == "0.6"
+    assert lines("describe", "cwna")[0]["keys"][0]["default"] is None  # the config must have it
     assert "crossover" in keys["CR"]["text"]
     assert "literal" in found["presets"]
     assert "assume.motion" in keys
@@ -90,6 +97,10 @@ def test_check_and_mistakes() -> None:
     by_path = {mistake["path"]: mistake for mistake in found["mistakes"]}
     assert by_path["runs"]["what"] == "'a' is not a whole number"
     assert by_path["seed"]["file"] == "--set seed=-1"
+    (found,) = lines("check", "nile", "--bogus", code=2)
+    assert "--bogus" in found["mistakes"][0]["what"]
+    (found,) = lines("check", code=2)
+    assert "name a config" in found["mistakes"][0]["what"]
     (found,) = lines("describe", "hdpf", code=2)
     assert "did you mean hdepf" in found["mistakes"][0]["what"]
 
@@ -118,13 +129,74 @@ def keys_of_list(command: str) -> list[str]:
     return keys.split()
 
 
+def types_of(section: str, table: int = 0) -> dict[str, str]:
+    """The keys of a table of a section with their types; its heads are key, type and meaning."""
+    parts = re.split(r"^##+ ", PAGE, flags=re.MULTILINE)
+    (body,) = (part for part in parts if part.startswith(f"{section}\n"))
+    rows = body.split("| key | type | meaning |\n|---|---|---|\n")[1 + table].partition("\n\n")[0]
+    types = {}
+    for row in rows.splitlines():
+        keys, kind, _ = row.removeprefix("| ").split(" | ", 2)
+        types |= dict.fromkeys(re.findall(r"`(\w+)`", keys), kind)
+    return types
+
+
 def keys_of(section: str, table: int = 0) -> list[str]:
-    """The keys in the first column of a table of a section that has the heads key and content."""
-    text = re.split(r"^## ", PAGE, flags=re.MULTILINE)
-    (body,) = (part for part in text if part.startswith(f"{section}\n"))
-    rows = body.split("| key | content |\n|---|---|\n")[1 + table].partition("\n\n")[0]
-    cells = [row.split(" | ")[0] for row in rows.splitlines()]
-    return re.findall(r"`(\w+)`", " ".join(cells))
+    return [*types_of(section, table)]
+
+
+def is_number(value: Any) -> bool:
+    return type(value) in (int, float) or value in ("inf", "-inf")
+
+
+IS_OF_TYPE: dict[str, Callable[[Any], bool]] = {
+    "text": lambda value: isinstance(value, str),
+    "number": is_number,
+    "whole number": lambda value: type(value) is int,
+    "yes/no": lambda value: isinstance(value, bool),
+    "null": lambda value: value is None,
+    "object": lambda value: isinstance(value, dict),
+    "list of texts": lambda value: all(isinstance(entry, str) for entry in value),
+    "list of numbers": lambda value: all(map(is_number, value)),
+    "list of objects": lambda value: all(isinstance(entry, dict) for entry in value),
+}
+RUN = "`run`, `sweep`, `tune`, `fit`"
+BEST_POINTS = "The best points of a sweep"
+GONE = "What is removed or fails in a gate"
+INNER = {
+    ("Mistakes", "mistakes"): ("Mistakes", 1),
+    ("`describe`", "keys"): ("`describe`", 1),
+    ("`check`", "contract"): ("`check`", 2),
+    (RUN, "ranking"): (RUN, 1),
+    (RUN, "numbers"): ("`compare DIR`", 0),
+    (RUN, "claims"): ("Claims", 0),
+    (RUN, "best"): (BEST_POINTS, 0),
+    ("`suite`", "ratio_to_best"): ("`suite`", 1),
+    ("`suite`", "ratio_to_reference"): ("`suite`", 1),
+}
+"""Tables of the objects in a line, by the section of the line and its key."""
+TABLES = [
+    *[("Mistakes", 0), ("An error", 0), ("`describe`", 0), ("`describe`", 2), ("`check`", 0)],
+    *[("`check`", 1), (RUN, 0), (RUN, 2), (BEST_POINTS, 0), ("`suite`", 0), ("`compare DIR`", 0)],
+    *[("Claims", 0), ("`compare DIR DIR2`", 0), (GONE, 0)],
+]
+"""Tables of whole lines."""
+
+
+def hold_to_page(line: dict[str, Any], section: str, table: int = 0) -> None:
+    """A line has the keys of a table of the page, in order, with values of the types named there."""
+    types = types_of(section, table)
+    if (section, table) == ("`describe`", 0) and line["group"] != "metrics":
+        del types["unit"], types["better"]
+    assert set(line) == set(types)
+    for key, value in line.items():
+        kinds_of_value = types[key].split(" or ")
+        assert any(IS_OF_TYPE[kind](value) for kind in kinds_of_value), (key, value)
+        if (section, key) in INNER:
+            for entry in value if isinstance(value, list) else [value]:
+                hold_to_page(entry, *INNER[section, key])
+    for entry in line["tables"].values() if (section, table) == (RUN, 0) else ():
+        hold_to_page(entry, RUN, 1)
 
 
 @pytest.mark.parametrize(
@@ -141,26 +213,65 @@ def keys_of(section: str, table: int = 0) -> list[str]:
 def test_the_page_has_the_keys_of_lists(command: str, words: str) -> None:
     keys = keys_of_list(command)
     assert keys == [*lines(*words.split())[0]]
-    assert {*keys} <= {*keys_of("`list`")}
+    types = types_of("`list`")
+    for line in lines(*words.split()):
+        assert {*line} <= {*types}
+        assert all(IS_OF_TYPE[types[key]](value) for key, value in line.items())
+
+
+@pytest.mark.parametrize("group", ["windows", "statistics", "numbers"])
+def test_the_page_has_the_keys_of_other_lines_of_a_config(group: str) -> None:
+    keys = keys_of_list(f"list metrics CONFIG`, group `{group}")
+    found = [line for line in lines("list", "metrics", "adaptive-kf") if line["group"] == group]
+    assert found
+    assert all([*line] == keys for line in found)
 
 
 @pytest.mark.parametrize(
-    ("section", "table", "words", "code", "nested"),
+    ("section", "table", "words", "code"),
     [
-        ("Mistakes", 0, "check nile --set runs=a", 2, "mistakes"),
-        ("`describe`", 0, "describe cwna", 0, ""),
-        ("`describe`", 1, "describe motions", 0, ""),
-        ("`check`", 0, "check nile", 0, ""),
+        ("Mistakes", 0, "check nile --set runs=a", 2),
+        ("`describe`", 0, "describe cwna", 0),
+        ("`describe`", 2, "describe motions", 0),
+        ("`check`", 0, "check nile", 0),
     ],
 )
-def test_the_page_has_the_keys_and_a_line(
-    section: str, table: int, words: str, code: int, nested: str
-) -> None:
+def test_the_page_has_the_keys_and_a_line(section: str, table: int, words: str, code: int) -> None:
     found = lines(*words.split(), code=code)
-    inner = [*found[0][nested][0]] if nested else []
-    assert keys_of(section, table) == [*found[0], *inner]
+    for line in found:
+        hold_to_page(line, section, table)
     assert f"`trackbench {words} --json`" in PAGE
     assert found[0] in EXAMPLES
+
+
+@pytest.mark.parametrize("words", ["hdepf", "rmse_position", "recorded", "median"])
+def test_the_page_has_the_keys_of_descriptions(words: str) -> None:
+    for line in lines("describe", words):
+        if line["group"] != "statistics":
+            hold_to_page(line, "`describe`")
+
+
+@pytest.mark.parametrize("example", EXAMPLES, ids=lambda example: ",".join(example)[:40])
+def test_examples_have_the_keys_and_types_of_their_tables(example: dict[str, Any]) -> None:
+    if example.get("group") == "filters":
+        assert [*example] == keys_of_list("list filters")
+        return
+    keys = set(example)
+    fitting = []
+    for section, table in TABLES:
+        types = set(types_of(section, table))
+        if keys == types or (section == "`describe`" and keys == types - {"unit", "better"}):
+            fitting.append((section, table))
+    (place,) = fitting
+    hold_to_page(example, *place)
+
+
+def test_every_table_of_lines_has_an_example() -> None:
+    keys = [set(example) for example in EXAMPLES]
+    for section, table in TABLES:
+        assert set(types_of(section, table)) - {"unit", "better"} in [
+            example - {"unit", "better"} for example in keys
+        ]
 
 
 def test_the_page_has_a_line_of_list() -> None:
@@ -177,25 +288,48 @@ def test_the_page_on_programs_has_the_line_of_check() -> None:
 def test_the_page_has_the_keys_of_runs_and_comparisons(tmp_path: Path) -> None:
     words = ("--runs", "4", "--set", "block=fit", *BARE)
     (found,) = lines("run", "hdepf", "--only", "PF", "--out", "out", *words, cwd=tmp_path)
-    assert keys_of("`run`, `sweep`, `tune`, `fit`") == [*found]
-    (ranking,) = found["ranking"]
-    assert {"title", "rows", "notes"} == {*found["tables"]["table1"]} == {*ranking}
-    assert keys_of("`suite`") == [field.name for field in fields(Score)]
+    assert keys_of(RUN) == [*found]
+    hold_to_page(found, RUN)
     compared = lines("compare", "out", cwd=tmp_path)
+    for line in compared:
+        hold_to_page(line, "Claims" if "claim" in line else "`compare DIR`")
     assert keys_of("`compare DIR`") == [*compared[0]]
-    assert keys_of("`compare DIR`", 1) == [*compared[-1]]
+    assert keys_of("Claims") == [*compared[-1]]
     equal = lines("compare", "out", "out", cwd=tmp_path)
-    assert keys_of("`compare DIR DIR2`, `gate`") == [*equal[0]]
-    assert keys_of("`check`", 1) == ["file", "kind", "contract", *Finding._fields]
+    assert keys_of("`compare DIR DIR2`") == [*equal[0]]
+    for line in equal:
+        hold_to_page(line, "`compare DIR DIR2`")
+    (dry,) = lines("run", "hdepf", "--only", "PF", *words, "--dry-run", cwd=tmp_path)
+    hold_to_page(dry, RUN, 2)
 
 
-def test_a_line_for_each_long_table_of_keys_is_on_the_page() -> None:
-    examples = [[*line] for line in EXAMPLES]
-    assert keys_of("`suite`") in examples
-    assert keys_of("`compare DIR`") in examples
-    assert keys_of("`compare DIR`", 1) in examples
-    assert keys_of("`compare DIR DIR2`, `gate`") in examples
-    assert ["file", "kind", "contract"] in examples
+def test_the_page_has_the_fields_of_records() -> None:
+    assert keys_of("`suite`") == [field.name for field in fields(Score)]
+    assert keys_of("`suite`", 1) == [field.name for field in fields(Ratio)]
+    assert keys_of("`check`", 2) == [*Finding._fields]
+    assert keys_of(BEST_POINTS) == [*Best._fields]
+    for word in get_args(get_type_hints(Finding)["verdict"]):
+        assert f"`{word}`" in PAGE.split("| `check` | text | subject")[1].partition("\n\n")[0]
+
+
+def test_the_page_has_the_lines_of_a_gate(tmp_path: Path) -> None:
+    """One filter is gone, and another one fails."""
+    config = f"name: c\nseed: 1\nruns: 6\n{PLANE}filters:\n  EKF: {{kind: ekf}}\n"
+    (tmp_path / "c.yaml").write_text(config + "  KF: {kind: kf}\n  Mine: {kind: kf}\n")
+    quiet = ("--workers", "1", *BARE)
+    assert trackbench("run", "c.yaml", *quiet, "--out", "old", cwd=tmp_path).returncode == 0
+    broken = "  Mine: {kind: external, command: ['false']}\n"
+    (tmp_path / "c.yaml").write_text(config + broken)
+    words = ("gate", "c.yaml", "--against", "old", "--allow-plugins", "--workers", "1")
+    found = lines(*words, cwd=tmp_path, code=1)
+    for line in found[:-2]:
+        hold_to_page(line, "`compare DIR DIR2`")
+    for line in found[-2:]:
+        hold_to_page(line, GONE)
+    assert [(line["filter"], line["verdict"]) for line in found[-2:]] == [
+        ("KF", REMOVED),
+        ("Mine", FAILED),
+    ]
 
 
 _ON_PAPERS = (rules.TOO_FEW_RUNS, rules.NOT_MEASURED)
@@ -209,7 +343,8 @@ _ON_TESTS = {rules.EQUAL, rules.ALIKE, rules.BETTER, rules.WORSE, rules.UNTESTED
         ("`verdict` on a number, the best first", {*rules.NUMBER_WORDS, *_ON_PAPERS}),
         ("`verdict` on a claim", {*rules.CLAIM_WORDS, *_ON_PAPERS}),
         ("`verdict` of `compare`", {*_ON_TESTS, DIFFERS}),
-        ("`verdict` of `gate`", {*_ON_TESTS, NEGLIGIBLE}),
+        ("`verdict` of `gate`", {*_ON_TESTS, NEGLIGIBLE, REMOVED, FAILED}),
+        ("`how`", {rules.EQUAL, PAIRED, INDEPENDENT, EXACT, COST}),
         ("`verdict` on a cost", {rules.EQUAL, rules.WORSE, rules.ALIKE}),
     ],
 )
@@ -235,6 +370,12 @@ def test_the_page_has_the_limit_of_compare() -> None:
     assert "`p_holm` is at least 0.01" in PAGE
 
 
+def test_the_page_has_the_limit_of_gate() -> None:
+    limit = limit_of("3sigma")
+    assert f"at most {norm.sf(limit.sigmas):.3g}" in " ".join(PAGE.split())
+    assert f"`3sigma,{100 * limit.share:g}%`" in PAGE
+
+
 @pytest.mark.parametrize(
     ("key", "stored_file", "names"),
     [
@@ -247,8 +388,14 @@ def test_the_lines_of_compare_are_those_of_stored_results(
 ) -> None:
     (example,) = (line for line in EXAMPLES if key in line)
     row = stored_row(stored_file, {name: example[name] for name in names})
-    for word, value in example.items():
-        if isinstance(value, float):
+    for name, value in example.items():
+        word = "best" if name == "counts" else name
+        if isinstance(value, bool):
+            assert row[word] == ("yes" if value else "no")
+        elif isinstance(value, list):
+            stored = [float(z) for z in row[word].split("; ")]
+            assert stored == pytest.approx(value, abs=0.06)
+        elif isinstance(value, float):
             assert float(row[word]) == pytest.approx(value, rel=0.01)
         else:
             assert row[word] == str(value)
@@ -298,6 +445,92 @@ def test_a_filter_that_fails_is_said(tmp_path: Path) -> None:
     )
     (found,) = lines("run", "c.yaml", "--allow-plugins", cwd=tmp_path, code=1)
     assert "on purpose" in found["failed"][0]
+
+
+PROGRAM = """\
+import sys
+word, *_ = [*sys.argv[1:], ""]
+for line in sys.stdin:
+    words = line.split()
+    if words[0] == "trackbench":
+        print("error has no such sensor" if word == "refuse" else "ready", flush=True)
+    elif words[0] == "init":
+        print(*words[3:7] if word == "mean" else words[3:], flush=True)
+    elif words[0] == "step":
+        if word == "fail":
+            sys.exit("gave up")
+        print(*words[2:4], 0, 0, flush=True)
+"""
+
+
+@pytest.fixture
+def own_program(tmp_path: Path) -> Path:
+    """A folder with a program that is a filter, and a config for each of its words."""
+    (tmp_path / "mine.py").write_text(PROGRAM)
+    for word in ("refuse", "mean", "fail"):
+        command = f"[{sys.executable}, mine.py, {word}]"
+        (tmp_path / f"{word}.yaml").write_text(
+            f"name: {word}\nseed: 1\nruns: 2\n{PLANE}"
+            f"filters: {{Mine: {{kind: external, command: {command}}}}}\n"
+            "tables: {t: {kind: metrics, columns: {ANEES: anees}}}\n"
+        )
+    return tmp_path
+
+
+ALLOWED = ("--allow-plugins", "--workers", "1", *BARE)
+
+
+def test_a_program_that_is_not_allowed_or_refuses_is_a_mistake(own_program: Path) -> None:
+    for command in ("check", "run"):
+        (found,) = lines(command, "mean.yaml", cwd=own_program, code=2)
+        assert "--allow-plugins" in found["mistakes"][0]["what"]
+    for words in (
+        ("check", "refuse.yaml", "--allow-plugins"),
+        ("check", "--contract", "mine.py", "--on", "refuse.yaml", "--allow-plugins"),
+        ("run", "refuse.yaml", *ALLOWED),
+    ):
+        (found,) = lines(*words, cwd=own_program, code=2)
+        hold_to_page(found, "Mistakes")
+        assert "refuses this problem: has no such sensor" in found["mistakes"][0]["what"]
+
+
+def test_a_program_that_fails_has_its_last_line_in_the_reason(own_program: Path) -> None:
+    (found,) = lines("run", "fail.yaml", *ALLOWED, cwd=own_program, code=1)
+    hold_to_page(found, RUN)
+    assert "its last line on stderr: 'gave up'" in found["failed"][0]
+    words = ("check", "--contract", "mine.py", "--on", "fail.yaml", "--allow-plugins")
+    (found,) = lines(*words, cwd=own_program, code=1)
+    hold_to_page(found, "`check`", 1)
+    assert (found["file"], found["kind"]) == ("mine.py", "Mine")
+    assert any(row["verdict"] == "bad" and "gave up" in row["why"] for row in found["contract"])
+
+
+def test_a_program_without_covariance_has_null_in_place_of_the_anees(own_program: Path) -> None:
+    (found,) = lines("run", "mean.yaml", *ALLOWED, cwd=own_program)
+    (row,) = found["tables"]["t"]["rows"]
+    assert row["ANEES"] is None
+
+
+def test_an_error_is_a_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise WriteError("cannot write results/nile/summary.csv: no space left on device")
+
+    monkeypatch.setattr(api, "run_all", fail)
+    (found,) = lines("run", "nile", cwd=tmp_path, code=1)
+    hold_to_page(found, "An error")
+    assert found in EXAMPLES
+
+
+def test_lines_are_utf_8_whatever_the_terminal_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTHONIOENCODING", "latin-1")
+    (tmp_path / "c.yaml").write_text(
+        f"name: c\nruns: 2\n{PLANE}filters: {{Größe: {{kind: kf}}}}\n", encoding="utf-8"
+    )
+    command = [sys.executable, "-m", "trackbench", "check", "c.yaml", "--json"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True)
+    assert json.loads(done.stdout.decode("utf-8"))["filters"] == ["Größe"]
 
 
 def test_numbers_that_json_has_not(capsys: pytest.CaptureFixture[str]) -> None:

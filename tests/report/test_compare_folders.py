@@ -1,6 +1,7 @@
 """Two results folders side by side: paired and independent differences, equal bytes, false alarms."""
 
 import json
+from math import isinf, isnan
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from tests.commands import trackbench
 from tests.conftest import PLANE
 from trackbench import api
 from trackbench.commands.gate import Limit, judge, limit_of
-from trackbench.report.compare_folders import Row, compare_folders, rows_of
+from trackbench.report.compare_folders import Row, compare_folders, judge_rows, rows_of
 from trackbench.report.results import Results
 from trackbench.statistics.comparison import Sample
 
@@ -187,6 +188,46 @@ def test_one_recording_is_exact_or_untested() -> None:
     ):
         rows = [*rows_of(key, first, second, True, is_exact)]
         assert [r.verdict for r in judge(rows, Limit(3.0, limit))] == [word]
+
+
+def test_the_p_value_of_a_gate_is_that_of_the_side_of_z() -> None:
+    """A number that is better has a small one, too."""
+    values = np.random.default_rng(3).uniform(1.0, 2.0, 50)
+    noise = np.random.default_rng(4).uniform(0.9, 1.1, 50)
+    key = ({}, "A", "rmse_position")
+    for factor, word in ((0.5, "better"), (2.0, "worse")):
+        rows = rows_of(key, Sample(values), Sample(factor * values * noise), True, False)
+        (found,) = judge([*rows], limit_of("3sigma"))
+        assert found.verdict == word
+        assert found.change.p <= norm.sf(3.0)
+        assert found.change.p == pytest.approx(norm.sf(abs(found.worse.z)), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("metric", "numbers", "is_exact", "word"),
+    [
+        ("rmse_position", (2.0, 2.1), True, "worse"),
+        ("rmse_position", (2.1, 2.0), True, "better"),
+        ("rmse_position", (2.0, 2.1), False, "untested"),
+        ("log_score", (-9.0, -9.1), True, "worse"),
+        ("anees", (0.5, 1.5), True, "better"),
+        ("bias_x", (0.2, -0.1), True, "better"),
+        ("bias_x", (0.2, -0.2), True, "differs"),
+        ("nis", (2.0, 1.9), True, "differs"),  # no value of a single NIS is best
+    ],
+)
+def test_an_exact_difference_of_one_run_needs_no_test(
+    metric: str, numbers: tuple[float, float], is_exact: bool, word: str
+) -> None:
+    """Two folders of a recording, as `trackbench compare` judges them."""
+    first, second = (Sample(np.array([number])) for number in numbers)
+    (found,) = judge_rows([*rows_of(({}, "A", metric), first, second, True, is_exact)])
+    assert found.verdict == word
+    if is_exact:
+        assert found.how == "exact"
+        assert found.change.p == 0.0
+        assert isinf(found.change.z)
+        assert isnan(found.worse.z) == (metric == "nis")
 
 
 @pytest.mark.parametrize(

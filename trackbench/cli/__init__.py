@@ -17,6 +17,7 @@ from trackbench.cli.info import copy, describe, list_, schema, show
 from trackbench.cli.new import new
 from trackbench.cli.output import (
     as_reportable,
+    echo_mistakes,
     exit_if_stdout_fails,
     print_error,
     stdout_for_objects,
@@ -122,6 +123,10 @@ def main() -> None:
         except Exception as error:
             sys.exit(print_error(as_reportable(error)))
         except SystemExit as end:
+            # An unknown option or a missing argument: typer has printed the reason on stderr.
+            format_message = getattr(end.__context__, "format_message", None)
+            if format_message is not None:
+                echo_mistakes([format_message()])
             # Typer exits without a message after Ctrl-C.
             if isinstance(getattr(end.__context__, "__cause__", None), KeyboardInterrupt):
                 typer.echo("\ninterrupted", err=True)

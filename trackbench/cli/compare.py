@@ -101,8 +101,8 @@ def gate(
 ) -> None:
     """Fail with exit code 1 if a filter is worse than in stored results or at a git revision."""
     from trackbench.atomic_files import write_text
+    from trackbench.commands.gate import FAILED, REMOVED, limit_of
     from trackbench.commands.gate import gate as run_gate
-    from trackbench.commands.gate import limit_of
 
     if (against is None) == (not against_ref):  # neither is given, or both are
         raise typer.BadParameter("name either --against DIR or --against-ref REF")
@@ -128,10 +128,11 @@ def gate(
         write_text(md, text)
     if json:
         _echo_rows(verdict.rows)
-        for name in verdict.removed:
-            echo_line({"removed": name})
+        for removed in verdict.removed:
+            echo_line({**removed._asdict(), "verdict": REMOVED, "reason": ""})
         for failure in verdict.failed:
-            echo_line({"failed": failure})
+            failed_filter = {"point": None, "filter": failure.filter, "metric": None}
+            echo_line({**failed_filter, "verdict": FAILED, "reason": failure.reason})
     else:
         typer.echo(table.aligned())
     raise typer.Exit(int(verdict.is_worse))
@@ -149,11 +150,13 @@ def _gate_table(verdict: "Verdict", name: str, worse: str) -> "TextTable":
 
     # The headline names the numbers that are worse or gone, else the filters that were compared.
     parts = []
-    worse_numbers = comparison.changes(verdict.rows, WORSE) + verdict.failed
+    worse_numbers = comparison.changes(verdict.rows, WORSE)
+    worse_numbers += [str(failure) for failure in verdict.failed]
     if worse_numbers:
         parts.append(f"worse: {phrases.listed(worse_numbers)}")
     if verdict.removed:
-        parts.append(f"incomplete: removed {phrases.listed(verdict.removed)}")
+        removed = phrases.listed([str(item) for item in verdict.removed])
+        parts.append(f"incomplete: removed {removed}")
     if not parts:
         is_unchanged = all(row.how == EQUAL for row in verdict.rows)
         compared = phrases.listed([phrases.named(label) for label in verdict.compared])

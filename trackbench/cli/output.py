@@ -4,7 +4,7 @@ import json
 import os
 import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from contextvars import ContextVar
 from math import isfinite, isnan
@@ -77,8 +77,10 @@ def _duplicated_stdout() -> Iterator[TextIO]:
     sys.stdout.flush()
     duplicate = os.dup(_STDOUT)
     os.dup2(_STDERR, _STDOUT)
+    # JSON is UTF-8 whatever the terminal's encoding is. The name of a file that is no UTF-8 has escapes,
+    # which JSON reads.
     objects = open(  # noqa: SIM115
-        duplicate, "w", encoding=sys.stdout.encoding, errors="backslashreplace", closefd=False
+        duplicate, "w", encoding="utf-8", errors="backslashreplace", closefd=False
     )
     try:
         yield objects
@@ -121,15 +123,22 @@ def print_error(error: "UserError | RunError") -> int:
     from trackbench.errors import UserError
 
     if isinstance(error, UserError):
-        if "--json" in sys.argv:
-            mistakes = [_mistake_as_data(problem) for problem in error.problems]
-            echo_line({"good": False, "mistakes": mistakes})
+        echo_mistakes(error.problems)
         typer.echo(str(error), err=True)
         return 2
+    if "--json" in sys.argv:
+        echo_line({"good": False, "error": str(error)})
     typer.echo(f"error: {error}", err=True)
     if len(sys.argv) > 1 and sys.argv[1] in ("run", "sweep", "tune", "fit"):
         typer.echo(f"finished blocks are kept; to go on: {resume_command()}", err=True)
     return 1
+
+
+def echo_mistakes(problems: "Iterable[Problem | str]") -> None:
+    """Print the mistakes of an input as an object, if the command line has ``--json``."""
+    if "--json" in sys.argv:
+        mistakes = [_mistake_as_data(problem) for problem in problems]
+        echo_line({"good": False, "mistakes": mistakes})
 
 
 def resume_command() -> str:

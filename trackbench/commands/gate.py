@@ -15,18 +15,21 @@ from trackbench.commands.prepare import Options, file_of, prepare
 from trackbench.commands.run_experiment import run_all
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.evaluation.metric_expression import measured
-from trackbench.report.compare_folders import Row, compare_folders, is_event
+from trackbench.report.compare_folders import COST, Row, compare_folders, is_event
 from trackbench.report.findings.phrases import heading, named
 from trackbench.report.open import open_results
 from trackbench.report.paired import primary_metrics
 from trackbench.report.results import Results
 from trackbench.results.folder_contents import TIMING
+from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import rules
 from trackbench.statistics.comparison import compare_independent
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.rules import ALIKE, BETTER, EQUAL, UNTESTED, WORSE
 
 NEGLIGIBLE = "negligible"
+REMOVED = "removed"
+FAILED = "failed"
 _LIMIT = re.compile(r"(\d+(?:\.\d+)?)sigma(?:,(\d+(?:\.\d+)?)%)?")
 _DEFAULT_PERCENT = "0.01"
 """Percent of a value that matters, of a limit without one."""
@@ -39,13 +42,40 @@ class Limit(NamedTuple):
     share: float
 
 
+class Removed(NamedTuple):
+    """Filter, point of the grid, or number of a filter that the new results lack."""
+
+    point: GridPoint | None = None
+    filter: str | None = None
+    metric: str | None = None
+    """error or score of the filter; None if the whole filter is gone"""
+
+    def __str__(self) -> str:
+        if self.point is not None:
+            return heading(self.point)
+        assert self.filter is not None
+        if self.metric is None:
+            return named(self.filter)
+        return f"{self.metric} of {named(self.filter)}"
+
+
+class Failure(NamedTuple):
+    """Filter that was compared before and now fails."""
+
+    filter: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"{self.filter} failed: {self.reason}"
+
+
 class Verdict(NamedTuple):
-    """Result of a gate: its tests, and lines on filters and folders that could not be compared."""
+    """Result of a gate: its tests, and what could not be compared."""
 
     name: str
     rows: list[Row]
-    failed: list[str]
-    removed: list[str]
+    failed: list[Failure]
+    removed: list[Removed]
     """filters, points of the grid and numbers that were there before, and are not allowed to go"""
     notes: list[str]
 
@@ -203,8 +233,8 @@ def _compare_results(stored: Results, new: Results, limit: Limit, largest_ratio:
     failed = []
     for failure in new.failed:
         if failure["filter"] in stored_labels:
-            failed.append(f"{failure['filter']} failed: {failure['reason']}")
-    removed = list(_removed_names(stored, new, stored_labels))
+            failed.append(Failure(filter=failure["filter"], reason=failure["reason"]))
+    removed = list(_find_removed(stored, new, stored_labels))
     if not rows and not failed and not removed:
         raise UserError("nothing to compare: no filter has an error or score on both sides")
     # Step 3: costs, and notes on what is not compared.
@@ -218,17 +248,17 @@ def _compare_results(stored: Results, new: Results, limit: Limit, largest_ratio:
     return Verdict(name=new.config["name"], rows=rows, failed=failed, removed=removed, notes=notes)
 
 
-def _removed_names(stored: Results, new: Results, stored_labels: Sequence[str]) -> Iterator[str]:
-    """Yield the names of filters, points of the grid, errors and scores that the new results lack.
+def _find_removed(stored: Results, new: Results, stored_labels: Sequence[str]) -> Iterator[Removed]:
+    """Yield the filters, points of the grid, errors and scores that the new results lack.
 
     ``stored_labels`` are the filters with stored numbers.
     """
     for label in stored_labels:
         if label not in new.config["filters"]:
-            yield named(label)
+            yield Removed(filter=label)
     for point in stored.points():
         if point not in new.points():
-            yield heading(point)
+            yield Removed(point=point)
     failed = {row["filter"] for row in new.failed}
     new_metrics = _errors_and_scores(new)
     for label, metrics in _errors_and_scores(stored).items():
@@ -236,7 +266,7 @@ def _removed_names(stored: Results, new: Results, stored_labels: Sequence[str]) 
             continue
         for metric in metrics:
             if metric not in new_metrics[label]:
-                yield f"{metric} of {named(label)}"
+                yield Removed(filter=label, metric=metric)
 
 
 def _errors_and_scores(results: Results) -> dict[str, list[str]]:
@@ -253,7 +283,8 @@ def _errors_and_scores(results: Results) -> dict[str, list[str]]:
 def judge(rows: Sequence[Row], limit: Limit) -> list[Row]:
     """Return the rows with their verdicts, by one-sided tests that Holm's method corrects.
 
-    A positive z of `Row.worse` says that the new number is worse than the stored one. A significant
+    A positive z of `Row.worse` says that the new number is worse than the stored one. The p-value of a
+    row is that of the test on the side of this z. A significant
     difference is negligible unless it is larger than the share ``limit.share`` of the stored value. A
     share of runs, which has no such limit, is always worse or better.
     """
@@ -316,7 +347,7 @@ def _compare_costs(stored: Results, new: Results, largest_ratio: float) -> list[
                     point=dict(zip(new.grid, values, strict=True)),
                     filter=label,
                     metric=kind,
-                    how=EQUAL if is_equal else "cost",
+                    how=EQUAL if is_equal else COST,
                     change=change,
                     worse=change,
                     verdict=word,

@@ -139,13 +139,22 @@ def entries(kind: str) -> Iterator[JsonRow]:
             "group": group,
             "kind": kind,
             "text": "\n\n".join(_paragraphs(cls.__doc__ or "")),
-            "keys": _as_data(_rows_of_keys(group, cls)),
+            "keys": _keys_for_programs(group, cls),
             "presets": cls.presets if group == "filters" else {},
             "notes": list(_notes(group, cls)),
         }
     metric_facts = facts(kind)
     if metric_facts:
         yield {**metric_facts, "keys": [], "presets": {}, "notes": []}
+
+
+def _keys_for_programs(group: str, cls: type[Part]) -> list[JsonRow]:
+    """Describe every key as data; the default of a key that a config must have is None."""
+    keys: list[JsonRow] = []
+    for key, default, text in _rows_of_keys(group, cls):
+        default_of_key = None if default == "required" else default
+        keys.append({"key": key, "default": default_of_key, "text": text})
+    return keys
 
 
 def experiment_keys() -> list[dict[str, str]]:

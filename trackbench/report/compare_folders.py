@@ -47,6 +47,11 @@ if TYPE_CHECKING:
 
 
 DIFFERS = "differs"
+PAIRED = "paired"
+INDEPENDENT = "independent"
+COST = "cost"
+EXACT = "exact"
+"""How recorded data are compared, if the filter draws no random numbers: any difference is real."""
 INFINITE = " infinite"
 """End of the name of a row: share of the runs in which the metric is infinite."""
 
@@ -58,7 +63,7 @@ class Row(NamedTuple):
     filter: str
     metric: str
     how: str
-    """equal (byte for byte), paired, independent or cost"""
+    """equal (byte for byte), exact, paired, independent or cost"""
     change: Comparison
     """of the second folder with the first"""
     worse: Comparison
@@ -152,7 +157,7 @@ def compare_folders(a: Results, b: Results) -> tuple[list[Row], str]:
 def judge_rows(rows: Sequence[Row]) -> list[Row]:
     """Return the rows with their verdicts, by the rule for filters.
 
-    The rows of a metric are a family of tests.
+    The rows of a metric are a family of tests. Exact differences are significant without a test.
     """
     row_by_index = dict(enumerate(rows))
     for metric in dict.fromkeys(row.metric for row in rows):
@@ -161,8 +166,17 @@ def judge_rows(rows: Sequence[Row]) -> list[Row]:
         changes = as_family({i: row.change for i, row in metric_rows.items()})
         worse = as_family({i: row.worse for i, row in metric_rows.items()})
         for i, row in metric_rows.items():
-            row_by_index[i] = row._replace(change=changes[i], worse=worse[i])
+            if row.how == EXACT:
+                change = _with_exact_p(row.change)
+                row_by_index[i] = row._replace(change=change, worse=_with_exact_p(row.worse))
+            else:
+                row_by_index[i] = row._replace(change=changes[i], worse=worse[i])
     return [row._replace(verdict=_verdict(row)) for row in row_by_index.values()]
+
+
+def _with_exact_p(comparison: Comparison) -> Comparison:
+    """Return an exact comparison with p-value 0 of an infinite z, 1 of z = 0 and NaN of z = NaN."""
+    return comparison._replace(p=float(rules.adjusted([comparison.z])[0]))
 
 
 def _verdict(row: Row) -> str:
@@ -333,20 +347,21 @@ def rows_of(
         change = Comparison(number_b, number_a, no_difference, nan)
         worse = change
     elif paired and isinstance(a, Sample) and isinstance(b, Sample):
-        how = "paired"
+        how = EXACT if is_exact else PAIRED
         on_common_runs = compare(b, a)
         if on_common_runs is None:
             return
         change = on_common_runs
-        worse = _compare_distances(row_metric, change, compare_estimates)
-        if is_exact:  # a difference of numbers without randomness is real
-            change = change._replace(z=_infinite_z(change))
-            worse = worse._replace(z=_infinite_z(worse))
+        if is_exact:
+            change = _with_infinite_z(change)
+            worse = _compare_distances(row_metric, change, _compare_exactly)
         elif is_event(row_metric):  # a larger share of runs is worse
             change = change._replace(z=sign_test(b.values, a.values))
             worse = change
+        else:
+            worse = _compare_distances(row_metric, change, compare_estimates)
     else:
-        how = "independent"
+        how = INDEPENDENT
         if is_event(row_metric):
             number_a = Share(*number_a)
             number_b = Share(*number_b)
@@ -355,12 +370,16 @@ def rows_of(
     yield Row(point=point, filter=label, metric=row_metric, how=how, change=change, worse=worse)
 
 
-def _infinite_z(comparison: Comparison) -> float:
-    """Return z of an exact difference: infinite with its sign, 0 if it is zero."""
+def _with_infinite_z(comparison: Comparison) -> Comparison:
+    """Return an exact comparison with its z: infinite with the sign of the difference, or 0."""
     difference = comparison.difference.value
-    if not difference:
-        return 0.0
-    return difference * inf
+    z = difference * inf if difference else 0.0
+    return comparison._replace(z=z)
+
+
+def _compare_exactly(a: RunEstimate, b: RunEstimate) -> Comparison:
+    """Compare two numbers without randomness, whose difference is real however small it is."""
+    return _with_infinite_z(compare_estimates(a, b))
 
 
 def _compare_distances(

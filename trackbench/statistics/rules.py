@@ -133,11 +133,13 @@ def signs(zs: Sequence[float]) -> list[int]:
 
 
 def beyond(zs: Sequence[float], sigmas: float) -> tuple[Array, list[int]]:
-    """Return one-sided p-values (n,) by Holm that numbers are larger, and the signs of significant ones.
+    """Return one-sided p-values (n,) by Holm on the side of each z, and the signs of significant ones.
 
-    ``sigmas`` is the limit of `trackbench gate`. A number is larger or smaller if its p-value is at most
-    the normal tail beyond this limit. This tail is about the probability that any of the numbers
-    without a difference is called larger, for any dependence of the numbers (docs/statistics.md).
+    A positive z has the p-value of the test that the number is larger, a negative one that of the test
+    that it is smaller. ``sigmas`` is the limit of `trackbench gate`. A number is larger or smaller if
+    its p-value is at most the normal tail beyond this limit. This tail is about the probability that any
+    of the numbers without a difference is called larger, for any dependence of the numbers
+    (docs/statistics.md).
     """
     from scipy.special import ndtr
 
@@ -146,7 +148,7 @@ def beyond(zs: Sequence[float], sigmas: float) -> tuple[Array, list[int]]:
     p_larger = holm(ndtr(-z))
     p_smaller = holm(ndtr(z))
     signs_beyond = (p_larger <= tail).astype(int) - (p_smaller <= tail).astype(int)
-    return p_larger, signs_beyond.tolist()
+    return np.where(z < 0.0, p_smaller, p_larger), signs_beyond.tolist()
 
 
 def is_tested(difference: RunEstimate) -> bool:

@@ -145,8 +145,8 @@ def write_comparison(results: Results, comparison: Verdicts) -> None:
         return
     numbers = number_rows(comparison)
     claims = claim_rows(comparison)
-    write_csv(folder / "comparison.csv", NUMBER_HEADER, (row.values() for row in numbers))
-    write_csv(folder / "claims.csv", CLAIM_HEADER, (row.values() for row in claims))
+    write_csv(folder / "comparison.csv", NUMBER_HEADER, map(_csv_cells, numbers))
+    write_csv(folder / "claims.csv", CLAIM_HEADER, map(_csv_cells, claims))
     write_text(folder / "comparison.md", markdown(results, comparison))
 
 
@@ -159,9 +159,9 @@ def write_paired(results: Results) -> None:
 
 
 def number_rows(comparison: Verdicts) -> list[dict[str, object]]:
-    """Return the rows of comparison.csv, one for each reading of each number.
+    """Return the rows of comparison.csv as data, one for each reading of each number.
 
-    A number counts by its best reading, whose row has "yes" in the column ``best``.
+    A number counts by its best reading, whose row has True under ``counts``, the column ``best``.
     """
     best = {id(number.best) for number in comparison.numbers}
     rows: list[dict[str, object]] = []
@@ -185,17 +185,17 @@ def number_rows(comparison: Verdicts) -> list[dict[str, object]]:
                 "label": compared.label,
                 "expression": str(published.expression or ""),
                 "runs": measured.runs,
-                "published_runs": "" if published.runs is None else published.runs,
-                "z_without_batch": _z_of_parts(verdict),
-                "fragile": _yes(verdict.fragile),
-                "best": _yes(id(compared) in best),
+                "published_runs": published.runs,
+                "z_without_batch": verdict.parts,
+                "fragile": verdict.fragile,
+                "counts": id(compared) in best,
             }
         )
     return rows
 
 
 def claim_rows(comparison: Verdicts) -> list[dict[str, object]]:
-    """Return rows of claims.csv."""
+    """Return the rows of claims.csv as data."""
     rows: list[dict[str, object]] = []
     for judged in comparison.claims:
         claim = judged.claim
@@ -205,15 +205,30 @@ def claim_rows(comparison: Verdicts) -> list[dict[str, object]]:
                 "claim": claim.claim,
                 "verdict": verdict.word,
                 "z": verdict.z,
-                "paired": _yes(judged.paired),
+                "paired": judged.paired,
                 "note": judged.note,
                 "paper": claim.paper,
                 "source": claim.source,
-                "z_without_batch": _z_of_parts(verdict),
-                "fragile": _yes(verdict.fragile),
+                "z_without_batch": verdict.parts,
+                "fragile": verdict.fragile,
             }
         )
     return rows
+
+
+def _csv_cells(row: dict[str, object]) -> list[object]:
+    """Return the values of a row of data as cells of a CSV file."""
+    cells: list[object] = []
+    for value in row.values():
+        if isinstance(value, bool):
+            cells.append(_yes(value))
+        elif isinstance(value, tuple):
+            cells.append(_signed_zs(value))
+        elif value is None:
+            cells.append("")
+        else:
+            cells.append(value)
+    return cells
 
 
 def _yes(flag: bool) -> str:
@@ -327,7 +342,7 @@ def _number_row(row: Compared, readings: int = 1) -> list[Text]:
         Text(printed(published), printed_number),
         Text(_measured_text(row), row.measured.value),
         Text(_z(row.verdict.z), row.verdict.z),
-        Text(_z_of_parts(row.verdict)),
+        Text(_signed_zs(row.verdict.parts)),
         Text(_note(row)),
     ]
 
@@ -336,9 +351,9 @@ def _note(row: Compared | ClaimVerdict) -> str:
     return noted("fragile" if row.verdict.fragile else "", row.note)
 
 
-def _z_of_parts(verdict: Verdict) -> str:
-    """Write z without each batch of runs in turn."""
-    return "; ".join(_z(z) for z in verdict.parts)
+def _signed_zs(zs: Iterable[float]) -> str:
+    """Write several z, those without each batch of runs in turn."""
+    return "; ".join(map(_z, zs))
 
 
 def _claim_table(claims: list[ClaimVerdict]) -> TextTable:
@@ -353,7 +368,7 @@ def _claim_table(claims: list[ClaimVerdict]) -> TextTable:
                 Text(row.claim.claim),
                 Text(row.verdict.word),
                 Text(_z(z), z),
-                Text(_z_of_parts(row.verdict)),
+                Text(_signed_zs(row.verdict.parts)),
                 Text(_yes(row.paired)),
                 Text(_note(row)),
                 Text(f"{row.claim.paper}, {row.claim.source}".rstrip(", ")),
