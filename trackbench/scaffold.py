@@ -30,7 +30,7 @@ from trackbench.scenarios.recordings.guess_config import (
     usable_quantities,
 )
 from trackbench.scenarios.recordings.guess_format import recognized
-from trackbench.scenarios.recordings.guess_truth import recognized_truth
+from trackbench.scenarios.recordings.guess_truth import recognized_truth, settled
 from trackbench.yaml_source import MarkedMapping, Source
 
 _TRUTH_PREFIX = "truth_naming."
@@ -163,8 +163,10 @@ def write_config_for(
     given_of_truth = _given_naming(
         mark, [change.removeprefix(_TRUTH_PREFIX) for change in of_truth]
     )
+    # A key that is set to nothing, as clockwise=[], is an answer, too.
+    said = {change.partition("=")[0].strip() for change in changes}
     try:
-        guess = recognized(str(data), given)
+        guess = recognized(str(data), given, said)
     except DataError as error:
         raise UserError(*map(_problem_at, error.places)) from None
     truth_guess = None
@@ -178,6 +180,10 @@ def write_config_for(
                 what = _OPTION_OF_TABLE.sub(rf"\g<0>{_TRUTH_PREFIX}", place.what)
                 problems.append(_problem_at(place._replace(what=what)))
             raise UserError(*problems) from None
+    try:
+        guess = settled(guess, truth_guess, said)
+    except DataError as error:
+        raise UserError(*map(_problem_at, error.places)) from None
     idle = idle_keys(guess, given.columns)
     if idle:
         kinds_of_sensors = " and ".join(dict.fromkeys(s.kind for s in guess.sensors))

@@ -29,7 +29,7 @@ EAST = Path2(rows=40, usual_speed=20.0, every=2.0)
 MINUTES = Path2(rows=40, usual_speed=2.0, every=60.0)
 HALF_PAST = datetime(2024, 5, 3, 9, 30, 0)
 MAY = datetime(2024, 5, 13, 10, 0, 0)
-RADAR = np.array([[-2000.0], [-3000.0]])
+RADAR = np.array([[2000.0], [3000.0]])
 
 
 def polar(path: Path2) -> tuple[Numbers, Numbers]:
@@ -371,7 +371,7 @@ ASKED: dict[str, tuple[Path2, Callable[[Path2], str], str]] = {
         EAST,
         lambda p: table(
             "time,range,azimuth",
-            *(whole(p.t), decimal(polar(p)[0], 1), decimal((polar(p)[1] + 310.0) / 0.9, 2)),
+            *(whole(p.t), decimal(polar(p)[0], 1), decimal((polar(p)[1] + 130.0) / 0.9, 2)),
         ),
         r"beyond a whole turn.*: if a turn has 400 gon, write degrees",
     ),
@@ -379,7 +379,7 @@ ASKED: dict[str, tuple[Path2, Callable[[Path2], str], str]] = {
     "slant ranges": (
         EAST,
         slant_ranges,
-        r"elevation_deg usually is 18\.7 deg.* by 5\.3 %.*--set 'columns\.range=slant_range_m'",
+        r"elevation_deg usually is 28\.4 deg.* by 12 %.*--set 'columns\.range=slant_range_m'",
     ),
 }
 
@@ -462,8 +462,8 @@ def test_ranges_without_a_detection_are_missing(tmp_path: Path) -> None:
     assert written["target"]["missing"] == [0.0]
 
 
-def test_a_course_that_counts_from_x_is_none_from_north(tmp_path: Path) -> None:
-    course = decimal((90.0 - CAR.course) % 360.0, 1)
+def test_a_course_that_is_no_direction_of_the_positions_is_left_out(tmp_path: Path) -> None:
+    course = decimal((CAR.course + 50.0) % 360.0, 1)
     text = table("time,x,y,speed,course", whole(CAR.t), *xy(CAR), decimal(CAR.speed, 2), course)
     _, written = guessed(tmp_path, text)
     assert [sensor["kind"] for sensor in written["sensor"]] == ["position"]
@@ -491,7 +491,9 @@ def test_the_largest_range_stands_for_no_detection(tmp_path: Path) -> None:
 def test_a_code_of_ten_digits_is_written_in_full(tmp_path: Path) -> None:
     longitude, latitude = (whole(1e7 * part) for part in CAR.degrees)
     latitude[5] = longitude[5] = "2147483647"
-    scenario, written = guessed(tmp_path, table("time,lat,lon", whole(CAR.t), latitude, longitude))
+    text = table("time,lat,lon", whole(CAR.t), latitude, longitude)
+    options = ("units.latitude=degE7", "units.longitude=degE7")
+    scenario, written = guessed(tmp_path, text, *options)
     assert written["target"]["missing"] == [2147483647]
     assert np.isnan(scenario.target._recording.measurements[0, 4, 0])
 

@@ -70,7 +70,13 @@ def test_a_table_is_read(tmp_path: Path, what: str) -> None:
 def test_whole_numbers_of_degrees(tmp_path: Path) -> None:
     rows = [(f"{t}", f"{52 * 10**7 + 9 * t}", f"{-4 * 10**7}") for t in T]
     (tmp_path / "m.csv").write_text(text(*rows, head="time,lat,lon"))
-    assert trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path).returncode == 0
+    options = ("--set", "units.latitude=degE7", "--set", "units.longitude=degE7")
+    asked = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
+    assert asked.returncode == 2
+    assert "the units may be lat, lon in degE7" in asked.stderr
+    assert (
+        trackbench("new", "experiment", "--from", "m.csv", *options, cwd=tmp_path).returncode == 0
+    )
     x, y = seen(tmp_path / "m.yaml")
     # The radius of curvature of the meridian at 52 degrees is 6 375 km.
     np.testing.assert_allclose(y, np.radians(9e-7 * T[1:]) * 6.375e6, rtol=1e-3)

@@ -235,8 +235,14 @@ def test_the_zone_in_the_name_of_a_column(tmp_path: Path) -> None:
 
 
 def test_azimuths_from_0_to_360_are_guessed_to_be_clockwise(tmp_path: Path) -> None:
-    (tmp_path / "compass.csv").write_text(CLOCKWISE.replace("azimuth", "azimuth_deg"))
+    azimuth = np.linspace(170.0, 300.0, len(TIMES))
+    (tmp_path / "compass.csv").write_text(table("time,range,azimuth_deg", TIMES, TIMES, azimuth))
     assert recognized(str(tmp_path / "compass.csv")).naming.clockwise == ("azimuth",)
+    # Azimuths within half a turn are open, unless the name says more.
+    (tmp_path / "open.csv").write_text(CLOCKWISE.replace("azimuth", "azimuth_deg"))
+    guess = recognized(str(tmp_path / "open.csv"))
+    assert guess.naming.clockwise == ()
+    assert len(guess.questions) == 2
     write(tmp_path)
     for name in ("plots.csv", "xy.csv"):
         assert recognized(str(tmp_path / name)).naming.clockwise == ()

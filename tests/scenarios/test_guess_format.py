@@ -47,6 +47,10 @@ def test_what_it_writes_runs(tmp_path: Path, what: str) -> None:
         units = "read range in m (no unit is named; the usual speed is 22 m/s)\n"
         units += "read bearing in deg (there are angles beyond 2 pi); another unit: --set "
         units += "units.NAME=UNIT\n"
+        units += (
+            "read bearing clockwise from north (from 0 to 360 deg, as of radars); from x to y: "
+        )
+        units += "--set 'clockwise=[]'\n"
     run = "run it: trackbench run my_data.yaml\n"
     assert made.stdout == f"wrote my_data.yaml\n{units}{run}", made.stderr
     done = trackbench("run", "my_data.yaml", "--workers", "1", cwd=tmp_path)
@@ -82,7 +86,8 @@ def test_columns_that_are_not_used_are_named(tmp_path: Path) -> None:
     azimuth = np.degrees(np.arctan2(Y, X + 9e3))
     columns = (T, np.hypot(X + 9e3, Y), azimuth, *[np.round(azimuth, 2)] * 2)
     table(tmp_path / "m.csv", "time,range,azimuth_deg,elevation,Sea state", *columns)
-    done = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
+    option = ("--set", "clockwise=[]")
+    done = trackbench("new", "experiment", "--from", "m.csv", *option, cwd=tmp_path)
     way = "to use one as run, sensor or received"
     line = f"columns not used: elevation, \"Sea state\" ({way}: --set 'columns.run=ITS NAME')"
     assert done.stdout.splitlines()[1] == line
@@ -111,7 +116,11 @@ def test_errors_are_not_smaller_than_the_last_digit(
     rows = [f"{i};{x.format(i // 2)};{y.format(i // 2)}" for i in range(20)]
     (tmp_path / "m.csv").write_text("\n".join([names, *rows]) + "\n")
     # Such slow things are asked about, unless a unit is named.
-    given = Naming(units={"x": "m", "y": "m"}) if names == "t;x;y" else None
+    given = None
+    if names == "t;x;y":
+        given = Naming(units={"x": "m", "y": "m"})
+    elif digit == 0.01:
+        given = Naming(units={"latitude": "degE7", "longitude": "degE7"})
     assert recognized(str(tmp_path / "m.csv"), given).sensors[0].sigmas[1] == digit
 
 

@@ -172,6 +172,7 @@ def test_places_of_landmarks_are_asked_for(tmp_path: Path) -> None:
     )
     (tmp_path / "m.csv").write_text(rows)
     words = ("new", "experiment", "--from", "m.csv", "--set", "columns.azimuth=bearing")
+    words += ("--set", "clockwise=[]")
     done = trackbench(*words, cwd=tmp_path)
     assert "write into it where these are: 1, 2\n" in done.stdout, done.stderr
     assert refused(tmp_path / "m.yaml").count("is not a number") == 4

@@ -15,7 +15,7 @@ pytestmark = pytest.mark.usefixtures("no_report")
 
 RNG = np.random.default_rng(4)
 T = np.arange(0.0, 120.0, 2.0)
-X = 2500.0 - 12.0 * T
+X = 12.0 * T - 2500.0
 Y = 1500.0 + 9.0 * T
 RANGE = np.hypot(X, Y) + 5.0 * RNG.normal(size=len(T))
 NORTH = (np.degrees(np.arctan2(X, Y)) + 0.1 * RNG.normal(size=len(T))) % 360.0
@@ -83,8 +83,12 @@ def test_a_range_without_a_unit_and_with_an_odd_speed_is_asked_about(tmp_path: P
     assert "say --set units.range=km, or with another unit: mi, nmi, m" in message
     config, content = written(path, "units.range=km")
     assert content["scenario"]["target"]["units"]["range"] == "km"
-    assert config.units == ["read azimuth in deg (there are angles beyond 2 pi); another unit: --set "
-                            "units.NAME=UNIT"]  # fmt: skip
+    unit_line, direction_line = config.units
+    assert unit_line == (
+        "read azimuth in deg (there are angles beyond 2 pi); another unit: --set units.NAME=UNIT"
+    )
+    assert direction_line.startswith("read azimuth clockwise from north (from 0 to 360 deg")
+    assert direction_line.endswith("from x to y: --set 'clockwise=[]'")
 
 
 def test_degrees_near_north_are_no_radians_without_a_question(tmp_path: Path) -> None:
@@ -93,7 +97,7 @@ def test_degrees_near_north_are_no_radians_without_a_question(tmp_path: Path) ->
     path = table(tmp_path / "m.csv", "t,range_m,azimuth", T, away, azimuth)
     message = asked(path)
     assert "azimuth: no unit is named, and its numbers may be degrees or radians" in message
-    _, content = written(path, "units.azimuth=deg")
+    _, content = written(path, "units.azimuth=deg", "clockwise=[]")
     assert content["scenario"]["sensor"][0]["sigma_azimuth_mrad"] < 5.0
 
 

@@ -82,6 +82,24 @@ def test_without_odometry_its_columns_are_asked_for(tmp_path: Path) -> None:
     assert "wrote log.yaml" in printed
 
 
+@pytest.mark.parametrize("column", [2, 5])
+def test_bearings_and_turn_rates_of_opposite_directions_are_a_question(
+    tmp_path: Path, column: int
+) -> None:
+    """Column 2 has the turn rate, column 5 the bearing; each may count clockwise."""
+    lines = [line.split(",") for line in LOG.splitlines()]
+    for cells in lines[1:]:
+        if cells[column]:
+            cells[column] = str(-float(cells[column]))
+    log = "\n".join(map(",".join, lines)) + "\n"
+    printed = written(tmp_path, log, NAME)
+    assert (
+        "bearing [deg] and omega [deg/s] agree only if one of them counts clockwise: change the signs"
+    ) in printed
+    assert not (tmp_path / "log.yaml").exists()
+    assert "wrote log.yaml" in written(tmp_path, log, NAME, "columns.w=omega [deg/s]")
+
+
 def test_a_measurement_without_a_landmark_is_a_mistake(tmp_path: Path) -> None:
     printed = written(tmp_path, LOG.replace("shelf,4.11,-105.7", ",4.11,-105.7"), NAME)
     assert "log.csv:6:1: landmark: is missing beside a value of range [m]" in printed

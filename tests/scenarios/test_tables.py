@@ -64,6 +64,8 @@ def test_a_table(tmp_path: Path, name: str) -> None:
         ("other_day_clock.csv", "columns.date=flown", 1.0),
         ("samesec.csv", "same_time=mean", 1.0),
         ("piraeus.csv", 'columns.run=""', 1.0),
+        ("radar.csv", "clockwise=[azimuth]", 1.0),
+        ("swapped.csv", 'columns.vx=""', 1.0),
     ],
 )
 def test_what_it_asks_is_answered(tmp_path: Path, name: str, option: str, every: float) -> None:

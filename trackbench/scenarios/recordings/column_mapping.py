@@ -202,7 +202,7 @@ def _way_out(quantity: str, values: Array, wrong: Index) -> str:
 
 
 _COURSE_UNITS = ("deg/10", "deg/100", "degE5")
-_PLACE_UNITS = ("degE7", "degE6", "semicircle", "deg/600000", "degE5")
+_PLACE_UNITS = ("degE7", "degE6", "semicircle", "mas", "deg/600000", "degE5")
 _DIMENSIONS = {
     "length": {
         "m": 1.0,
@@ -227,7 +227,8 @@ _DIMENSIONS = {
         "rad": 1.0,
         "mrad": 1e-3,
         "deg": pi / 180.0,
-        # Whole numbers of devices: 1e-7, 1e-6 and 1e-5 deg, AIS, headings, and FIT (2^31 are 180 deg).
+        # Whole numbers of devices: 1e-7, 1e-6 and 1e-5 deg, AIS, headings, FIT (2^31 are 180 deg), and
+        # thousandths of a second of arc.
         "degE7": pi / 180.0e7,
         "degE6": pi / 180.0e6,
         "degE5": pi / 180.0e5,
@@ -235,6 +236,7 @@ _DIMENSIONS = {
         "deg/100": pi / 18000.0,
         "deg/10": pi / 1800.0,
         "semicircle": pi / 2.0**31,
+        "mas": pi / 180.0 / 3.6e6,
     },
     "turn rate": {
         "rad/s": 1.0,

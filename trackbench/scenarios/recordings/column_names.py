@@ -18,7 +18,7 @@ _WORDS: dict[str, str] = {
     "epoch unixtime gpstime systime timeofday tod tow gpstow itow gpst measurementtime "
     "tvsec gms sow secondsofweek sod secondsofday secofday updatetime hours jd juliandate mjd "
     "filetime when measuredat datenum matlabtime micros micro microseconds usec timeusec timecode "
-    "flytime "
+    "flytime hhmm hhmmss mmss "
     "zeit zeitstempel uhrzeit temps heure hora tiempo tempo ora tid tijd klokkeslett",
     "date": "date dateutc utcdate datum fecha data dato jour",
     "step": "step k frame scan frameid",
@@ -65,6 +65,7 @@ _UNITS = {
     **{"degps": "deg/s", "radps": "rad/s"},
     **{"mps": "m/s", "e7": "degE7", "dege7": "degE7", "1e7": "degE7"},
     **{"semicircles": "semicircle", "e6": "degE6", "dege6": "degE6", "1e6": "degE6"},
+    **{"milliarcsec": "mas", "milliarcsecond": "mas", "milliarcseconds": "mas"},
     **{"sec": "s", "secs": "s", "second": "s", "seconds": "s", "sek": "s"},
     **{"millis": "ms", "msec": "ms", "millisecond": "ms", "milliseconds": "ms"},
     **{"usec": "us", "micros": "us", "microseconds": "us", "nsec": "ns", "nanos": "ns"},
@@ -73,7 +74,7 @@ _UNITS = {
 _OTHER_UNITS = frozenset(
     {"yd", "yds", "yard", "yards", "kyd", "fathom", "fathoms", "dm", "hm", "kft"}
     | {"in", "inch", "inches", "zoll", "sm"}
-    | {"gon", "gons", "mil", "mils", "arcmin", "arcsec", "mas", "fpm"}
+    | {"gon", "gons", "mil", "mils", "arcmin", "arcsec", "fpm"}
     | {"grade", "grades", "grads", "gradian", "gradians"}
 )
 """Words that are units of lengths, angles and speeds, and none that a recording may have."""

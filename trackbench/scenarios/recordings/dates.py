@@ -16,7 +16,7 @@ _OFFSET = re.compile(r" ([-+]\d\d:?\d\d)( [A-Z]{2,5}| [-+]\d+)?( m=[-+][0-9.]+)?
 _NANOSECONDS = re.compile(r"([.,:]\d{6})\d+")
 _ELAPSED = re.compile(r"(\d+):([0-5]\d(?:\.\d{1,6})?)")
 """Minutes, of which there may be more than 59, and seconds."""
-_DIGITS_OF_CLOCKS = {"%H%M": 4, "%H%M%S": 6, "%H%M%S.%f": 6}
+_DIGITS_OF_CLOCKS = {"%H%M": 4, "%M%S": 4, "%M%S.%f": 4, "%H%M%S": 6, "%H%M%S.%f": 6}
 """Digits before the point of a time of day in one number, which may lack zeros at its beginning."""
 _HALVES_OF_DAY = re.compile(r"\b([ap])\. ?m\.", re.IGNORECASE)
 _MICROSECOND = timedelta(microseconds=1)

@@ -303,7 +303,10 @@ def _last_line(guess: Guess) -> str:
 
 
 def guessed_units(guess: Guess) -> list[str]:
-    """Return a line on each unit of a range or an angle that no name has, with the reason."""
+    """Return a line on each unit of a range or an angle that no name has, and on other guesses.
+
+    These are azimuths that count from north because of their numbers, and velocities that are left out.
+    """
     lines = []
     for name in ("range", "azimuth", "bearing", "v", "w"):
         reason = guess.why.get(name, "")
@@ -314,6 +317,12 @@ def guessed_units(guess: Guess) -> list[str]:
             lines.append(f"read {column} in {unit} ({explanation})")
     if lines:
         lines[-1] += "; another unit: --set units.NAME=UNIT"
+    if guess.why.get("clockwise", "").startswith("guess"):
+        column = quoted(guess.naming.columns["azimuth"])
+        what = f"read {column} clockwise from north (from 0 to 360 deg, as of radars)"
+        lines.append(f"{what}; from x to y: --set 'clockwise=[]'")
+    if "velocity" in guess.why:
+        lines.append(guess.why["velocity"])
     return lines
 
 
@@ -420,6 +429,8 @@ def _target_lines(guess: Guess, truth: TruthGuess | None) -> Iterator[str]:
             line += _comment(why, name)
         if name == "time":
             line += _comment(why, "time_column")
+        if name == "vy":
+            line += _comment(why, "exchanged")
         yield line
     unused = unused_columns(guess)
     if unused:
@@ -443,8 +454,8 @@ def _target_lines(guess: Guess, truth: TruthGuess | None) -> Iterator[str]:
         yield f"missing: [{numbers}]{_comment(why, 'missing')}"
     if naming.clockwise and "azimuth" in columns:
         yield f"clockwise: [{', '.join(naming.clockwise)}]{_comment(why, 'clockwise')}"
-    elif "azimuth" in columns:
-        yield "# guess: azimuths count from x to y; of radars from north say `clockwise: [azimuth]`"
+    elif "azimuth" in columns and "anticlockwise" in why:
+        yield f"# {why['anticlockwise']}"
     if naming.same_time is not None:
         yield f"same_time: {naming.same_time}{_comment(why, 'same_time')}"
     if columns.get("sensor"):

@@ -4,6 +4,7 @@ import json
 import re
 from collections.abc import Collection
 from dataclasses import dataclass, field, fields, replace
+from datetime import UTC, datetime
 from functools import partial
 from itertools import chain, islice, pairwise
 from typing import Any, Literal, NamedTuple, TypeAlias
@@ -11,6 +12,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from trackbench.core.angles import wrap_angle
 from trackbench.core.arrays import Array, Mask
 from trackbench.field_types import DataError, Place, decimals
 from trackbench.scenarios.recordings.column_mapping import (
@@ -48,6 +50,12 @@ from trackbench.scenarios.recordings.csv_tables import (
     without_thousands,
 )
 from trackbench.scenarios.recordings.dates import instant
+from trackbench.scenarios.recordings.guess_azimuths import (
+    Track,
+    convention_of,
+    is_clockwise_by_places,
+    question_on_azimuths,
+)
 from trackbench.scenarios.recordings.guess_doubts import (
     check_earth_centered,
     check_slant_ranges,
@@ -63,17 +71,21 @@ from trackbench.scenarios.recordings.guess_errors import (
     scatter,
     share_of_outliers,
 )
+from trackbench.scenarios.recordings.guess_jumps import unexplained_jump
 from trackbench.scenarios.recordings.guess_sample import Sample
 from trackbench.scenarios.recordings.guess_time import DateForm, date_form
 from trackbench.scenarios.recordings.guess_units import (
     LENGTH_UNITS,
     Candidate,
     Numbers,
+    Reflection,
     agreeing_reflection,
     is_direction_of_movement,
     is_usual_speed,
     likely_units,
     look_like_degrees,
+    reflection_of_course,
+    usual_acceleration,
 )
 from trackbench.scenarios.recordings.mixtures import is_word_column, role_of
 from trackbench.scenarios.recordings.row_order import in_order
@@ -99,9 +111,18 @@ _FIRST = 200  # rows that show the format
 _MOST_A_SECOND = 20
 _MOST_COMPARED = 1000
 """rows that show whether those of one time are several targets"""
+_TURNS_OF_ROBOT = (0.05, 2.0)
+"""rad between two bearings of a landmark, that show the direction of a robot's turn"""
+_FEWEST_TURNS = 10
 _TIMES_APART = 3.0
 """ratio of the distance between rows of one time to that from the next time, of several targets"""
 _DAY = 86400.0  # s
+_HOUR = 3600.0  # s
+_SUNDAY = 6
+_MONTHS_OF_SPRING = (3, 4, 9, 10)
+"""in which clocks are set forward, north and south of the equator"""
+_LATEST_HOUR = 4
+"""to which clocks are set forward"""
 _LONGEST_PAUSE = 200.0 * _DAY
 """s: beyond it a pause is rather a clock that was set"""
 _FEWEST_MEASURED = 5
@@ -140,12 +161,23 @@ _SENSOR_KEYS = ("landmark", "landmarks", "tag", "id", "marker", "station", "rada
 _LARGEST_AZIMUTH_ERROR = 0.5
 """rad; azimuths with larger errors are rather those of several targets, or of another unit"""
 _LONG_INTERVAL = 600.0  # s
+_FASTEST_IN_KM = 400.0
+"""m/s that something may have whose positions are in km without saying so"""
+_LARGEST_ACCELERATION = 35.0
+"""m/s^2, 3.5 times that of gravity, beyond which no vehicle turns for a quarter of the time"""
+_FAST = 50.0
+"""m/s, from which on positions in m may rather be in cm or mm"""
+_NAMES_IN_M = frozenset({"pose", "position", "odom", "odometry", "translation", "tx", "ty", "enu"})
+"""Words in names of columns whose lengths are in m by convention."""
 _MOST_TANGENTIAL = 20.0
 """ratio of the ways across and along the line of sight, beyond which azimuths may have another unit"""
 _WEEK = 604800.0  # s
 _TIME_OF_WEEK = {"tow", "itow", "gms", "sow", "gpst", "secondsofweek"}
+_SECONDS = {"seconds", "sec", "secs", "second", "t", "tow", "itow", "gms", "sow", "sod"}
+_TIMES_OF_DAY = {"utc", "clock", "gmt", "uhrzeit", "heure", "hora", "klokkeslett", "local", "cet"}
 _ELAPSED = {"elapsed", "duration", "split", "lap", "laptime", "elapsedtime"}
-_NORTH = frozenset(("north", "true", "compass", "magnetic", "mag", "clockwise", "cw"))
+_HEADINGS = frozenset(("heading", "hdg", "headmot", "direction", "bearing"))
+"""Words of columns that may have the direction in which a vehicle points."""
 _TUM = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 """Columns of the TUM format of trajectories."""
 
@@ -189,6 +221,14 @@ class Guess:
     """True if times are dates"""
     outliers: float = 0.0
     """largest share of a sensor's rows that lie far from the line between their neighbors"""
+    path: str = ""
+    """the table"""
+    radar: Track | None = None
+    """ranges and azimuths of the first sensor that measures them"""
+    places: Track | None = None
+    """positions of the first sensor that measures them"""
+    questions: list[Place] = field(default_factory=list)
+    """what the table leaves open, and a truth may decide"""
 
     @property
     def moves(self) -> bool:
@@ -197,8 +237,10 @@ class Guess:
         return is_one and _has_velocity(self.naming.columns)
 
 
-def recognized(path: str, user_naming: Naming | None = None) -> Guess:
+def recognized(path: str, user_naming: Naming | None = None, said: Collection[str] = ()) -> Guess:
     """Guess how a table is written; keys that are set in ``user_naming`` are not guessed.
+
+    ``said`` are the keys that the user set, also to nothing, such as ``clockwise=[]``.
 
     Raises DataError if no column is a time, or none is measured.
     """
@@ -210,7 +252,7 @@ def recognized(path: str, user_naming: Naming | None = None) -> Guess:
     while True:
         try:
             with_labels = replace(user_naming, columns=user_naming.columns | label_columns)
-            guess = _recognized_columns(path, with_labels)
+            guess = _recognized_columns(path, with_labels, said)
         except MixedRowsError as error:
             key = _key_of_labels(error)
             if key in label_columns or key in user_naming.columns:
@@ -289,8 +331,11 @@ def _key_of_labels(error: MixedRowsError) -> str:
     )
 
 
-def _recognized_columns(path: str, user_naming: Naming) -> Guess:
-    """Guess how a table is written; raises MixedRowsError if a column splits its rows."""
+def _recognized_columns(path: str, user_naming: Naming, said: Collection[str]) -> Guess:
+    """Guess how a table is written; raises MixedRowsError if a column splits its rows.
+
+    ``said`` are the keys that the user set.
+    """
     # Step 1: find the columns by their names.
     why: ReasonByKey = {}
     user_format = user_naming.format or TextFormat()
@@ -322,7 +367,8 @@ def _recognized_columns(path: str, user_naming: Naming) -> Guess:
         dates = []
         if "date" in columns:
             dates = sample.cells(columns["date"])
-        clock = date_form(path, times, dates, sample.line)
+        words = words_of(columns["time"])
+        clock = date_form(path, times, dates, sample.line, words, "time" in units)
         # A column `day` may be a number of days: only beside times of a day, and with whole dates.
         day = next((name for name in names if name.lower() == "day"), "")
         if clock.form and "%d" not in clock.form and not parse_cells(instant, sample.cells(day))[1]:
@@ -348,7 +394,7 @@ def _recognized_columns(path: str, user_naming: Naming) -> Guess:
     if missing and not user_naming.missing:
         why["missing"] = "guess: far outside the others"
     # Step 4: read all rows.
-    guess = _measured(path, naming, why, sensors)
+    guess = _measured(path, naming, why, sensors, user_naming.columns, said)
     sensors = [
         s._replace(sigmas=not_finer(s.sigmas, s.quantities, guess.naming, sample.cells))
         for s in guess.sensors
@@ -356,8 +402,18 @@ def _recognized_columns(path: str, user_naming: Naming) -> Guess:
     return replace(guess, sensors=sensors, names=names)
 
 
-def _measured(path: str, naming: Naming, why: ReasonByKey, sensors: list[SensorGuess]) -> Guess:
-    """Read all rows and return the guess with what they show: runs, errors, speed, further units."""
+def _measured(
+    path: str,
+    naming: Naming,
+    why: ReasonByKey,
+    sensors: list[SensorGuess],
+    user_columns: Collection[str],
+    said: Collection[str],
+) -> Guess:
+    """Read all rows and return the guess with what they show: runs, errors, speed, further units.
+
+    ``user_columns`` are the quantities whose columns the user named, ``said`` the keys that were set.
+    """
     # Angles are read as if they were not clockwise: errors and speeds of the mirror image are the same.
     # Rows far from the origin are accepted here, and reported when their run is read.
     is_robot = "bearing" in naming.columns
@@ -403,7 +459,12 @@ def _measured(path: str, naming: Naming, why: ReasonByKey, sensors: list[SensorG
             naming = replace(naming, same_time=way)
             gathered.naming = replace(naming, clockwise=())
             why["same_time"] = "guess: several rows of a whole second; or mean, or last"
-        longest.append(in_order(gathered, run_rows))
+        ordered = in_order(gathered, run_rows)
+        if "run" not in user_columns:
+            _check_jumps(gathered, ordered, sensor.kind, in_degrees)
+        if "time" not in user_columns:
+            _check_daylight_saving(gathered, ordered)
+        longest.append(ordered)
     # Standard deviations of the errors, and the usual speed, by each sensor.
     levels = [
         levels_of(rows, sensor.kind, in_degrees)
@@ -423,38 +484,84 @@ def _measured(path: str, naming: Naming, why: ReasonByKey, sensors: list[SensorG
         for sensor, rows in zip(sensors, longest, strict=True)
     ]
     speed = next((speed for _, speed in levels if speed), 0.0)
-    naming = _with_clockwise(naming, quantities_by_sensor, rows_by_sensor, why)
     guesses = []
     for sensor, (sigmas, _) in zip(sensors, levels, strict=True):
         guesses.append(sensor._replace(sigmas=sigmas))
-    return Guess(
+    tracks: dict[str, Track] = {}
+    for sensor, rows in zip(sensors, longest, strict=True):
+        if sensor.kind in ("position", "range-azimuth") and sensor.kind not in tracks:
+            is_radar = sensor.kind == "range-azimuth"
+            tracks[sensor.kind] = _track_of(gathered, rows, scale if is_radar else 1.0)
+    inputs: dict[str, float] = {}
+    if is_robot:
+        odometry = _odometry_rows(path, naming)
+        for name, values in zip(_ODOMETRY, odometry.values, strict=True):
+            inputs[name] = scatter(odometry.time, values)
+    guess = Guess(
         naming=naming,
         why=why,
         runs=runs,
         sensors=guesses,
         speed=float(f"{speed:.1g}") or 1.0,
         steps=len(np.unique(np.concatenate([rows.ticks for rows in longest]))),
-        inputs=_input_sigmas(path, naming) if is_robot else {},
+        inputs=inputs,
         interval=usual_interval(np.concatenate([rows.time for rows in longest])),
         origin=(gathered.origin or ())[:2],
         is_dated=bool(gathered.dated),
         outliers=max(outliers),
+        path=path,
+        radar=tracks.get("range-azimuth"),
+        places=tracks.get("position"),
     )
+    if is_robot and "w" not in user_columns:
+        bearings = []
+        for sensor, rows in zip(sensors, longest, strict=True):
+            if sensor.quantities[-1] == "bearing":
+                bearings.append((rows.time, rows.values[len(sensor.quantities) - 1] * scale))
+        _check_turns_of_robot(guess, odometry, bearings)
+    return _settle_azimuths(guess, [angles * scale for angles in azimuths], "clockwise" in said)
 
 
-def _input_sigmas(path: str, naming: Naming) -> dict[str, float]:
-    """Estimate the standard deviations of a robot's measured speed and turn rate, in the longest run."""
+def _odometry_rows(path: str, naming: Naming) -> Rows:
+    """Read a robot's measured speeds and turn rates of the longest run, in order."""
     # These are no sensor's: names of sensors in the file are not looked for.
     without_sensor = replace(naming, columns=naming.columns | {"sensor": ""})
     gathered = Gathered(without_sensor, refuses_far_rows=False)
     (rows,) = read_rows(gathered, [path], [_ODOMETRY])
     is_longest_run = rows.run == np.bincount(rows.run).argmax()
     has_all = np.isfinite(rows.values).all(axis=0)
-    rows = in_order(gathered, rows.at(np.flatnonzero(has_all & is_longest_run)))
-    sigmas = {}
-    for name, values in zip(_ODOMETRY, rows.values, strict=True):
-        sigmas[name] = scatter(rows.time, values)
-    return sigmas
+    return in_order(gathered, rows.at(np.flatnonzero(has_all & is_longest_run)))
+
+
+def _check_turns_of_robot(
+    guess: Guess, odometry: Rows, bearings: list[tuple[Array, Array]]
+) -> None:
+    """Raise DataError if bearings and a robot's turn rate count in opposite directions.
+
+    While a robot turns to the left, landmarks move to its right. ``bearings`` are the times, s, and the
+    bearings, rad, of each landmark.
+    """
+    if not len(odometry.time):
+        return
+    # The turn rate of a row holds since the row before.
+    intervals = np.diff(odometry.time, prepend=odometry.time[0])
+    heading = np.cumsum(odometry.values[1] * intervals)
+    right = []
+    wrong = []
+    for times, angles in bearings:
+        turns = np.diff(np.interp(times, odometry.time, heading))
+        changes = np.diff(angles)
+        is_sure = (np.abs(turns) > _TURNS_OF_ROBOT[0]) & (np.abs(turns) < _TURNS_OF_ROBOT[1])
+        right += np.abs(wrap_angle(changes + turns))[is_sure].tolist()
+        wrong += np.abs(wrap_angle(changes - turns))[is_sure].tolist()
+    if len(right) < _FEWEST_TURNS or np.median(wrong) > 0.5 * np.median(right):
+        return
+    bearing = guess.naming.columns["bearing"]
+    turn_rate = guess.naming.columns["w"]
+    what = f"{bearing} and {turn_rate} agree only if one of them counts clockwise"
+    way = "change the signs of the one that does, as both are read anticlockwise"
+    option = f"to read them as they are, say --set 'columns.w={_in_option(turn_rate)}'"
+    raise DataError(Place(guess.path, 1, 1, f"{what}: {way}; {option}"))
 
 
 def _azimuths_of(
@@ -468,31 +575,67 @@ def _azimuths_of(
     return azimuths
 
 
-def _with_clockwise(
-    naming: Naming,
-    quantities_by_sensor: list[tuple[str, ...]],
-    rows_by_sensor: list[Rows],
-    why: ReasonByKey,
-) -> Naming:
-    """Return the naming with azimuths clockwise from north if they seem to be so.
+def _track_of(gathered: Gathered, rows: Rows, scale: float = 1.0) -> Track:
+    """Return rows as a track; ``scale`` is the unit of their azimuths, rad."""
+    time = rows.time
+    if gathered.dated:
+        time = time + (gathered.since or 0.0) / 1e6
+    return Track(time, np.stack([rows.values[0], rows.values[1] * scale]), bool(gathered.dated))
 
-    They are if the column's name says north, or if the angles are from 0 to 360 deg, as those of radars
-    and compasses. The reason is added to ``why``.
+
+def _settle_azimuths(guess: Guess, angles: list[Array], is_said: bool) -> Guess:
+    """Return the guess with the direction from which azimuths count, or with the question if it is open.
+
+    ``angles`` are those of each sensor that measures one, rad. ``is_said`` if the user has said the
+    direction.
     """
-    angles = _azimuths_of(quantities_by_sensor, rows_by_sensor)
+    naming = guess.naming
     column = naming.columns.get("azimuth")
     if not angles or column is None or naming.clockwise:
-        return naming
-    is_positive = all((a[np.isfinite(a)] >= 0.0).all() for a in angles)
-    says_so = not _NORTH.isdisjoint(words_of(column))
-    if not says_so and not (is_positive and naming.units.get("azimuth", "").startswith("deg")):
-        return naming
-    why["clockwise"] = (
+        return guess
+    if is_said:
+        guess.why["anticlockwise"] = "azimuths count from x to y"
+        return guess
+    convention = convention_of(column, naming.units.get("azimuth", ""), angles)
+    if guess.places is not None and convention != "named":
+        settled = with_places(guess, guess.places, "the other sensor's positions show")
+        if settled is not None:
+            return settled
+    if convention == "polar":
+        guess.why["anticlockwise"] = (
+            "guess: azimuths count from x to y; of radars from north say `clockwise: [azimuth]`"
+        )
+        return guess
+    if convention == "open":
+        first, second = question_on_azimuths(column)
+        place = Place(guess.path, 1, 1, first)
+        return replace(guess, questions=[place, place._replace(what=second)])
+    guess.why["clockwise"] = (
         "guess: from 0 to 360 deg, as of radars; leave it out if it counts from x to y"
     )
-    if says_so:
-        why["clockwise"] = "as the column's name says: from north"
-    return replace(naming, clockwise=("azimuth",))
+    if convention == "named":
+        guess.why["clockwise"] = "as the column's name says: from north"
+    return replace(guess, naming=replace(naming, clockwise=("azimuth",)))
+
+
+def with_places(guess: Guess, places: Track, reason: str) -> Guess | None:
+    """Return the guess with azimuths that count as other positions show; None if these do not decide.
+
+    ``reason`` says which positions they are.
+    """
+    if guess.radar is None:
+        return None
+    is_clockwise = is_clockwise_by_places(guess.radar, places)
+    if is_clockwise is None:
+        return None
+    why = {name: text for name, text in guess.why.items() if name != "clockwise"}
+    if is_clockwise:
+        why["clockwise"] = f"as {reason}"
+    else:
+        why["anticlockwise"] = f"azimuths count from x to y, as {reason}"
+    clockwise = ("azimuth",) if is_clockwise else ()
+    naming = replace(guess.naming, clockwise=clockwise)
+    return replace(guess, naming=naming, why=why, questions=[])
 
 
 def _has_velocity(columns: ColumnByQuantity) -> bool:
@@ -1052,15 +1195,19 @@ class _Reading:
         if self._clock.other:
             clocks = self._clocks()
         known_units = self._known_units(sensor)
+        if numbers.is_angle and numbers.velocity is not None:
+            numbers = self._with_north_first(numbers, known_units, clocks)
         first, *others = likely_units(numbers, known_units, clocks)
         self._check_bearings(sensor, numbers, first)
-        if numbers.is_angle and has_velocity and not (first.agrees and first.same_way):
+        if has_velocity and not (first.agrees and first.same_way):
             self._check_reflections(numbers, known_units)
+        if sensor.quantities == _PLACE:
+            self._check_course(numbers, first)
         questions = []
         if others:
             questions = self._questions([first, *others], numbers)
         for candidate in (first, *others):
-            question = self._question_on_length(candidate, numbers, known_units)
+            question = self._question_on_length(candidate, numbers, known_units, bool(others))
             if question is not None:
                 questions.append(question)
                 break
@@ -1074,6 +1221,8 @@ class _Reading:
             self._why["velocity"] = "velocities are left out: they disagree with the positions"
         # The chosen one of two forms of dates; it is empty for the form that the clock has already.
         if first.time in clocks and first.time:
+            if first.time == "s":
+                return DateForm()
             self._why["time_format"] = f"guess: {self._reason(first)}"
             return self._clock._replace(form=first.time)
         return self._clock
@@ -1104,26 +1253,99 @@ class _Reading:
         option = f"if positions were measured, say {' '.join(options)}"
         raise DataError(Place(self._path, self._sample.line, 1, f"{what} {way}; {option}"))
 
+    def _with_north_first(
+        self,
+        numbers: Numbers,
+        known_units: dict[str, str],
+        clocks: dict[str, tuple[float, float]],
+    ) -> Numbers:
+        """Return the numbers with vx and vy exchanged, if only then they are the movement's.
+
+        Autopilots name the velocity to the north vx. Latitudes and longitudes leave no doubt of axes.
+        """
+        first = likely_units(numbers, known_units, clocks)[0]
+        if (first.agrees and first.same_way) or numbers.velocity is None:
+            return numbers
+        exchanged = replace(numbers, velocity=numbers.velocity[::-1])
+        other = likely_units(exchanged, known_units, clocks)[0]
+        change = agreeing_reflection(numbers, known_units)
+        is_answered = not {*_VELOCITY}.isdisjoint(self._user_columns)
+        if not (other.agrees and other.same_way) or change is not None or is_answered:
+            return numbers
+        columns = self._columns
+        units = self._units
+        columns["vx"], columns["vy"] = columns["vy"], columns["vx"]
+        for name, partner in (_VELOCITY, _VELOCITY[::-1]):
+            if name in known_units:
+                units[partner] = known_units[name]
+        self._why["exchanged"] = f"{columns['vy']} points north, as the positions show"
+        return exchanged
+
     def _check_reflections(self, numbers: Numbers, known_units: dict[str, str]) -> None:
         """Raise DataError if a speed and course agree with exchanged or mirrored positions alone."""
         change = agreeing_reflection(numbers, known_units)
-        if not change:
+        if change is not None:
+            velocity = [name for name in (*COURSE, *_VELOCITY) if name in self._columns]
+            raise DataError(self._question_on_axes(change, velocity))
+
+    def _check_course(self, numbers: Numbers, chosen: Candidate) -> None:
+        """Raise DataError if a course without a speed is the direction of changed positions alone.
+
+        The heading of a vehicle is no course: it may count from x, and is not read without a speed.
+        """
+        column = self._columns.get("course")
+        if column is None or numbers.course is None or numbers.speed is not None:
             return
-        latitude = self._columns["latitude"]
-        longitude = self._columns["longitude"]
-        velocity = [name for name in (*COURSE, *_VELOCITY) if name in self._columns]
+        if not _HEADINGS.isdisjoint(words_of(column)) and not numbers.is_angle:
+            return
+        unit = self._units.get("course")
+        if unit is None:
+            unit = "deg" if (np.abs(numbers.course) > _TURN).any() else "rad"
+        change = reflection_of_course(numbers, chosen, numbers.course * UNITS[unit])
+        if change is not None:
+            raise DataError(self._question_on_axes(change, ["course"]))
+
+    def _question_on_axes(self, change: Reflection, velocity: list[str]) -> Place:
+        """Ask which of positions and velocities are right, if they agree only after a change.
+
+        ``velocity`` are the quantities of the velocity.
+        """
+        names = ("longitude", "latitude")
+        positive = ("east", "north")
+        if {*_PLACE} <= self._columns.keys():
+            names = _PLACE
+        east, north = (self._columns[name] for name in names)
+        first, second = sorted((east, north), key=self._sample.names.index)
         measured = " and ".join(self._columns[name] for name in velocity)
+        agree = "agrees" if len(velocity) == 1 else "agree"
         leave_out = " ".join(f"--set 'columns.{name}=\"\"'" for name in velocity)
-        if change == "exchanged":
-            what = f"{latitude} and {longitude} agree with {measured} only if they are exchanged"
-            way = f"say --set 'columns.latitude={longitude}' --set 'columns.longitude={latitude}'"
+        signs = (change.sign_of_east, change.sign_of_north)
+        if change.exchanged and signs == (1.0, 1.0):
+            what = f"{first} and {second} agree with {measured} only if they are exchanged"
+            options = f"--set 'columns.{names[0]}={_in_option(north)}'"
+            options += f" --set 'columns.{names[1]}={_in_option(east)}'"
+            way = f"say {options}"
+            if names == _PLACE:
+                way = f"if {east} points north and {north} east, {way}"
+        elif change.exchanged:
+            what = f"{measured} {agree} with {first} and {second} only after a quarter turn"
+            way = f"turn the axes, so that {names[0]} is positive to the east"
+            way += f" and {names[1]} to the north"
+        elif signs == (-1.0, -1.0):
+            what = f"{measured} {agree} with {first} and {second} only in the opposite direction"
+            way = "correct the signs, or turn the directions by 180 deg"
         else:
-            column = self._columns[change]
+            is_east = change.sign_of_east < 0.0
+            column = east if is_east else north
             what = f"{column} agrees with {measured} only with the opposite sign"
-            direction = "west" if change == "longitude" else "south"
+            direction = "west" if is_east else "south"
             way = f"write degrees to the {direction} as negative numbers"
-        way += f", or leave the velocities out, {leave_out}"
-        raise DataError(Place(self._path, self._sample.line, 1, f"{what}: {way}"))
+            if names == _PLACE:
+                way = f"change its sign, so that it is positive to the {positive[not is_east]}"
+        if names == _PLACE:
+            way += f"; if {measured} counted otherwise, convert them"
+        what = f"{what}: {way}, or leave {'it' if len(velocity) == 1 else 'the velocities'} out"
+        return Place(self._path, self._sample.line, 1, f"{what}, {leave_out}")
 
     def check_azimuths(self, sensors: list[SensorGuess]) -> None:
         """Raise DataError if azimuths without a unit may be in radians as well as in degrees.
@@ -1151,19 +1373,27 @@ class _Reading:
         self._why["azimuth"] = "guess: there is no angle beyond 2 pi"
 
     def _question_on_length(
-        self, chosen: Candidate, numbers: Numbers, known_units: UnitByQuantity
+        self,
+        chosen: Candidate,
+        numbers: Numbers,
+        known_units: UnitByQuantity,
+        has_others: bool,
     ) -> Place | None:
         """Ask for the unit of lengths if none is named, and in meters the speed would be unusual.
 
-        ``chosen`` is a likely choice of units for the ``numbers``. None if there is nothing to ask; a
-        range without a unit then gets the unit m.
+        It is also asked if another unit is as likely, unless there are other choices of units to ask for
+        (``has_others``). ``chosen`` is a likely choice of units for the ``numbers``. None if there is
+        nothing to ask; a range without a unit then gets the unit m.
         """
         names = [name for name in ("x", "y", "range", "1.range") if name in self._columns]
         is_named = not {"x", "range"}.isdisjoint(known_units)
         if chosen.as_angle or numbers.is_angle or not names or is_named or chosen.agrees:
             return None
         speed = chosen.usual_speed
-        if not np.isfinite(speed) or is_usual_speed(speed):
+        other_units: list[str] = []
+        if is_usual_speed(speed) and not has_others:
+            other_units = self._other_lengths(chosen, numbers)
+        if not np.isfinite(speed) or (is_usual_speed(speed) and not other_units):
             # The config must have a unit of a range; x and y are in m without one.
             if names == ["range"]:
                 self._units["range"] = "m"
@@ -1171,7 +1401,7 @@ class _Reading:
             return None
         # What is measured once an hour may well be slow; and azimuths of unknown unit tell no speed.
         seconds = 1.0 if numbers.dated else UNITS[chosen.time or "s"]
-        if usual_interval(numbers.time[np.isfinite(numbers.time)]) * seconds > _LONG_INTERVAL:
+        if usual_interval(numbers.time[np.isfinite(numbers.time)]) * seconds >= _LONG_INTERVAL:
             return None
         largest_azimuth = 0.0
         if "azimuth" in self._columns and "azimuth" not in self._units:
@@ -1179,17 +1409,38 @@ class _Reading:
         if largest_azimuth > 360.0:
             return None
         fitting = [unit for unit in LENGTH_UNITS if is_usual_speed(speed * UNITS[unit])]
+        fitting = other_units or fitting
         if not fitting:
             return None
         units = [*fitting, "m"]
         options = " ".join(f"--set units.{name}={units[0]}" for name in names)
         columns = ", ".join(self._columns[name] for name in names)
         what = f"{columns}: no unit is named, and in m the usual speed would be {speed:.2g} m/s"
+        if other_units:
+            what += f", in {units[0]} {speed * UNITS[units[0]]:.2g} m/s"
         way = f"say {options}, or with another unit: {', '.join(units[1:])}"
         if names == ["x", "y"] and look_like_degrees(numbers):
             x, y = (json.dumps(self._columns[name])[1:-1] for name in names)
             way += f"; or in degrees, --set 'columns.longitude={x}' --set 'columns.latitude={y}'"
         return Place(self._path, self._sample.line, 1, f"{what}: {way}")
+
+    def _other_lengths(self, chosen: Candidate, numbers: Numbers) -> list[str]:
+        """Return units that lengths without a named unit may have as well as m; empty for most tables.
+
+        Something slow in m may be something fast in km, unless it turns as nothing fast can. Something
+        fast that turns so in m is rather slow, in mm or cm. Names of ROS and of motion capture are in m.
+        """
+        speed = chosen.usual_speed
+        words = {word for name in _PLACE for word in words_of(self._columns.get(name, ""))}
+        if not np.isfinite(speed) or (numbers.dated and "time" not in self._columns):
+            return []
+        acceleration = usual_acceleration(numbers, chosen)
+        turns_slowly = acceleration * 1e3 <= _LARGEST_ACCELERATION
+        if speed <= _FASTEST_IN_KM * 1e-3 and turns_slowly and words.isdisjoint(_NAMES_IN_M):
+            return [unit for unit in ("km", "nmi", "mi") if is_usual_speed(speed * UNITS[unit])]
+        if acceleration > _LARGEST_ACCELERATION and speed >= _FAST:
+            return [unit for unit in ("mm", "cm") if is_usual_speed(speed * UNITS[unit])]
+        return []
 
     def _numbers(self, sensor: SensorGuess, all_columns: list[str]) -> Numbers:
         """Return the numbers of the rows of one target and sensor, as `likely_units` compares them.
@@ -1342,11 +1593,22 @@ class _Reading:
     def _clocks(self) -> dict[str, tuple[float, float]]:
         """Return both possible forms of times, each with its factor and the points against it.
 
-        Times such as 10:30 are hours and minutes (the empty key), or minutes and seconds.
+        Times such as 10:30 or 1030 are hours and minutes (the empty key), or minutes and seconds.
+        Numbers from 1201 to 1259 may also be seconds.
         """
         cells = self._sample.cells(self._columns["time"])
-        is_elapsed = not _ELAPSED.isdisjoint(words_of(self._columns["time"]))
-        from_zero = bool(cells) and cells[0].lstrip("0").startswith(":")  # 00:12
+        words = words_of(self._columns["time"])
+        is_elapsed = not _ELAPSED.isdisjoint(words)
+        if self._clock.other == "s":
+            is_seconds = is_elapsed or not _SECONDS.isdisjoint(words)
+            is_time_of_day = not _TIMES_OF_DAY.isdisjoint(words)
+            as_clock, _ = self._times()
+            as_numbers = self._sample.numbers(self._columns["time"])
+            factor = usual_interval(as_numbers) / usual_interval(as_clock)
+            # Of 100, 200 and 300 the interval of 100 s is unusual, and does not decide alone.
+            return {"": (1.0, 0.5 + is_seconds), "s": (factor, 1.0 * is_time_of_day)}
+        # 00:12 and 0012
+        from_zero = bool(cells) and re.match(r"0+[:.,]|0*\d\d?$", cells[0]) is not None
         hours = 1.0 * is_elapsed + 0.5 * from_zero
         minutes = 0.0 if is_elapsed or from_zero else 1.0
         return {"": (1.0, hours), self._clock.other: (1.0 / 60.0, minutes)}
@@ -1515,11 +1777,14 @@ def _no_detections(
                 nearest = places[:, measured[neighbor[inside]]]
                 distance = np.sqrt(np.square(nearest - code).sum(axis=0))
                 away[inside] = np.minimum(away[inside], distance)
-            if away.min() <= _FAR_STEPS * np.quantile(steps, 0.9):
+            is_far = away > _FAR_STEPS * np.quantile(steps, 0.9)
+            # Some rows may be measured there, as those at the start of a path that begins at zero.
+            if not is_far.any() or (code not in (0.0, -1.0) and not is_far.all()):
                 continue
             others = [name for name, column in values.items() if (column[~is_code] == code).any()]
-            if not others:
+            if not others and is_far.all():
                 return [code]
+            rows = rows[is_far]
             shown = " and ".join(columns[name] for name in group)
             what = (
                 f"{len(rows)} rows with {shown} = {code:g} lie far from the rows before and after"
@@ -1569,6 +1834,38 @@ def _same_time(
     return "spread"
 
 
+def _check_jumps(gathered: Gathered, rows: Rows, kind: str, in_degrees: bool) -> None:
+    """Raise DataError if a run jumps to a place that no motion explains, and goes on from there.
+
+    Its rows may be those of two targets: the name of the first one was given again, or two recordings
+    stand in one table. ``kind`` is the type of the rows' sensor; ``in_degrees`` if its angles are in
+    degrees.
+    """
+    if kind not in ("position", "range-azimuth"):
+        return
+    places = rows.values[:2]
+    if kind == "range-azimuth":
+        azimuth = places[1] * (UNITS["deg"] if in_degrees else 1.0)
+        places = places[0] * np.stack([np.cos(azimuth), np.sin(azimuth)])
+    jump = unexplained_jump(rows.time, places)
+    if jump is None:
+        return
+    unit = "steps" if gathered.stepped else "s"
+    column = gathered.naming.columns.get("run", "")
+    name = gathered.runs[rows.run[jump.row]]
+    what = (
+        f"{jump.distance:.3g} m in {jump.duration:.3g} {unit} are {jump.times_as_fast:.2g} times as"
+    )
+    what += " fast as all rows before and after"
+    doubt = f"does {column} {name} name another target from here on?"
+    way = f"Give it another name; if it is one target, say --set 'columns.run={_in_option(column)}'"
+    if not column:
+        doubt = "is this another target, or another recording, from here on?"
+        way = "Say which column names targets, --set 'columns.run=NAME'; if all rows are those of one,"
+        way += " say --set 'columns.run=\"\"'"
+    raise DataError(gathered.place(rows, jump.row, f"{what}: {doubt} {way}"))
+
+
 def _check_clock(gathered: Gathered, rows: Rows) -> None:
     """Raise DataError if a clock was set while it ran: dates of 1970 or 1980 before those of today."""
     times, first_rows_of_times = np.unique(rows.time, return_index=True)
@@ -1587,6 +1884,34 @@ def _check_clock(gathered: Gathered, rows: Rows) -> None:
     )
     row = int(first_rows_of_times[longest + 1])
     raise DataError(gathered.place(rows, row, f"{what} {way} --set 'columns.run=ITS NAME'"))
+
+
+def _check_daylight_saving(gathered: Gathered, rows: Rows) -> None:
+    """Raise DataError if local times lack an hour because clocks were set forward in spring.
+
+    It is an hour of a Sunday night, and the rows go on before and after it as usual. ``rows`` are in
+    order.
+    """
+    if gathered.dated != "date" or gathered.says_utc or len(rows.time) < _FEWEST_MEASURED:
+        return
+    usual = usual_interval(rows.time)
+    if usual > _LONG_INTERVAL:
+        return
+    seconds = rows.time + (gathered.since or 0.0) / 1e6
+    intervals = np.diff(seconds)
+    for row in np.flatnonzero(np.abs(intervals - usual - _HOUR) < 0.5 * usual + 0.5).tolist():
+        before = datetime.fromtimestamp(float(seconds[row]), UTC)
+        after = datetime.fromtimestamp(float(seconds[row + 1]), UTC)
+        is_full_hour = after.hour - before.hour == 2 and before.day == after.day
+        in_season = before.month in _MONTHS_OF_SPRING and before.weekday() == _SUNDAY
+        if not in_season or not is_full_hour or after.hour > _LATEST_HOUR:
+            continue
+        column = _in_option(gathered.naming.columns["time"])
+        what = f"after {before:%H:%M:%S} comes {after:%H:%M:%S}, on a Sunday of {before:%B}:"
+        what += " are these local times, and was the clock set forward?"
+        way = "Write times in UTC, or with their zone (+01:00)"
+        option = f"if this hour has passed without a row, say --set 'columns.time={column}'"
+        raise DataError(gathered.place(rows, row + 1, f"{what} {way}; {option}"))
 
 
 def _lie_apart(ticks: NDArray[np.integer[Any]], places: Array) -> bool:

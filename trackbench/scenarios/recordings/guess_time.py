@@ -1,7 +1,7 @@
 """Guess of how a table writes its dates and times of day."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from functools import partial
 from itertools import pairwise, product
 from typing import NamedTuple
@@ -45,6 +45,9 @@ _FORMS = [
     *map(" ".join, product(_DAYS, _TIMES)),
     *map("T".join, product(_DAYS, _TIMES[:3])),
 ]
+_NAMED_CLOCKS = {"hhmm": "%H%M", "hhmmss": "%H%M%S", "mmss": "%M%S"}
+"""Words in the name of a column that say how its numbers are times."""
+_DOTTED_CLOCK = re.compile(r"\d{1,2}[.,][0-5]\d")
 _CLOCK = re.compile(r"([01]?\d|2[0-3])[0-5]\d([0-5]\d)(?:\.\d*)?")
 _STAMP = re.compile(r"\d{12}|\d{14}(\.\d+|\d{1,6})?")
 _FRACTION = re.compile(r"(\d+(?=[.,])|.*:\d+(?=[.,])|.*:.*:\d+(?=:))[.:,](\d{1,9})")
@@ -65,14 +68,23 @@ class DateForm(NamedTuple):
     why: str = ""
     """comment for the config that explains the form"""
     other: str = ""
-    """another form that fits all cells: minutes and seconds in place of hours and minutes"""
+    """another form that fits all cells: minutes and seconds in place of hours and minutes, or "s" for
+    numbers of seconds"""
 
 
-def date_form(path: str, times: Sequence[str], dates: Sequence[str], line: int) -> DateForm:
+def date_form(
+    path: str,
+    times: Sequence[str],
+    dates: Sequence[str],
+    line: int,
+    words: Collection[str] = (),
+    has_unit: bool = False,
+) -> DateForm:
     """Guess the form of the cells of a column of times, and of a column of dates if there is one.
 
-    ``path`` and ``line`` are the place of the first cell, for an error. Raises DataError if day and
-    month may be in either order, and the times then differ.
+    ``path`` and ``line`` are the place of the first cell, for an error. ``words`` are those of the name
+    of the times' column; numbers of a known unit (``has_unit``) are no times of day. Raises DataError if
+    day and month may be in either order, and the times then differ.
     """
     if not times:
         return DateForm()
@@ -81,18 +93,22 @@ def date_form(path: str, times: Sequence[str], dates: Sequence[str], line: int) 
         cells = [f"{date} {time}" for date, time in zip(dates, times, strict=True)]
     _check_zeros(path, cells, line)
     _, no_numbers = parse_cells(number, [cell.replace(",", ".") for cell in times])
+    is_clock = False
     if not no_numbers:
-        is_stamp = all(map(_STAMP.fullmatch, times))
-        # Hours, minutes and seconds in one number, 235959.0, whose seconds take many values.
-        clocks = [match for match in map(_CLOCK.fullmatch, times) if match]
-        seconds = {match[2] for match in clocks}
-        fewest = 1 if dates else _LEAST_SECONDS
-        is_clock = len(clocks) == len(times) and len(seconds) >= fewest
-        if not (is_stamp or is_clock or _is_clock_without_zeros(times)):
-            return DateForm()
+        if not all(map(_STAMP.fullmatch, times)):
+            if has_unit:
+                return DateForm()
+            clock = _clock_in_numbers(times, words, bool(dates))
+            if not clock.form:
+                return clock
+            if not dates:
+                return clock
+            is_clock = True
     elif is_instant(cells[0]):
         return DateForm(is_date=True)
     found = _fitting_forms(cells)
+    if is_clock:
+        found = {form: values for form, values in found.items() if form.endswith(clock.form)}
     if not found:
         # Dates of an unknown form are reported when the times are read.
         is_number = not dates and all(map(_is_number, times))
@@ -157,27 +173,117 @@ def _check_frames(path: str, cells: Sequence[str], form: str, line: int) -> None
         raise DataError(Place(path, line, 1, f"{what}: {way}; {option}"))
 
 
-def _is_clock_without_zeros(times: Sequence[str]) -> bool:
-    """Test whether whole numbers are times of day, 959 or 95959, which may lack zeros before them.
+def _clock_in_numbers(times: Sequence[str], words: Collection[str], has_dates: bool) -> DateForm:
+    """Return the form of times of day in one number, such as 959, 95959 or 95959.5; else an empty one.
 
-    More of their intervals must then be equal than of the numbers: 1100 comes after 1059.
+    Zeros before the number may be missing. ``words`` are those of the column's name; ``has_dates`` if
+    the dates are in a column of their own.
     """
-    if not all(re.fullmatch(r"\d{1,6}", cell) for cell in times):
-        return False
-    digits = 4 if max(map(len, times)) <= 4 else 6
-    numbers = np.array([int(cell) for cell in times])
-    clock = np.zeros(len(numbers))
-    for size in (1, 100, 10_000)[: digits // 2]:
-        part = numbers // size % 100
-        if part.max() >= (24 if size == 100 ** (digits // 2 - 1) else 60):
-            return False
-        clock += part * 60 ** ((size > 1) + (size > 100))
-    as_clock = np.diff(clock) % (24 * 60 ** (digits // 2 - 1))
+    if all(map(_DOTTED_CLOCK.fullmatch, times)):
+        return _clock_with_points(times)
+    cells = [cell.replace(",", ".") for cell in times]
+    wholes = [cell.partition(".")[0] for cell in cells]
+    if not all(re.fullmatch(r"\d{1,6}", whole) for whole in wholes):
+        return DateForm()
+    has_fractions = any("." in cell for cell in cells)
+    named = next((form for word, form in _NAMED_CLOCKS.items() if word in words), "")
+    digits = 4 if max(map(len, wholes)) <= 4 else 6
+    if named:
+        digits = 2 * named.count("%")
+    numbers = np.array([float(cell) for cell in cells])
+    seconds = _seconds_of_clock(numbers, digits)
+    if seconds is None or len(cells) < 2:
+        return DateForm()
+    form = "%H%M%S.%f" if has_fractions else "%H%M%S"
+    other = ""
+    if digits == 4:
+        form = "%H%M"
+        # The first two digits of 3058 can only be minutes.
+        if numbers.max() >= 2400.0 or has_fractions:
+            form = "%M%S.%f" if has_fractions else "%M%S"
+            seconds = seconds / 60.0
+        elif _has_several_hours(numbers):
+            other = "%M%S"
+    why = f"guess: {_explain_form(form)}"
+    if named:
+        if form.startswith(named):
+            return DateForm(form=form, is_date=True, why=why)
+        return DateForm()
+    clock = DateForm(form=form, is_date=True, why=why, other=other)
+    if has_dates and form.startswith("%H"):
+        return clock._replace(other="")
+    # Numbers of one width that begin with a zero are none of seconds: 0959.
+    is_padded = min(map(len, wholes)) == digits and wholes[0].startswith("0")
+    as_clock = np.diff(seconds) % 86400.0
     as_numbers = np.diff(numbers)
-    if len(as_clock) < 3 or (as_clock == as_numbers).all():
-        return False
-    usual_share = [np.unique(d, return_counts=True)[1].max() for d in (as_clock, as_numbers)]
-    return bool(usual_share[0] > usual_share[1])
+    if np.allclose(as_clock, as_numbers, atol=1e-6):
+        # Within a minute both are the same times, but for the time of the first.
+        return clock if is_padded else DateForm()
+    if is_padded:
+        return clock
+    if digits == 6 and not has_fractions and _takes_many_seconds(times):
+        return clock
+    usual_clock, usual_number = (_share_of_usual(d) for d in (as_clock, as_numbers))
+    if len(as_clock) >= 3 and usual_clock > usual_number:
+        return clock
+    # Within an hour 1201 and 1202 may be minutes or seconds, as 1100 and 1200 may be hours or seconds.
+    # Small numbers count from zero.
+    is_whole = form in ("%H%M", "%H%M%S") and min(map(len, wholes)) >= digits - 1
+    if is_whole and usual_clock == usual_number:
+        return clock._replace(other="s")
+    return DateForm()
+
+
+def _clock_with_points(times: Sequence[str]) -> DateForm:
+    """Return the form of times such as 9.58, 9.59 and 10.00, which are no decimals; else an empty one.
+
+    More of their intervals must be equal as hours and minutes, or minutes and seconds, than as decimals.
+    """
+    parts = [re.split("[.,]", cell) for cell in times]
+    numbers = np.array([float(f"{whole}.{rest}") for whole, rest in parts])
+    clock = np.array([60.0 * float(whole) + float(rest) for whole, rest in parts])
+    if len(times) < 4 or _share_of_usual(np.diff(clock)) <= _share_of_usual(np.diff(numbers)):
+        return DateForm()
+    mark = times[0][-3]
+    hours = f"%H{mark}%M"
+    minutes = f"%M{mark}%S"
+    if numbers.max() >= 24.0:
+        return DateForm(form=minutes, is_date=True, why=f"guess: {_explain_form(minutes)}")
+    why = f"guess: {_explain_form(hours)}"
+    return DateForm(form=hours, is_date=True, why=why, other=minutes)
+
+
+def _seconds_of_clock(numbers: Array, digits: int) -> Array | None:
+    """Return times of day in one number, as seconds (R,); None if a number is none.
+
+    The ``digits`` are those of hours and minutes, 4, or of hours, minutes and seconds, 6. The hours of
+    4 digits may also be minutes, and then the minutes are seconds.
+    """
+    parts = [numbers // size % 100.0 for size in (1.0, 100.0, 10_000.0)[: digits // 2]]
+    parts[0] = numbers % 100.0
+    largest = parts[-1].max()
+    if any(part.max() >= 60.0 for part in parts) or (digits == 6 and largest >= 24.0):
+        return None
+    seconds = np.zeros(len(numbers))
+    for power, part in enumerate(parts):
+        seconds += part * 60.0**power
+    return seconds * (60.0 if digits == 4 else 1.0)
+
+
+def _has_several_hours(numbers: Array) -> bool:
+    """Test whether numbers of four digits have different first two digits."""
+    return bool(np.ptp(numbers // 100.0) > 0.0)
+
+
+def _takes_many_seconds(times: Sequence[str]) -> bool:
+    """Test whether the last two digits of all times, such as 235959, take many values below 60."""
+    clocks = [match for match in map(_CLOCK.fullmatch, times) if match]
+    return len(clocks) == len(times) and len({match[2] for match in clocks}) >= _LEAST_SECONDS
+
+
+def _share_of_usual(intervals: Array) -> int:
+    """Return how many intervals (R,) have the value that most of them have, to a thousandth."""
+    return int(np.unique(np.round(intervals, 3), return_counts=True)[1].max())
 
 
 def _is_number(cell: str) -> bool:
@@ -188,8 +294,10 @@ def _explain_form(form: str) -> str:
     """Describe a form for a comment in the config."""
     if "%d" in form:
         return "%d is the day, %m the month"
-    if form in _MINUTES:
+    if form.startswith("%M"):
         return "minutes and seconds"
+    if form.startswith("%H") and form.endswith("%M"):
+        return "hours and minutes"
     return "hours, minutes and seconds"
 
 

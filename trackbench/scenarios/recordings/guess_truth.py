@@ -1,5 +1,6 @@
 """Guess of the columns of a truth, which is a table of its own beside that of the measurements."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,7 +9,8 @@ from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_mapping import GEODETIC, Naming
 from trackbench.scenarios.recordings.column_names import heading_of
 from trackbench.scenarios.recordings.csv_tables import first_rows, number, parse_cells
-from trackbench.scenarios.recordings.guess_format import Guess, recognized
+from trackbench.scenarios.recordings.guess_azimuths import Track
+from trackbench.scenarios.recordings.guess_format import Guess, recognized, with_places
 
 _MOST_INTERVALS = 1.5
 """usual intervals between two rows within which the truth is a straight line"""
@@ -29,6 +31,8 @@ class TruthGuess:
     has_velocity: bool
     origin: tuple[float, ...]
     """latitude and longitude of its first position, deg; empty without one"""
+    places: Track | None = None
+    """its positions"""
 
 
 def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None) -> TruthGuess:
@@ -54,7 +58,8 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
     if has_velocity:
         kept |= {"vx", "vy", "speed", "course"}
     heading = heading_of(found.names)
-    if guess.inputs:  # whose state is px, py and heading
+    # Without a sensor that measures x and y these are components of the state alone, px and py.
+    if all("x" not in sensor.quantities for sensor in guess.sensors):
         columns = {{"x": "px", "y": "py"}.get(name, name): c for name, c in columns.items()}
         units = {{"x": "px", "y": "py"}.get(name, name): unit for name, unit in units.items()}
         kept |= {"px", "py"}
@@ -77,7 +82,21 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
         is_geodetic=is_geodetic,
         has_velocity=has_velocity,
         origin=found.origin,
+        places=found.places,
     )
+
+
+def settled(guess: Guess, truth: TruthGuess | None, said: Collection[str] = ()) -> Guess:
+    """Return the guess at measurements whose open questions the truth has answered.
+
+    ``said`` are the keys that the user set. Raises DataError with the questions that remain.
+    """
+    is_known = "clockwise" in said or guess.why.get("clockwise", "").startswith("as ")
+    if truth is not None and truth.places is not None and not is_known:
+        guess = with_places(guess, truth.places, "the truth shows") or guess
+    if guess.questions:
+        raise DataError(*guess.questions)
+    return guess
 
 
 def _unit_of_heading(path: str, found: Guess, column: str) -> str:

@@ -8,7 +8,7 @@ positions. The units with fewest points are written. If several are as likely, t
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,7 +23,9 @@ NEAR = 0.07
 _MARGIN = 0.6  # points between candidates of which one is sure
 _DISAGREES = 2.0  # points for speeds that do not agree, and in another unit do
 _MANY = 20.0  # sigmas of an error, from which on a way between two rows is sure
+_FEW = 0.3  # points for what is rarer and fits exactly
 _SAME_WAY = 0.8  # cosine between directions that agree
+_LEAST_ANGLE = 0.03  # rad between directions that differ for sure
 _REGULAR = 0.8  # of the intervals are the usual one
 
 
@@ -65,15 +67,22 @@ class AngleUnit(NamedTuple):
 
 
 _AIS = ("mmsi", "sog", "cog", "imo", "sourcemmsi")
+_RECEIVERS = (
+    *("timeusec", "itow", "eph", "epv", "hacc", "vacc", "fixtype", "headmot", "satellitesused"),
+    *("satellitesvisible", "timeutcusec", "late7", "lone7", "gpsraw", "hmsl"),
+)
+"""Names of columns of u-blox, MAVLink and PX4, whose positions are in 1e-7 deg."""
 PLACE_UNITS = (
     AngleUnit("deg", 0.0, False),
     AngleUnit("rad", 0.0, False),
-    AngleUnit("degE7", 0.0, True),
-    AngleUnit("degE6", 0.0, True),
-    AngleUnit("degE5", 1.0, True),
-    AngleUnit("deg/600000", 1.0, True, _AIS),
-    AngleUnit("semicircle", 1.0, True, ("positionlat", "positionlong")),
+    AngleUnit("degE7", 0.0, True, _RECEIVERS),
+    AngleUnit("degE6", 0.1, True),
+    AngleUnit("semicircle", 0.2, True, ("positionlat", "positionlong")),
+    AngleUnit("mas", 0.3, True),
+    AngleUnit("deg/600000", 0.4, True, _AIS),
+    AngleUnit("degE5", 0.5, True),
 )
+"""Units of which none is sure without a word or a speed: their points differ by less than `_MARGIN`."""
 COURSE_UNITS = ("deg", "rad", "deg/10", "deg/100", "degE5")
 _SMALLEST_WHOLE = 1e4
 """Whole numbers below are degrees."""
@@ -137,6 +146,26 @@ class Candidate:
         return self.time, self.place
 
 
+class Reflection(NamedTuple):
+    """Change of a plane's axes: they may be exchanged, and then have other signs."""
+
+    exchanged: bool
+    sign_of_east: float
+    sign_of_north: float
+
+
+REFLECTIONS = (
+    Reflection(True, 1.0, 1.0),
+    Reflection(False, -1.0, 1.0),
+    Reflection(False, 1.0, -1.0),
+    Reflection(False, -1.0, -1.0),
+    Reflection(True, -1.0, 1.0),
+    Reflection(True, 1.0, -1.0),
+    Reflection(True, -1.0, -1.0),
+)
+"""The symmetries of a square but the identity, the likeliest mistakes first."""
+
+
 def likely_units(
     numbers: Numbers, known_units: Mapping[str, str], clocks: Mapping[str, tuple[float, float]] = {}
 ) -> list[Candidate]:
@@ -187,27 +216,52 @@ def likely_units(
     return [candidate for candidate in ranked if candidate.points < limit]
 
 
-def agreeing_reflection(
-    numbers: Numbers, known_units: Mapping[str, str]
-) -> Literal["", "exchanged", "longitude", "latitude"]:
-    """Return the change of latitudes and longitudes with which a measured speed and course agree.
-
-    They are exchanged, or one has the wrong sign. Empty without such a change.
-    """
-    east, north = numbers.place
-    changes: dict[Literal["exchanged", "longitude", "latitude"], Array] = {
-        "exchanged": np.stack([north, east]),
-        "longitude": np.stack([-east, north]),
-        "latitude": np.stack([east, -north]),
-    }
-    points: dict[Literal["", "exchanged", "longitude", "latitude"], float] = {}
-    for change, place in changes.items():
-        first = likely_units(replace(numbers, place=place), known_units)[0]
+def agreeing_reflection(numbers: Numbers, known_units: Mapping[str, str]) -> Reflection | None:
+    """Return the change of positions with which a measured speed and course agree; None without one."""
+    points: dict[Reflection, float] = {}
+    for change in REFLECTIONS:
+        first = likely_units(replace(numbers, place=_changed(numbers.place, change)), known_units)[
+            0
+        ]
         if first.agrees and first.same_way:
             points[change] = first.points
     if not points:
-        return ""
+        return None
     return min(points, key=lambda change: points[change])
+
+
+def reflection_of_course(numbers: Numbers, chosen: Candidate, course: Array) -> Reflection | None:
+    """Return the change of positions with which a course (R,), rad clockwise from north, agrees.
+
+    None if the course agrees as the positions are, or with none of the changes. The positions are those
+    of the ``numbers`` in the ``chosen`` units.
+    """
+    seconds = UNITS.get(chosen.time, 1.0)
+    along = np.stack([np.sin(course), np.cos(course)])
+    cosines: dict[Reflection, float] = {}
+    unchanged = -1.0
+    for change in (None, *REFLECTIONS):
+        place = numbers.place
+        if change is not None:
+            place = _changed(place, change)
+        meters = _meters(place, chosen.place, chosen.as_angle)
+        cosine = _cosine(along, _Moves.of_rows(numbers.time * seconds, meters))
+        if change is None:
+            unchanged = cosine
+        else:
+            cosines[change] = cosine
+    best = max(cosines, key=lambda change: cosines[change])
+    if cosines[best] < _SAME_WAY or not _is_nearer(cosines[best], unchanged):
+        return None
+    return best
+
+
+def _changed(place: Array, change: Reflection) -> Array:
+    """Return positions (2, R) with their axes exchanged and their signs changed."""
+    east, north = place
+    if change.exchanged:
+        east, north = north, east
+    return np.stack([change.sign_of_east * east, change.sign_of_north * north])
 
 
 def is_direction_of_movement(numbers: Numbers, chosen: Candidate, angles: Array) -> bool:
@@ -222,6 +276,43 @@ def is_direction_of_movement(numbers: Numbers, chosen: Candidate, angles: Array)
         return True
     along = np.stack([np.sin(angles), np.cos(angles)])
     return max(_cosine(along, moves), _cosine(along[::-1], moves)) >= _SAME_WAY
+
+
+def usual_acceleration(numbers: Numbers, chosen: Candidate) -> float:
+    """Return an acceleration, m/s^2, that one of four ways exceeds; 0 if none is sure.
+
+    The positions are those of the ``numbers`` in the ``chosen`` units. Ways of several lengths are
+    compared, as errors of positions hide the acceleration of short ones, and long ones are bent.
+    """
+    seconds = UNITS.get(chosen.time, 1.0)
+    meters = _meters(numbers.place, chosen.place, chosen.as_angle)
+    largest = 0.0
+    for times_as_long in (5.0, 20.0, 80.0):
+        moves = _Moves.of_rows(numbers.time * seconds, meters, times_as_long * _MANY)
+        if np.isfinite(moves.usual_speed):
+            largest = max(largest, _sure_acceleration(moves, len(numbers.time)))
+    return largest
+
+
+def _sure_acceleration(moves: "_Moves", rows: int) -> float:
+    """Return the acceleration that one of four ways exceeds, less two standard deviations of its error.
+
+    ``rows`` is the number of rows of the table.
+    """
+    velocities = moves.ways / moves.time
+    # Ways that follow each other: each begins in the row in which the one before ends.
+    way_from_row = np.full(rows, -1)
+    way_from_row[moves.first] = np.arange(len(moves.first))
+    following = way_from_row[moves.last]
+    inside = np.flatnonzero(following >= 0)
+    following = following[inside]
+    if not len(following):
+        return 0.0
+    changes = np.hypot.reduce(velocities[:, following] - velocities[:, inside])
+    lasting = 0.5 * (moves.time[following] + moves.time[inside])
+    # (z_2 - 2 z_1 + z_0) / t^2 has the standard deviation sqrt(6) sigma / t^2.
+    error = np.sqrt(6.0) * moves.sigma / float(np.median(lasting)) ** 2
+    return max(float(np.quantile(changes / lasting, 0.75)) - 2.0 * error, 0.0)
 
 
 def is_usual_speed(speed: float) -> bool:
@@ -269,6 +360,12 @@ def _times(
                 points -= 1.0
             elif is_whole:
                 points += 1.0
+        # 0.01667 and 0.03333 are whole seconds in min; in s they may be those of 60 pictures a second.
+        # Half seconds in min are 30 s in h.
+        if row.unit in ("min", "h") and _are_rounded_seconds(finite * UNITS[row.unit], finite):
+            points = _FEW
+        elif row.unit == "min" and _are_rounded_seconds(finite * UNITS["h"], finite):
+            points = 2.0 * _FEW
         points_by_unit[row.unit] = min(points, points_by_unit.get(row.unit, np.inf))
     for unit, points in points_by_unit.items():
         yield unit, UNITS[unit], points
@@ -285,6 +382,26 @@ def _whole_seconds_of_days(times: Array) -> bool:
     seconds = times * 86400.0
     # Nine digits behind the point are 1e-4 s, six are 0.09 s.
     return bool((np.abs(seconds - np.rint(seconds)) < 0.09).mean() > 0.95)
+
+
+def _are_rounded_seconds(seconds: Array, written: Array) -> bool:
+    """Test whether times (R,) are whole seconds but for the rounding of the numbers that were written.
+
+    These must have three digits or more behind the point, and the rounding must be small.
+    """
+    digits = next(
+        (d for d in range(10) if not (np.abs(_off_whole(written * 10.0**d)) > 1e-3).any()), 9
+    )
+    if digits < 3 or not len(written):
+        return False
+    largest = np.abs(written).max()
+    rounding = 0.55 * 10.0**-digits * float(seconds.max() / largest) if largest > 0.0 else 0.0
+    return bool(0.0 < rounding < 0.05 and (np.abs(_off_whole(seconds)) <= rounding).all())
+
+
+def _off_whole(values: Array) -> Array:
+    """Return the differences of values from the nearest whole numbers."""
+    return values - np.rint(values)
 
 
 def _places(numbers: Numbers, known_units: Mapping[str, str]) -> Iterator[tuple[str, bool, float]]:
@@ -324,9 +441,9 @@ def _places(numbers: Numbers, known_units: Mapping[str, str]) -> Iterator[tuple[
             points = row.points
             if row.is_whole and any_words:
                 points += 1.0
-        # Six digits of a radian are 6 m.
+        # Six digits of a radian are 6 m; five are 64 m.
         if row.unit == "rad" and numbers.least_digits <= 6:
-            points += 1.0
+            points += 0.5 if numbers.least_digits == 6 else 1.0
         fitting.append((row.unit, True, points))
     yield from fitting or [("deg", True, 0.0)]
 
@@ -402,13 +519,15 @@ class _Moves:
     ways: Array
     usual_speed: float
     """median speed, m/s; NaN if nothing moved for sure"""
+    sigma: float = 0.0
+    """standard deviation of a position's error, m"""
 
     @classmethod
-    def of_rows(cls, time: Array, meters: Array) -> "_Moves":
+    def of_rows(cls, time: Array, meters: Array, many: float = _MANY) -> "_Moves":
         """Return the ways over the smallest number of rows at which errors of the positions are small.
 
-        ``meters`` (n, R) are the positions. The number of rows is doubled until the median way is many
-        standard deviations of a position, or too few ways are left.
+        ``meters`` (n, R) are the positions. The number of rows is doubled until the median way is
+        ``many`` standard deviations of a position, or too few ways are left.
         """
         rows = np.array([], dtype=np.intp)
         if len(meters):
@@ -424,7 +543,7 @@ class _Moves:
         while True:
             ways = meters[:, lag:] - meters[:, :-lag]
             sizes = np.sqrt(np.square(ways).sum(axis=0))
-            if 2 * lag > max(1, len(rows) // 4) or np.median(sizes) > _MANY * sigma:
+            if 2 * lag > max(1, len(rows) // 4) or np.median(sizes) > many * sigma:
                 break
             lag *= 2
         duration = time[lag:] - time[:-lag]
@@ -433,7 +552,9 @@ class _Moves:
         # The longest ways must be more than errors of position.
         is_sure = later.any() and float(np.quantile(sizes, 0.9)) > 3.0 * sigma
         usual = float(np.median(speeds)) if is_sure else np.nan
-        return cls(rows[:-lag][later], rows[lag:][later], duration[later], ways[:, later], usual)
+        return cls(
+            rows[:-lag][later], rows[lag:][later], duration[later], ways[:, later], usual, sigma
+        )
 
 
 def _points_of_speed(speed: float, on_earth: bool) -> float:
@@ -552,17 +673,19 @@ def _course(
     if numbers.velocity is not None:
         # North may stand before east.
         cosine = _cosine(numbers.velocity, moves)
-        swapped = _cosine(numbers.velocity[::-1], moves)
-        return "", agrees and cosine >= _SAME_WAY and cosine > swapped - 0.01
+        exchanged = _cosine(numbers.velocity[::-1], moves)
+        return "", agrees and cosine >= _SAME_WAY and not _is_nearer(exchanged, cosine)
     if numbers.course is None or numbers.speed is None or not agrees:
         return known_units.get("course", ""), False
     largest = float(np.nanmax(np.abs(numbers.course), initial=0.0))
     units: Sequence[str] = COURSE_UNITS
     if "course" in known_units:
         units = [known_units["course"]]
+    elif (numbers.course[np.isfinite(numbers.course)] % 1.0).any():
+        units = ("deg", "rad")  # the others are of whole numbers
     best = ""
     cosine = -1.0
-    swapped = -1.0
+    exchanged = -1.0
     for unit in units:
         course = numbers.course * UNITS[unit]
         # 511 deg is a code of AIS.
@@ -574,8 +697,16 @@ def _course(
             best = unit
             cosine = unit_cosine
             # A course that counts from x is one from north with both axes exchanged.
-            swapped = _cosine(along[::-1], moves)
-    return best, cosine >= _SAME_WAY and cosine > swapped - 0.01
+            exchanged = _cosine(along[::-1], moves)
+    return best, cosine >= _SAME_WAY and not _is_nearer(exchanged, cosine)
+
+
+def _is_nearer(cosine: float, other: float) -> bool:
+    """Test whether directions with the median ``cosine`` agree clearly better than with the other one.
+
+    Their usual angle is then less than half as large, as 1 - cos(a) is a^2 / 2.
+    """
+    return 1.0 - other > 4.0 * (1.0 - cosine) + _LEAST_ANGLE**2 / 2.0
 
 
 def _cosine(velocity: Array, moves: _Moves) -> float:

@@ -1,0 +1,456 @@
+"""A table that admits two readings is asked about, and each answer gives its reading.
+
+The right values are those of the paths from which the tables are made.
+"""
+
+from collections.abc import Callable
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.commands import trackbench
+from tests.scenarios.test_device_tables import (
+    KNOT,
+    Numbers,
+    Path2,
+    check_path,
+    decimal,
+    guessed,
+    lonlat,
+    table,
+    whole,
+    xy,
+)
+from trackbench.config.load import load
+from trackbench.errors import UserError
+from trackbench.scaffold import write_config_for
+
+CAR = Path2(rows=60)
+MINUTES = Path2(rows=50, usual_speed=2.0, every=60.0)
+AIRCRAFT = Path2(rows=60, usual_speed=200.0, every=4.0)
+NOON = datetime(2024, 5, 3, 12, 1, 0)
+SUMMER_TIME = datetime(2024, 3, 31, 1, 59, 30)
+NEAR, FAR = np.array([[800.0], [500.0]]), np.array([[-2000.0], [-3000.0]])
+
+
+def whole_degrees(per_degree: float, path: Path2 = CAR) -> str:
+    latitude, longitude = (whole(per_degree * part) for part in path.degrees[::-1])
+    return table("time,lat,lon", whole(path.t), latitude, longitude)
+
+
+def plane(path: Path2, meters: float = 1.0, digits: int = 2, names: str = "time,x,y") -> str:
+    places = (decimal(part / meters, digits) for part in path.place)
+    return table(names, whole(path.t), *places)
+
+
+def clocked(path: Path2, cells: list[str], names: str = "time") -> str:
+    return table(f"{names},x,y", cells, *xy(path))
+
+
+def minutes_and_seconds(path: Path2, first: int) -> list[str]:
+    numbers = np.rint(path.t).astype(int) + first
+    return [f"{number // 60:02}{number % 60:02}" for number in numbers]
+
+
+def turning(change: list[list[int]], names: str, *motion: list[str]) -> str:
+    """Return a table of a changed path that turns by 1.7 deg/s, with the motion of the path itself."""
+    place = np.array(change) @ turning_path()
+    k = np.arange(place.shape[1])
+    return table(f"time,x,y,{names}", whole(k), decimal(place[0], 2), decimal(place[1], 2), *motion)
+
+
+COURSE = 0.2 + 0.03 * np.arange(60)
+VELOCITY = 12.0 * np.stack([np.sin(COURSE), np.cos(COURSE)])
+SPEED_AND_COURSE = (["12.0"] * 60, decimal(np.degrees(COURSE), 1))
+VX_AND_VY = (decimal(VELOCITY[0], 2), decimal(VELOCITY[1], 2))
+
+
+def turning_path() -> Numbers:
+    noise = np.random.default_rng(1).normal(size=(2, 60))
+    path: Numbers = np.cumsum(VELOCITY, axis=1) + noise
+    return path
+
+
+def two_objects(name: str, distance: float, pause: float) -> str:
+    """Return a table in which the name of an object is given to a second one after a pause."""
+    path = Path2(rows=40)
+    x = np.concatenate([path.place[0], path.place[0][::-1] + distance])
+    y = np.concatenate([path.place[1], path.place[1] + 0.3 * distance])
+    time = np.concatenate([path.t, path.t + path.t[-1] + pause])
+    columns = (whole(time), decimal(x, 1), decimal(y, 1))
+    if not name:
+        return table("time,x,y", *columns)
+    return table(f"{name},time,x,y", [7] * len(time), *columns)
+
+
+def local_times(zone: str = "") -> list[str]:
+    """Return local times of a night in which clocks are set forward at two."""
+    cells = []
+    for seconds in CAR.t.tolist():
+        moment = SUMMER_TIME + timedelta(seconds=seconds)
+        if moment.hour >= 2:
+            moment += timedelta(hours=1)
+        cells.append(moment.strftime("%Y-%m-%d %H:%M:%S") + zone)
+    return cells
+
+
+ASKED: dict[str, tuple[str, str, tuple[str, ...], Path2 | None]] = {
+    "milliseconds of arc": (
+        whole_degrees(3.6e6),
+        r"lat, lon in degE7.*lat, lon in mas, with a usual speed of 12 m/s: say",
+        ("units.latitude=mas", "units.longitude=mas"),
+        CAR,
+    ),
+    "1e-7 deg without a speed": (
+        whole_degrees(1e7),
+        r"lat, lon in degE7.*lat, lon in semicircle",
+        ("units.latitude=degE7", "units.longitude=degE7"),
+        CAR,
+    ),
+    "radians of six digits": (
+        table("time,lat,lon", whole(CAR.t),
+              *(decimal(np.radians(part), 6) for part in CAR.degrees[::-1])),
+        r"lat, lon in deg,.*lat, lon in rad,",
+        ("units.latitude=rad", "units.longitude=rad"),
+        None,
+    ),
+    "kilometers of an aircraft": (
+        plane(AIRCRAFT, 1e3, 3),
+        r"x, y: no unit is named, and in m the usual speed would be 0\.2 m/s, in km 2e\+02 m/s",
+        ("units.x=km", "units.y=km"),
+        AIRCRAFT,
+    ),
+    "kilometers beside a speed": (
+        table("time,x,y,speed_mps", whole(AIRCRAFT.t),
+              *(decimal(part / 1e3, 3) for part in AIRCRAFT.place), decimal(AIRCRAFT.speed, 1)),
+        r"time in s and x, y in km.*time in ms and x, y in m",
+        ("units.x=km", "units.y=km", "units.time=s"),
+        AIRCRAFT,
+    ),
+    "x and y exchanged beside a course": (
+        turning([[0, 1], [1, 0]], "speed,course", *SPEED_AND_COURSE),
+        r"x and y agree with speed and course only if they are exchanged.*'columns\.x=y'",
+        ("columns.x=y", "columns.y=x"),
+        None,
+    ),
+    "x and y exchanged beside a course alone": (
+        turning([[0, 1], [1, 0]], "cog", SPEED_AND_COURSE[1]),
+        r"x and y agree with cog only if they are exchanged: if x points north and y east, say",
+        ("columns.x=y", "columns.y=x"),
+        None,
+    ),
+    "x and y exchanged beside vx and vy": (
+        turning([[0, 1], [1, 0]], "vx,vy", *VX_AND_VY),
+        r"x and y agree with vx and vy only if they are exchanged",
+        ("columns.x=y", "columns.y=x"),
+        None,
+    ),
+    "a path near the diagonal": (
+        table("time,x,y,speed,course", whole(CAR.t), *xy(CAR)[::-1],
+              decimal(CAR.speed, 2), decimal(CAR.course, 1)),
+        r"x and y agree with speed and course only if they are exchanged",
+        ("columns.x=y", "columns.y=x"),
+        CAR,
+    ),
+    "x to the west": (
+        turning([[-1, 0], [0, 1]], "speed,course", *SPEED_AND_COURSE),
+        r"x agrees with speed and course only with the opposite sign: .* positive to the east",
+        ('columns.speed=""', 'columns.course=""'),
+        None,
+    ),
+    "y to the south": (
+        turning([[1, 0], [0, -1]], "vx,vy", *VX_AND_VY),
+        r"y agrees with vx and vy only with the opposite sign: .* positive to the north",
+        ('columns.vx=""', 'columns.vy=""'),
+        None,
+    ),
+    "directions from which something comes": (
+        table("time,x,y,speed,course", whole(CAR.t), *xy(CAR),
+              decimal(CAR.speed, 2), decimal((CAR.course + 180.0) % 360.0, 1)),
+        r"speed and course agree with x and y only in the opposite direction",
+        ('columns.speed=""', 'columns.course=""'),
+        CAR,
+    ),
+    "a quarter turn": (
+        turning([[0, 1], [-1, 0]], "cog", SPEED_AND_COURSE[1]),
+        r"cog agrees with x and y only after a quarter turn",
+        ('columns.course=""',),
+        None,
+    ),
+    "latitude and longitude exchanged beside a heading": (
+        table("time,lat,lon,heading", whole(CAR.t), *lonlat(CAR), decimal(CAR.course, 1)),
+        r"lat and lon agree with heading only if they are exchanged: say",
+        ("columns.latitude=lon", "columns.longitude=lat"),
+        CAR,
+    ),
+    "minutes within an hour": (
+        clocked(MINUTES, MINUTES.dates("%H%M", NOON)),
+        r"time in s, .* --set 'units\.time=s'.*time in %H%M, with a usual speed of 2 m/s",
+        ('time_format="%H%M"',),
+        MINUTES,
+    ),
+    "seconds between 1201 and 1258": (
+        clocked(Path2(rows=58), whole(1201.0 + Path2(rows=58).t)),
+        r"time in s, with a usual speed of 12 m/s.*time in %H%M, ",
+        ("units.time=s",),
+        Path2(rows=58),
+    ),
+    "whole minutes with seconds within an hour": (
+        clocked(MINUTES, MINUTES.dates("%H%M%S", NOON)),
+        r"time in %H%M%S, with a usual speed of 2 m/s",
+        ('time_format="%H%M%S"',),
+        MINUTES,
+    ),
+    "minutes and seconds in one number": (
+        clocked(Path2(rows=200), minutes_and_seconds(Path2(rows=200), 40)),
+        r"time in %M%S, with a usual speed of 12 m/s.*time in %H%M",
+        ('time_format="%M%S"',),
+        Path2(rows=200),
+    ),
+    "seconds behind a point": (
+        clocked(CAR, [f"{cell[:-2]}.{cell[-2:]}" for cell in minutes_and_seconds(CAR, 40)]),
+        r"time in %M\.%S, with a usual speed of 12 m/s.*time in %H\.%M",
+        ('time_format="%M.%S"',),
+        CAR,
+    ),
+    "minutes with decimals": (
+        clocked(Path2(usual_speed=1.4), decimal(Path2(usual_speed=1.4).t / 60.0, 5)),
+        r"time in s, with a usual speed of 84 m/s.*time in min, with a usual speed of 1\.4 m/s",
+        ("units.time=min",),
+        Path2(usual_speed=1.4),
+    ),
+    "a name that is given again": (
+        two_objects("id", 150e3, 3600.0),
+        r"m\.csv:42:1: 1\.56e\+05 m in 3\.6e\+03 s are 3\.3 times as fast.*does id 7 name another",
+        ("columns.run=id",),
+        None,
+    ),
+    "the number of a track that is given again": (
+        two_objects("track_id", 8e3, 60.0),
+        r"m\.csv:42:1: .* does track_id 7 name another target from here on",
+        ("columns.run=track_id",),
+        None,
+    ),
+    "two recordings in one table": (
+        two_objects("", 8e3, 1.0),
+        r"m\.csv:42:1: .* is this another target, or another recording, from here on",
+        ('columns.run=""',),
+        None,
+    ),
+    "summer time": (
+        clocked(CAR, local_times()),
+        r"m\.csv:32:1: after 01:59:59 comes 03:00:00, on a Sunday of March: are these local times",
+        ("columns.time=time",),
+        None,
+    ),
+}  # fmt: skip
+RIGHT: dict[str, tuple[str, Path2 | None]] = {
+    "milliseconds of arc in the name": (
+        whole_degrees(3.6e6).replace("lat,lon", "lat_mas,lon_mas"),
+        CAR,
+    ),
+    "a course beside x and y": (
+        table("time,x,y,cog", whole(CAR.t), *xy(CAR), decimal(CAR.course, 1)),
+        CAR,
+    ),
+    "north and east": (
+        table("time,north,east,speed,course", whole(CAR.t), *xy(CAR)[::-1],
+              decimal(CAR.speed, 2), decimal(CAR.course, 1)),
+        CAR,
+    ),
+    "minutes over an hour": (
+        clocked(MINUTES, MINUTES.dates("%H%M", datetime(2024, 5, 3, 12, 30))),
+        MINUTES,
+    ),
+    "minutes with a zero before them": (
+        clocked(MINUTES, MINUTES.dates("%H%M", datetime(2024, 5, 3, 9, 1))),
+        MINUTES,
+    ),
+    "minutes behind a point": (
+        clocked(MINUTES, MINUTES.dates("%H.%M", datetime(2024, 5, 3, 9, 30))),
+        MINUTES,
+    ),
+    "minutes beside a date": (
+        clocked(MINUTES, [f"2024-05-03,{cell}" for cell in MINUTES.dates("%H%M", NOON)],
+                "date,time"),
+        MINUTES,
+    ),
+    "minutes in a column of this name": (
+        clocked(MINUTES, MINUTES.dates("%H%M", NOON), "hhmm"),
+        MINUTES,
+    ),
+    "minutes beside a speed": (
+        table("time,x,y,speed", MINUTES.dates("%H%M", NOON), *xy(MINUTES), decimal(MINUTES.speed, 2)),
+        MINUTES,
+    ),
+    "seconds in a column of this unit": (
+        clocked(Path2(rows=58), whole(1201.0 + Path2(rows=58).t), "time_s"),
+        Path2(rows=58),
+    ),
+    "seconds from zero on": (clocked(Path2(rows=59), whole(Path2(rows=59).t)), Path2(rows=59)),
+    "seconds over 1260": (clocked(CAR, whole(1201.0 + CAR.t)), CAR),
+    "tenths of a second over a minute": (
+        clocked(
+            Path2(every=0.1),
+            [c[:-5] for c in Path2(every=0.1).dates("%H%M%S.%f", datetime(2024, 5, 3, 12, 30, 57))],
+        ),
+        Path2(every=0.1),
+    ),
+    "minutes and seconds beyond 24": (
+        clocked(Path2(rows=200), minutes_and_seconds(Path2(rows=200), 1840)),
+        Path2(rows=200),
+    ),
+    "a pause that motion explains": (two_objects("id", 20e3, 3600.0), None),
+    "summer time in UTC": (clocked(CAR, local_times("Z")), None),
+    "a robot that turns": (
+        table("time,x,y", decimal(np.arange(300) / 10.0, 1),
+              decimal(np.sin(0.02 * np.arange(300)), 4),
+              decimal(1.0 - np.cos(0.02 * np.arange(300)), 4)),
+        None,
+    ),
+    "a slow robot in ROS": (
+        table("time,pose.position.x,pose.position.y", decimal(np.arange(99) / 10.0, 1),
+              decimal(0.03 * np.arange(99), 4), decimal(0.01 * np.arange(99), 4)),
+        None,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", ASKED)
+def test_two_readings_are_a_question(tmp_path: Path, case: str) -> None:
+    text, expected, answers, path = ASKED[case]
+    with pytest.raises(UserError, match=rf"(?s){expected}"):
+        guessed(tmp_path, text)
+    assert not (tmp_path / "g.yaml").exists()
+    scenario, _ = guessed(tmp_path, text, *answers)
+    if path is not None:
+        check_path(scenario, path)
+
+
+@pytest.mark.parametrize("case", RIGHT)
+def test_one_reading_is_no_question(tmp_path: Path, case: str) -> None:
+    text, path = RIGHT[case]
+    scenario, _ = guessed(tmp_path, text)
+    if path is not None:
+        check_path(scenario, path)
+
+
+def radar_table(
+    radar: Numbers, count: Callable[[Numbers, Numbers], Numbers], name: str = "az_deg"
+) -> str:
+    """Return ranges and azimuths of the car from a radar; ``count`` returns these by x and y, rad."""
+    x, y = CAR.place - radar
+    azimuths = decimal(np.degrees(count(x, y)), 4)
+    if name.endswith("rad"):
+        azimuths = decimal(count(x, y), 6)
+    return table(f"time,range_m,{name}", whole(CAR.t), decimal(np.hypot(x, y), 2), azimuths)
+
+
+def from_x(x: Numbers, y: Numbers) -> Numbers:
+    return np.arctan2(y, x)
+
+
+def from_north(x: Numbers, y: Numbers) -> Numbers:
+    return np.arctan2(x, y)
+
+
+def check_radar(scenario: Any, radar: Numbers) -> None:
+    """Compare the positions that the config reads with those of the car."""
+    recording = scenario.target._recording
+    ranges, azimuths = recording.measurements[:2, :, 0]
+    read = ranges * np.stack([np.cos(azimuths), np.sin(azimuths)])
+    np.testing.assert_allclose(read, (CAR.place - radar)[:, -read.shape[1] :], atol=0.1)
+
+
+@pytest.mark.parametrize("name", ["az_deg", "bearing (deg)", "azimuth_rad"])
+@pytest.mark.parametrize("radar", [NEAR, FAR])
+def test_azimuths_within_half_a_turn_are_a_question(
+    tmp_path: Path, name: str, radar: Numbers
+) -> None:
+    for count, answer in ((from_x, "clockwise=[]"), (from_north, "clockwise=[azimuth]")):
+        text = radar_table(radar, count, name)
+        with pytest.raises(UserError) as error:
+            guessed(tmp_path, text)
+        first, second = str(error.value).splitlines()
+        assert "do these angles count clockwise from north" in first
+        assert first.endswith("Say --set 'clockwise=[azimuth]'")
+        assert second.endswith("Say --set 'clockwise=[]'")
+        scenario, _ = guessed(tmp_path, text, answer)
+        check_radar(scenario, radar)
+        (tmp_path / "g.yaml").unlink()
+
+
+def test_bearings_alone_are_a_question_too(tmp_path: Path) -> None:
+    lines = radar_table(NEAR, from_x).splitlines()
+    text = "\n".join(f"{line.split(',')[0]},{line.split(',')[2]}" for line in lines) + "\n"
+    with pytest.raises(UserError, match="do these angles count clockwise from north"):
+        guessed(tmp_path, text)
+
+
+@pytest.mark.parametrize("count", [from_x, from_north])
+@pytest.mark.parametrize("geodetic", [False, True])
+def test_a_truth_shows_from_where_azimuths_count(
+    tmp_path: Path, count: Callable[[Numbers, Numbers], Numbers], geodetic: bool
+) -> None:
+    (tmp_path / "m.csv").write_text(radar_table(FAR, count))
+    truth = plane(CAR)
+    if geodetic:
+        truth = table("time,lat,lon", whole(CAR.t), *lonlat(CAR)[::-1])
+    (tmp_path / "truth.csv").write_text(truth)
+    (path,) = write_config_for(tmp_path / "m.csv", "g", tmp_path, (), tmp_path / "truth.csv").paths
+    text = path.read_text()
+    if count is from_north:
+        assert "clockwise: [azimuth]  # as the truth shows" in text
+    else:
+        assert "# azimuths count from x to y, as the truth shows" in text
+    path.write_text(text.replace("LATITUDE, LONGITUDE", "47.0269, 8.5263"))
+    check_radar(load(path).points[0].scenario, FAR)
+
+
+def test_a_truth_corrects_azimuths_beyond_half_a_turn(tmp_path: Path) -> None:
+    text = radar_table(NEAR, lambda x, y: from_x(x, y) % (2.0 * np.pi))
+    (tmp_path / "m.csv").write_text(text)
+    alone = write_config_for(tmp_path / "m.csv", "alone", tmp_path)
+    assert any("read az_deg clockwise from north" in line for line in alone.units)
+    (tmp_path / "truth.csv").write_text(plane(CAR))
+    with_truth = write_config_for(tmp_path / "m.csv", "g", tmp_path, (), tmp_path / "truth.csv")
+    assert not with_truth.units
+    check_radar(load(with_truth.paths[0]).points[0].scenario, NEAR)
+
+
+def test_velocities_of_an_autopilot_begin_with_north(tmp_path: Path) -> None:
+    north_and_east = (decimal(CAR.velocity[1], 2), decimal(CAR.velocity[0], 2))
+    text = table("time,lat,lon,vx,vy", whole(CAR.t), *lonlat(CAR)[::-1], *north_and_east)
+    scenario, written = guessed(tmp_path, text)
+    assert written["target"]["columns"]["vx"] == "vy"
+    check_path(scenario, CAR)
+    measured = scenario.target._recording.measurements[2:, :, 0]
+    np.testing.assert_allclose(measured, CAR.velocity[:, 1:], atol=0.1)
+
+
+def test_zeros_near_the_start_of_a_path_are_a_question(tmp_path: Path) -> None:
+    x, y = xy(CAR)
+    for row in (5, 20, 21):
+        x[row] = y[row] = "0"
+    with pytest.raises(UserError, match=r"2 rows with x and y = 0 lie far from the rows before"):
+        guessed(tmp_path, table("time,x,y", whole(CAR.t), x, y))
+
+
+def test_velocities_that_are_left_out_are_named(tmp_path: Path) -> None:
+    course = decimal((CAR.course + 50.0) % 360.0, 1)
+    columns = (whole(CAR.t), *xy(CAR), decimal(CAR.speed / KNOT, 2), course)
+    (tmp_path / "m.csv").write_text(table("time,x,y,speed,course", *columns))
+    made = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
+    assert made.returncode == 0
+    assert "velocities are left out: they disagree with the positions\n" in made.stdout
+
+
+def test_a_question_is_an_error(tmp_path: Path) -> None:
+    (tmp_path / "m.csv").write_text(radar_table(NEAR, from_x))
+    made = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
+    assert made.returncode == 2
+    assert made.stderr.startswith("m.csv:1:1: az_deg: do these angles count")
+    assert not (tmp_path / "m.yaml").exists()
