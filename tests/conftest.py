@@ -8,7 +8,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
-from importlib import import_module
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -66,21 +65,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--fast", action="store_true", help=f"tests that last took up to {SLOW} s")
 
 
-def pytest_sessionstart(session: pytest.Session) -> None:
-    """Import the tests in another order in each process of xdist.
-
-    In a fresh clone pytest compiles each file of tests, which takes as long as all imports. A process
-    that begins elsewhere finds the files that the others have compiled in the meantime. So the tests of
-    a file must not depend on what another file registers. Garbage is collected from the first test on.
-    """
+def pytest_sessionstart() -> None:
+    """Collect no garbage while the tests are collected, which makes little of it."""
     gc.disable()
-    worker = getattr(session.config, "workerinput", None)
-    if worker is None or session.config.args != session.config.getini("testpaths"):
-        return
-    files = sorted(Path(__file__).parent.rglob("test_*.py"))
-    first = int(worker["workerid"].removeprefix("gw")) * len(files) // worker["workercount"]
-    for path in (*files[first:], *files[:first]):
-        import_module(".".join(path.relative_to(ROOT).with_suffix("").parts))
 
 
 @pytest.hookimpl(wrapper=True)
