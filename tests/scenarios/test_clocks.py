@@ -317,7 +317,9 @@ def test_dates_without_a_zone_beside_unix_times_are_a_question(tmp_path: Path) -
     alike = with_two_clocks(tmp_path, own, columns={"time": "date"})
     local = dates(T, "", ahead=7200.0)
     two_clocks(tmp_path, [f"{BEGIN + t:.2f}" for t in late], local, ("date", "stamp"))
-    what = r"r.csv:1:1: .*UNIX times in s.*dates.*: which zone have the dates in date\? Say `zone: UTC`"
+    what = (
+        r"r.csv:1:1: .*UNIX times in s.*: which zone have the dates in date of .*p.csv\? Say `zone"
+    )
     with pytest.raises(UserError, match=what):
         with_two_clocks(tmp_path, own, columns={"time": "date"})
     zoned = with_two_clocks(tmp_path, own, columns={"time": "date"}, zone="+02:00")

@@ -129,7 +129,7 @@ def have_one_axis(first: FileClock, other: FileClock) -> bool:
         return True
     kinds = {first.kind, other.kind}
     if kinds <= {"number", "unix", "gps"}:
-        return True
+        return kinds != {"unix", "gps"}
     return len(kinds) == 1 or kinds == {"date", "date in utc"}
 
 
@@ -140,17 +140,13 @@ def reason_against(first: FileClock, other: FileClock) -> str:
     kinds = {first.kind, other.kind}
     if "date" in kinds and kinds & {*_ABSOLUTE}:
         dates = first if first.kind == "date" else other
-        return (
-            f"{what}: which zone have the dates in {dates.column}? Say `zone: UTC`, or their"
-            ' offset from UTC, such as `zone: "+02:00"`'
-        )
-    if "gps" in kinds:
-        clock = first if first.kind == "gps" else other
-        if clock.unit and kinds & {*_ABSOLUTE}:
-            return (
-                f"{what}: GPS is ahead of UTC by leap seconds, 18 s since 2017; if {clock.column}"
-                " counts from 1970 in UTC, say `zone: UTC`, or else write UNIX times into the file"
-            )
+        what += f": which zone have the dates in {dates.column} of {dates.path}?"
+        return f'{what} Say `zone: UTC`, or their offset from UTC, such as `zone: "+02:00"`'
+    if "gps" in kinds and kinds & {*_ABSOLUTE}:
+        gps = first if first.kind == "gps" else other
+        what += ": GPS is ahead of UTC by leap seconds, 18 s since 2017;"
+        what += f" if {gps.column} of {gps.path} counts from 1970 in UTC, say `zone: UTC`,"
+        return f"{what} or else write UNIX times into the file"
     if "number" in kinds and len(kinds) == 2:
         return f"{what}: use one kind; dates with a zone and UNIX times, seconds since 1970, go together"
     return f"{what}: use one kind"

@@ -229,6 +229,13 @@ class Guess:
     """positions of the first sensor that measures them"""
     questions: list[Place] = field(default_factory=list)
     """what the table leaves open, and a truth may decide"""
+    files: tuple["Guess", ...] = ()
+    """guess at each file, if there are several"""
+
+    @property
+    def each_file(self) -> tuple["Guess", ...]:
+        """Guesses at the files, of which there may be one alone."""
+        return self.files or (self,)
 
     @property
     def moves(self) -> bool:
@@ -579,7 +586,7 @@ def _track_of(gathered: Gathered, rows: Rows, scale: float = 1.0) -> Track:
     """Return rows as a track; ``scale`` is the unit of their azimuths, rad."""
     time = rows.time
     if gathered.dated:
-        time = time + (gathered.since or 0.0) / 1e6
+        time = time + gathered.since / 1e6
     return Track(time, np.stack([rows.values[0], rows.values[1] * scale]), bool(gathered.dated))
 
 
@@ -1892,12 +1899,13 @@ def _check_daylight_saving(gathered: Gathered, rows: Rows) -> None:
     It is an hour of a Sunday night, and the rows go on before and after it as usual. ``rows`` are in
     order.
     """
-    if gathered.dated != "date" or gathered.says_utc or len(rows.time) < _FEWEST_MEASURED:
+    has_local_times = gathered.clock is not None and gathered.clock.kind == "date"
+    if not has_local_times or len(rows.time) < _FEWEST_MEASURED:
         return
     usual = usual_interval(rows.time)
     if usual > _LONG_INTERVAL:
         return
-    seconds = rows.time + (gathered.since or 0.0) / 1e6
+    seconds = rows.time + gathered.since / 1e6
     intervals = np.diff(seconds)
     for row in np.flatnonzero(np.abs(intervals - usual - _HOUR) < 0.5 * usual + 0.5).tolist():
         before = datetime.fromtimestamp(float(seconds[row]), UTC)
