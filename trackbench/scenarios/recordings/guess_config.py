@@ -9,6 +9,7 @@ from typing import NamedTuple
 from trackbench.field_types import MOST_STEPS
 from trackbench.scenarios.recordings.column_mapping import STAMP_PARTS
 from trackbench.scenarios.recordings.csv_lines import TextFormat
+from trackbench.scenarios.recordings.guess_errors import usual_process_noise
 from trackbench.scenarios.recordings.guess_format import Guess, SensorGuess
 from trackbench.scenarios.recordings.guess_truth import TruthGuess
 
@@ -171,12 +172,18 @@ def _target_parts(guess: Guess, when: str) -> _ModelParts:
             f"{{kind: given, mean: [X, 0, Y, 0], sigma: [100, {2 * speed:g}, 100, {2 * speed:g}]}}"
         )
         start += f"  # write x and y at {when}, m, and how well they are known"
-    # Process noise (0.05 v)^2 of the usual speed v; the IMM's motions have a tenth and ten times of it.
-    q = float(f"{max(0.0025 * speed * speed, 1e-3):.1g}")
+    # Process noise of the usual speed, or of maneuvers; the IMM's motions have a tenth and ten times.
+    q = usual_process_noise(speed)
+    reason = "the velocity wanders by 5 % of the usual speed in a second"
+    if guess.process_noise:
+        reason = (
+            f"squared innovations are about 1 over the recording; for straight motion try {q:g}"
+        )
+        q = guess.process_noise
     motions = f"[{{kind: cwna, q: {q / 10:g}}}, {{kind: cwna, q: {q * 10:g}}}]"
     chances = "[[0.95, 0.05], [0.05, 0.95]]"
     assume = f" {{motion: {{kind: cwna, q: {q:g}}}{_late_key(guess)}}}"
-    assume += "  # guess: the velocity wanders by 5 % of the usual speed in a second"
+    assume += f"  # guess: {reason}"
     filter_kinds = ["kf"] if kinds == {"position"} else ["ekf", "ukf"]
     return _ModelParts(
         start=start,
@@ -184,6 +191,7 @@ def _target_parts(guess: Guess, when: str) -> _ModelParts:
         filters=[
             *[f"  {kind.upper()}: {{kind: {kind}}}" for kind in filter_kinds],
             *_gated_filter_lines(guess, filter_kinds[0]),
+            *_robust_filter_lines(guess, filter_kinds[0]),
             f"  IMM: {{kind: imm, motions: {motions}, transition: {chances}}}",
             _particle_filter_line(guess),
         ],
@@ -225,6 +233,15 @@ def _gated_filter_lines(guess: Guess, kind: str) -> list[str]:
     return [
         f"  {kind.upper()} with gate: {{kind: {kind}, {gate}}}  # guess: {why}",
     ]
+
+
+def _robust_filter_lines(guess: Guess, kind: str) -> list[str]:
+    """Return the line of a filter that weighs outliers less, if the recording seems to have some."""
+    if guess.outliers < _LEAST_OUTLIERS:
+        return []
+    robust = "{kind: student-t, df: 4}"
+    why = "weighs such rows less; a gate may also reject the target in a maneuver, and lose it"
+    return [f"  {kind.upper()} with Student t: {{kind: {kind}, robust: {robust}}}  # {why}"]
 
 
 def _late_key(guess: Guess) -> str:

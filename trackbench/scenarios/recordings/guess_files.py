@@ -37,6 +37,7 @@ def joined_guess(paths: Sequence[str], guesses: Sequence[Guess]) -> Guess:
         runs=rows.most_common(),
         sensors=[file.sensors[0] for file in files],
         speed=next((file.speed for file in files if file.speed), 1.0),
+        process_noise=max(file.process_noise for file in files),
         names=first.names,
         steps=sum(file.steps for file in files),
         interval=min(file.interval for file in files),

@@ -68,6 +68,7 @@ from trackbench.scenarios.recordings.guess_errors import (
     error_of_azimuth,
     levels_of,
     not_finer,
+    raised_process_noise,
     scatter,
     share_of_outliers,
 )
@@ -207,6 +208,8 @@ class Guess:
     sensors: list[SensorGuess]
     speed: float
     """usual speed, m/s"""
+    process_noise: float = 0.0
+    """process noise that its maneuvers need; 0 if that of the usual speed serves"""
     names: list[str] = field(default_factory=list)
     """all columns of the table"""
     steps: int = 0
@@ -401,12 +404,8 @@ def _recognized_columns(path: str, user_naming: Naming, said: Collection[str]) -
     if missing and not user_naming.missing:
         why["missing"] = "guess: far outside the others"
     # Step 4: read all rows.
-    guess = _measured(path, naming, why, sensors, user_naming.columns, said)
-    sensors = [
-        s._replace(sigmas=not_finer(s.sigmas, s.quantities, guess.naming, sample.cells))
-        for s in guess.sensors
-    ]
-    return replace(guess, sensors=sensors, names=names)
+    guess = _measured(path, naming, why, sensors, sample, user_naming.columns, said)
+    return replace(guess, names=names)
 
 
 def _measured(
@@ -414,6 +413,7 @@ def _measured(
     naming: Naming,
     why: ReasonByKey,
     sensors: list[SensorGuess],
+    sample: Sample,
     user_columns: Collection[str],
     said: Collection[str],
 ) -> Guess:
@@ -493,7 +493,13 @@ def _measured(
     speed = next((speed for _, speed in levels if speed), 0.0)
     guesses = []
     for sensor, (sigmas, _) in zip(sensors, levels, strict=True):
+        sigmas = not_finer(sigmas, sensor.quantities, naming, sample.cells)
         guesses.append(sensor._replace(sigmas=sigmas))
+    rounded_speed = float(f"{speed:.1g}") or 1.0
+    noises = [
+        raised_process_noise(rows, sensor.kind, in_degrees, sensor.sigmas, rounded_speed)
+        for sensor, rows in zip(guesses, longest, strict=True)
+    ]
     tracks: dict[str, Track] = {}
     for sensor, rows in zip(sensors, longest, strict=True):
         if sensor.kind in ("position", "range-azimuth") and sensor.kind not in tracks:
@@ -509,7 +515,8 @@ def _measured(
         why=why,
         runs=runs,
         sensors=guesses,
-        speed=float(f"{speed:.1g}") or 1.0,
+        speed=rounded_speed,
+        process_noise=max(noises),
         steps=len(np.unique(np.concatenate([rows.ticks for rows in longest]))),
         inputs=inputs,
         interval=usual_interval(np.concatenate([rows.time for rows in longest])),
