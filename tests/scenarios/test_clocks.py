@@ -308,6 +308,42 @@ def test_a_truth_with_dates_stands_beside_unix_times(tmp_path: Path) -> None:
     target = {"measurements": "m.csv", "truth": "t.csv", "units": {"time": "ms"}}
     truth = tracked(config(tmp_path, target))["truth"][0, :, 0]
     np.testing.assert_allclose(truth, 40 + 3 * T, rtol=1e-12)
+    # The other way round: a unit that the target has for all files is that of the truth alone.
+    (tmp_path / "m.csv").write_text(table("time,x,y", dates(T), *X))
+    unix = np.rint(1000 * (BEGIN + T)).astype(int)
+    (tmp_path / "t.csv").write_text(table("time,x,y", unix, 40 + 3 * T, -7 - 2 * T))
+    truth = tracked(config(tmp_path, target))["truth"][0, :, 0]
+    np.testing.assert_allclose(truth, 40 + 3 * T, rtol=1e-12)
+
+
+def test_inputs_with_unix_times_stand_beside_dates(tmp_path: Path) -> None:
+    (tmp_path / "m.csv").write_text(table("time,x,y", dates(T), *X))
+    speeds = np.arange(len(T)) / 10.0
+    unix = np.rint(1000 * (BEGIN + T)).astype(int)
+    motion = {
+        "kind": "map",
+        "components": ["px", "py"],
+        "input": ["v"],
+        "next": {"px": "px + v*T", "py": "py"},
+        "Q": [["T", 0], [0, "T"]],
+    }
+    keys: dict[str, Any] = {
+        "sensor": {"kind": "function", "h": {"x": "px", "y": "py"}, "R": 4},
+        "start": {"kind": "given", "mean": [40, -7], "sigma": [9, 9]},
+        "assume": {"motion": motion},
+    }
+    target: dict[str, Any] = {
+        "measurements": "m.csv",
+        "input": {"v": "v"},
+        "input_file": "i.csv",
+        "input_gap": 100,
+        "state": ["px", "py"],
+    }
+    found = []
+    for times, units in ((dates(T), {}), (unix, {"time": "ms"})):
+        (tmp_path / "i.csv").write_text(table("time,v", times, speeds))
+        found.append(tracked(config(tmp_path, target | {"units": units}, **keys))["mean/KF"])
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-9)
 
 
 def test_dates_without_a_zone_beside_unix_times_are_a_question(tmp_path: Path) -> None:

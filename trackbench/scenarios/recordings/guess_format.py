@@ -435,6 +435,7 @@ def _measured(
     if quantities_by_sensor == [_PLACE] and not by_name and _has_velocity(columns):
         read = [(*_PLACE, *_VELOCITY)]
     rows_by_sensor = read_rows(gathered, [path], read, names=by_name)
+    gathered.check_idle_keys()
     rows_by_sensor = chosen_runs(gathered, rows_by_sensor, ())
     azimuths = _azimuths_of(quantities_by_sensor, rows_by_sensor)
     is_wide = any((np.abs(a[np.isfinite(a)]) > _TURN).any() for a in azimuths)

@@ -233,7 +233,7 @@ class Gathered:
             self.idle_keys.setdefault(f"zone: {zone}", mistake)
 
     def check_idle_keys(self) -> None:
-        """Raise DataError for a key of the clocks that no file has used."""
+        """Raise DataError for a key of the clocks that none of the files which share it has used."""
         for key, mistake in self.idle_keys.items():
             if key not in self.used_keys:
                 raise mistake
@@ -360,7 +360,6 @@ def read_rows(
             )
             for m, rows in enumerate(rows_by_sensor, first_sensor):
                 pieces[m].append(rows)
-    gathered.check_idle_keys()
     if gathered.unavailable:
         codes = ", ".join(f"{code} ({n})" for code, n in sorted(gathered.unavailable.items()))
         what = 'cells hold a code for "not available" and count as missing'

@@ -362,6 +362,7 @@ class Measured(FromFiles, Naming, Target):
                 gap=self.input_gap,
                 resample=self.resample,
             )
+        gathered.check_idle_keys()
         gathered.check_origin(origin, *origin_key)
         gathered.note_distances()
         notices = tuple(dict.fromkeys(gathered.notices))
@@ -480,9 +481,9 @@ class Measured(FromFiles, Naming, Target):
         gathered_truth = replace(
             gathered,
             naming=naming,
-            # A naming of its own has keys of its own, which have to be used.
+            # A naming of its own has keys of its own.
             used_keys=set() if self.truth_naming else gathered.used_keys,
-            idle_keys={},
+            idle_keys={} if self.truth_naming else gathered.idle_keys,
             runs=[],
             files=[],
             notices=[],
@@ -490,6 +491,8 @@ class Measured(FromFiles, Naming, Target):
             chosen=(*gathered.runs, ONE_RUN),
         )
         (rows,) = read_rows(gathered_truth, [self.truth], [self.components], least=1)
+        if self.truth_naming:
+            gathered_truth.check_idle_keys()
         (rows,) = chosen_runs(gathered_truth, [rows], ())
         rows = in_order(gathered_truth, rows)
         check_runs_of_truth(gathered_truth, rows, gathered)
