@@ -313,7 +313,7 @@ def _settled(
     table_guesses: Sequence[_TableGuess],
     truth: TruthGuess | None,
 ) -> Guess:
-    """Return the guess at all tables, whose open questions the truth has answered.
+    """Return the guess at all tables, whose open questions the truth or another table has answered.
 
     Raises UserError with the questions that remain, and for keys that the config would not read.
     """
@@ -321,8 +321,9 @@ def _settled(
     problems: list[Problem | str] = []
     for number, (guess, said, columns) in enumerate(table_guesses):
         prefix = _prefix_of(number, tables)
+        others = [each.guess for i, each in enumerate(table_guesses) if i != number]
         try:
-            guesses.append(settled(guess, truth, said))
+            guesses.append(settled(guess, truth, said, others))
         except DataError as error:
             problems += _questions(error, prefix).problems
             continue

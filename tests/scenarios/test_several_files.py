@@ -84,6 +84,7 @@ def test_both_files_are_read_each_with_its_own_names(tmp_path: Path) -> None:
     }
     assert of_radar["units"] == {"time": "ms", "range": "m", "azimuth": "deg"}
     assert of_radar["clockwise"] == ["azimuth"]
+    assert "clockwise: [azimuth]  # as the positions of gps_logger.csv show" in text
     assert of_radar["format"] == {"separator": ";"}
     assert of_gps == {
         "columns": {"time": "Timestamp", "latitude": "Latitude", "longitude": "Longitude"}

@@ -595,7 +595,10 @@ def _track_of(gathered: Gathered, rows: Rows, scale: float = 1.0) -> Track:
     time = rows.time
     if gathered.dated:
         time = time + gathered.since / 1e6
-    return Track(time, np.stack([rows.values[0], rows.values[1] * scale]), bool(gathered.dated))
+    values = np.stack([rows.values[0], rows.values[1] * scale])
+    # UNIX times count from 1970, too.
+    is_unix = gathered.clock is not None and gathered.clock.kind == "unix"
+    return Track(time=time, values=values, is_dated=bool(gathered.dated) or is_unix)
 
 
 def _settle_azimuths(guess: Guess, angles: list[Array], is_said: bool) -> Guess:
