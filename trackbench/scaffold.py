@@ -13,7 +13,7 @@ import yaml
 
 from trackbench.atomic_files import write_text
 from trackbench.config.build import build
-from trackbench.config.includes import assignment, override
+from trackbench.config.includes import override_all
 from trackbench.config.load import load
 from trackbench.errors import Mark, Problem, UserError, in_line
 from trackbench.field_types import DataError, Place
@@ -29,11 +29,13 @@ from trackbench.scenarios.recordings.guess_config import (
     unused_columns,
     usable_quantities,
 )
-from trackbench.scenarios.recordings.guess_format import recognized
-from trackbench.scenarios.recordings.guess_truth import recognized_truth, settled
+from trackbench.scenarios.recordings.guess_files import joined_guess
+from trackbench.scenarios.recordings.guess_format import Guess, recognized
+from trackbench.scenarios.recordings.guess_truth import TruthGuess, recognized_truth, settled
 from trackbench.yaml_source import MarkedMapping, Source
 
 _TRUTH_PREFIX = "truth_naming."
+_FILES_KEY = "measurement_naming"
 _OPTION_OF_TABLE = re.compile(r"--set '?(?!truth_naming\.)")
 """Beginning of an option that answers a question on a table."""
 _FORM_OF = {
@@ -123,7 +125,8 @@ class WrittenConfig(NamedTuple):
 
     ``unknown`` are sensors whose place must be written, ``unused`` columns that are not read, and
     ``quantities`` what they may hold. ``left_out`` says which filters are comments only, and
-    ``units`` which units were guessed.
+    ``units`` which units were guessed. Options that name a column begin with the ``prefix``, which
+    several files need.
     """
 
     paths: list[Path]
@@ -132,6 +135,7 @@ class WrittenConfig(NamedTuple):
     quantities: list[str]
     left_out: list[str]
     units: list[str]
+    prefix: str = ""
 
 
 def write_config_for(
@@ -140,59 +144,54 @@ def write_config_for(
     folder: Path,
     changes: Sequence[str] = (),
     truth: Path | None = None,
+    further: Sequence[Path] = (),
 ) -> WrittenConfig:
     """Write an experiment on recorded data with guessed columns and units; existing files stay.
 
-    ``changes``, such as ``columns.time=Zeit``, are keys of the recording that need no guess; those of
-    the ``truth``, a table of the true path, begin with ``truth_naming``. A config that would not run is
-    not left: UserError says why. Places that the user must write are then any numbers.
+    ``further`` are the files of further sensors. ``changes``, such as ``columns.time=Zeit``, are keys of
+    the recording that need no guess. Those of one of several files begin with ``measurement_naming`` and
+    its number from 0, and those of the ``truth``, a table of the true path, with ``truth_naming``. A
+    config that would not run is not left: UserError says why. Places that the user must write are then
+    any numbers.
     """
     words = _words_of_name("experiment", name)
     path = folder / f"{'_'.join(words)}.yaml"
     mark = Mark(f"new experiment {name}")
+    tables = [data, *further]
     if path.exists():
-        way = f"remove it, or write another one: trackbench new experiment NAME --from {data}"
+        options = " ".join(f"--from {table}" for table in tables)
+        way = f"remove it, or write another one: trackbench new experiment NAME {options}"
         raise UserError(Problem(mark, "", f"there is a file {path}: {way}"))
+    twice = [table for i, table in enumerate(tables) if table in tables[:i]]
+    if twice:
+        raise UserError(Problem(mark, "", f"--from {twice[0]} is there twice: leave one out"))
     # Step 1: read the given keys as those of a config, and guess the others.
     of_truth = [change for change in changes if change.startswith(_TRUTH_PREFIX)]
     if of_truth and truth is None:
         raise UserError(
             Problem(mark, "", f"{of_truth[0]}: there is no truth; name it, --truth FILE")
         )
-    given = _given_naming(mark, [change for change in changes if change not in of_truth])
+    of_tables = [change for change in changes if change not in of_truth]
     given_of_truth = _given_naming(
         mark, [change.removeprefix(_TRUTH_PREFIX) for change in of_truth]
     )
-    # A key that is set to nothing, as clockwise=[], is an answer, too.
-    said = {change.partition("=")[0].strip() for change in changes}
-    try:
-        guess = recognized(str(data), given, said)
-    except DataError as error:
-        raise UserError(*map(_problem_at, error.places)) from None
+    table_guesses = _guesses_at(mark, tables, of_tables)
+    guess = _joined(tables, [each.guess for each in table_guesses])
     truth_guess = None
     if truth is not None:
         try:
             truth_guess = recognized_truth(str(truth), guess, given_of_truth)
         except DataError as error:
-            # The answers to its questions are keys of the truth.
-            problems = []
-            for place in error.places:
-                what = _OPTION_OF_TABLE.sub(rf"\g<0>{_TRUTH_PREFIX}", place.what)
-                problems.append(_problem_at(place._replace(what=what)))
-            raise UserError(*problems) from None
-    try:
-        guess = settled(guess, truth_guess, said)
-    except DataError as error:
-        raise UserError(*map(_problem_at, error.places)) from None
-    idle = idle_keys(guess, given.columns)
-    if idle:
-        kinds_of_sensors = " and ".join(dict.fromkeys(s.kind for s in guess.sensors))
-        what = f"the config would not read it, as it is one of {kinds_of_sensors}; leave it out"
-        raise UserError(Problem(mark, f"columns.{idle[0]}", what))
+            raise _questions(error, _TRUTH_PREFIX) from None
+    guess = _settled(mark, tables, table_guesses, truth_guess)
     # Step 2: the template's lines for the data's columns and units.
-    relative = quoted(os.path.relpath(data, folder))
+    relative_paths = [quoted(os.path.relpath(table, folder)) for table in tables]
+    relative = relative_paths[0]
+    if further:
+        relative = f"[{', '.join(relative_paths)}]"
     relative_truth = "" if truth is None else quoted(os.path.relpath(truth, folder))
-    marks = {"@FILE@": relative, "@SOURCE@": in_line(data.name)}
+    sources = " and ".join(table.name for table in tables)
+    marks = {"@FILE@": relative, "@SOURCE@": in_line(sources)}
     parts = config_parts(guess, truth_guess, relative_truth)
     text = _filled("recording.yaml", words, {**marks, **parts})
     # Step 3: try the config, with some numbers in place of those that the user must write.
@@ -207,21 +206,173 @@ def write_config_for(
     try:
         config = load(path)
     except UserError as error:
-        raise UserError(*(_reported(problem, path, data) for problem in error.problems)) from None
+        reported = [_reported(problem, path, sources) for problem in error.problems]
+        raise UserError(
+            *(_with_option_of_zone(problem, tables, truth) for problem in reported)
+        ) from None
     finally:
         path.unlink()
     # The time of the first state is known by now.
     begin = float(config.points[0].scenario.times[0])
     parts = config_parts(guess, truth_guess, relative_truth, begin)
     write_text(path, _filled("recording.yaml", words, {**marks, **parts}))
+    unused: list[str] = []
+    units: list[str] = []
+    prefix = ""
+    first_with_unused = guess.each_file[0]
+    for number, (file, table) in enumerate(zip(guess.each_file, tables, strict=True)):
+        prefix_of_file = _prefix_of(number, tables)
+        units += guessed_units(file, prefix_of_file)
+        of_file = f" of {in_line(table.name)}" if further else ""
+        names = [f"{column}{of_file}" for column in unused_columns(file)]
+        if names and not unused:
+            prefix = prefix_of_file
+            first_with_unused = file
+        unused += names
     return WrittenConfig(
         paths=[path],
         unknown=unknown,
-        unused=unused_columns(guess),
-        quantities=usable_quantities(guess),
+        unused=unused,
+        quantities=usable_quantities(first_with_unused),
         left_out=left_out_filters(guess),
-        units=guessed_units(guess),
+        units=units,
+        prefix=prefix,
     )
+
+
+def _prefix_of(number: int, tables: Sequence[Path]) -> str:
+    """Return the beginning of the keys of a table's columns, which is empty for one table alone."""
+    if len(tables) == 1:
+        return ""
+    return f"{_FILES_KEY}.{number}."
+
+
+class _TableGuess(NamedTuple):
+    """Guess at one table, the keys that the user set for it, and the columns among them."""
+
+    guess: Guess
+    said: set[str]
+    columns: Mapping[str, str]
+
+
+def _guesses_at(mark: Mark, tables: Sequence[Path], changes: Sequence[str]) -> list[_TableGuess]:
+    """Guess the columns and units of the tables, one for each sensor.
+
+    Keys that are set in ``changes`` are not guessed. Raises UserError with all questions.
+    """
+    shared = [change for change in changes if not change.startswith(f"{_FILES_KEY}.")]
+    if len(tables) == 1:
+        for change in changes:
+            if change not in shared:
+                what = "there is one file alone: leave the words before columns or units out"
+                raise UserError(Problem(mark, change, what))
+    else:
+        _check_files_of(mark, tables, changes, shared)
+    guesses = []
+    problems: list[Problem | str] = []
+    for number, table in enumerate(tables):
+        prefix = _prefix_of(number, tables)
+        own = list(shared)
+        if prefix:
+            own += [c.removeprefix(prefix) for c in changes if c.startswith(prefix)]
+        given = _given_naming(mark, own)
+        # A key that is set to nothing, as clockwise=[], is an answer, too.
+        said = {change.partition("=")[0].strip() for change in own}
+        try:
+            guess = recognized(str(table), given, said)
+        except DataError as error:
+            problems += _questions(error, prefix).problems
+            continue
+        guesses.append(_TableGuess(guess=guess, said=said, columns=given.columns))
+    if problems:
+        raise UserError(*problems)
+    return guesses
+
+
+def _check_files_of(
+    mark: Mark, tables: Sequence[Path], changes: Sequence[str], shared: Sequence[str]
+) -> None:
+    """Raise UserError for a change that names no file of several; ``shared`` ones are of all files."""
+    for change in shared:
+        if not change.startswith("origin="):
+            options = " or ".join(
+                f"--set {_prefix_of(number, tables)}{change} for {table.name}"
+                for number, table in enumerate(tables)
+            )
+            raise UserError(Problem(mark, change, f"which file? Say {options}"))
+    prefixes = tuple(_prefix_of(number, tables) for number in range(len(tables)))
+    for change in changes:
+        if change not in shared and not change.startswith(prefixes):
+            what = f"files have the numbers from 0 to {len(tables) - 1}: {_FILES_KEY}.0.columns"
+            raise UserError(Problem(mark, change, what))
+
+
+def _settled(
+    mark: Mark,
+    tables: Sequence[Path],
+    table_guesses: Sequence[_TableGuess],
+    truth: TruthGuess | None,
+) -> Guess:
+    """Return the guess at all tables, whose open questions the truth or another table has answered.
+
+    Raises UserError with the questions that remain, and for keys that the config would not read.
+    """
+    guesses = []
+    problems: list[Problem | str] = []
+    for number, (guess, said, columns) in enumerate(table_guesses):
+        prefix = _prefix_of(number, tables)
+        others = [each.guess for i, each in enumerate(table_guesses) if i != number]
+        try:
+            guesses.append(settled(guess, truth, said, others))
+        except DataError as error:
+            problems += _questions(error, prefix).problems
+            continue
+        idle = idle_keys(guesses[-1], columns)
+        if idle:
+            kinds_of_sensors = " and ".join(dict.fromkeys(s.kind for s in guess.sensors))
+            what = f"the config would not read it, as it is one of {kinds_of_sensors}; leave it out"
+            problems.append(Problem(mark, f"{prefix}columns.{idle[0]}", what))
+    if problems:
+        raise UserError(*problems)
+    return _joined(tables, guesses)
+
+
+def _joined(tables: Sequence[Path], guesses: Sequence[Guess]) -> Guess:
+    """Return the guess at all tables."""
+    if len(tables) == 1:
+        return guesses[0]
+    try:
+        return joined_guess([str(table) for table in tables], guesses)
+    except DataError as error:
+        raise UserError(*map(_problem_at, error.places)) from None
+
+
+def _questions(error: DataError, prefix: str) -> UserError:
+    """Return the questions on a table, whose answers are keys that begin with the ``prefix``."""
+    problems = []
+    for place in error.places:
+        what = place.what
+        if prefix:
+            what = _OPTION_OF_TABLE.sub(rf"\g<0>{prefix}", what)
+        problems.append(_problem_at(place._replace(what=what)))
+    return UserError(*problems)
+
+
+def _with_option_of_zone(
+    problem: Problem | str, tables: Sequence[Path], truth: Path | None
+) -> Problem | str:
+    """Write the answer to a question on the zone of a file's clock as an option."""
+    if isinstance(problem, str) or "`zone: UTC`" not in problem.what:
+        return problem
+    prefixes = {table: _prefix_of(number, tables) for number, table in enumerate(tables)}
+    if truth is not None:
+        prefixes[truth] = _TRUTH_PREFIX
+    for table, prefix in prefixes.items():
+        path = os.path.abspath(table)
+        if f" of {path}? Say" in problem.what or f" of {path} counts" in problem.what:
+            what = problem.what.replace("`zone: UTC`", f"--set {prefix}zone=UTC")
+            return Problem(problem.mark, problem.path, what)
+    return problem
 
 
 def _problem_at(place: Place) -> Problem:
@@ -235,7 +386,7 @@ def _given_naming(mark: Mark, changes: Sequence[str]) -> Naming:
     for change in changes:
         if change.partition("=")[0] in ("truth", "truth_gap"):
             raise UserError(Problem(mark, change, "a truth has an option of its own, --truth FILE"))
-        override(source, *assignment(source, change))
+    override_all(source, changes)
     given = build(Naming, source, ())
     if given is None:
         raise UserError(*source.problems)
@@ -261,14 +412,14 @@ def _with_some_places(text: str, origin: Sequence[float]) -> str:
     return str(yaml.safe_dump(config, sort_keys=False))
 
 
-def _reported(problem: Problem | str, path: Path, data: Path) -> Problem | str:
+def _reported(problem: Problem | str, path: Path, data: str) -> Problem | str:
     """Report a mistake of a guessed config as one of the table, since the config is not there."""
     if isinstance(problem, str) or problem.mark.file != str(path):
         return problem
     mistake = problem.what
     if problem.path:
         mistake = f"{problem.path}: {problem.what}"
-    return Problem(Mark(str(data)), "", f"a config for it would not run: {mistake}")
+    return Problem(Mark(data), "", f"a config for it would not run: {mistake}")
 
 
 def _words_of_name(noun: str, name: str) -> list[str]:
