@@ -10,6 +10,12 @@ from trackbench.config.build import hints_of
 from trackbench.config.experiment import Exhibit, Experiment, Point, Settings
 from trackbench.config.metric_names import Names, names_of, stored_metrics
 from trackbench.config.mistakes import nearest, unknown
+from trackbench.config.requested_truth import (
+    RequestedTruth,
+    is_measured_in,
+    needs_truth,
+    shows_default_errors,
+)
 from trackbench.config.tuning import as_expression, bad_terms
 from trackbench.evaluation.block import Kind
 from trackbench.evaluation.consistency_and_calibration import bars
@@ -82,21 +88,38 @@ def check_metrics(
     names = names_of(settings, points, left_out, with_diagnostics=False)
     if any(not request.named or _why_unknown(request, names, settings) for request in requests):
         names = names_of(settings, points, left_out, with_diagnostics=True)
+    truth = RequestedTruth([point.scenario for point in points])
+    requests_truth = shows_default_errors(settings, points)
     for request in requests:
         what = _why_unknown(request, names, settings) or _why_not_stored(request, names, settings)
+        if what is None and truth.why_missing:
+            # This is one mistake of the experiment, and no mistake of each metric.
+            requests_truth = requests_truth or needs_truth(request.measure)
+        elif what is None and request.named:
+            what = truth.why_unmeasured(request.measure)
         if what is not None:
             source.add_problem(request.keys, what)
+    if truth.why_missing and requests_truth:
+        truth.add_problem(source)
 
 
 def check_trained_metrics(source: Source, settings: Settings, training: Point | None) -> None:
-    """Check that the metric of tuning is one of the training scenario."""
-    if training is None or settings.tuning.scenario is None:
+    """Check that the metric of tuning is one of the training scenario, which has the truth it needs."""
+    if training is None:
+        return
+    trained_scenario = training.scenario.training or training.scenario
+    if trained_scenario.has_truth and not is_measured_in(trained_scenario):
+        for request in _requests_of_tuning(settings):
+            if needs_truth(request.measure):
+                what = "no step of the training has a truth; tune by log_score, or train on other steps"
+                source.add_problem(request.keys, what)
+    if settings.tuning.scenario is None:
         return
     names = names_of(settings, [training], {}, with_diagnostics=True)
     for request in _requests_of_tuning(settings):
-        what = _why_unknown(request, names, settings)
-        if what is not None:
-            source.add_problem(("tuning", "scenario"), f"tuning.metric: {what}")
+        why = _why_unknown(request, names, settings)
+        if why is not None:
+            source.add_problem(("tuning", "scenario"), f"tuning.metric: {why}")
 
 
 def _requests_of_settings(settings: Settings) -> Iterator[MetricRequest]:

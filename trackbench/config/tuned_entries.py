@@ -13,6 +13,7 @@ from trackbench.config.dump import as_config
 from trackbench.config.experiment import Experiment, Point, Settings
 from trackbench.config.filter_model import check_late, read_assumed
 from trackbench.config.includes import deep_merge, override, split_path
+from trackbench.config.requested_truth import is_measured_in
 from trackbench.config.tuning import Axis, bad_terms, default_metric, read_axis, tuned_label
 from trackbench.errors import Mark, Problem
 from trackbench.evaluation.block import simulate
@@ -239,11 +240,14 @@ def with_defaults(
         return settings
     tuning = settings.tuning
     if tuning.metric is None:
-        # If one of the two scenarios has no truth, the metric is one that needs none.
-        scenario = points[0].scenario
-        if scenario.has_truth and not training.scenario.has_truth:
-            scenario = training.scenario
-        tuning = replace(tuning, metric=default_metric(scenario))
+        # If one of the two scenarios has no truth to score, the metric is one that needs none.
+        scored_scenarios = (
+            points[0].scenario,
+            training.scenario.training or training.scenario,
+        )
+        has_errors = all(is_measured_in(scenario) for scenario in scored_scenarios)
+        metric = default_metric(points[0].scenario, has_errors)
+        tuning = replace(tuning, metric=metric)
     # Where training takes a share of each recording's time, it has all recordings.
     trains_on_time_share = training.scenario.training is not None
     if trains_on_time_share and "runs" not in (source.data.get("tuning") or {}):

@@ -177,6 +177,20 @@ class Objective(NamedTuple):
         """Names of the values per run that it takes."""
         return [_run_metric(_read_term(word)) for word in self.weights]
 
+    @property
+    def only_mean(self) -> str | None:
+        """Name of the values per run, if the objective is the mean or rms of one error or score."""
+        if len(self.weights) != 1:
+            return None
+        ((word, weight),) = self.weights.items()
+        if weight <= 0.0:
+            return None
+        measure = _read_term(word)
+        is_minimized = measure.definition.better == "lower"
+        if measure.statistic not in ("mean", "rms") or not (is_minimized or _is_maximized(measure)):
+            return None
+        return _run_metric(measure)
+
     def score(self, per_run: Mapping[str, Array]) -> RunEstimate:
         """Return the objective of the runs' values (M,) by metric, NaN for lost runs; less is better."""
         # The influences of a weighted sum are the weighted sum of its terms' influences.
@@ -274,8 +288,8 @@ def bad_terms(metric: str | Mapping[str, float] | None) -> Iterator[tuple[str, s
             yield word, f"{word!r}: of a metric that is better larger take {better}"
 
 
-def default_metric(scenario: Scenario) -> str:
-    """Return the rms of the scenario's first error; without a truth the predictive likelihood."""
-    if not scenario.has_truth:
+def default_metric(scenario: Scenario, has_errors: bool) -> str:
+    """Return the rms of the scenario's first error; without errors the predictive likelihood."""
+    if not has_errors:
         return "log_score"
     return f"rms({error_names(scenario)[0]})"
