@@ -129,9 +129,14 @@ def read_axis(key: str, written: object) -> Axis:
 
     Raises ValueError, with the mistake in words.
     """
+    if " & " in key:
+        raise ValueError("keys that vary together are of a grid; tune each key under its own name")
     if isinstance(written, list):
         if len(written) < 2:
             raise ValueError("a list of choices has at least two")
+        if any(isinstance(value, dict | list) for value in written):
+            what = "a choice is a word or a number; tune keys within it"
+            raise ValueError(f"{what}, as {key}.kind: [A, B]")
         if any(value in written[:i] for i, value in enumerate(written)):
             raise ValueError("a choice is given twice")
         return Axis(key, choices=tuple(written))
