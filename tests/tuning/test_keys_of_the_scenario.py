@@ -2,9 +2,12 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from trackbench import api
+from trackbench.commands import prepare
+from trackbench.commands.prepare import expected_time_of_tuning, jobs_of
 from trackbench.config.load import load
 from trackbench.errors import UserError
 from trackbench.tuning.tuner import given_values
@@ -101,3 +104,48 @@ def test_a_key_that_cannot_be_tuned_says_why(
     for problem in caught.value.problems:
         assert str(problem).startswith(f"{config}:16:")
         assert what in str(problem)
+
+
+def test_the_longest_time_of_tuning_is_announced(
+    config: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Four trials of 2 s each are 8 s; they are said if they are no shorter than the limit."""
+    monkeypatch.setenv("TRACKBENCH_CACHE", str(config.parent / "cache"))
+    monkeypatch.setattr(prepare, "estimate_cpu_s", lambda task: 2.0)
+    words = ["tune.KF={gate: 0.9..0.999}"]
+    options = api.Options(engine="serial", formats=(), set=words, only=["KF"])
+    (job,) = jobs_of([config], options)
+    assert not expected_time_of_tuning(job, options)
+    monkeypatch.setattr(prepare, "_SHORT_TUNING_S", 8.0)
+    api.run(config, options, out=config.parent / "out")
+    assert ", at most about 8 s of tuning\n" in capsys.readouterr().err
+    # The first trial is stored now, and the rest cannot be foretold.
+    assert not expected_time_of_tuning(job, options)
+
+
+def test_a_negative_gap_on_a_recording_is_explained(tmp_path: Path) -> None:
+    """The noise of the second half is a fifth of the first's."""
+    rng = np.random.default_rng(2)
+    rows = ["time,x,y"]
+    for k in range(120):
+        x, y = 10.0 * k + rng.normal(size=2) * (5.0 if k < 60 else 1.0)
+        rows.append(f"{k},{x:.3f},{y:.3f}")
+    (tmp_path / "m.csv").write_text("\n".join(rows) + "\n")
+    scenario = {
+        "kind": "tracking",
+        "target": {"kind": "measured", "measurements": str(tmp_path / "m.csv")},
+        "sensor": {"kind": "position", "sigma": 5},
+        "start": {"kind": "one-scan", "sigma_velocity": 10},
+        "assume": {"motion": {"kind": "cwna", "q": 0.1}},
+        "score": {"train": 0.5},
+    }
+    config = {
+        "name": "easier",
+        "scenario": scenario,
+        "filters": {"KF": {"kind": "kf"}},
+        "tune": {"KF": {"assume.motion.q": "log:1e-3..10"}},
+        "tuning": {"evaluations": 4},
+    }
+    report = api.run(config, out=tmp_path / "out", engine="serial", quiet=True, formats=())
+    notes = report.results.tables["tuning"].notes
+    assert any(note.startswith("KF: the gap is negative: ") for note in notes)

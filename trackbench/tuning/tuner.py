@@ -186,6 +186,12 @@ class Training:
             shares.append(share)
         return tuple(shares)
 
+    @property
+    def first_tasks(self) -> list[BlockTask]:
+        """Tasks of the first trial, with the config's own values."""
+        start = zip(self.axes, self.start, strict=True)
+        return self.tasks(tuple(axis.at(share) for axis, share in start))
+
     def tasks(self, values: Values) -> list[BlockTask]:
         """Return the tasks of a trial with these values, as few as its particles allow.
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import isfinite
+from math import isfinite, nan
 
 import numpy as np
 
@@ -67,6 +67,8 @@ class TuningTable(TableKind):
             untuned[label] = untuned_score
             if tuned_score is not None and untuned_score is not None:
                 comparisons[label] = compare_estimates(untuned_score, tuned_score)
+        # Of a recording that is shared out in time, training and results have no standard errors.
+        has_shared_time = _train_share(results) is not None
         gains = as_family(comparisons)
         gains_by_steps = as_family(_compare_by_steps(results, objective))
         # Step 2: a row per filter, with notes on a gain that is none.
@@ -78,16 +80,31 @@ class TuningTable(TableKind):
             keys = [label, _values(record), str(len(record.trials))]
             table.add(keys, [*_cells(record, tuned[label], untuned[label]), gained])
             notes = list(record.remarks(tuning["runs"]))
+            tuned_score = tuned[label]
+            gap = nan if tuned_score is None else tuned_score.value - record.best.objective
+            if has_shared_time and gap < 0.0:
+                notes.append(_EASIER_RESULTS)
             if gain is not None:
                 notes += _notes_on_results(gain, gains_by_steps.get(label, gain))
             table.notes += [f"{label}: {text}." for text in notes]
         return table
 
 
+_EASIER_RESULTS = (
+    "the gap is negative: the part of the time that is judged is easier than the part for training"
+)
+
+
+def _train_share(results: Results) -> float | None:
+    """Return the share of a recording's time that training sees; None if training has other runs."""
+    share: float | None = (results.config["scenario"].get("score") or {}).get("train")
+    return share
+
+
 def _training_runs(results: Results) -> str:
     """Describe the training runs, or the part of recorded ones, and how those of the results differ."""
     config = results.config
-    share = (config["scenario"].get("score") or {}).get("train")
+    share = _train_share(results)
     if share is not None:
         return f"the first {100 * share:g} % of the time; results of the rest"
     held_out = results.manifest.get("training_holds_out", "")
