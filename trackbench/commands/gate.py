@@ -335,7 +335,7 @@ def _compare_costs(stored: Results, new: Results, largest_ratio: float) -> list[
                 continue
             stored_cost = _cost(stored_costs[key][kind])
             new_cost = _cost(new_costs[key][kind])
-            if not stored_cost > 0.0:
+            if not stored_cost > 0.0 or isnan(new_cost):
                 continue
             is_equal = stored_cost == new_cost
             word = EQUAL if is_equal else ALIKE
