@@ -329,12 +329,23 @@ def _settled(
             continue
         idle = idle_keys(guesses[-1], columns)
         if idle:
-            kinds_of_sensors = " and ".join(dict.fromkeys(s.kind for s in guess.sensors))
-            what = f"the config would not read it, as it is one of {kinds_of_sensors}; leave it out"
+            what = _why_idle(guesses[-1], idle[0])
             problems.append(Problem(mark, f"{prefix}columns.{idle[0]}", what))
     if problems:
         raise UserError(*problems)
     return _joined(tables, guesses)
+
+
+def _why_idle(guess: Guess, quantity: str) -> str:
+    """Explain that no sensor of the config would read a quantity whose column the user names."""
+    kinds = dict.fromkeys(f"`{sensor.kind}`" for sensor in guess.sensors)
+    what = (
+        f"no sensor of the config would read {quantity}: it has {' and '.join(kinds)}; leave it out"
+    )
+    other = {"speed": "course", "course": "speed"}.get(quantity)
+    if other is None or other in guess.naming.columns:
+        return what
+    return f"{what}, or name a {other}, too: a speed and a course together measure the velocity"
 
 
 def _joined(tables: Sequence[Path], guesses: Sequence[Guess]) -> Guess:

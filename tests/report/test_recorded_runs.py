@@ -70,6 +70,14 @@ def test_a_diverged_run_is_named_where_no_run_is_lost(one: Any) -> None:
     assert "KF in" not in note
 
 
+def test_one_recording_says_why_an_error_has_no_interval(one: Any, tmp_path: Path) -> None:
+    notes = [note for note in ranking_tables(one)[0].notes if note.startswith("One recording: ")]
+    assert len(notes) == 1
+    assert "own error has no ±, as it depends on the path" in notes[0]
+    two = ran(tmp_path)
+    assert not any(note.startswith("One rec") for note in ranking_tables(two)[0].notes)
+
+
 def test_what_is_undecided_is_said_once_with_names_and_a_way(one: Any) -> None:
     text = " ".join(answer(one))
     assert text.count("Undecided between KF, Stiff and Lost: ") == 1

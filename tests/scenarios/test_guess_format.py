@@ -128,6 +128,12 @@ def test_columns_that_are_not_used_are_named(tmp_path: Path) -> None:
     line = f"columns not used: elevation, \"Sea state\" ({way}: --set 'columns.run=ITS NAME')"
     assert done.stdout.splitlines()[1] == line
     assert '      # not used: elevation, "Sea state"\n' in (tmp_path / "m.yaml").read_text()
+    # Neither a speed nor a course is read alone.
+    table(tmp_path / "p.csv", "t,x,y,a,b", T, X, Y, T, T)
+    done = trackbench("new", "experiment", "--from", "p.csv", cwd=tmp_path)
+    both = "--set 'columns.speed=ITS NAME' --set 'columns.course=ITS NAME'"
+    way = "to use one as speed and course, which need each other, run, sensor or received"
+    assert f"columns not used: a, b ({way}: {both})" in done.stdout
     # Twelve names are counted on the screen, and written into the file.
     table(tmp_path / "n.csv", "t,x,y," + ",".join("abcdefghijkl"), T, X, Y, *[T] * 12)
     done = trackbench("new", "experiment", "--from", "n.csv", cwd=tmp_path)

@@ -141,8 +141,23 @@ def test_rows_of_two_targets_without_a_name_are_a_question(tmp_path: Path) -> No
 def test_a_column_that_would_not_be_read_is_a_mistake(tmp_path: Path) -> None:
     path = table(tmp_path / "m.csv", "t,x,y,h", T, X, Y, T)
     message = asked(path, "columns.altitude=h")
-    assert "columns.altitude: the config would not read it" in message
+    assert (
+        "columns.altitude: no sensor of the config would read altitude: it has `position`"
+        in message
+    )
     assert "there is no columns.height; known: " in asked(path, "columns.height=h")
+
+
+def test_a_speed_without_a_course_is_offered_and_refused_with_what_it_lacks(tmp_path: Path) -> None:
+    path = table(tmp_path / "m.csv", "t,x,y,Speed (km/h)", T, X, Y, T)
+    message = asked(path, "columns.speed=Speed (km/h)")
+    assert (
+        "columns.speed: no sensor of the config would read speed: it has `position`; leave"
+        in message
+    )
+    assert "or name a course, too: a speed and a course together measure the velocity" in message
+    config, _ = written(path)
+    assert config.quantities == ["course", "run", "sensor", "received"]
 
 
 LOG = [

@@ -151,9 +151,13 @@ def _echo_unused_columns(columns: list[str], quantities: list[str], prefix: str)
     names = ", ".join(columns[:_MOST_COLUMNS])
     if len(columns) > _MOST_COLUMNS:
         names += f" and {len(columns) - _MOST_COLUMNS} more"
+    option = f"--set '{prefix}columns.{quantities[0]}=ITS NAME'"
+    if {"speed", "course"} <= {*quantities}:
+        # Neither is read without the other.
+        quantities = ["speed and course, which need each other", *quantities[2:]]
+        option += f" --set '{prefix}columns.course=ITS NAME'"
     words = quantities[-1]
     if len(quantities) > 1:
         words = f"{', '.join(quantities[:-1])} or {quantities[-1]}"
     purpose = f"to use one as {words}"
-    option = f"--set '{prefix}columns.{quantities[0]}=ITS NAME'"
     typer.echo(f"columns not used: {names} ({purpose}: {option})")

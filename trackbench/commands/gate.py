@@ -270,11 +270,15 @@ def _find_removed(stored: Results, new: Results, stored_labels: Sequence[str]) -
 
 
 def _errors_and_scores(results: Results) -> dict[str, list[str]]:
-    """Return the errors and scores over whole runs of each filter, by label."""
+    """Return the errors and scores over whole runs of each filter, by label.
+
+    An error that no run has, although none is lost, is not measured, and is left out.
+    """
     metrics_by_label: dict[str, dict[str, None]] = {}
     for row in results.columns("summary").records():
         measure = measured(row["metric"])
-        if not measure.window and row["filter"] in results.filters:
+        is_measured = row["runs"] > 0 or row["lost"] > 0
+        if is_measured and not measure.window and row["filter"] in results.filters:
             metrics = metrics_by_label.setdefault(row["filter"], {})
             metrics |= dict.fromkeys(primary_metrics([measure.metric]))
     return {label: list(metrics) for label, metrics in metrics_by_label.items()}
@@ -331,7 +335,7 @@ def _compare_costs(stored: Results, new: Results, largest_ratio: float) -> list[
                 continue
             stored_cost = _cost(stored_costs[key][kind])
             new_cost = _cost(new_costs[key][kind])
-            if not stored_cost > 0.0:
+            if not stored_cost > 0.0 or isnan(new_cost):
                 continue
             is_equal = stored_cost == new_cost
             word = EQUAL if is_equal else ALIKE

@@ -34,7 +34,7 @@ from trackbench.plugins.errors import guarded
 from trackbench.report.sweep import as_sweep
 from trackbench.results.folder_contents import DERIVED_FILES, RUN_FILES, TIMING, read_manifest
 from trackbench.tuning.search import Record
-from trackbench.tuning.tuner import tune
+from trackbench.tuning.tuner import Training, tune
 from trackbench.yaml_source import Assembled, Config, read
 
 
@@ -275,6 +275,43 @@ def expected_time(job: Job, options: Options, tries: bool = True) -> str:
     seconds = max(seconds, cost.longest_block_s)
     about = "at most about" if cost.is_bound else "about"
     return f"{about} {expected_time_in_words(seconds)} of filtering{basis}"
+
+
+def expected_time_of_tuning(job: Job, options: Options) -> str:
+    """Write how long tuning will take at most, in words.
+
+    The text is empty if the time is unknown or too short to matter. Each tuned filter is timed over the
+    beginning of its first trial, unless that trial is stored. The trials of a filter mostly follow each
+    other, those of several filters run on all workers.
+    """
+    experiment = job.experiment
+    if not experiment.tuned or len(experiment.tuned) > _MOST_TRIALS:
+        return ""
+    store = BlockStore(cache_folder())
+    workers = most_workers(options)
+    all_cpu_s = 0.0
+    longest_s = 0.0
+    for label in experiment.tuned:
+        tasks = Training(experiment, label).first_tasks
+        is_stored = not options.fresh and all(store.has_file(task) for task in tasks)
+        if not tasks or is_stored or tasks[0].filter.runs_program:
+            continue
+        try:
+            with guarded():
+                block_s = estimate_cpu_s(tasks[0])
+        except Exception:  # of a plugin: tuning itself will report it
+            return ""
+        trials = experiment.settings.tuning.evaluations
+        all_cpu_s += trials * len(tasks) * block_s
+        longest_s = max(longest_s, trials * ceil(len(tasks) / workers) * block_s)
+    seconds = max(all_cpu_s / workers, longest_s)
+    if seconds < _SHORT_TUNING_S:
+        return ""
+    return f"at most about {expected_time_in_words(seconds)} of tuning"
+
+
+_SHORT_TUNING_S = 10.0
+"""Seconds of tuning below which nothing is said about its time."""
 
 
 def dry_run_line(job: Job, time: str) -> str:

@@ -21,6 +21,7 @@ from trackbench.commands.prepare import (
     Options,
     dry_run_line,
     expected_time,
+    expected_time_of_tuning,
     jobs_of,
     most_drawers,
     most_workers,
@@ -138,7 +139,10 @@ def _announce(jobs: Sequence[Job], options: Options) -> None:
     """Print each job's line and its cautions, a caution of several jobs once."""
     printed: set[str] = set()
     for job in jobs:
-        say(job.line, options)
+        line = job.line
+        if not options.quiet and not options.shard:
+            line = ", ".join(filter(None, [line, expected_time_of_tuning(job, options)]))
+        say(line, options)
         job_cautions = [*cautions(job.experiment.points), *training_cautions(job.experiment)]
         for plugin in job.experiment.plugins:
             job_cautions += plugin.notes
@@ -159,7 +163,11 @@ def _import_ahead() -> None:
 def preview(configs: Sequence[Config], options: Options) -> list[str]:
     """Describe each experiment that `run_all` would run in a line, with the time that it takes."""
     jobs = jobs_of(configs, options)
-    return [dry_run_line(job, expected_time(job, options)) for job in jobs]
+    lines = []
+    for job in jobs:
+        times = [expected_time(job, options), expected_time_of_tuning(job, options)]
+        lines.append(dry_run_line(job, ", ".join(filter(None, times))))
+    return lines
 
 
 def _write_results_and_report(job: Job, outcome: Outcome, options: Options, sweep: bool) -> Report:

@@ -10,6 +10,12 @@ from trackbench.config.build import hints_of
 from trackbench.config.experiment import Exhibit, Experiment, Point, Settings
 from trackbench.config.metric_names import Names, names_of, stored_metrics
 from trackbench.config.mistakes import nearest, unknown
+from trackbench.config.requested_truth import (
+    RequestedTruth,
+    is_measured_in,
+    needs_truth,
+    shows_default_errors,
+)
 from trackbench.config.tuning import as_expression, bad_terms
 from trackbench.evaluation.block import Kind
 from trackbench.evaluation.consistency_and_calibration import bars
@@ -42,13 +48,45 @@ _ADDED_BY = {
     "damage": "`faults` of the scenario",
     "recovery_s": "`faults` of the scenario",
     "not_recovered": "`faults` of the scenario",
-    "rejected_good": "`faults` of the scenario",
-    "accepted_bad": "`faults` of the scenario",
     "arrived_late": "`delay` of a sensor",
     "late_dropped": "`delay` of a sensor",
     "held_log_score": "`hold_out`",
 }
 """Keys that add metrics, by metric."""
+_GATE = "a filter with a `gate`, such as `gate: 0.999`"
+_LEGS = "a target `legs` and a filter with a maneuvering mode, such as `imm`"
+_PARTICLES = "a particle filter, such as `pf`"
+_ALARMS = "a filter that decides on maneuvers, `adaptive-kf` or `input-estimation`"
+_MEASURED_WITH = {
+    "gated": _GATE,
+    "rejected_good": f"`faults` of the scenario and {_GATE}",
+    "accepted_bad": f"`faults` of the scenario and {_GATE}",
+    "measurement_weight": "a filter with the key `robust`, such as `robust: {kind: huber}`",
+    "nis": "a filter with innovations, such as `kf` or `ekf`",
+    "log_score": "a filter that computes the likelihood of measurements",
+    "mode": "a filter with several modes, such as `imm`",
+    "alarm": _ALARMS,
+    "alarm_age_s": _ALARMS,
+    "zeta": "`adaptive-kf` with `onset_rule: argmax` of its `detector`",
+    "zeta_beyond": "`adaptive-kf` with `onset_rule: argmax` of its `detector`",
+    "collapsed_steps": _PARTICLES,
+    "ess": _PARTICLES,
+    "distinct_particles": _PARTICLES,
+    "acceptance_rate": "`hdepf`",
+    "spread_ratio": "`hdepf`",
+    "detection_delay_s": _LEGS,
+    "missed_maneuvers": _LEGS,
+    "already_maneuvering": _LEGS,
+    "onset_error_s": _LEGS,
+    "onset_abs_error_s": _LEGS,
+    "onset_age_s": _LEGS,
+    "false_maneuvers_per_1000": _LEGS,
+    "overshoot_m": "a target `legs` that turns",
+    "peak": "a truth of positions",
+    "beyond_10_sigma": "a truth of positions",
+    "rmsd": "the key `reference`, which names the filter to compare with",
+}
+"""Filters and parts of the scenario that have metrics, by metric."""
 
 
 @dataclass(frozen=True)
@@ -82,21 +120,38 @@ def check_metrics(
     names = names_of(settings, points, left_out, with_diagnostics=False)
     if any(not request.named or _why_unknown(request, names, settings) for request in requests):
         names = names_of(settings, points, left_out, with_diagnostics=True)
+    truth = RequestedTruth([point.scenario for point in points])
+    requests_truth = shows_default_errors(settings, points)
     for request in requests:
         what = _why_unknown(request, names, settings) or _why_not_stored(request, names, settings)
+        if what is None and truth.why_missing:
+            # This is one mistake of the experiment, and no mistake of each metric.
+            requests_truth = requests_truth or needs_truth(request.measure)
+        elif what is None and request.named:
+            what = truth.why_unmeasured(request.measure)
         if what is not None:
             source.add_problem(request.keys, what)
+    if truth.why_missing and requests_truth:
+        truth.add_problem(source)
 
 
 def check_trained_metrics(source: Source, settings: Settings, training: Point | None) -> None:
-    """Check that the metric of tuning is one of the training scenario."""
-    if training is None or settings.tuning.scenario is None:
+    """Check that the metric of tuning is one of the training scenario, which has the truth it needs."""
+    if training is None:
+        return
+    trained_scenario = training.scenario.training or training.scenario
+    if trained_scenario.has_truth and not is_measured_in(trained_scenario):
+        for request in _requests_of_tuning(settings):
+            if needs_truth(request.measure):
+                what = "no step of the training has a truth; tune by log_score, or train on other steps"
+                source.add_problem(request.keys, what)
+    if settings.tuning.scenario is None:
         return
     names = names_of(settings, [training], {}, with_diagnostics=True)
     for request in _requests_of_tuning(settings):
-        what = _why_unknown(request, names, settings)
-        if what is not None:
-            source.add_problem(("tuning", "scenario"), f"tuning.metric: {what}")
+        why = _why_unknown(request, names, settings)
+        if why is not None:
+            source.add_problem(("tuning", "scenario"), f"tuning.metric: {why}")
 
 
 def _requests_of_settings(settings: Settings) -> Iterator[MetricRequest]:
@@ -190,11 +245,12 @@ def _why_unknown(request: MetricRequest, names: Names, settings: Settings) -> st
     metric = measure.definition
     quantity = measure.quantity
     is_of_prediction = quantity.startswith(("predicted_", "held_"))
-    needs_truth = metric.series in ("damage", *_ERROR_SERIES) and not is_of_prediction
+    is_of_error = metric.series in ("damage", *_ERROR_SERIES) and not is_of_prediction
     if measure.relation in ("gain", "ratio") and metric.is_score:
         what = "a log score is a logarithm, and ratios of it mean nothing; take minus(...)"
         return f"'{measure}': {what}"
-    if word not in known and not names.has_truth and needs_truth:
+    lacks_truth = not names.has_truth and (is_of_error or needs_truth(measure))
+    if word not in known and lacks_truth:
         # Of many similar metrics, only a few are suggested: autocorrelation_1, and not those at 2 to 10.
         rarely_useful = re.compile(r"(bias|std)_.*|lost|autocorrelation_(?!1$).*")
         bases = {measured(name).base for name in known}
@@ -211,7 +267,7 @@ def _why_unknown(request: MetricRequest, names: Names, settings: Settings) -> st
     if word in known or not request.named or names.could_be_diagnostic(measure.metric):
         return None
     # Step 3: unknown names, with a hint.
-    if needs_truth and quantity in names.components:
+    if is_of_error and quantity in names.components:
         hint = f"`score: {{errors: {{{quantity}: [{quantity}]}}}}` of the scenario adds it"
         return f"{word!r} is no metric here; {hint}"
     if metric.name in ("nees", "anees") and quantity in ("position", "velocity"):
@@ -220,6 +276,9 @@ def _why_unknown(request: MetricRequest, names: Names, settings: Settings) -> st
     has_metric = any(measured(name).definition is metric for name in known)
     if metric.name in _ADDED_BY and not has_metric:
         return f"{word!r} is no metric here; the key {_ADDED_BY[metric.name]} adds it"
+    if metric.name in _MEASURED_WITH and not has_metric:
+        needed = _MEASURED_WITH[metric.name]
+        return f"{word!r} is no metric here: it needs {needed}; add this, or leave the metric out"
     known_bases = sorted({measured(name).base for name in known})
     near = _nearest_metric(word, known, known_bases)
     hint = f"did you mean {near}?" if near else unknown("", known_bases)

@@ -2,7 +2,7 @@
 
 import copy
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -13,14 +13,17 @@ from trackbench.config.dump import as_config
 from trackbench.config.experiment import Experiment, Point, Settings
 from trackbench.config.filter_model import check_late, read_assumed
 from trackbench.config.includes import deep_merge, override, split_path
+from trackbench.config.requested_truth import is_measured_in
 from trackbench.config.tuning import Axis, bad_terms, default_metric, read_axis, tuned_label
-from trackbench.errors import Mark, Problem
+from trackbench.errors import Mark, Problem, UserError
 from trackbench.evaluation.block import simulate
+from trackbench.extension_points import Part
 from trackbench.filters.base import AnyFilter
-from trackbench.models.sensors.base import Assume
+from trackbench.models.sensors.base import Assume, SensorBase
 from trackbench.plugins.checks import check_scenario
 from trackbench.plugins.errors import PluginError
-from trackbench.yaml_source import Source, put
+from trackbench.registry import of_kind
+from trackbench.yaml_source import Keys, Source, put
 
 Chosen = Mapping[str, object]
 """Values of a filter's keys by their path within its entry: ``{assume.motion.q: 0.3}``."""
@@ -98,7 +101,11 @@ def _check_tuned_label(source: Source, label: str) -> None:
     entries = []
     for filter_label in (label, tuned_label(label)):
         without_values = with_values(source, filter_label, dict.fromkeys(keys))
-        entries.append(without_values.at(("filters", filter_label)))
+        entry = without_values.at(("filters", filter_label))
+        # A copy of the true sensor lacks these keys, and a config of results has their defaults.
+        if isinstance(entry.get("assume"), dict):
+            _drop_true_keys(entry["assume"].get("sensor"))
+        entries.append(entry)
     original, tuned = entries
     if original != tuned:
         what = f"tuning gives this label to the tuned {label}: give this filter another label"
@@ -117,23 +124,83 @@ def _set_values(source: Source, label: str, original_label: str, values: Chosen)
     """Set values of a filter; their positions are those of ``original_label`` under ``tune``."""
     for path, value in values.items():
         mark = source.mark(("tune", original_label, path))
-        _copy_scenario_model(source, label, path)
-        override(source, split_path(source, f"filters.{label}.{path}"), value, mark)
+        _copy_model(source, label, path)
+        _write_default_kind(source, label, path)
+        try:
+            keys = split_path(source, f"filters.{label}.{path}")
+        except UserError:
+            # A key of a list is that of one of its items, which the path names by number.
+            place = ("tune", original_label, path)
+            what = "part of the path is a list: name one of its items by number, from 0"
+            if path.startswith("assume.sensor."):
+                what += f", as assume.sensor.0.{path.rpartition('.')[2]}"
+            raise UserError(source.problem(place, what)) from None
+        override(source, keys, value, mark)
 
 
-def _copy_scenario_model(source: Source, label: str, path: str) -> None:
-    """Copy the model of ``assume.motion.q`` from the scenario's `assume` if the filter has none."""
+_TRUE_COMPONENTS: Mapping[str, Keys] = {
+    "motion": ("scenario", "target", "motion"),
+    "sensor": ("scenario", "sensor"),
+    "start": ("scenario", "start"),
+}
+"""Keys of the true component that filters assume by default, by the component's key in `assume`."""
+
+
+def places_of_model(label: str, component: str) -> list[Keys]:
+    """Return the keys at which the model of a filter may stand, the first that is set counts.
+
+    These are the filter's `assume`, that of the scenario, and the true component.
+    """
+    places: list[Keys] = [
+        ("filters", label, "assume", component),
+        ("scenario", "assume", component),
+    ]
+    if component in _TRUE_COMPONENTS:
+        places.append(_TRUE_COMPONENTS[component])
+    return places
+
+
+def _copy_model(source: Source, label: str, path: str) -> None:
+    """Copy the model of a key such as ``assume.motion.q`` to the filter if it has none of its own.
+
+    It is the one that the filter assumes anyway: of the scenario's `assume`, or the true one.
+    """
     root, _, inner_path = path.partition(".")
     component, _, key = inner_path.partition(".")
     if root != "assume" or not key:
         return
-    scenario_model = ("scenario", "assume", component)
-    filter_model = ("filters", label, "assume", component)
-    if not source.has(scenario_model) or source.has(filter_model):
+    filter_model, *places = places_of_model(label, component)
+    for place in (filter_model, *places):
+        if not source.has(place) or source.at(place) is None:
+            continue
+        model = copy.deepcopy(source.at(place))
+        if place == filter_model or not isinstance(model, dict | list):
+            return
+        if place == _TRUE_COMPONENTS["sensor"]:
+            _drop_true_keys(model)
+        override(source, filter_model, model, source.mark(place))
         return
-    model = source.at(scenario_model)
-    if isinstance(model, dict):
-        override(source, filter_model, copy.deepcopy(model), source.mark(scenario_model))
+
+
+def _write_default_kind(source: Source, label: str, path: str) -> None:
+    """Write the default component of a filter's entry if a key within it is set: ``filter.gate``."""
+    name, _, inner_path = path.partition(".")
+    place = ("filters", label, name)
+    kind = source.at(("filters", label)).get("kind")
+    cls = of_kind("filters", kind) if isinstance(kind, str) else None
+    if not inner_path or cls is None or source.has(place):
+        return
+    default = getattr(cls, name, None)
+    if isinstance(default, Part):
+        override(source, place, {"kind": default.kind}, source.mark(("filters", label)))
+
+
+def _drop_true_keys(sensors: object) -> None:
+    """Drop the keys of a true sensor, or of each in a list, that no filter models, as `outliers`."""
+    for sensor in sensors if isinstance(sensors, list) else [sensors]:
+        if isinstance(sensor, dict):
+            for key in fields(SensorBase):
+                sensor.pop(key.name, None)
 
 
 def _is_entry(source: Source, label: str) -> bool:
@@ -239,11 +306,14 @@ def with_defaults(
         return settings
     tuning = settings.tuning
     if tuning.metric is None:
-        # If one of the two scenarios has no truth, the metric is one that needs none.
-        scenario = points[0].scenario
-        if scenario.has_truth and not training.scenario.has_truth:
-            scenario = training.scenario
-        tuning = replace(tuning, metric=default_metric(scenario))
+        # If one of the two scenarios has no truth to score, the metric is one that needs none.
+        scored_scenarios = (
+            points[0].scenario,
+            training.scenario.training or training.scenario,
+        )
+        has_errors = all(is_measured_in(scenario) for scenario in scored_scenarios)
+        metric = default_metric(points[0].scenario, has_errors)
+        tuning = replace(tuning, metric=metric)
     # Where training takes a share of each recording's time, it has all recordings.
     trains_on_time_share = training.scenario.training is not None
     if trains_on_time_share and "runs" not in (source.data.get("tuning") or {}):

@@ -129,9 +129,14 @@ def read_axis(key: str, written: object) -> Axis:
 
     Raises ValueError, with the mistake in words.
     """
+    if " & " in key:
+        raise ValueError("keys that vary together are of a grid; tune each key under its own name")
     if isinstance(written, list):
         if len(written) < 2:
             raise ValueError("a list of choices has at least two")
+        if any(isinstance(value, dict | list) for value in written):
+            what = "a choice is a word or a number; tune keys within it"
+            raise ValueError(f"{what}, as {key}.kind: [A, B]")
         if any(value in written[:i] for i, value in enumerate(written)):
             raise ValueError("a choice is given twice")
         return Axis(key, choices=tuple(written))
@@ -176,6 +181,20 @@ class Objective(NamedTuple):
     def metrics(self) -> list[str]:
         """Names of the values per run that it takes."""
         return [_run_metric(_read_term(word)) for word in self.weights]
+
+    @property
+    def only_mean(self) -> str | None:
+        """Name of the values per run, if the objective is the mean or rms of one error or score."""
+        if len(self.weights) != 1:
+            return None
+        ((word, weight),) = self.weights.items()
+        if weight <= 0.0:
+            return None
+        measure = _read_term(word)
+        is_minimized = measure.definition.better == "lower"
+        if measure.statistic not in ("mean", "rms") or not (is_minimized or _is_maximized(measure)):
+            return None
+        return _run_metric(measure)
 
     def score(self, per_run: Mapping[str, Array]) -> RunEstimate:
         """Return the objective of the runs' values (M,) by metric, NaN for lost runs; less is better."""
@@ -274,8 +293,8 @@ def bad_terms(metric: str | Mapping[str, float] | None) -> Iterator[tuple[str, s
             yield word, f"{word!r}: of a metric that is better larger take {better}"
 
 
-def default_metric(scenario: Scenario) -> str:
-    """Return the rms of the scenario's first error; without a truth the predictive likelihood."""
-    if not scenario.has_truth:
+def default_metric(scenario: Scenario, has_errors: bool) -> str:
+    """Return the rms of the scenario's first error; without errors the predictive likelihood."""
+    if not has_errors:
         return "log_score"
     return f"rms({error_names(scenario)[0]})"

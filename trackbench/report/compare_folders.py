@@ -307,7 +307,10 @@ def rows_of(
     paired: bool,
     is_exact: bool,
 ) -> Iterator[Row]:
-    """Yield the row that compares a metric of two folders; no row if they have no run in common.
+    """Yield the row that compares a metric of two folders.
+
+    There is no row if one of the folders does not measure the metric, or if the folders have no run in
+    common: nothing can be compared then, and two empty columns are not equal numbers.
 
     If the folders differ in which runs have infinite values, a row with the share of these runs comes
     before it.
@@ -322,6 +325,8 @@ def rows_of(
     point, label, metric = key
     number_a = a.overall if isinstance(a, Sample) else a
     number_b = b.overall if isinstance(b, Sample) else b
+    if _is_unmeasured(a) or _is_unmeasured(b):
+        return
     # Step 1: test equality, of samples value by value.
     if isinstance(a, Sample) and isinstance(b, Sample):
         is_equal = np.array_equal(a.values, b.values, equal_nan=True)
@@ -368,6 +373,13 @@ def rows_of(
         change = compare_independent(number_b, number_a)
         worse = _compare_distances(row_metric, change, compare_independent)
     yield Row(point=point, filter=label, metric=row_metric, how=how, change=change, worse=worse)
+
+
+def _is_unmeasured(number: Sample | RunEstimate) -> bool:
+    """Test whether a number has no value: in no run, or without runs as such."""
+    if isinstance(number, Sample):
+        return bool(np.isnan(number.values).all())
+    return bool(np.isnan(number.value))
 
 
 def _with_infinite_z(comparison: Comparison) -> Comparison:

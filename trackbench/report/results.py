@@ -483,8 +483,9 @@ def _unit(
     hint = None
     if cls is not None:
         hint = hints_of(cls).get(key)
-    if key == "assume" and hint is None:
-        return _unit(settings[key], group=None, cls=Assume, keys=inner_keys)
+    if key == "assume" and hint is None and inner_keys:
+        # A filter without this key takes the model of the scenario.
+        return _unit(settings.get(key) or {}, group=None, cls=Assume, keys=inner_keys)
     if hint is None:
         return ""
     # A key of a component or dataclass inside this one.

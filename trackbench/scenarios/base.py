@@ -128,6 +128,14 @@ class Scenario(Scene):
         return True
 
     @property
+    def recorded_truth(self) -> Array | None:
+        """Recorded true states (n_x, T + 1, M), NaN where they are unknown.
+
+        None if there is no recorded truth, as in a simulation, where the truth is known at each step.
+        """
+        return None
+
+    @property
     def recorded_runs(self) -> int | None:
         """Number of recorded runs; None for simulated scenarios."""
         return None

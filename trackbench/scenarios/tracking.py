@@ -39,6 +39,12 @@ from trackbench.scenarios.bound import (
 from trackbench.scenarios.delays import arrivals, longest_delay_of, treatment
 from trackbench.scenarios.faults import AnyFault, FaultContext, recovery
 from trackbench.scenarios.score import Score, diverged
+from trackbench.scenarios.scored_truth import (
+    describe_unscored_truth,
+    note_on_runs,
+    runs_with_truth,
+    steps_with_truth,
+)
 from trackbench.scenarios.starts.base import FixedStart, InitialScans, Start, repeated
 from trackbench.scenarios.targets.base import Schedule, Scored, Target, Timeline
 
@@ -452,9 +458,27 @@ class Tracking(Scenario):
         return self.target.own_motion is not None
 
     @property
+    def recorded_truth(self) -> Array | None:
+        """Recorded true states (n_x, K, M) of the steps, NaN where unknown; None without a recording."""
+        truth = self.target.recorded_truth
+        if truth is None:
+            return None
+        return truth[:, self._skipped : len(self._timeline.steps)]
+
+    @property
     def cautions(self) -> tuple[str, ...]:
-        """Notes on changes to the target's data, and on its unexpected keys."""
-        return (*self.target.notices, *self.target.cautions(self._timeline))
+        """Notes on the target's data, on its unexpected keys, and on scored steps without a truth."""
+        notes = [*self.target.notices, *self.target.cautions(self._timeline)]
+        truth = self.recorded_truth
+        if truth is not None:
+            scored = self.windows[""]
+            why = describe_unscored_truth(self.times, steps_with_truth(truth), scored)
+            if why:
+                notes.append(f"{why}; errors are not measured")
+            note = note_on_runs(self.target.run_names, runs_with_truth(truth), scored)
+            if note:
+                notes.append(note)
+        return tuple(notes)
 
     def run_metrics(self, values: Mapping[str, Array]) -> dict[str, Array]:
         """Return ``diverged`` (M,), see `score.diverged`; then the target's own numbers per run."""

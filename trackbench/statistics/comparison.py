@@ -107,9 +107,16 @@ class Comparison(NamedTuple):
 
     @property
     def is_equal(self) -> bool:
-        """True if a and b have the same value in every common run."""
+        """True if a and b have the same value in every common run, of which there is at least one."""
         of_runs = self.difference.influences
-        return self.difference.value == 0.0 and of_runs is not None and not of_runs.any()
+        if self.difference.value != 0.0 or of_runs is None:
+            return False
+        return len(of_runs) > 0 and not of_runs.any()
+
+    @property
+    def is_measured(self) -> bool:
+        """True if the difference is a number; it is none if a and b have no value in common."""
+        return not np.isnan(self.difference.value)
 
     @property
     def ratio(self) -> RunEstimate:
@@ -148,10 +155,10 @@ class Comparison(NamedTuple):
 
 
 class Family(dict[tuple[str, str], Comparison]):
-    """Comparisons of every two filters, a before b; those without common runs are left out."""
+    """Comparisons of every two filters, a before b; those without common runs or steps are left out."""
 
     def between(self, a: str, b: str) -> Comparison | None:
-        """Return the comparison of a with b in this order; None without common runs."""
+        """Return the comparison of a with b in this order; None without common runs or steps."""
         if (a, b) in self:
             return self[a, b]
         if (b, a) in self:
@@ -161,9 +168,11 @@ class Family(dict[tuple[str, str], Comparison]):
 
 @np.errstate(all="ignore")
 def compare(a: Sample, b: Sample) -> Comparison | None:
-    """Compare two filters, not as one of a family of tests; None if they have no run in common."""
+    """Compare two filters, not as one of a family of tests; None without a common run or step."""
     # Step 1: a recording is compared step by step.
     if a.steps is not None and b.steps is not None:
+        if not (a.steps.has_value & b.steps.has_value).any():
+            return None
         a_steps = a.steps.over_steps(b.steps.has_value)
         b_steps = b.steps.over_steps(a.steps.has_value)
         step_difference = a_steps.minus(b_steps)

@@ -114,14 +114,15 @@ class ErrorDistribution(NamedTuple):
 def series_mean(series: Array) -> SeriesMean:
     """Return the mean of a series (T,) of correlated steps, without its NaN, and its standard error.
 
-    The mean has no standard error for fewer steps than `LEAST_STEPS`, nor if the autocorrelation of
-    neighbors may be as large as `MOST_CORRELATED`.
+    A series without a number has the mean NaN. The mean has no standard error for fewer steps than
+    `LEAST_STEPS`, nor if the autocorrelation of neighbors may be as large as `MOST_CORRELATED`.
     """
     x = series[~np.isnan(series)]
     T = len(x)
     if T < LEAST_STEPS:
         why = f"{T} judged steps, and {LEAST_STEPS} are needed"
-        return SeriesMean(float(total(x) / max(T, 1)), np.nan, why=why)
+        mean_of_few = float(total(x)) / T if T else np.nan
+        return SeriesMean(mean_of_few, np.nan, why=why)
     mean = float(total(x)) / T
     d = x - mean
     if not d.any():

@@ -325,7 +325,10 @@ class Record:
         """Yield remarks on lost runs, keys at an end of their range, keys without effect."""
         best = self.best
         if not isfinite(best.objective):
-            yield "no value that was tried keeps a single training run"
+            if best.lost:
+                yield "no value that was tried keeps a single training run"
+            else:
+                yield "the metric of tuning has no value in training, so nothing was tuned"
             return
         number = len(self.trials)
         # The last trials are those around the best values.

@@ -28,6 +28,7 @@ from trackbench.execution.runner import stored_block
 from trackbench.progress_bar import progress_bar
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.tuning.search import Record, Search, Shares, Trial, Values
+from trackbench.yaml_source import Keys
 
 
 def tune(
@@ -185,6 +186,12 @@ class Training:
             shares.append(share)
         return tuple(shares)
 
+    @property
+    def first_tasks(self) -> list[BlockTask]:
+        """Tasks of the first trial, with the config's own values."""
+        start = zip(self.axes, self.start, strict=True)
+        return self.tasks(tuple(axis.at(share) for axis, share in start))
+
     def tasks(self, values: Values) -> list[BlockTask]:
         """Return the tasks of a trial with these values, as few as its particles allow.
 
@@ -246,16 +253,30 @@ class Training:
 def given_values(experiment: Experiment, label: str) -> dict[str, Any]:
     """Return the values of the keys of a filter, and of its filter model, by path.
 
-    Presets and defaults are included.
+    Presets and defaults are included, and the model that the filter takes from the scenario.
     """
     point = experiment.points[0]
     filters = point.filters | experiment.left_out
     config = as_config(filters[label])
+    assumed = {}
     if label in point.assumed:
         assumed = as_config(point.assumed[label])
         config["late"] = assumed.pop("late", None)
-        config["assume"] = assumed
+    # A component that the filter does not set is that of the scenario.
+    scenario = {"scenario": as_config(point.scenario)}
+    for component in ("motion", "sensor", "start"):
+        for place in tuned_entries.places_of_model(label, component)[1:]:
+            if assumed.get(component) is None:
+                assumed[component] = _value_at(scenario, place)
+    config["assume"] = assumed
     return dict(_walk_values(config))
+
+
+def _value_at(data: Any, keys: Keys) -> Any:
+    """Return the value at these keys of nested mappings; None if there is none."""
+    for key in keys:
+        data = data.get(key) if isinstance(data, dict) else None
+    return data
 
 
 def _walk_values(data: Any, path: str = "") -> Iterator[tuple[str, Any]]:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from math import isfinite, nan
 from typing import Any, ClassVar
 
-from trackbench.config.tuning import Axis
+from trackbench.config.tuning import Axis, tuned_label
 from trackbench.errors import counted
 from trackbench.registry import register
 from trackbench.report.findings import phrases
@@ -71,7 +71,11 @@ class TuningFigure(FigureKind):
             owner = f"{str(keys[-3]).removesuffix('s')} {int(owner) + 1}"
         if owner and owner != "assume":
             name = f"{name} of {owner}"
-        return phrases.in_unit(name, unit or results.unit_of_key(["filters", self.filter, *keys]))
+        # The entry of the tuned filter has the model with the key, which the filter may lack.
+        label = tuned_label(self.filter)
+        if label not in results.config["filters"]:
+            label = self.filter
+        return phrases.in_unit(name, unit or results.unit_of_key(["filters", label, *keys]))
 
 
 def _draw_panel(ax: Axes, record: Record, axis: Axis) -> None:

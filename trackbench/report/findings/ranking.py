@@ -248,10 +248,18 @@ def best_settings(results: Results) -> list[Ranking]:
 
 
 def ranking_metrics(results: Results) -> list[str]:
-    """Return the metrics that filters can be ranked by, as `sort_ranking_metrics` sorts them."""
+    """Return the metrics that filters can be ranked by, as `sort_ranking_metrics` sorts them.
+
+    A metric that no filter measures is left out, as an error without a truth at a scored step.
+    """
     names: dict[str, None] = {}
     for point in results.points():
-        names |= dict.fromkeys(metric for _, metric in results.runs(point))
+        runs = results.runs(point)
+        for (label, metric), values in runs.items():
+            # A lost run has no value, either, and counts.
+            lost = runs.get((label, "lost"), np.zeros(len(values)))
+            if metric not in names and (lost.any() or not np.isnan(values).all()):
+                names[metric] = None
     return sort_ranking_metrics(results.config, list(names))
 
 
@@ -380,7 +388,7 @@ def ranking_of(
 def _common_steps(candidates: Sequence[Candidate]) -> CommonSteps | None:
     """Count the steps at which all candidates have the metric; None if all have it at the same steps.
 
-    It is also None if the candidates are not of one recording.
+    It is also None if the candidates are not of one recording, or have no step in common.
     """
     if not candidates or any(c.sample.steps is None for c in candidates):
         return None
@@ -388,7 +396,7 @@ def _common_steps(candidates: Sequence[Candidate]) -> CommonSteps | None:
     has_value = np.array([c.sample.steps.has_value for c in candidates if c.sample.steps])
     numbers = has_value.sum(axis=1)
     is_common: Mask = np.logical_and.reduce(has_value, axis=0)
-    if (numbers == is_common.sum()).all():
+    if not is_common.any() or (numbers == is_common.sum()).all():
         return None
     most = int(numbers.max())
     skipping = [c for c, number in zip(candidates, numbers, strict=True) if number < most]

@@ -118,6 +118,12 @@ def _ranking_table(results: Results, ranking: Ranking, of_settings: bool) -> Tex
             table.notes.append(
                 "An interval is of its pair alone, and left out where it contradicts n.s."
             )
+    if any(candidate.sample.steps is not None for candidate in candidates):
+        what = "score" if is_score else "error"
+        table.notes.append(
+            f"One recording: a filter's own {what} has no ±, as it depends on the path that all filters "
+            "share; compare by the third column."
+        )
     if rules.UNTESTED in ratios:
         table.notes.append(
             f"{rules.UNTESTED}: the difference from the best has no standard error, so that it may be "

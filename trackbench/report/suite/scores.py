@@ -58,7 +58,12 @@ class Ratio:
 
     @classmethod
     def of(cls, comparison: Comparison) -> "Ratio":
-        """Return the ratio of two filters with the interval of its test."""
+        """Return the ratio of two filters with the interval of its test.
+
+        The ratio of two errors that are both zero in every run is 1.
+        """
+        if comparison.is_equal and comparison.a.value == comparison.b.value == 0.0:
+            return cls(value=1.0, low=1.0, high=1.0)
         low, high = comparison.ratio_interval
         return cls(value=comparison.ratio.value, low=low, high=high)
 
@@ -301,7 +306,12 @@ def _score_candidate(
     anees = mean(nees[~np.isnan(nees)] / size)
     reason = ""
     if not isfinite(overall.value):
-        reason = "lost all runs" if candidate.losses == len(candidate.lost) else "infinite error"
+        if candidate.losses == len(candidate.lost):
+            reason = "lost all runs"
+        elif np.isnan(candidate.sample.values).all():
+            reason = "error is not measured"
+        else:
+            reason = "infinite error"
     return replace(
         _blank_score(problem, candidate.label, role),
         metric=f"{candidate.sample.statistic}({ranking.metric.metric})",

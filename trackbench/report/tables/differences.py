@@ -1,6 +1,7 @@
 """Table kinds of paired differences: `differences` to one filter, `claims` over a grid."""
 
 from dataclasses import dataclass
+from math import isnan
 from typing import ClassVar
 
 from trackbench.config.experiment import Labeled
@@ -14,7 +15,7 @@ from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
 from trackbench.statistics import rules
 from trackbench.statistics.estimates import RunEstimate
-from trackbench.statistics.rules import UNDECIDED
+from trackbench.statistics.rules import NOT_MEASURED, UNDECIDED
 
 
 @register("tables", "differences")
@@ -72,8 +73,8 @@ class ClaimRow(Labeled):
 class Claims(TableKind):
     """A row per claim, a column per value of the grid: paired difference, negative where it holds.
 
-    A claim holds, or fails, if the paired difference is significant; else it is inconclusive. The notes
-    give the values of each.
+    A claim holds, or fails, if the paired difference is significant; else it is inconclusive. It is not
+    measured if the filters have no run in common. The notes give the values of each.
     """
 
     label_keys: ClassVar[tuple[str, ...]] = ("claims",)
@@ -106,6 +107,8 @@ def _judge(evaluator: Evaluator, claim: ClaimRow) -> tuple[RunEstimate, str]:
     mean = claim.metric._replace(statistic="mean")
     # mean(less - than) on common runs, negative where the claim holds
     difference = evaluator.difference(mean.of(claim.less), mean.of(claim.than))
+    if isnan(difference.value):
+        return difference, NOT_MEASURED
     sign = rules.difference_sign(difference, evaluator.results.batches)
     if sign < 0:
         return difference, "holds"
@@ -119,7 +122,12 @@ def _values_by_verdict(names: list[str], words: list[str]) -> str:
 
     ``names`` are those of the points, ``words`` the verdicts there.
     """
-    names_by_verdict: dict[str, list[str]] = {"holds": [], UNDECIDED: [], "fails": []}
+    names_by_verdict: dict[str, list[str]] = {
+        "holds": [],
+        UNDECIDED: [],
+        NOT_MEASURED: [],
+        "fails": [],
+    }
     for name, word in zip(names, words, strict=True):
         names_by_verdict[word].append(name)
     parts = []

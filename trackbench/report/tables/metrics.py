@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from trackbench.config.experiment import Labeled
+from trackbench.config.requested_truth import needs_truth
 from trackbench.errors import counted
 from trackbench.evaluation.error_series import LOST_BECAUSE
 from trackbench.evaluation.metric_expression import Expression, Measure
@@ -29,6 +30,7 @@ _WHY_NO_NEES = (
     "is empty, as it needs a truth of the whole state, velocities included. "
     "`score: {marginals: [position]}` adds anees_position."
 )
+_WHY_NO_ERROR = "is empty: at no scored step the truth has what it needs."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,8 +109,12 @@ class Metrics(TableKind):
         for column, head in enumerate(self.columns):
             metric = measures[column].definition
             quantity = measures[column].quantity
-            if metric.name in ("nees", "anees") and not quantity and column not in filled_columns:
+            if column in filled_columns:
+                continue
+            if metric.name in ("nees", "anees") and not quantity:
                 table.notes.append(f"{head} {_WHY_NO_NEES}")
+            elif needs_truth(measures[column]) and _keeps_runs_of_recording(results):
+                table.notes.append(f"{head} {_WHY_NO_ERROR}")
         slow = [label for label in labels if label in results.loops_over_runs]
         if slow and any("cpu_s" in str(m) for m in measures):
             table.notes.append(f"Time of {', '.join(slow)}: one run after the other.")
@@ -119,6 +125,18 @@ class Metrics(TableKind):
             if failure["filter"] in labels:
                 table.notes.append(f"{failure['filter']} failed: {failure['reason']}")
         return table
+
+
+def _keeps_runs_of_recording(results: Results) -> bool:
+    """Test whether the results are of recorded measurements, and some filter keeps a run."""
+    targets = [results.facts(point).scenario.get("target") for point in results.points()]
+    if not all(isinstance(target, dict) and target.get("kind") == "measured" for target in targets):
+        return False
+    for point in results.points():
+        for (_, metric), values in results.runs(point).items():
+            if metric == "lost" and (values == 0).any():
+                return True
+    return False
 
 
 def best_labels(evaluator: Evaluator, labels: Sequence[str], m: Measure) -> list[str]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import isfinite
+from math import isfinite, nan
 
 import numpy as np
 
@@ -15,7 +15,13 @@ from trackbench.report.findings import phrases
 from trackbench.report.kinds import TableKind
 from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
-from trackbench.statistics.comparison import Comparison, as_family, compare_estimates
+from trackbench.statistics.comparison import (
+    Comparison,
+    Sample,
+    as_family,
+    compare,
+    compare_estimates,
+)
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.sample_statistics import Estimate
 from trackbench.tuning.search import Record
@@ -34,9 +40,9 @@ _TRAINING_PATHS = {
 class TuningTable(TableKind):
     """A row per tuned filter: the values found, each with the range within one standard error.
 
-    `Training` is the metric on the runs it was tuned on, `Results` on those of the results, `Gap` how
-    much larger that is; `Untuned` is the filter as the config has it, on the runs of the results, and
-    `Gained` how much larger that is than the tuned one, paired.
+    `Training` is the metric on the runs it was tuned on, `Results` on those of the results, `Gap` the
+    difference Results - Training; `Untuned` is the filter as the config has it, on the runs of the
+    results, and `Gained` the difference Untuned - Results, paired.
     """
 
     digits: Digits = 4
@@ -61,7 +67,10 @@ class TuningTable(TableKind):
             untuned[label] = untuned_score
             if tuned_score is not None and untuned_score is not None:
                 comparisons[label] = compare_estimates(untuned_score, tuned_score)
+        # Of a recording that is shared out in time, training and results have no standard errors.
+        has_shared_time = _train_share(results) is not None
         gains = as_family(comparisons)
+        gains_by_steps = as_family(_compare_by_steps(results, objective))
         # Step 2: a row per filter, with notes on a gain that is none.
         for label, record in results.tuning.items():
             gain = gains.get(label)
@@ -71,16 +80,31 @@ class TuningTable(TableKind):
             keys = [label, _values(record), str(len(record.trials))]
             table.add(keys, [*_cells(record, tuned[label], untuned[label]), gained])
             notes = list(record.remarks(tuning["runs"]))
+            tuned_score = tuned[label]
+            gap = nan if tuned_score is None else tuned_score.value - record.best.objective
+            if has_shared_time and gap < 0.0:
+                notes.append(_EASIER_RESULTS)
             if gain is not None:
-                notes += _notes_on_results(gain)
+                notes += _notes_on_results(gain, gains_by_steps.get(label, gain))
             table.notes += [f"{label}: {text}." for text in notes]
         return table
+
+
+_EASIER_RESULTS = (
+    "the gap is negative: the part of the time that is judged is easier than the part for training"
+)
+
+
+def _train_share(results: Results) -> float | None:
+    """Return the share of a recording's time that training sees; None if training has other runs."""
+    share: float | None = (results.config["scenario"].get("score") or {}).get("train")
+    return share
 
 
 def _training_runs(results: Results) -> str:
     """Describe the training runs, or the part of recorded ones, and how those of the results differ."""
     config = results.config
-    share = (config["scenario"].get("score") or {}).get("train")
+    share = _train_share(results)
     if share is not None:
         return f"the first {100 * share:g} % of the time; results of the rest"
     held_out = results.manifest.get("training_holds_out", "")
@@ -164,18 +188,48 @@ def _cells(record: Record, tuned: RunEstimate | None, untuned: RunEstimate | Non
     return [training, result, gap_cell, before]
 
 
-def _notes_on_results(gain: Comparison) -> Iterator[str]:
+def _compare_by_steps(results: Results, objective: Objective) -> dict[str, Comparison]:
+    """Compare each filter as configured, a, with the tuned one, b, over the steps of one recording.
+
+    The mapping is empty if the results have several runs, or if the objective is no mean or rms of one
+    error or score.
+    """
+    metric = objective.only_mean
+    if metric is None:
+        return {}
+    sign = -1.0 if measured(metric).definition.more_is_better else 1.0
+    runs = results.runs({})
+    steps = results.judged_steps({})
+    comparisons = {}
+    for label in results.tuning:
+        samples = []
+        for key in ((label, metric), (tuned_label(label), metric)):
+            if key in steps:
+                samples.append(Sample.of(sign * runs[key], "mean", sign * steps[key]))
+        if len(samples) == 2:
+            comparison = compare(*samples)
+            if comparison is not None:
+                comparisons[label] = comparison
+    return comparisons
+
+
+def _notes_on_results(gain: Comparison, tested_gain: Comparison) -> Iterator[str]:
     """Yield notes on the runs of the results: tuned, the filter loses more of them or is no better.
 
-    ``gain`` compares the untuned filter, a, with the tuned one, b.
+    ``gain`` compares the untuned filter, a, with the tuned one, b, over the runs. ``tested_gain`` is the
+    same, or the comparison over the steps of one recording.
     """
     untuned = gain.a
     tuned = gain.b
     if tuned.lost > untuned.lost:
         lost = counted(tuned.lost, "run")
         yield f"tuned, it loses {lost} of the results, and {untuned.lost} as it was"
+    if not gain.is_measured:
+        if untuned.lost == tuned.lost:
+            yield "the gain is not measured: the results have no value of the metric of tuning"
+        return
     # The objective is minimized: a positive sign says that the untuned filter's is larger, which is a
     # gain. An insignificant gain is none, unless fewer runs are lost.
-    if untuned.lost <= tuned.lost and gain.sign <= 0:
-        worse = "worse" if gain.sign else "not significantly better"
+    if untuned.lost <= tuned.lost and tested_gain.sign <= 0:
+        worse = "worse" if tested_gain.sign else "not significantly better"
         yield f"tuned, it is {worse} on the runs of the results than as it was"

@@ -352,10 +352,12 @@ def guessed_units(guess: Guess, prefix: str = "") -> list[str]:
 def usable_quantities(guess: Guess) -> list[str]:
     """Name quantities that an unused column may hold: those that the config does not read."""
     used = _used_columns(guess)
-    # The first name is the example: beside a speed a course is missing.
+    # A speed is read with a course alone: where one of them is known, the other one is missing.
     names = ["speed", "course"]
     if "speed" in guess.naming.columns:
-        names.reverse()
+        names.remove("speed")
+    elif "course" in guess.naming.columns:
+        names.remove("course")
     if not used.keys() & {"x", "latitude"}:
         names = ["range", "azimuth"]
     names += ["run", "sensor", "received"]

@@ -176,6 +176,16 @@ class Target(Part):
         return True
 
     @property
+    def recorded_truth(self) -> Array | None:
+        """Recorded true states (n_x, K, M) at all steps, NaN where unknown; None without a recording."""
+        return None
+
+    @property
+    def run_names(self) -> tuple[str, ...]:
+        """Names of the recorded runs; empty of simulated ones."""
+        return ()
+
+    @property
     def longest_delay(self) -> int:
         """Number of steps after which the last recorded measurement was received."""
         return 0

@@ -59,6 +59,8 @@ class Recording(NamedTuple):
     """M recorded runs on one clock."""
 
     clock: Clock
+    names: tuple[str, ...]
+    """names of the runs"""
     scans: Array
     """scans (n_z, s, M) that the start uses up"""
     apart: Array
@@ -209,6 +211,18 @@ class Measured(FromFiles, Naming, Target):
     def has_truth(self) -> bool:
         """True if there is a file of it."""
         return self.truth is not None
+
+    @property
+    def recorded_truth(self) -> Array | None:
+        """True states (n_x, K, M) at all steps, NaN where unknown; None without a file of them."""
+        if self._recording.truth is None:
+            return None
+        return self._padded_truth()
+
+    @property
+    def run_names(self) -> tuple[str, ...]:
+        """Names of the recorded runs."""
+        return self._recording.names
 
     @property
     def longest_delay(self) -> int:
@@ -371,6 +385,7 @@ class Measured(FromFiles, Naming, Target):
             known_inputs = aligned_with(known_inputs, whole_clock.steps)
         return Recording(
             clock=whole_clock,
+            names=tuple(gathered.runs),
             scans=first_scans,
             apart=apart,
             measurements=measurements,
