@@ -161,18 +161,22 @@ def test_costs_are_compared_on_one_machine_beyond_the_ratio(tmp_path: Path) -> N
     assert trackbench("gate", *words, "--cost", 20, cwd=tmp_path).returncode == 0
 
 
-def test_a_filter_that_fails_fails_the_gate_unless_it_is_new(tmp_path: Path) -> None:
+def test_a_filter_that_fails_fails_the_gate_unless_it_failed_before(tmp_path: Path) -> None:
     """By a program that ends at once."""
     config = f"name: c\nseed: 1\nruns: 10\n{PLANE}filters:\n  KF: {{kind: kf}}\n"
     (tmp_path / "c.yaml").write_text(f"{config}  Old: {{kind: ekf}}\n")
-    options = api.Options(engine="serial", quiet=True, formats=())
+    options = api.Options(engine="serial", quiet=True, formats=(), allow_plugins=True)
     stored = api.run(tmp_path / "c.yaml", options, out=tmp_path / "out").folder
     words = ("c.yaml", "--against", stored, "--workers", 1, "--allow-plugins")
     broken = "{kind: external, command: ['false']}"
     (tmp_path / "c.yaml").write_text(f"{config}  Old: {{kind: ekf}}\n  New: {broken}\n")
     new = trackbench("gate", *words, cwd=tmp_path)
-    assert new.returncode == 0, new.stdout + new.stderr
-    assert "New: new, not compared" in new.stdout.splitlines()
+    assert new.returncode == 1
+    assert "New failed: " in new.stdout
+    both_fail = api.run(tmp_path / "c.yaml", options, out=tmp_path / "failed").folder
+    again = trackbench(*("gate", "c.yaml", "--against", both_fail, *words[3:]), cwd=tmp_path)
+    assert again.returncode == 0, again.stdout + again.stderr
+    assert "New: failed in the earlier results, not compared" in again.stdout.splitlines()
     (tmp_path / "c.yaml").write_text(f"{config}  Old: {broken}\n")
     old = trackbench("gate", *words, cwd=tmp_path)
     assert old.returncode == 1

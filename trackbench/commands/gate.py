@@ -60,7 +60,7 @@ class Removed(NamedTuple):
 
 
 class Failure(NamedTuple):
-    """Filter that was compared before and now fails."""
+    """Filter that fails, and did not fail before."""
 
     filter: str
     reason: str
@@ -81,7 +81,7 @@ class Verdict(NamedTuple):
 
     @property
     def is_worse(self) -> bool:
-        """True if a number is worse beyond the limit, or a filter fails or is gone that was not."""
+        """True if a number is worse beyond the limit, a filter begins to fail, or something is gone."""
         is_any_worse = any(row.verdict == WORSE for row in self.rows)
         return bool(self.failed) or bool(self.removed) or is_any_worse
 
@@ -230,9 +230,11 @@ def _compare_results(stored: Results, new: Results, limit: Limit, largest_ratio:
     # Step 2: filters that fail now, and filters and numbers that are gone.
     labels_with_rows = set(stored.columns("summary")["filter"].tolist())
     stored_labels = [label for label in stored.filters if label in labels_with_rows]
+    # A filter that the stored results have without numbers failed there, too.
+    failed_before = set(stored.config["filters"]) - set(stored_labels)
     failed = []
     for failure in new.failed:
-        if failure["filter"] in stored_labels:
+        if failure["filter"] not in failed_before:
             failed.append(Failure(filter=failure["filter"], reason=failure["reason"]))
     removed = list(_find_removed(stored, new, stored_labels))
     if not rows and not failed and not removed:
@@ -243,7 +245,9 @@ def _compare_results(stored: Results, new: Results, limit: Limit, largest_ratio:
     if why_not_paired:
         notes.append(f"not paired: {why_not_paired}")
     for label in new.filters:
-        if label not in stored_labels:
+        if label in failed_before:
+            notes.append(f"{label}: failed in the earlier results, not compared")
+        elif label not in stored_labels:
             notes.append(f"{label}: new, not compared")
     return Verdict(name=new.config["name"], rows=rows, failed=failed, removed=removed, notes=notes)
 
