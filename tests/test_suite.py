@@ -226,6 +226,46 @@ def test_a_program_is_asked_before_anything_runs(own: Path) -> None:
     assert not (own / "results").exists()
 
 
+SILENT = "#!/bin/sh\necho start >> starts\nwhile read line; do :; done\n"
+"""A program that reads lines and answers none; each start adds a line to the file `starts`."""
+
+
+def test_a_program_that_does_not_answer_stops_at_its_first_line(own: Path) -> None:
+    (own / "silent").write_text(SILENT)
+    (own / "silent").chmod(0o755)
+    starts = own / "starts"
+    commands = (
+        ("suite", "own.yaml", "--dry-run"),
+        ("suite", "own.yaml", "--quick"),
+        ("suite", "own.yaml", "--problem", "turns"),
+        ("run", "ungm"),
+        ("run", "ungm", "--dry-run"),
+    )
+    for i, words in enumerate(commands):
+        # This process runs all commands, and starts a filter of equal keys no second time.
+        timeout = 1.0 + i / 100
+        starts.unlink(missing_ok=True)
+        set_ = ("--set", f"filters.silent.timeout={timeout}")
+        done = trackbench(*words, "--filter", "./silent", *set_, cwd=own)
+        assert done.returncode == 2
+        assert done.stdout == ""
+        assert len(done.stderr.splitlines()) == 1
+        assert "filters.silent: the program does not answer the first line" in done.stderr
+        assert f"within {timeout:g} s; print `ready`, or `error TEXT`" in done.stderr
+        assert "docs/any-language.md" in done.stderr
+        assert starts.read_text() == "start\n"
+    assert not (own / "results").exists()
+
+
+def test_a_program_that_ends_at_its_first_line_runs_on_no_problem(own: Path) -> None:
+    (own / "ending").write_text("#!/bin/sh\necho 'no table' >&2\nexit 3\n")
+    (own / "ending").chmod(0o755)
+    done = trackbench("suite", "own.yaml", "--filter", "./ending", "--dry-run", cwd=own)
+    assert done.returncode == 2
+    assert "fits no problem: the program ended with code 3" in done.stderr
+    assert "'no table'" in done.stderr
+
+
 def test_a_problem_of_a_suite_is_no_experiment_and_has_a_hint() -> None:
     done = trackbench("show", "position")
     assert done.returncode == 2

@@ -194,6 +194,18 @@ def test_a_program_of_one_sensor_is_one_line_that_names_on(tmp_path: Path) -> No
     assert ("shapes", "good") in {finding[:2] for finding in findings}
 
 
+def test_a_program_that_does_not_answer_is_started_once(tmp_path: Path) -> None:
+    starts = tmp_path / "starts"
+    first = f"open({str(starts)!r}, 'a').write('x'); time.sleep(60)"
+    tracker = replace(script(tmp_path, "print(good, flush=True)", first), timeout=0.5)
+    (finding,) = check_filter(External, tracker)
+    assert (finding.check, finding.verdict) == ("runs on a problem", "bad")
+    assert "does not answer the first line, `trackbench 1 {JSON}`, within 0.5 s" in finding.why
+    assert "docs/any-language.md" in finding.why
+    assert "--on CONFIG" not in finding.why
+    assert starts.read_text() == "x"
+
+
 def test_angles_are_sent_within_half_a_turn(tmp_path: Path) -> None:
     """Also those that noise carried over the cut, and recorded ones of any turn."""
     answer = "print(*([fields[2]] if word == 'step' else ['0']), *['0'] * 3, flush=True)"

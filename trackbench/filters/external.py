@@ -46,9 +46,9 @@ from trackbench.field_types import (
 from trackbench.filters.base import Filter, Steps, WrongReturnError
 from trackbench.filters.external_process import (
     PROTOCOL,
+    NoFirstAnswerError,
     Program,
     ProgramError,
-    RefusalError,
     end_programs,
 )
 from trackbench.models.base import Model, Scene, measured_angle_rows
@@ -195,14 +195,24 @@ class External(Filter[ProgramState]):
         return few_digits(steps.estimate.mean, steps.estimate.cov)
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Start the program with the scenario's model, and return the reason if it refuses it."""
-        why = _why_refused(self, self._hello(scenario.model))
-        if not why:
-            return {}
+        """Start the program with the scenario's model; return the reason unless it answers `ready`.
+
+        A program that does not answer at all is not started again for another scenario.
+        """
+        if self in _SILENT:
+            return {"": _SILENT[self]}
         motion, sensor = scenario.model
         state = few_names(motion.components)
         measurement = few_names(sensor.components)
-        return {"": f"{why} (state: {state}; measurement: {measurement})"}
+        where = f"(state: {state}; measurement: {measurement})"
+        try:
+            why = _why_not_ready(self, self._hello(scenario.model))
+        except NoFirstAnswerError as error:
+            _SILENT[self] = f"{error} {where}"
+            return {"": _SILENT[self]}
+        if not why:
+            return {}
+        return {"": f"{why} {where}"}
 
     def cautions(self, scenario: Scene) -> list[str]:
         """Note how far its numbers are reproducible."""
@@ -297,18 +307,22 @@ class External(Filter[ProgramState]):
         return f"trackbench {PROTOCOL} {json.dumps(facts)}"
 
 
-@lru_cache(maxsize=1024)
-def _why_refused(tracker: External, hello: str) -> str:
-    """Start a program with its first line; return why it refuses the problem, or an empty text.
+_SILENT: dict[External, str] = {}
+"""Programs that gave no answer to a first line, with the message: each one costs its `timeout`."""
 
-    A program that fails in another way fails again when it is run, and is reported then.
+
+@lru_cache(maxsize=1024)
+def _why_not_ready(tracker: External, hello: str) -> str:
+    """Start a program with its first line; return why it does not run on the problem, or an empty text.
+
+    Raises NoFirstAnswerError if there is no answer in time.
     """
     try:
         program = Program(tracker.command, hello, tracker.timeout)
-    except RefusalError as error:
+    except NoFirstAnswerError:
+        raise
+    except ProgramError as error:
         return str(error)
-    except ProgramError:
-        return ""
     end_programs([program])
     return ""
 
