@@ -23,6 +23,7 @@ from trackbench.commands.run_suite import SuiteReport, _recorded_seconds, run_su
 from trackbench.config.shipped_experiments import SuiteTime, suite_names, suite_times
 from trackbench.config.suite import QUICK_RUNS, load_suite
 from trackbench.errors import UserError
+from trackbench.models.description import sensor_places
 from trackbench.report.plotting import style
 from trackbench.report.plotting.point_labels import PointLabel, label_points
 from trackbench.report.suite.figures import (
@@ -707,6 +708,23 @@ def test_the_page_has_the_state_and_measurement_of_the_problems() -> None:
         problems.setdefault(names, []).append(problem.name)
     for state, measurement, names in rows:
         assert names.split(", ") == problems[state, measurement]
+
+
+def test_the_page_names_the_radars_that_do_not_stand_at_the_origin() -> None:
+    """A filter that assumes the origin loses all runs there, and the page said nothing."""
+    page = (ROOT / "docs" / "suites.md").read_text(encoding="utf-8")
+    places: dict[str, list[tuple[float, ...]]] = {}
+    for problem in load_suite(Path("standard")).problems:
+        of_problem = sensor_places(problem.experiment.points[0].scenario.model)
+        if any(any(place) for place in of_problem):
+            places[problem.name] = of_problem
+    assert places.pop("drone") == [(-1500.0, -1500.0)]
+    assert "drone stands at [-1500, -1500], not at the origin" in page
+    late = ["late", "little-late", "always-late", "late-slow", "late-maneuvers"]
+    assert places == {key: [(0.0, 0.0), (10000.0, 0.0)] for key in late}
+    assert "the second radar stands at [10000, 0]" in page
+    done = trackbench("suite", "--dry-run", "--problem", "drone")
+    assert "measurement range azimuth, sensor at [-1500, -1500])" in done.stdout
 
 
 def test_a_quick_suite_has_few_runs_and_leaves_out_what_takes_long() -> None:

@@ -28,7 +28,9 @@ from trackbench.filters import external_process
 from trackbench.filters.external import External, ProgramRunError
 from trackbench.filters.external_process import programs_cpu_s
 from trackbench.models.motions.kinematic import WhiteAcceleration
+from trackbench.models.sensors.base import Outliers
 from trackbench.models.sensors.position import PositionSensor
+from trackbench.models.sensors.range_azimuth import PolarPosition, RangeAzimuth
 from trackbench.scaffold import write_new
 from trackbench.scenarios.starts.without_scans import GaussianStart
 from trackbench.scenarios.targets.base import Launch
@@ -105,6 +107,43 @@ def test_it_passes_the_contract(compiled: Path) -> None:
         assert [str(f) for f in check_filter(External, tracker, on=on) if f.verdict == "bad"] == []
     by_kind = check_file(compiled / "0")
     assert {f.verdict for f in by_kind["0"]} == {"good", "left out"}
+
+
+@pytest.fixture(scope="session")
+def radar_ekf(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The program of docs/any-language.md that takes the model of a radar from its first line."""
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if compiler is None:
+        pytest.skip("no C compiler is here")
+    program = tmp_path_factory.mktemp("radar") / "radar_ekf"
+    source = SOURCE.parent / "radar_ekf.c"
+    warn = ["-Wall", "-Wextra", "-Werror"]
+    subprocess.run([compiler, "-O1", *warn, str(source), "-o", str(program), "-lm"], check=True)
+    return program
+
+
+@pytest.mark.parametrize("at", [(), (-1500.0, 300.0)], ids=["origin", "elsewhere"])
+def test_a_program_that_reads_the_sensors_is_the_ekf(
+    radar_ekf: Path, at: tuple[float, ...]
+) -> None:
+    """With sigmas, place and motion of the first line alone, the azimuth's cut included."""
+    sensor = RangeAzimuth(
+        sigma_range=30.0, sigma_azimuth_mrad=7.0, at=at, detection=0.8, outliers=Outliers(share=0.1)
+    )
+    scenario = replace(radar(), sensor=sensor, last=40)
+    mine, ekf = (track(scenario, f, 23) for f in (external(radar_ekf), make_filter("ekf")))
+    np.testing.assert_allclose(mine.mean, ekf.mean, rtol=1e-9, atol=1e-6)
+    np.testing.assert_allclose(mine.nees, ekf.nees, rtol=1e-6)
+
+
+def test_a_program_that_reads_the_sensors_passes_the_contract(radar_ekf: Path) -> None:
+    (findings,) = check_file(radar_ekf).values()
+    assert [str(finding) for finding in findings if finding.verdict == "bad"] == []
+    assert findings[-1][:2] == ("errors and covariance fit reference filters", "good")
+    tracker = external(radar_ekf)
+    assert "needs the state px vx py vy" in tracker.conflicts(planar())[""]
+    bearings = replace(radar(), sensor=PolarPosition(sigma_range=1.0, sigma_azimuth_mrad=1.0))
+    assert "needs the state" in tracker.conflicts(bearings)[""]
 
 
 FIXED_GAIN = """name: steady

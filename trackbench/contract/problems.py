@@ -19,6 +19,7 @@ from trackbench.errors import in_line
 from trackbench.filters.base import AnyFilter
 from trackbench.filters.external import ProgramRunError
 from trackbench.models.base import Model, Motion, extra_std
+from trackbench.models.description import description_of, with_description
 from trackbench.models.motions.irregular import Irregular
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.priors import augment_prior
@@ -48,13 +49,14 @@ class ModelDraws(Scenario):
     @cached_property
     def model(self) -> Model:
         """Model that filters get."""
-        motion, sensor = self.base.model
         if not self.unequal:
-            return Model(motion, sensor)
+            return self.base.model
         base = cast(Tracking, self.base)
         drive = cast(Motion, base.assume.motion or base.target.own_motion)
         first = int(self.steps[1])
-        return Model(Irregular(drive, base.target.axes, first, np.diff(self.times)), sensor)
+        irregular = Irregular(drive, base.target.axes, first, np.diff(self.times))
+        model = Model(irregular, base.model.sensor)
+        return with_description(model, description_of(base.model))
 
     @property
     def _length(self) -> int:

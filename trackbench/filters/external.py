@@ -3,8 +3,8 @@
 Lines are UTF-8 text with fields separated by spaces, and NaN stands for what is missing. The program
 answers each line but the last with one line:
 
-- ``trackbench 1 {JSON}``: components, measurement, T, parameters, model, and input if the motion has
-  known inputs. Answer: ``ready``.
+- ``trackbench 1 {JSON}``: components, measurement, T, parameters, model, input if the motion has
+  known inputs, and first_step, motion, sensors and start as in the config. Answer: ``ready``.
 - ``init SEED TIME mean(n) cov(n n)``: a run begins. Answer: ``mean(n) cov(n n)``, or ``mean(n)``.
 - ``step TIME z(n_z)``: predict to TIME, update with z. Answer: as of ``init``. Inputs follow z.
 - ``end``: the program ends with code 0.
@@ -52,6 +52,7 @@ from trackbench.filters.external_process import (
     end_programs,
 )
 from trackbench.models.base import Model, Scene, measured_angle_rows
+from trackbench.models.description import describe_model
 from trackbench.models.inputs import inputs_of
 from trackbench.models.motions.irregular import step_length
 from trackbench.models.motions.kinematic import Linear
@@ -304,7 +305,10 @@ class External(Filter[ProgramState]):
             R = sensor.measurement(np.zeros((n, 1)), 1).cov.reshape(len(sensor.components), -1)
             matrices = {"F": motion.F, "Q": motion.Q, "H": H(n), "R": R}
             facts["model"] = {name: matrix.tolist() for name, matrix in matrices.items()}
-        return f"trackbench {PROTOCOL} {json.dumps(facts)}"
+        # Without spaces: programs that find `"q": ` of their parameters by text do not find it here.
+        described = json.dumps(describe_model(model), separators=(",", ":"))
+        text = f"{json.dumps(facts).removesuffix('}')}, {described.removeprefix('{')}"
+        return f"trackbench {PROTOCOL} {text}"
 
 
 _SILENT: dict[External, str] = {}
