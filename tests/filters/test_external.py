@@ -20,6 +20,7 @@ from tests.conftest import forget_facts, make_filter, track
 from trackbench import api
 from trackbench.contract import check_file, check_filter
 from trackbench.contract.problems import UNEQUAL, ModelDraws, new_rng, planar, radar, simulate
+from trackbench.core.distributions import Gaussian
 from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask
 from trackbench.execution import code_digests
@@ -355,8 +356,12 @@ def test_the_end_of_a_long_stderr_is_kept(tmp_path: Path) -> None:
 
 DIGITS = {
     "f'{v:.6g}'": "at most 6 digits",
-    "f'{v:.9g}'": "at most 9 digits",
+    "f'{v:.3g}'": "at most 3 digits",
     "f'{v:.4f}'": "at most 4 decimals",
+    "f'{v:.9g}'": "the answers have the digits of float32",
+    "f'{float32(v):.9g}'": "the answers have the digits of float32",
+    "f'{float32(v):.8g}'": "the answers have the digits of float32",
+    "f'{float32(v):.17g}'": "the answers have the digits of float32",
     "f'{v:.17g}'": "",
     "repr(v)": "",
 }
@@ -364,13 +369,68 @@ DIGITS = {
 
 @pytest.mark.parametrize("printed", DIGITS)
 def test_answers_of_few_digits_are_noticed(printed: str, tmp_path: Path) -> None:
+    """Those of float32 are a note, as an embedded filter computes with them by design."""
     numbers = "[float(fields[-1]) * 100 / k for k in (1, 3, 7, 9)]"
-    tracker = script(tmp_path, f"print(*[{printed} for v in {numbers}], flush=True)")
-    shapes = next(f for f in check_filter(External, tracker) if f.check == "shapes")
-    assert shapes.verdict == ("bad" if DIGITS[printed] else "good")
-    assert DIGITS[printed] in shapes.why
-    if DIGITS[printed]:
-        assert "print 17 digits" in shapes.why
+    first = (
+        "float32 = lambda v: __import__('struct').unpack('f', __import__('struct').pack('f', v))[0]"
+    )
+    first += "; print('ready', flush=True)"
+    tracker = script(tmp_path, f"print(*[{printed} for v in {numbers}], flush=True)", first)
+    findings = {f.check: f for f in check_filter(External, tracker)}
+    digits = findings["answers have enough digits"]
+    is_mistake = DIGITS[printed].startswith("at most")
+    assert digits.verdict == ("bad" if is_mistake else "good")
+    assert DIGITS[printed] in digits.why
+    assert bool(digits.why) == bool(DIGITS[printed])
+    assert ("print 17 digits" in digits.why) == is_mistake
+    assert findings["shapes"].verdict == "good"
+
+
+LATE_INDEFINITE = """
+    P = [[4.0 if i == j else 0.0 for j in range(4)] for i in range(4)]
+    if word == 'step' and float(fields[0]) > 70:
+        P[0][1] = P[1][0] = 5.0
+    print(*good.split(), *[p for row in P for p in row], flush=True)
+"""
+
+
+def test_the_contract_tries_the_whole_length_of_a_config(tmp_path: Path) -> None:
+    """A covariance that becomes indefinite after 70 steps; the other checks take at most 34."""
+    script(tmp_path, LATE_INDEFINITE.strip())
+    on = tmp_path / "own.yaml"
+    mine = f"  Mine: {{kind: external, command: [{sys.executable}, filter.py]}}\n"
+    found = {}
+    for last in (60, 90):
+        on.write_text(CONFIG.replace("last: 8", f"last: {last}") + mine)
+        findings = check_file(tmp_path / "filter.py", on=on, allow_plugins=True)["Mine"]
+        found[last] = next(f for f in findings if f.check.startswith("covariance is symmetric"))
+    assert found[60].verdict == "good"
+    assert found[60].why == "20 runs of 30 steps and 20 runs of 60 steps of the experiment"
+    assert found[90].verdict == "bad"
+    assert "not positive definite: the correlations have an eigenvalue -0.25, first at step 71" in (
+        found[90].why
+    )
+    assert "in 20 of 20 runs of 90 steps of the experiment" in found[90].why
+
+
+def test_rounding_in_float32_is_symmetric_enough(tmp_path: Path) -> None:
+    """Estimates get the mean of the two entries; a larger difference is told with its digits."""
+    for difference, is_rounding in ((1e-5, True), (1e-4, False)):
+        entries = "[[4, 1], [1 + DIFFERENCE, 4]]".replace("DIFFERENCE", str(difference))
+        answer = f"P = {entries}; print(1, 1, *P[0], *P[1], flush=True)"
+        tracker = script(tmp_path, answer)
+        prior = Gaussian(np.ones((2, 1)), np.eye(2)[..., None])
+        if is_rounding:
+            cov = tracker.init(planar().model, prior, new_rng()).cov
+            assert cov[0, 1, 0] == cov[1, 0, 0] == 1.0 + difference / 2
+            continue
+        with pytest.raises(ProgramRunError) as raised:
+            tracker.init(planar().model, prior, new_rng())
+        what = str(raised.value)
+        assert (
+            "row 1, column 2 and its mirror image are 1 and 1.0001, which differ by 2.5e-05" in what
+        )
+        assert "1e-05 is allowed: keep (P + P') / 2 after each update" in what
 
 
 def test_a_run_notes_answers_of_few_digits(tmp_path: Path) -> None:
