@@ -273,6 +273,9 @@ def test_a_problem_of_a_suite_is_no_experiment_and_has_a_hint() -> None:
     assert "a problem of the suite standard: `trackbench suite standard --problem position`" in (
         done.stderr
     )
+    done = trackbench("show", "short-range")
+    assert "neither a file" not in done.stderr
+    assert "`trackbench show banana-short` prints the experiment with its scenario" in done.stderr
 
 
 def test_problems_without_the_users_filter_are_not_computed(own: Path) -> None:

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.commands import trackbench
 from tests.conftest import forget_facts, make_filter, track
 from trackbench import api
 from trackbench.contract import check_file, check_filter
@@ -384,6 +385,16 @@ def test_answers_of_few_digits_are_noticed(printed: str, tmp_path: Path) -> None
     assert bool(digits.why) == bool(DIGITS[printed])
     assert ("print 17 digits" in digits.why) == is_mistake
     assert findings["shapes"].verdict == "good"
+
+
+def test_on_takes_the_name_of_a_shipped_experiment(radar_ekf: Path, tmp_path: Path) -> None:
+    """As every command that takes a config does."""
+    words = ("check", "--contract", radar_ekf, "--on")
+    done = trackbench(*words, "tracking-radar", cwd=tmp_path)
+    assert "is neither a file nor a shipped experiment" in done.stderr
+    done = trackbench(*words, "radar-turns", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "good  errors and covariance fit reference filters" in done.stdout
 
 
 LATE_INDEFINITE = """
