@@ -462,7 +462,7 @@ def _symmetrized(P: Array) -> Array:
         if is_number[i, row, column]:
             share = float(difference[i, row, column] / scale[i, row, column])
             what += (
-                f", which differ by {share:.2g} of the product of the two standard deviations; "
+                f", which differ by {share:.3g} of the product of the two standard deviations; "
                 f"{_ASYMMETRY:g} is allowed: keep (P + P') / 2 after each update"
             )
         raise ProgramError(what, answered=i)
