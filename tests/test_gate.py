@@ -162,13 +162,13 @@ def test_costs_are_compared_on_one_machine_beyond_the_ratio(tmp_path: Path) -> N
 
 
 def test_a_filter_that_fails_fails_the_gate_unless_it_failed_before(tmp_path: Path) -> None:
-    """By a program that ends at once."""
+    """By a program that is ready, and ends at the first run."""
     config = f"name: c\nseed: 1\nruns: 10\n{PLANE}filters:\n  KF: {{kind: kf}}\n"
     (tmp_path / "c.yaml").write_text(f"{config}  Old: {{kind: ekf}}\n")
     options = api.Options(engine="serial", quiet=True, formats=(), allow_plugins=True)
     stored = api.run(tmp_path / "c.yaml", options, out=tmp_path / "out").folder
     words = ("c.yaml", "--against", stored, "--workers", 1, "--allow-plugins")
-    broken = "{kind: external, command: ['false']}"
+    broken = "{kind: external, command: [sh, -c, 'read line; echo ready']}"
     (tmp_path / "c.yaml").write_text(f"{config}  Old: {{kind: ekf}}\n  New: {broken}\n")
     new = trackbench("gate", *words, cwd=tmp_path)
     assert new.returncode == 1

@@ -99,10 +99,11 @@ def test_it_is_the_kalman_filter(command: list[str], n: int, n_z: int, scale: fl
     assert (done.returncode, done.stdout) == (0, "".join(answers))
 
 
-def test_the_page_has_the_program_of_constant_gain() -> None:
+@pytest.mark.parametrize("name", ["fixed_gain.c", "radar_ekf.c"])
+def test_the_page_has_the_program(name: str) -> None:
     page = (ROOT / "docs" / "any-language.md").read_text(encoding="utf-8")
-    program = (ROOT / "tests" / "programs" / "fixed_gain.c").read_text(encoding="utf-8")
-    assert f'```c title="fixed_gain.c"\n{program}```' in page
+    program = (ROOT / "tests" / "programs" / name).read_text(encoding="utf-8")
+    assert f'```c title="{name}"\n{program}```' in page
 
 
 def test_a_program_gives_the_answers_of_the_page(command: list[str]) -> None:

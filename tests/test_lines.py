@@ -318,7 +318,8 @@ def test_the_page_has_the_lines_of_a_gate(tmp_path: Path) -> None:
     (tmp_path / "c.yaml").write_text(config + "  KF: {kind: kf}\n  Mine: {kind: kf}\n")
     quiet = ("--workers", "1", *BARE)
     assert trackbench("run", "c.yaml", *quiet, "--out", "old", cwd=tmp_path).returncode == 0
-    broken = "  Mine: {kind: external, command: ['false']}\n"
+    # It is ready, and ends at the first run.
+    broken = "  Mine: {kind: external, command: [sh, -c, 'read line; echo ready']}\n"
     (tmp_path / "c.yaml").write_text(config + broken)
     words = ("gate", "c.yaml", "--against", "old", "--allow-plugins", "--workers", "1")
     found = lines(*words, cwd=tmp_path, code=1)

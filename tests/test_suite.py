@@ -23,6 +23,7 @@ from trackbench.commands.run_suite import SuiteReport, _recorded_seconds, run_su
 from trackbench.config.shipped_experiments import SuiteTime, suite_names, suite_times
 from trackbench.config.suite import QUICK_RUNS, load_suite
 from trackbench.errors import UserError
+from trackbench.models.description import sensor_places
 from trackbench.report.plotting import style
 from trackbench.report.plotting.point_labels import PointLabel, label_points
 from trackbench.report.suite.figures import (
@@ -226,12 +227,55 @@ def test_a_program_is_asked_before_anything_runs(own: Path) -> None:
     assert not (own / "results").exists()
 
 
+SILENT = "#!/bin/sh\necho start >> starts\nwhile read line; do :; done\n"
+"""A program that reads lines and answers none; each start adds a line to the file `starts`."""
+
+
+def test_a_program_that_does_not_answer_stops_at_its_first_line(own: Path) -> None:
+    (own / "silent").write_text(SILENT)
+    (own / "silent").chmod(0o755)
+    starts = own / "starts"
+    commands = (
+        ("suite", "own.yaml", "--dry-run"),
+        ("suite", "own.yaml", "--quick"),
+        ("suite", "own.yaml", "--problem", "turns"),
+        ("run", "ungm"),
+        ("run", "ungm", "--dry-run"),
+    )
+    for i, words in enumerate(commands):
+        # This process runs all commands, and starts a filter of equal keys no second time.
+        timeout = 1.0 + i / 100
+        starts.unlink(missing_ok=True)
+        set_ = ("--set", f"filters.silent.timeout={timeout}")
+        done = trackbench(*words, "--filter", "./silent", *set_, cwd=own)
+        assert done.returncode == 2
+        assert done.stdout == ""
+        assert len(done.stderr.splitlines()) == 1
+        assert "filters.silent: the program does not answer the first line" in done.stderr
+        assert f"within {timeout:g} s; print `ready`, or `error TEXT`" in done.stderr
+        assert "docs/any-language.md" in done.stderr
+        assert starts.read_text() == "start\n"
+    assert not (own / "results").exists()
+
+
+def test_a_program_that_ends_at_its_first_line_runs_on_no_problem(own: Path) -> None:
+    (own / "ending").write_text("#!/bin/sh\necho 'no table' >&2\nexit 3\n")
+    (own / "ending").chmod(0o755)
+    done = trackbench("suite", "own.yaml", "--filter", "./ending", "--dry-run", cwd=own)
+    assert done.returncode == 2
+    assert "fits no problem: the program ended with code 3" in done.stderr
+    assert "'no table'" in done.stderr
+
+
 def test_a_problem_of_a_suite_is_no_experiment_and_has_a_hint() -> None:
     done = trackbench("show", "position")
     assert done.returncode == 2
     assert "a problem of the suite standard: `trackbench suite standard --problem position`" in (
         done.stderr
     )
+    done = trackbench("show", "short-range")
+    assert "neither a file" not in done.stderr
+    assert "`trackbench show banana-short` prints the experiment with its scenario" in done.stderr
 
 
 def test_problems_without_the_users_filter_are_not_computed(own: Path) -> None:
@@ -667,6 +711,23 @@ def test_the_page_has_the_state_and_measurement_of_the_problems() -> None:
         problems.setdefault(names, []).append(problem.name)
     for state, measurement, names in rows:
         assert names.split(", ") == problems[state, measurement]
+
+
+def test_the_page_names_the_radars_that_do_not_stand_at_the_origin() -> None:
+    """A filter that assumes the origin loses all runs there, and the page said nothing."""
+    page = (ROOT / "docs" / "suites.md").read_text(encoding="utf-8")
+    places: dict[str, list[tuple[float, ...]]] = {}
+    for problem in load_suite(Path("standard")).problems:
+        of_problem = sensor_places(problem.experiment.points[0].scenario.model)
+        if any(any(place) for place in of_problem):
+            places[problem.name] = of_problem
+    assert places.pop("drone") == [(-1500.0, -1500.0)]
+    assert "drone stands at [-1500, -1500], not at the origin" in page
+    late = ["late", "little-late", "always-late", "late-slow", "late-maneuvers"]
+    assert places == {key: [(0.0, 0.0), (10000.0, 0.0)] for key in late}
+    assert "the second radar stands at [10000, 0]" in page
+    done = trackbench("suite", "--dry-run", "--problem", "drone")
+    assert "measurement range azimuth, sensor at [-1500, -1500])" in done.stdout
 
 
 def test_a_quick_suite_has_few_runs_and_leaves_out_what_takes_long() -> None:

@@ -66,7 +66,7 @@ class Language(NamedTuple):
 
 
 LANGUAGES = {
-    "c": Language("c", "[./@MODULE@]", "cc -O2 -o @MODULE@ @MODULE@.c"),
+    "c": Language("c", "[./@MODULE@]", "cc -O2 -o @MODULE@ @MODULE@.c -lm"),
     "c++": Language("cpp", "[./@MODULE@]", "c++ -O2 -std=c++17 -o @MODULE@ @MODULE@.cpp"),
     "rust": Language("rs", "[./@MODULE@]", "rustc -O @MODULE@.rs"),
     # Julia compiles a function at its first call, which takes seconds.

@@ -16,10 +16,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.commands import trackbench
 from tests.conftest import forget_facts, make_filter, track
 from trackbench import api
 from trackbench.contract import check_file, check_filter
 from trackbench.contract.problems import UNEQUAL, ModelDraws, new_rng, planar, radar, simulate
+from trackbench.core.distributions import Gaussian
 from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask
 from trackbench.execution import code_digests
@@ -28,7 +30,9 @@ from trackbench.filters import external_process
 from trackbench.filters.external import External, ProgramRunError
 from trackbench.filters.external_process import programs_cpu_s
 from trackbench.models.motions.kinematic import WhiteAcceleration
+from trackbench.models.sensors.base import Outliers
 from trackbench.models.sensors.position import PositionSensor
+from trackbench.models.sensors.range_azimuth import PolarPosition, RangeAzimuth
 from trackbench.scaffold import write_new
 from trackbench.scenarios.starts.without_scans import GaussianStart
 from trackbench.scenarios.targets.base import Launch
@@ -105,6 +109,43 @@ def test_it_passes_the_contract(compiled: Path) -> None:
         assert [str(f) for f in check_filter(External, tracker, on=on) if f.verdict == "bad"] == []
     by_kind = check_file(compiled / "0")
     assert {f.verdict for f in by_kind["0"]} == {"good", "left out"}
+
+
+@pytest.fixture(scope="session")
+def radar_ekf(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The program of docs/any-language.md that takes the model of a radar from its first line."""
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if compiler is None:
+        pytest.skip("no C compiler is here")
+    program = tmp_path_factory.mktemp("radar") / "radar_ekf"
+    source = SOURCE.parent / "radar_ekf.c"
+    warn = ["-Wall", "-Wextra", "-Werror"]
+    subprocess.run([compiler, "-O1", *warn, str(source), "-o", str(program), "-lm"], check=True)
+    return program
+
+
+@pytest.mark.parametrize("at", [(), (-1500.0, 300.0)], ids=["origin", "elsewhere"])
+def test_a_program_that_reads_the_sensors_is_the_ekf(
+    radar_ekf: Path, at: tuple[float, ...]
+) -> None:
+    """With sigmas, place and motion of the first line alone, the azimuth's cut included."""
+    sensor = RangeAzimuth(
+        sigma_range=30.0, sigma_azimuth_mrad=7.0, at=at, detection=0.8, outliers=Outliers(share=0.1)
+    )
+    scenario = replace(radar(), sensor=sensor, last=40)
+    mine, ekf = (track(scenario, f, 23) for f in (external(radar_ekf), make_filter("ekf")))
+    np.testing.assert_allclose(mine.mean, ekf.mean, rtol=1e-9, atol=1e-6)
+    np.testing.assert_allclose(mine.nees, ekf.nees, rtol=1e-6)
+
+
+def test_a_program_that_reads_the_sensors_passes_the_contract(radar_ekf: Path) -> None:
+    (findings,) = check_file(radar_ekf).values()
+    assert [str(finding) for finding in findings if finding.verdict == "bad"] == []
+    assert findings[-1][:2] == ("errors and covariance fit reference filters", "good")
+    tracker = external(radar_ekf)
+    assert "needs the state px vx py vy" in tracker.conflicts(planar())[""]
+    bearings = replace(radar(), sensor=PolarPosition(sigma_range=1.0, sigma_azimuth_mrad=1.0))
+    assert "needs the state" in tracker.conflicts(bearings)[""]
 
 
 FIXED_GAIN = """name: steady
@@ -192,6 +233,18 @@ def test_a_program_of_one_sensor_is_one_line_that_names_on(tmp_path: Path) -> No
     tracker = script(tmp_path, "print(*[float(fields[-1]) / 7.0] * 4, flush=True)", first)
     findings = [*check_filter(External, tracker)]
     assert ("shapes", "good") in {finding[:2] for finding in findings}
+
+
+def test_a_program_that_does_not_answer_is_started_once(tmp_path: Path) -> None:
+    starts = tmp_path / "starts"
+    first = f"open({str(starts)!r}, 'a').write('x'); time.sleep(60)"
+    tracker = replace(script(tmp_path, "print(good, flush=True)", first), timeout=0.5)
+    (finding,) = check_filter(External, tracker)
+    assert (finding.check, finding.verdict) == ("runs on a problem", "bad")
+    assert "does not answer the first line, `trackbench 1 {JSON}`, within 0.5 s" in finding.why
+    assert "docs/any-language.md" in finding.why
+    assert "--on CONFIG" not in finding.why
+    assert starts.read_text() == "x"
 
 
 def test_angles_are_sent_within_half_a_turn(tmp_path: Path) -> None:
@@ -304,8 +357,12 @@ def test_the_end_of_a_long_stderr_is_kept(tmp_path: Path) -> None:
 
 DIGITS = {
     "f'{v:.6g}'": "at most 6 digits",
-    "f'{v:.9g}'": "at most 9 digits",
+    "f'{v:.3g}'": "at most 3 digits",
     "f'{v:.4f}'": "at most 4 decimals",
+    "f'{v:.9g}'": "the answers have the digits of float32",
+    "f'{float32(v):.9g}'": "the answers have the digits of float32",
+    "f'{float32(v):.8g}'": "the answers have the digits of float32",
+    "f'{float32(v):.17g}'": "the answers have the digits of float32",
     "f'{v:.17g}'": "",
     "repr(v)": "",
 }
@@ -313,13 +370,78 @@ DIGITS = {
 
 @pytest.mark.parametrize("printed", DIGITS)
 def test_answers_of_few_digits_are_noticed(printed: str, tmp_path: Path) -> None:
+    """Those of float32 are a note, as an embedded filter computes with them by design."""
     numbers = "[float(fields[-1]) * 100 / k for k in (1, 3, 7, 9)]"
-    tracker = script(tmp_path, f"print(*[{printed} for v in {numbers}], flush=True)")
-    shapes = next(f for f in check_filter(External, tracker) if f.check == "shapes")
-    assert shapes.verdict == ("bad" if DIGITS[printed] else "good")
-    assert DIGITS[printed] in shapes.why
-    if DIGITS[printed]:
-        assert "print 17 digits" in shapes.why
+    first = (
+        "float32 = lambda v: __import__('struct').unpack('f', __import__('struct').pack('f', v))[0]"
+    )
+    first += "; print('ready', flush=True)"
+    tracker = script(tmp_path, f"print(*[{printed} for v in {numbers}], flush=True)", first)
+    findings = {f.check: f for f in check_filter(External, tracker)}
+    digits = findings["answers have enough digits"]
+    is_mistake = DIGITS[printed].startswith("at most")
+    assert digits.verdict == ("bad" if is_mistake else "good")
+    assert DIGITS[printed] in digits.why
+    assert bool(digits.why) == bool(DIGITS[printed])
+    assert ("print 17 digits" in digits.why) == is_mistake
+    assert findings["shapes"].verdict == "good"
+
+
+def test_on_takes_the_name_of_a_shipped_experiment(radar_ekf: Path, tmp_path: Path) -> None:
+    """As every command that takes a config does."""
+    words = ("check", "--contract", radar_ekf, "--on")
+    done = trackbench(*words, "tracking-radar", cwd=tmp_path)
+    assert "is neither a file nor a shipped experiment" in done.stderr
+    done = trackbench(*words, "radar-turns", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "good  errors and covariance fit reference filters" in done.stdout
+
+
+LATE_INDEFINITE = """
+    P = [[4.0 if i == j else 0.0 for j in range(4)] for i in range(4)]
+    if word == 'step' and float(fields[0]) > 70:
+        P[0][1] = P[1][0] = 5.0
+    print(*good.split(), *[p for row in P for p in row], flush=True)
+"""
+
+
+def test_the_contract_tries_the_whole_length_of_a_config(tmp_path: Path) -> None:
+    """A covariance that becomes indefinite after 70 steps; the other checks take at most 34."""
+    script(tmp_path, LATE_INDEFINITE.strip())
+    on = tmp_path / "own.yaml"
+    mine = f"  Mine: {{kind: external, command: [{sys.executable}, filter.py]}}\n"
+    found = {}
+    for last in (60, 90):
+        on.write_text(CONFIG.replace("last: 8", f"last: {last}") + mine)
+        findings = check_file(tmp_path / "filter.py", on=on, allow_plugins=True)["Mine"]
+        found[last] = next(f for f in findings if f.check.startswith("covariance is symmetric"))
+    assert found[60].verdict == "good"
+    assert found[60].why == "20 runs of 30 steps and 20 runs of 60 steps of the experiment"
+    assert found[90].verdict == "bad"
+    assert "not positive definite: the correlations have an eigenvalue -0.25, first at step 71" in (
+        found[90].why
+    )
+    assert "in 20 of 20 runs of 90 steps of the experiment" in found[90].why
+
+
+def test_rounding_in_float32_is_symmetric_enough(tmp_path: Path) -> None:
+    """Estimates get the mean of the two entries; a larger difference is told with its digits."""
+    for difference, is_rounding in ((1e-5, True), (1e-4, False)):
+        entries = "[[4, 1], [1 + DIFFERENCE, 4]]".replace("DIFFERENCE", str(difference))
+        answer = f"P = {entries}; print(1, 1, *P[0], *P[1], flush=True)"
+        tracker = script(tmp_path, answer)
+        prior = Gaussian(np.ones((2, 1)), np.eye(2)[..., None])
+        if is_rounding:
+            cov = tracker.init(planar().model, prior, new_rng()).cov
+            assert cov[0, 1, 0] == cov[1, 0, 0] == 1.0 + difference / 2
+            continue
+        with pytest.raises(ProgramRunError) as raised:
+            tracker.init(planar().model, prior, new_rng())
+        what = str(raised.value)
+        assert (
+            "row 1, column 2 and its mirror image are 1 and 1.0001, which differ by 2.5e-05" in what
+        )
+        assert "1e-05 is allowed: keep (P + P') / 2 after each update" in what
 
 
 def test_a_run_notes_answers_of_few_digits(tmp_path: Path) -> None:

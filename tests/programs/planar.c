@@ -15,7 +15,7 @@ enum { GOOD, ZERO, SIGMA, FIRST_INTERVAL, SWAPPED, NO_GAIN, LATE, DEGREES, NO_PR
 static double x[4], P[4][4], late_x[4], late_P[4][4], q = 1, sigma = 10, sigma_azimuth = 0.003;
 
 static void parameter(const char *json, const char *name, double *value) {
-    const char *at = strstr(json, name);
+    const char *at = strstr(json, name); /* with the space that the model's own keys lack */
     if (at) *value = atof(strchr(at, ':') + 1);
 }
 
@@ -91,9 +91,9 @@ int main(void) {
         char *next = strchr(line, ' ');
         if (!strncmp(line, "trackbench 1 ", 13)) {
             polar = strstr(line, "azimuth") != NULL && strstr(line, "range") != NULL;
-            parameter(line, "\"q\"", &q);
-            parameter(line, "\"sigma\"", &sigma);
-            parameter(line, "\"sigma_azimuth\"", &sigma_azimuth);
+            parameter(line, "\"q\": ", &q);
+            parameter(line, "\"sigma\": ", &sigma);
+            parameter(line, "\"sigma_azimuth\": ", &sigma_azimuth);
             puts("ready");
             fflush(stdout);
         } else if (!strncmp(line, "init ", 5)) {

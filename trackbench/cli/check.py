@@ -22,7 +22,8 @@ def check(
     only: Only = None,
     allow_plugins: AllowPlugins = False,
     contract: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="check the filters of a Python file")
+        Path | None,
+        typer.Option(metavar="FILE", help="check a Python file's filters, or a program"),
     ] = None,
     picture: Annotated[
         Path | None,
@@ -35,7 +36,7 @@ def check(
         typer.Option(
             "--on",
             metavar="CONFIG",
-            help="with --contract: experiment with the file's filters, whose model they assume",
+            help="with --contract: experiment (as of `run`) whose model the filters assume",
             autocompletion=configs,
         ),
     ] = None,
@@ -46,11 +47,13 @@ def check(
         forms = ", ".join(_PICTURES)
         raise typer.BadParameter(f"--picture draws the scene of a config to a file in {forms}")
     if config is None and contract is None:
-        raise typer.BadParameter("name a config, or a Python file with --contract")
+        raise typer.BadParameter("name a config, or a Python file or program with --contract")
     if on is not None and contract is None:
         raise typer.BadParameter("--on needs --contract FILE")
     if contract is not None and contract.suffix in (".yaml", ".yml"):
-        raise typer.BadParameter(f"--contract {contract}: is a config; name the Python file")
+        raise typer.BadParameter(
+            f"--contract {contract}: is a config; name the Python file or program"
+        )
     if config is not None:
         _check_config(config, api_options(locals()), json, picture)
     if contract is not None:
@@ -124,8 +127,11 @@ def _check_config(config: Path, options: "Options", json: bool, picture: Path | 
 
 def _check_contract(path: Path, on: Path | None, allow_plugins: bool, json: bool) -> None:
     """Check the filters of a file, on the config ``on`` if it is given; exit with 1 if one is bad."""
+    from trackbench.config.shipped_experiments import located
     from trackbench.contract import check_file, report
 
+    if on is not None:
+        on = located(on, lambda line: typer.echo(line, err=True))
     findings_by_kind = check_file(path, on, allow_plugins)
     if json:
         for kind, findings in findings_by_kind.items():

@@ -219,7 +219,7 @@ Filters = Annotated[
     typer.Option(
         "--filter",
         metavar="FILE",
-        help="run the filters of this Python file, too, into results/NAME-with-FILE",
+        help="run the filters of this Python file, or this program, into results/NAME-with-FILE",
     ),
 ]
 Grid = Annotated[

@@ -30,6 +30,7 @@ from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.engines import Engine, cpu_count, engine
 from trackbench.execution.plan import Key, Plan, announced, check_memory, make_plan
 from trackbench.execution.runner import first_batch
+from trackbench.models.description import sensor_places
 from trackbench.plugins.errors import guarded
 from trackbench.report.sweep import as_sweep
 from trackbench.results.folder_contents import DERIVED_FILES, RUN_FILES, TIMING, read_manifest
@@ -317,10 +318,21 @@ _SHORT_TUNING_S = 10.0
 def dry_run_line(job: Job, time: str) -> str:
     """Return what a dry run prints of a job: its size, state and measurement, and the expected time.
 
-    A filter with components of its own may run on the problem only if it has these names.
+    A filter with components of its own may run on the problem only if it has these names. Places of
+    sensors are printed unless all are the origin.
     """
-    motion, sensor = job.experiment.points[0].scenario.model
+    model = job.experiment.points[0].scenario.model
+    motion, sensor = model
     names = f"state {few_names(motion.components)}, measurement {few_names(sensor.components)}"
+    places = sensor_places(model)
+    is_elsewhere = any(any(place) for place in places)
+    if is_elsewhere:
+        texts = []
+        for place in places:
+            numbers = ", ".join(f"{number:g}" for number in place)
+            texts.append(f"[{numbers}]")
+        noun = "sensor" if len(places) == 1 else "sensors"
+        names += f", {noun} at {few_names(texts)}"
     return f"{job.line} ({names}); {time}"
 
 

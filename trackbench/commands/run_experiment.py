@@ -273,9 +273,9 @@ def _digit_notes(experiment: Experiment, outcome: Outcome) -> Iterator[str]:
         data = scenario.simulate(RunStreams(experiment.settings.seed, range(1)), 1)
         prior = scenario.assumed_prior(1) or data.prior
         first_step = int(scenario.steps[1])
-        digits = tracker.few_digits(scenario.model, prior, data.measurements, first_step)
-        if digits:
-            yield f"{label}: answers have {digits}: {PRINT_ALL_DIGITS}"
+        digits = tracker.digits(scenario.model, prior, data.measurements, first_step)
+        if digits.too_few:
+            yield f"{label}: answers have {digits.too_few}: {PRINT_ALL_DIGITS}"
 
 
 def _failure_lines(

@@ -164,26 +164,28 @@ def find_shipped(name: str) -> Path:
     for ending in (".yml", ".yaml"):
         if Path(f"{name}{ending}").is_file():
             hint = f"did you mean {name}{ending}?"
-    suites = _suites_with_problem(name)
-    if suites:
-        hint = (
-            f"it is a problem of the suite {suites[0]}: `trackbench suite {suites[0]} --problem {name}` "
+    for suite, problem in _problems_of_suites(name):
+        what = (
+            f"is a problem of the suite {suite}: `trackbench suite {suite} --problem {name}` "
             "runs it, and with --dry-run shows its state and measurement"
         )
+        experiment = problem.get("use") or name
+        if experiment in file_by_name:
+            what += f"; `trackbench show {experiment}` prints the experiment with its scenario"
+        raise UserError(Problem(Mark(name), "", what))
     what = f"is neither a file nor a shipped experiment; {hint}"
     raise UserError(Problem(Mark(name), "", what))
 
 
-def _suites_with_problem(name: str) -> list[str]:
-    """List the shipped suites that have a problem of this name."""
+def _problems_of_suites(name: str) -> Iterator[tuple[str, dict[str, object]]]:
+    """Yield the shipped suites that have a problem of this name, each with the problem's keys."""
     from trackbench.yaml_source import read
 
-    suites = []
     for suite in suite_names():
         groups = read(suite_file(Path(suite))).data["groups"]
-        if any(name in group["problems"] for group in groups.values()):
-            suites.append(suite)
-    return suites
+        for group in groups.values():
+            if name in group["problems"]:
+                yield suite, group["problems"][name]
 
 
 class Copied(NamedTuple):

@@ -29,6 +29,7 @@ from trackbench.config.tuning import tuned_label
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.evaluation.metric_expression import measured
 from trackbench.field_types import Count, Natural
+from trackbench.filters.external_process import NO_FIRST_ANSWER
 from trackbench.yaml_source import (
     Assembled,
     Keys,
@@ -46,6 +47,10 @@ _QUICK_TUNING = {"evaluations": 6, "runs": 10}
 """Trials and training runs of each filter with `--quick`."""
 _COPIED = ("title", "paper", "seed", "scenario", "hold_out")
 """Keys of a problem's experiment that the suite uses."""
+
+
+class SilentProgramError(UserError):
+    """A program does not answer the first line of the protocol: it runs on no problem of a suite."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,7 +177,7 @@ def load_suite(
     Raises
     ------
     UserError : mistakes of the suite or of an experiment that it uses, one line each; also for a filter
-        that fits no problem
+        that fits no problem, and at once for a program that does not answer its first line
     """
     path = suite_file(file)
     source = read(path)
@@ -221,6 +226,8 @@ def load_suite(
                 reasons |= left_out
                 if problem is not None:
                     fitted.append(problem)
+            except SilentProgramError:
+                raise
             except UserError as error:
                 problems += error.problems
     labels = [*added, *_labels_of(settings)]
@@ -481,8 +488,8 @@ def _fit_roster(
     """Validate a problem's experiment without the filters that its scenario does not fit.
 
     If there are labels in ``only``, other filters of the roster are removed first. Return the problem,
-    None if no filter is left, and by label why filters were left out. Raises UserError for other
-    mistakes.
+    None if no filter is left, and by label why filters were left out. Raises SilentProgramError for a
+    program that does not answer its first line, and UserError for other mistakes.
     """
     source = assembled.config.source
     reference = source.data.get("reference")
@@ -497,6 +504,9 @@ def _fit_roster(
         try:
             experiment = configurations.load(assembled.config, allow_plugins=allow_plugins)
         except UserError as error:
+            silent = [problem for problem in error.problems if _is_silent_program(problem)]
+            if silent:
+                raise SilentProgramError(*silent) from None
             idle_keys = _idle_keys(assembled, error)
             if idle_keys:
                 for keys in idle_keys:
@@ -522,6 +532,11 @@ def _fit_roster(
         )
         return fitted, left_out
     return None, left_out
+
+
+def _is_silent_program(problem: Problem | str) -> bool:
+    """Test whether a mistake is that a program does not answer the first line of the protocol."""
+    return isinstance(problem, Problem) and problem.what.startswith(NO_FIRST_ANSWER)
 
 
 def _idle_keys(assembled: _AssembledProblem, error: UserError) -> list[Keys]:

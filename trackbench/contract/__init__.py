@@ -34,6 +34,7 @@ from trackbench.contract.problems import (
 from trackbench.errors import UserError, in_line
 from trackbench.filters.base import AnyFilter, Filter
 from trackbench.filters.external import External
+from trackbench.filters.external_process import NO_FIRST_ANSWER
 from trackbench.filters.gaussian import GaussianFilter
 from trackbench.models.motions.scalar import SineGamma
 from trackbench.models.sensors.square_then_line import SquareThenLine
@@ -239,7 +240,7 @@ def check_filter(
     if scenario is None and tracker.runs_program and why_not_linear:
         # Every check would fail by this text.
         why = why_not_linear
-        if on is None:
+        if on is None and not why.startswith(NO_FIRST_ANSWER):
             why += f"; {_NAME_A_CONFIG}"
         yield Finding("runs on a problem", "bad", why)
         return
@@ -249,6 +250,8 @@ def check_filter(
     # Step 3: the checks.
     exemptions = _exemptions(tracker, scenario, why_not_linear)
     for key, (name, check) in CHECKS.items():
+        if key == "digits" and not isinstance(tracker, External):
+            continue
         if key in exemptions:
             yield Finding(name, "left out", exemptions[key])
         else:
@@ -320,14 +323,14 @@ def run_check(name: str, check: Check, tracker: AnyFilter, scenario: Scenario) -
     try:
         with guarded(), np.errstate(all="ignore"), catch_warnings():
             simplefilter("ignore")
-            check(tracker, scenario)
+            note = check(tracker, scenario)
     except LeftOutError as error:
         return Finding(name, "left out", str(error))
     except ContractError as error:
         return Finding(name, "bad", str(error))
     except Exception as error:
         return Finding(name, "bad", in_line(located_message(error, tracker)))
-    return Finding(name, "good")
+    return Finding(name, "good", note or "")
 
 
 def _with_defaults(cls: type[AnyFilter]) -> AnyFilter:

@@ -27,6 +27,7 @@ from trackbench.filters.ekf import EKF
 from trackbench.filters.particle_filters import PF
 from trackbench.filters.ukf import UKF
 from trackbench.models.base import Model, Sensor, has_own_density, measured_angle_rows
+from trackbench.models.description import description_of, with_description
 from trackbench.scenarios.base import Simulation
 
 _RUNS_BY_CUT = {
@@ -263,10 +264,11 @@ class _WithoutWrap(ModelDraws):
     @cached_property
     def model(self) -> Model:
         """Model that filters get."""
-        motion, sensor = super().model
-        plain: Sensor = copy(sensor)
+        model = super().model
+        plain: Sensor = copy(model.sensor)
         object.__setattr__(plain, "innovation", np.subtract)
-        return Model(motion, plain)
+        # A program is told of the sensor that wraps.
+        return with_description(Model(model.motion, plain), description_of(model))
 
 
 def measured_without_cut(

@@ -18,6 +18,7 @@ from trackbench.contract.problems import (
     UNEQUAL,
     Estimates,
     ModelDraws,
+    WholeExperiment,
     at_unequal_intervals,
     has_constant_covariance,
     new_rng,
@@ -31,21 +32,24 @@ from trackbench.contract.problems import (
 )
 from trackbench.core import linalg
 from trackbench.core.angles import near
-from trackbench.core.arrays import Array, with_trailing
+from trackbench.core.arrays import Array, Index, Mask, with_trailing
 from trackbench.core.distributions import Gaussian
+from trackbench.errors import counted
 from trackbench.evaluation.validate_output import check_estimate, check_names, checked_numbers
 from trackbench.extension_points import field_values
 from trackbench.filters.base import AnyFilter, Steps, declares_diagnostics, has_likelihood
 from trackbench.filters.ekf import EKF
-from trackbench.filters.external import PRINT_ALL_DIGITS, External
+from trackbench.filters.external import FLOAT32_NOTE, PRINT_ALL_DIGITS, External
 from trackbench.scenarios.base import Scenario
 
-Check: TypeAlias = Callable[[AnyFilter, Scenario], None]
-"""A check of the contract, which raises ContractError."""
+Check: TypeAlias = Callable[[AnyFilter, Scenario], str | None]
+"""A check of the contract, which raises ContractError; it may return what was tried, or a note."""
 
 _RUNS = 200
 _LOOPED_RUNS = 80  # of a filter that loops over its runs in Python
 _LEAST_N = 1000  # particles with which a particle filter is compared with the package's
+_TOLERANCE = 1e-7  # of correlations, in float64
+_FLOAT32_TOLERANCE = 1e-6
 _MAX_DEVIATION = 4.5  # standard errors; none of a few dozen comparisons should exceed it
 
 
@@ -63,7 +67,7 @@ def alike(a: Estimates, b: Estimates) -> bool:
 
 
 def _check_shapes(tracker: AnyFilter, scenario: Scenario) -> None:
-    """Check shapes, types and digits of estimates and diagnostics, and `all_steps` against `step`."""
+    """Check shapes and types of estimates and diagnostics, and `all_steps` against `step`."""
     runs = 5
     rng = new_rng()
     data = simulate(scenario, runs)
@@ -111,14 +115,21 @@ def _check_shapes(tracker: AnyFilter, scenario: Scenario) -> None:
             raise ContractError(f"diagnostic_names is {names}, {gives}")
         if i and has_likelihood(tracker):
             checked_numbers("series", {"log_likelihood": tracker.log_likelihood(state)}, runs)
-    # Step 3: the digits of all estimates.
-    if isinstance(tracker, External):
-        digits = tracker.few_digits(scenario.model, data.prior, data.measurements, first_step)
-        if digits:
-            raise ContractError(f"answers have {digits}: {PRINT_ALL_DIGITS}")
-    # Estimates that stay as they began have the digits of the start, whatever they are computed in.
-    if has_single_precision and changes:
+    # Step 3: the digits of all estimates; those of a program are another check. Estimates that stay as
+    # they began have the digits of the start, whatever they are computed in.
+    if has_single_precision and changes and not tracker.runs_program:
         raise ContractError("the estimates have the digits of float32: compute in float64")
+
+
+def _check_digits(tracker: AnyFilter, scenario: Scenario) -> str:
+    """Check that a program prints enough digits; return a note if they are those of float32."""
+    assert isinstance(tracker, External)
+    data = simulate(scenario, runs=5)
+    first_step = int(scenario.steps[0]) + 1
+    digits = tracker.digits(scenario.model, data.prior, data.measurements, first_step)
+    if digits.too_few:
+        raise ContractError(f"answers have {digits.too_few}: {PRINT_ALL_DIGITS}; of float32 `%.9g`")
+    return FLOAT32_NOTE if digits.is_float32 else ""
 
 
 def _compare_with_all_steps(
@@ -214,9 +225,33 @@ def _check_independence(tracker: AnyFilter, scenario: Scenario) -> None:
         raise ContractError("the first run has another estimate without the other runs")
 
 
-def _check_covariance(tracker: AnyFilter, scenario: Scenario) -> None:
-    """Check that covariances are symmetric and positive definite."""
-    P = run_filter(tracker, scenario, simulate(scenario, runs=20)).cov
+def _check_covariance(tracker: AnyFilter, scenario: Scenario) -> str:
+    """Check that covariances are symmetric and positive definite; return what was tried.
+
+    Of a config's problem the runs of the experiment itself are tried, too, over its whole length: a
+    covariance may become indefinite late, and off the model.
+    """
+    tried = []
+    problems = [scenario]
+    if isinstance(scenario, ModelDraws):
+        problems.append(WholeExperiment(base=scenario.base))
+    for problem in problems:
+        runs = problem.runs if isinstance(problem, WholeExperiment) else 20
+        P = run_filter(tracker, problem, simulate(problem, runs)).cov
+        runs = min(runs, problem.recorded_runs or runs)
+        text = f"{counted(runs, 'run')} of {counted(len(problem.steps) - 1, 'step')}"
+        if isinstance(problem, WholeExperiment):
+            text += " of the experiment"
+        _require_covariances(P, problem.steps, text)
+        tried.append(text)
+    return " and ".join(tried)
+
+
+def _require_covariances(P: Array, steps: Index, tried: str) -> None:
+    """Raise ContractError unless P (n, n, T + 1, M) are symmetric and positive definite.
+
+    ``steps`` (T + 1,) are the numbers of the steps, ``tried`` names the runs.
+    """
     known = np.isfinite(P)
     if (known != np.swapaxes(known, 0, 1)).any():
         raise ContractError(
@@ -229,15 +264,33 @@ def _check_covariance(tracker: AnyFilter, scenario: Scenario) -> None:
     limited_sigma = np.maximum(sigma, least_sigma)
     scale = np.where(limited_sigma > 0.0, limited_sigma, 1.0)
     all_correlations = np.moveaxis(P / (scale[:, None] * scale), (0, 1), (-2, -1))
+    # Entries that are not finite count as zero: they are reported by other checks.
     is_finite = np.isfinite(all_correlations).all(axis=(-2, -1))
-    correlations = all_correlations[is_finite]
-    asymmetry = np.abs(correlations - np.swapaxes(correlations, -2, -1)).max()
-    if asymmetry > 1e-7:
-        raise ContractError(f"not symmetric: correlations differ by {asymmetry:.2g}; P - K S K' is")
-    least_eigenvalue = np.linalg.eigvalsh(correlations).min()
-    if least_eigenvalue < -1e-7:
-        what = f"the correlations have an eigenvalue {least_eigenvalue:.2g}"
+    correlations = np.where(is_finite[..., None, None], all_correlations, 0.0)
+    difference = np.abs(correlations - np.swapaxes(correlations, -2, -1)).max(axis=(-2, -1))
+    # The tolerance is that of rounding, also in float32.
+    tolerance = _FLOAT32_TOLERANCE if _is_float32(P) else _TOLERANCE
+    if difference.max() > tolerance:
+        where = _name_places(difference > tolerance, steps, tried)
+        what = f"not symmetric: correlations differ by {difference.max():.2g}, {where}"
+        raise ContractError(f"{what}; P - K S K' is")
+    least_eigenvalue = np.linalg.eigvalsh(correlations).min(axis=-1)
+    if least_eigenvalue.min() < -tolerance:
+        where = _name_places(least_eigenvalue < -tolerance, steps, tried)
+        what = f"the correlations have an eigenvalue {least_eigenvalue.min():.2g}, {where}"
         raise ContractError(f"not positive definite: {what}")
+
+
+def _is_float32(values: Array) -> bool:
+    """Test whether all numbers are those of float32."""
+    with np.errstate(over="ignore", under="ignore"):
+        return np.array_equal(values, np.float32(values), equal_nan=True)
+
+
+def _name_places(is_wrong: Mask, steps: Index, tried: str) -> str:
+    """Name the first step with a mistake (T + 1, M), and the number of runs that have one."""
+    first = int(steps[np.flatnonzero(is_wrong.any(axis=1))[0]])
+    return f"first at step {first}, in {is_wrong.any(axis=0).sum()} of {tried}"
 
 
 def _check_gaps(tracker: AnyFilter, scenario: Scenario) -> None:
@@ -469,6 +522,7 @@ def _describe_bias(error: Array, sigma: Array, N: int) -> str:
 
 CHECKS: dict[str, tuple[str, Check]] = {
     "shapes": ("shapes", _check_shapes),
+    "digits": ("answers have enough digits", _check_digits),
     "purity": ("step leaves its arguments unchanged", _check_purity),
     "repeats": ("equal runs give equal estimates", _check_repeats),
     "independence": ("runs are independent", _check_independence),
@@ -480,4 +534,7 @@ CHECKS: dict[str, tuple[str, Check]] = {
     "kalman": ("equals the Kalman filter on a linear model", _check_against_kalman),
     "consistency": ("errors and covariance fit reference filters", _check_consistency),
 }
-"""Title and function of each check, by the name used in `contract_exemptions`."""
+"""Title and function of each check, by the name used in `contract_exemptions`.
+
+`digits` checks programs alone.
+"""

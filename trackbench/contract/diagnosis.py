@@ -21,7 +21,7 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.linalg import distance
 from trackbench.filters.base import AnyFilter
 from trackbench.filters.ekf import EKF
-from trackbench.filters.external import PRINT_ALL_DIGITS, External, few_digits
+from trackbench.filters.external import PRINT_ALL_DIGITS, External, digits_of
 from trackbench.filters.particle_filters import PF
 from trackbench.filters.ukf import UKF
 from trackbench.models.base import LocatingSensor, has_own_density
@@ -168,9 +168,9 @@ def misfit(tracker: AnyFilter, scenario: Scenario, runs: int, seed: int = 1) -> 
     # Step 4: the likely cause.
     text = ", ".join(texts)
     if isinstance(tracker, External):
-        digits = few_digits(tested.mean[:, 1:], tested.cov[:, :, 1:])
-        if digits:
-            return f"{text}; answers have {digits}: {PRINT_ALL_DIGITS}"
+        digits = digits_of(tested.mean[:, 1:], tested.cov[:, :, 1:])
+        if digits.too_few:
+            return f"{text}; answers have {digits.too_few}: {PRINT_ALL_DIGITS}"
     if "squared_distance" in differences:
         tested_rmse = np.sqrt(tested_scores.squared_error.mean())
         reference_rmse = np.sqrt(reference_scores[0].squared_error.mean())

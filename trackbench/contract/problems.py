@@ -19,6 +19,7 @@ from trackbench.errors import in_line
 from trackbench.filters.base import AnyFilter
 from trackbench.filters.external import ProgramRunError
 from trackbench.models.base import Model, Motion, extra_std
+from trackbench.models.description import description_of, with_description
 from trackbench.models.motions.irregular import Irregular
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.priors import augment_prior
@@ -34,6 +35,8 @@ from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.tracking import Tracking
 
 _MOST_STEPS = 30
+_WHOLE_RUNS = 20  # of a config's experiment
+_MOST_WHOLE_STEPS = 10_000  # of all of these runs together, and of a run
 _INTERVALS = (1.0, 0.5, 1.5, 0.25, 1.0, 2.0, 0.5, 1.25)  # in units of T, again and again
 
 
@@ -48,13 +51,14 @@ class ModelDraws(Scenario):
     @cached_property
     def model(self) -> Model:
         """Model that filters get."""
-        motion, sensor = self.base.model
         if not self.unequal:
-            return Model(motion, sensor)
+            return self.base.model
         base = cast(Tracking, self.base)
         drive = cast(Motion, base.assume.motion or base.target.own_motion)
         first = int(self.steps[1])
-        return Model(Irregular(drive, base.target.axes, first, np.diff(self.times)), sensor)
+        irregular = Irregular(drive, base.target.axes, first, np.diff(self.times))
+        model = Model(irregular, base.model.sensor)
+        return with_description(model, description_of(base.model))
 
     @property
     def _length(self) -> int:
@@ -110,6 +114,31 @@ class ModelDraws(Scenario):
         truth, z = simulate_markov(self.model, prior.sample(rng), self.steps, rng)
         z[missing[:, : z.shape[1]]] = np.nan
         return Simulation(truth, z, prior)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WholeExperiment(ModelDraws):
+    """Runs of a config's experiment itself, over its whole length or the first `_MOST_WHOLE_STEPS`."""
+
+    @property
+    def _length(self) -> int:
+        """Number of steps, with that of the prior."""
+        return min(len(self.base.steps), _MOST_WHOLE_STEPS + 1)
+
+    @property
+    def runs(self) -> int:
+        """Number of runs that are tried: fewer if they are long."""
+        return max(1, min(_WHOLE_RUNS, _MOST_WHOLE_STEPS // self._length))
+
+    def simulate(self, rng: Streams, runs: int) -> Simulation:
+        """Simulate the experiment's truth and measurements, as far as `steps` go."""
+        data = self.base.simulate(rng, runs)
+        prior = self.base.assumed_prior(runs) or data.prior
+        if len(self.components) > len(prior.mean):
+            prior = augment_prior(prior, extra_std(self.model.motion))
+        z = self.base.assumed_measurements(data.measurements)
+        truth = data.truth[:, : self._length]
+        return Simulation(truth, z[:, : self._length - 1], prior)
 
 
 def _tracking(sensor: SensorBase, launch: Launch, q: float, T: float) -> Tracking:

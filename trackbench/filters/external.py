@@ -3,8 +3,8 @@
 Lines are UTF-8 text with fields separated by spaces, and NaN stands for what is missing. The program
 answers each line but the last with one line:
 
-- ``trackbench 1 {JSON}``: components, measurement, T, parameters, model, and input if the motion has
-  known inputs. Answer: ``ready``.
+- ``trackbench 1 {JSON}``: components, measurement, T, parameters, model, input if the motion has
+  known inputs, and first_step, motion, sensors and start as in the config. Answer: ``ready``.
 - ``init SEED TIME mean(n) cov(n n)``: a run begins. Answer: ``mean(n) cov(n n)``, or ``mean(n)``.
 - ``step TIME z(n_z)``: predict to TIME, update with z. Answer: as of ``init``. Inputs follow z.
 - ``end``: the program ends with code 0.
@@ -46,21 +46,25 @@ from trackbench.field_types import (
 from trackbench.filters.base import Filter, Steps, WrongReturnError
 from trackbench.filters.external_process import (
     PROTOCOL,
+    NoFirstAnswerError,
     Program,
     ProgramError,
-    RefusalError,
     end_programs,
 )
 from trackbench.models.base import Model, Scene, measured_angle_rows
+from trackbench.models.description import describe_model
 from trackbench.models.inputs import inputs_of
 from trackbench.models.motions.irregular import step_length
 from trackbench.models.motions.kinematic import Linear
 from trackbench.models.sensors.base import SensorBase, StackedSensor
 from trackbench.registry import register
 
-_ASYMMETRY = 1e-7  # largest difference of two correlations that should be equal
+_ASYMMETRY = (
+    1e-5  # largest difference of two correlations that should be equal; rounding in float32
+)
 _LEAST_NUMBERS = 10  # from which digits are counted
-_MOST_DIGITS = 9  # of numbers that are printed short: those of float32 have 9
+_FLOAT32_DIGITS = 9  # with which every number of float32 is printed without loss
+_TOO_FEW_DIGITS = 6  # fewer than the 7 to 9 that numbers of float32 need
 _MOST_DECIMALS = 8
 _NEARLY_WHOLE = 1e-6
 _PROBED_STEPS = 30
@@ -182,27 +186,37 @@ class External(Filter[ProgramState]):
         """Digests of the command's words and the files, as they were when the config was read."""
         return dict(self.__dict__["_content"])
 
-    def few_digits(self, model: Model, prior: Distribution, z: Array, k: int) -> str:
-        """Run the program on z (n_z, T, M) from step k on; describe its answers if they have few digits.
+    def digits(self, model: Model, prior: Distribution, z: Array, k: int) -> "Digits":
+        """Run the program on z (n_z, T, M) from step k on, and describe the digits of its answers.
 
-        The text is empty if they have all digits, or if the program fails.
+        A program that fails has no mistake here.
         """
         try:
             state = self.init(model, prior, Generator(SFC64(1)))
             steps = self.all_steps(model, state, z[:, :_PROBED_STEPS], k)
         except WrongReturnError:
-            return ""
-        return few_digits(steps.estimate.mean, steps.estimate.cov)
+            return Digits(too_few="", is_float32=False)
+        return digits_of(steps.estimate.mean, steps.estimate.cov)
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Start the program with the scenario's model, and return the reason if it refuses it."""
-        why = _why_refused(self, self._hello(scenario.model))
-        if not why:
-            return {}
+        """Start the program with the scenario's model; return the reason unless it answers `ready`.
+
+        A program that does not answer at all is not started again for another scenario.
+        """
+        if self in _SILENT:
+            return {"": _SILENT[self]}
         motion, sensor = scenario.model
         state = few_names(motion.components)
         measurement = few_names(sensor.components)
-        return {"": f"{why} (state: {state}; measurement: {measurement})"}
+        where = f"(state: {state}; measurement: {measurement})"
+        try:
+            why = _why_not_ready(self, self._hello(scenario.model))
+        except NoFirstAnswerError as error:
+            _SILENT[self] = f"{error} {where}"
+            return {"": _SILENT[self]}
+        if not why:
+            return {}
+        return {"": f"{why} {where}"}
 
     def cautions(self, scenario: Scene) -> list[str]:
         """Note how far its numbers are reproducible."""
@@ -294,21 +308,28 @@ class External(Filter[ProgramState]):
             R = sensor.measurement(np.zeros((n, 1)), 1).cov.reshape(len(sensor.components), -1)
             matrices = {"F": motion.F, "Q": motion.Q, "H": H(n), "R": R}
             facts["model"] = {name: matrix.tolist() for name, matrix in matrices.items()}
-        return f"trackbench {PROTOCOL} {json.dumps(facts)}"
+        # Without spaces: programs that find `"q": ` of their parameters by text do not find it here.
+        described = json.dumps(describe_model(model), separators=(",", ":"))
+        text = f"{json.dumps(facts).removesuffix('}')}, {described.removeprefix('{')}"
+        return f"trackbench {PROTOCOL} {text}"
+
+
+_SILENT: dict[External, str] = {}
+"""Programs that gave no answer to a first line, with the message: each one costs its `timeout`."""
 
 
 @lru_cache(maxsize=1024)
-def _why_refused(tracker: External, hello: str) -> str:
-    """Start a program with its first line; return why it refuses the problem, or an empty text.
+def _why_not_ready(tracker: External, hello: str) -> str:
+    """Start a program with its first line; return why it does not run on the problem, or an empty text.
 
-    A program that fails in another way fails again when it is run, and is reported then.
+    Raises NoFirstAnswerError if there is no answer in time.
     """
     try:
         program = Program(tracker.command, hello, tracker.timeout)
-    except RefusalError as error:
+    except NoFirstAnswerError:
+        raise
+    except ProgramError as error:
         return str(error)
-    except ProgramError:
-        return ""
     end_programs([program])
     return ""
 
@@ -389,7 +410,8 @@ def _fields(values: Array) -> str:
 def _read_numbers(answers: Sequence[str], n: int) -> Array:
     """Return the numbers of the answers: (T, n) of means, or (T, n + n^2) with covariances.
 
-    Raises ProgramError for a wrong answer.
+    Covariances that are symmetric up to rounding are made symmetric. Raises ProgramError for a wrong
+    answer.
     """
     size = len(answers[0].split())
     for i, answer in enumerate(answers):
@@ -409,36 +431,63 @@ def _read_numbers(answers: Sequence[str], n: int) -> Array:
         what = f"the program answers {word[:60]!r}, which is no number"
         raise ProgramError(what, answered=i) from None
     if size > n:
-        _check_symmetric(numbers[:, n:].reshape(-1, n, n))
+        numbers[:, n:] = _symmetrized(numbers[:, n:].reshape(-1, n, n)).reshape(-1, n * n)
     return numbers
 
 
-def _check_symmetric(P: Array) -> None:
-    """Raise ProgramError unless covariances (T, n, n) are symmetric, up to rounding.
+def _symmetrized(P: Array) -> Array:
+    """Return covariances (T, n, n) with the mean of the entries that differ from their mirror image.
 
-    The mirror image of a NaN or an infinity must be the same.
+    Raises ProgramError if they differ by more than rounding, also in float32. The mirror image of a NaN
+    or an infinity must be the same.
     """
     across = P.swapaxes(1, 2)
     with np.errstate(invalid="ignore"):
         sd = np.sqrt(np.abs(np.diagonal(P, axis1=1, axis2=2)))
-        limit = _ASYMMETRY * sd[:, :, None] * sd[:, None]
+        scale = sd[:, :, None] * sd[:, None]
         # If a variance is not finite, the limit is relative to the two numbers that are compared.
-        of_two = _ASYMMETRY * np.maximum(np.abs(P), np.abs(across))
-        limit = np.where(np.isfinite(limit), limit, of_two)
-        differs = np.abs(P - across) > limit
+        scale = np.where(np.isfinite(scale), scale, np.maximum(np.abs(P), np.abs(across)))
+        difference = np.abs(P - across)
+        differs = difference > _ASYMMETRY * scale
+        mean = 0.5 * P + 0.5 * across
     is_number = np.isfinite(P) & np.isfinite(across)
     is_alike = (np.isnan(P) & np.isnan(across)) | (across == P)
     wrong = np.where(is_number, differs, ~is_alike)
     if wrong.any():
         i, row, column = (int(k) for k in np.argwhere(wrong)[0])
-        numbers = f"{P[i, row, column]:.6g} and {P[i, column, row]:.6g}"
+        first, second = _written_differently(float(P[i, row, column]), float(P[i, column, row]))
         where = f"row {row + 1}, column {column + 1} and its mirror image"
-        what = f"the program answers a covariance that is not symmetric: {where} are {numbers}"
+        what = "the program answers a covariance that is not symmetric: "
+        what += f"{where} are {first} and {second}"
+        if is_number[i, row, column]:
+            share = float(difference[i, row, column] / scale[i, row, column])
+            what += (
+                f", which differ by {share:.3g} of the product of the two standard deviations; "
+                f"{_ASYMMETRY:g} is allowed: keep (P + P') / 2 after each update"
+            )
         raise ProgramError(what, answered=i)
+    return np.where(is_alike, P, mean)
 
 
-def few_digits(mean: Array, cov: Array) -> str:
-    """Describe how few digits or decimals estimates have; an empty text if they have many.
+def _written_differently(a: float, b: float) -> tuple[str, str]:
+    """Write two different numbers with as few digits as show the difference, at least 6."""
+    for digits in (6, 9, 12):
+        if f"{a:.{digits}g}" != f"{b:.{digits}g}":
+            return f"{a:.{digits}g}", f"{b:.{digits}g}"
+    return f"{a:.17g}", f"{b:.17g}"
+
+
+class Digits(NamedTuple):
+    """Digits of estimates."""
+
+    too_few: str
+    """how few digits or decimals they have, such as "at most 6 digits"; empty if they have enough"""
+    is_float32: bool
+    """whether they have the digits of float32, and no more"""
+
+
+def digits_of(mean: Array, cov: Array) -> Digits:
+    """Describe the digits of estimates: means and covariances.
 
     A number of 17 digits appears to have few by chance with a probability below 1e-5. Equal numbers of
     the covariance count once, as a constant covariance may have few digits.
@@ -446,24 +495,33 @@ def few_digits(mean: Array, cov: Array) -> str:
     numbers = np.concatenate([mean.ravel(), np.unique(cov)])
     x = numbers[np.isfinite(numbers) & (numbers != 0.0)]
     if len(x) < _LEAST_NUMBERS:
-        return ""
+        return Digits(too_few="", is_float32=False)
+    with np.errstate(over="ignore", under="ignore"):
+        is_float32 = bool(np.array_equal(x, np.float32(x)))
     exponent = np.floor(np.log10(np.abs(x)))
-    for digits in range(1, _MOST_DIGITS + 1):
+    for digits in range(1, _FLOAT32_DIGITS + 1):
         # A number with so many digits is whole after its decimal point is moved behind the last one.
         whole = x / 10.0 ** (exponent - digits + 1)
         if (np.abs(whole - np.rint(whole)) < _NEARLY_WHOLE).all():
-            return f"at most {counted(digits, 'digit')}"
+            if digits > _TOO_FEW_DIGITS:
+                return Digits(too_few="", is_float32=True)
+            return Digits(too_few=f"at most {counted(digits, 'digit')}", is_float32=False)
     for decimals in range(1, _MOST_DECIMALS + 1):
         whole = x * 10.0**decimals
         # Of larger numbers the digits before the point leave none behind it.
-        is_small = np.abs(whole) < 10.0**_MOST_DIGITS
+        is_small = np.abs(whole) < 10.0**_FLOAT32_DIGITS
         is_whole = np.abs(whole - np.rint(whole)) < _NEARLY_WHOLE
         if is_small.sum() >= _LEAST_NUMBERS and is_whole[is_small].all():
-            return f"at most {counted(decimals, 'decimal')}"
-    return ""
+            return Digits(too_few=f"at most {counted(decimals, 'decimal')}", is_float32=False)
+    return Digits(too_few="", is_float32=is_float32)
 
 
 PRINT_ALL_DIGITS = "print 17 digits, as by `%.17g`, or in C++ `std::cout.precision(17)`"
+FLOAT32_NOTE = (
+    "the answers have the digits of float32. They are rounded to 6e-8 of their size, such as 100 km to "
+    "4 mm, and over many steps a covariance may lose its symmetry or become indefinite. This is no "
+    "mistake if your filter computes in float32"
+)
 
 
 def _check_repeated(again: Array, state: ProgramState, run: int) -> None:

@@ -24,16 +24,32 @@ _KEPT_ERRORS = 1 << 16  # bytes, the last ones that a program writes on stderr
 _LONGEST_REASON = 500  # characters of a reason that a program gives
 _END_S = 2.0
 """Seconds that programs may take to end after the line ``end``."""
+NO_FIRST_ANSWER = "the program does not answer the first line"
+"""Beginning of the message on a program that does not speak the protocol."""
+_ANSWERS = "`ready`, or `error TEXT` if it does not fit the problem"
+_PAGE = "docs/any-language.md"
 _GUARD = ("sh", "-c", 'read line; kill -9 "-$1"', "guard")
 """Command that waits for the end of its input, and kills a process group."""
 
 
 class ProgramError(Exception):
-    """A program broke the protocol, after it gave ``answered`` of the answers that it owes."""
+    """A program broke the protocol, after it gave ``answered`` of the answers that it owes.
 
-    def __init__(self, message: str, answered: int = 0) -> None:
-        super().__init__(message)
+    ``last_words`` is the last line that it wrote on stderr, as a text after the message.
+    """
+
+    def __init__(self, message: str, answered: int = 0, last_words: str = "") -> None:
+        super().__init__(f"{message}{last_words}")
         self.answered = answered
+        self.last_words = last_words
+
+
+class LateAnswerError(ProgramError):
+    """A program gave no answer within its time."""
+
+
+class NoFirstAnswerError(ProgramError):
+    """A program gave no answer to its first line within its time: it does not speak the protocol."""
 
 
 class RefusalError(ProgramError):
@@ -49,8 +65,8 @@ class Program:
     def __init__(self, command: Sequence[str], hello: str, timeout: float) -> None:
         """Start the program, and wait until it answers the line ``hello`` with ``ready``.
 
-        An answer may take ``timeout`` seconds. Raises ProgramError if there is none, and RefusalError if
-        the program refuses the problem.
+        An answer may take ``timeout`` seconds. Raises NoFirstAnswerError if there is none in this time,
+        RefusalError if the program refuses the problem, and ProgramError for another answer.
         """
         self._timeout = timeout
         self._start_s = 0.0
@@ -77,14 +93,25 @@ class Program:
         os.set_blocking(self._stdin.fileno(), False)
         os.set_blocking(self._stdout.fileno(), False)
         _running.add(self)
+        try:
+            first_answer = self.exchange([hello])[0]
+        except LateAnswerError as error:
+            what = (
+                f"{NO_FIRST_ANSWER}, `trackbench {PROTOCOL} {{JSON}}`, within {timeout:g} s; "
+                f"print {_ANSWERS}, and flush the output ({_PAGE}); a program that starts slowly "
+                "needs a larger `timeout`"
+            )
+            raise NoFirstAnswerError(f"{what}{error.last_words}") from None
         # A line may end as on Windows.
-        word, _, text = self.exchange([hello])[0].removesuffix("\r").partition(" ")
+        word, _, text = first_answer.removesuffix("\r").partition(" ")
         if word == "error":
             self.kill()
             reason = _cut(text, _LONGEST_REASON) if text.strip() else "without a reason"
             raise RefusalError(reason)
         if word != "ready" or text:
-            raise self._broken(f"answers {_shorten(f'{word} {text}')} at its start, not `ready`", 0)
+            answer = _shorten(f"{word} {text}")
+            what = f"answers {answer} at its start, not `ready`; print {_ANSWERS} ({_PAGE})"
+            raise self._broken(what, 0)
         self._start_s = self._clock()
 
     def exchange(self, lines: Sequence[str]) -> list[str]:
@@ -107,7 +134,9 @@ class Program:
             while answered < len(lines):
                 ready = selector.select(max(0.0, deadline - time.monotonic()))
                 if not ready:
-                    raise self._broken(f"gave no answer within {self._timeout:g} s", answered)
+                    self.kill()
+                    what = f"the program gave no answer within {self._timeout:g} s"
+                    raise LateAnswerError(what, answered, self._last_words())
                 for key, _ in ready:
                     if key.fileobj is self._stdin:
                         written = self._write(waiting, answered)
@@ -160,10 +189,13 @@ class Program:
     def _broken(self, failure: str, answered: int) -> ProgramError:
         """Kill the program; return the error, with the last line of the program's errors."""
         self.kill()
-        message = f"the program {failure}"
-        if self._error_lines:
-            message += f"; its last line on stderr: {_shorten(self._error_lines[-1])}"
-        return ProgramError(message, answered)
+        return ProgramError(f"the program {failure}", answered, self._last_words())
+
+    def _last_words(self) -> str:
+        """Return the last line of the program's errors, as a text after a message; empty without one."""
+        if not self._error_lines:
+            return ""
+        return f"; its last line on stderr: {_shorten(self._error_lines[-1])}"
 
     def _clock(self) -> float:
         """Return the CPU seconds of the program, those read last if it has ended; 0 outside of Linux."""

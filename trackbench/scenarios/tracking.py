@@ -14,6 +14,7 @@ from trackbench.core.random_streams import Streams
 from trackbench.field_types import Finite, InvalidKeyError, Natural, Positive, Registered, Unit
 from trackbench.models.base import Model, SampledMotion
 from trackbench.models.delays import Late
+from trackbench.models.description import ModelDescription, with_description
 from trackbench.models.motions.irregular import with_angle_names
 from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.models.motions.nonlinear import AngledMotion
@@ -239,10 +240,17 @@ class Tracking(Scenario):
             what = f"a motion of {', '.join(sampled.components)} for {', '.join(self.components)}"
             raise InvalidKeyError(what, "assume")
         sensor = assumed_sensor(self.assume, self.true_sensor, self.components)
-        if self.assume.faults != "known":
-            return Model(sampled, sensor)
-        # Filters know when the scenario's faults happen, and how large they are.
-        return Model(sampled, self._fault_context.known_sensor(self.faults, sensor))
+        description = ModelDescription(
+            motion=motion,
+            sensor=sensor,
+            start=self._assumed_start or self._start,
+            first_step=int(self.steps[0]),
+        )
+        model = Model(sampled, sensor)
+        if self.assume.faults == "known":
+            # Filters know when the scenario's faults happen, and how large they are.
+            model = Model(sampled, self._fault_context.known_sensor(self.faults, sensor))
+        return with_description(model, description)
 
     def assumed_measurements(self, z: Array) -> Array:
         """Return measurements z (n_z, T, M), corrected for the faults if the filter knows of them."""

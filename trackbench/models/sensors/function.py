@@ -307,6 +307,13 @@ class FunctionSensor(SensorBase):
         R = equations.covariance(1.0 if self.R is None else self.R, self.components, "R")
         return h, R
 
+    @property
+    def constant_R(self) -> Array | None:
+        """Covariance (n_z, n_z) of normal noise if it is constant; else None."""
+        if self.noise is not None:
+            return None
+        return self._programs[1].constant
+
     def measurement(self, x: Array, k: int) -> Gaussian:
         """Return N(h(x, k), R) for x (n_x, *batch), of which the first components are the state's.
 

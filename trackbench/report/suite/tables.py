@@ -259,7 +259,8 @@ def few_problems_sentence(groups: Sequence[SuiteScores], label: str, is_program:
     if is_program:
         return (
             f"{reason} A program that takes F, Q, H and R from its first line runs on every linear "
-            "problem: `trackbench new filter NAME --language c` writes one."
+            "problem: `trackbench new filter NAME --language c` writes one. `motion` and `sensors` on "
+            "that line have the model of every problem: docs/any-language.md."
         )
     return (
         f"{reason} A filter that takes its model as functions runs on nearly all: `trackbench new "
