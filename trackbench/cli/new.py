@@ -27,6 +27,18 @@ def new(
         Path | None,
         typer.Option("--truth", metavar="FILE", help="a table of the true path, beside --from"),
     ] = None,
+    odometry: Annotated[
+        Path | None,
+        typer.Option(
+            "--input", metavar="FILE", help="a table of a robot's odometry, beside --from"
+        ),
+    ] = None,
+    landmarks: Annotated[
+        Path | None,
+        typer.Option(
+            "--landmarks", metavar="FILE", help="a table of where landmarks are, beside --from"
+        ),
+    ] = None,
     per_run: Annotated[
         bool, typer.Option("--per-run", help="a filter that is written for one run, without arrays")
     ] = False,
@@ -73,8 +85,10 @@ def new(
         raise UserError(f"new {noun} {name}: {' and '.join(chosen_options)} exclude each other")
     if data is not None and noun != "experiment":
         raise typer.BadParameter(f"a {noun} is not made from data", param_hint="--from")
-    if truth is not None and data is None:
-        raise typer.BadParameter("is of --from", param_hint="--truth")
+    tables = {"--truth": truth, "--input": odometry, "--landmarks": landmarks}
+    for option, table in tables.items():
+        if table is not None and data is None:
+            raise typer.BadParameter("is of --from", param_hint=option)
     if sets and data is None:
         raise typer.BadParameter("is of --from", param_hint="--set")
     # Step 2: write the files.
@@ -85,7 +99,7 @@ def new(
     left_out_filters: list[str] = []
     if data is not None:
         data_name = name or re.sub("[^A-Za-z0-9]+", "-", data.stem).strip("-")
-        written = write_config_for(data, data_name, Path(), sets or (), truth)
+        written = write_config_for(data, data_name, Path(), sets or (), truth, odometry, landmarks)
         paths = written.paths
         unplaced_sensors = written.unknown
         unused_columns = written.unused
