@@ -2,6 +2,7 @@
 
 import csv
 import math
+import re
 import runpy
 from pathlib import Path
 
@@ -341,3 +342,59 @@ def test_a_merged_table_of_topics(tmp_path: Path) -> None:
     printed = written(tmp_path, log, "columns.bearing=field.bearing_deg")
     assert "wrote log.yaml" in printed
     assert "time: ns" in (tmp_path / "log.yaml").read_text()
+
+
+def test_check_says_the_notes_of_run(tmp_path: Path) -> None:
+    four_tables(tmp_path)
+    of_tables(tmp_path, *FOUR)
+    config = tmp_path / "robot.yaml"
+    text = config.read_text()
+    rows = sum(",4," in line for line in (tmp_path / "seen.csv").read_text().splitlines())
+    lines = [line for line in text.splitlines() if "# 4: place" not in line]
+    config.write_text("\n".join(lines).replace("sensors: [4, ", "sensors: [") + "\n")
+    done = trackbench("check", "robot.yaml", cwd=tmp_path)
+    assert done.stdout == "robot.yaml: good, 4 filters\n"
+    assert f"note: {rows} rows of 4 were left out (`sensors`)\n" in done.stderr
+
+
+BIASED = """
+  Biased:
+    kind: ekf
+    assume:
+      START
+      motion:
+        kind: map
+        components: [px, py, heading, bias]
+        input: [v, w]
+        where: {c: cos(heading + (w - bias)*T/2), s: sin(heading + (w - bias)*T/2)}
+        next: {px: px + v*T*c, py: py + v*T*s, heading: heading + (w - bias)*T, bias: bias}
+        Q: {px: 1e-4, py: 1e-4, heading: 1e-5, bias: 1e-9}
+"""
+
+
+def test_a_filter_with_a_larger_state_is_told_the_way(tmp_path: Path) -> None:
+    """It passed the check, and failed with a TypeError of numpy when it ran."""
+    four_tables(tmp_path)
+    of_tables(tmp_path, *FOUR)
+    config = tmp_path / "robot.yaml"
+    text = config.read_text()
+    way = r"needs it in the target's `state`: \[px, py, heading, bias\], and the truth may lack it"
+    start = "start: {kind: given, mean: [0, 0, 0.2, 0], sigma: [0.1, 0.1, 0.1, 0.01]}"
+    for line in (start, ""):
+        biased = BIASED.replace("START", line).lstrip("\n")
+        config.write_text(text.replace("  UKF: {kind: ukf}\n", biased))
+        with pytest.raises(UserError, match=way):
+            load(config)
+    # The state of the target, and of all filters, has the further component.
+    motion = biased.split("      motion:\n")[1].replace("        ", "      ")
+    head, rest = text.split("    motion:")
+    _, tail = rest.split("\nfilters:")
+    larger = f"{head}    motion:\n{motion}filters:{tail}"
+    larger = larger.replace("state: [px, py, heading]", "state: [px, py, heading, bias]")
+    mean = re.search(r"mean: \[(.*?)\]", larger)[1]  # type: ignore[index]
+    larger = larger.replace(
+        f"mean: [{mean}], sigma: [0.1, 0.1, 0.1]", start[len("start: {kind: given, ") : -1]
+    )
+    config.write_text(larger)
+    (point,) = load(config).points
+    assert point.scenario.components == ("px", "py", "heading", "bias")

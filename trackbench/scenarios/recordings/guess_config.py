@@ -188,6 +188,8 @@ def _table_lines(guess: Guess, truth: TruthGuess | None) -> Iterator[str]:
     yield "    kind: metrics"
     yield f'    title: "Prediction: {what}"'
     yield f"    columns: {{Log score: mean(log_score), {held}Innovations: mean(anis)}}"
+    if guess.inputs:
+        yield "  innovations: {kind: innovations}  # errors of predicted ranges and bearings"
 
 
 class _ModelParts(NamedTuple):
