@@ -52,7 +52,7 @@ class FurtherTables:
 
 
 class FirstState(NamedTuple):
-    """What a tried config shows of the first state of filters."""
+    """Time and pose of the first state of filters, as a tried config has them."""
 
     begin: float
     """its time, s or steps"""
