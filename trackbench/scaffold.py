@@ -19,6 +19,7 @@ from trackbench.config.build import build
 from trackbench.config.includes import assignment, override
 from trackbench.config.load import load
 from trackbench.errors import Mark, Problem, UserError, in_line
+from trackbench.execution.plan import cautions
 from trackbench.field_types import DataError, Place, Positive
 from trackbench.registry import GROUPS, kinds
 from trackbench.scenarios.base import Scenario
@@ -148,7 +149,8 @@ class WrittenConfig(NamedTuple):
 
     ``unknown`` are sensors whose place must be written, ``unused`` columns that are not read, and
     ``quantities`` what they may hold. ``left_out`` says which filters are comments only, and
-    ``units`` which units were guessed.
+    ``units`` which units were guessed. ``notes`` are those of the config, if all places of landmarks are
+    known.
     """
 
     paths: list[Path]
@@ -157,6 +159,7 @@ class WrittenConfig(NamedTuple):
     quantities: list[str]
     left_out: list[str]
     units: list[str]
+    notes: list[str]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -271,16 +274,21 @@ def write_config_for(
     first_state = _first_state(config.points[0].scenario, tables)
     parts = config_parts(guess, tables, first_state)
     write_text(path, _filled("recording.yaml", words, {**marks, **parts}))
+    unknown = unknown_places(guess, tables, first_state)
+    notes = []
+    if places and not unknown:
+        notes = cautions(config.points)
     units = guessed_units(guess)
     if odometry_guess is not None:
         units += guessed_units(odometry_guess, "input_naming.")
     return WrittenConfig(
         paths=[path],
-        unknown=unknown_places(guess, tables, first_state),
+        unknown=unknown,
         unused=unused_columns(guess),
         quantities=usable_quantities(guess),
         left_out=left_out_filters(guess),
         units=units,
+        notes=notes,
     )
 
 

@@ -264,9 +264,9 @@ def test_a_landmark_without_a_place_is_asked_for(tmp_path: Path) -> None:
     text = (tmp_path / "tags.csv").read_text()
     (tmp_path / "tags.csv").write_text(text.replace("\n3,", "\n33,"))
     assert "write into it where these are: 3\n" in of_tables(tmp_path, *FOUR)
-    assert "write where 3 is, m, as tags.csv has no place of it" in (
-        tmp_path / "robot.yaml"
-    ).read_text()  # fmt: skip
+    config = (tmp_path / "robot.yaml").read_text()
+    way = "which tags.csv lacks; or leave out the line, and the name in `sensors`"
+    assert f"write where 3 is, m, {way}" in config
     tag = text.replace("\n", "\ntag").removesuffix("tag")
     (tmp_path / "tags.csv").write_text(tag)
     printed = of_tables(tmp_path, *FOUR, "--set", "columns.sensor=field.id")
@@ -398,3 +398,25 @@ def test_a_filter_with_a_larger_state_is_told_the_way(tmp_path: Path) -> None:
     config.write_text(larger)
     (point,) = load(config).points
     assert point.scenario.components == ("px", "py", "heading", "bias")
+
+
+def test_what_was_seen_before_the_first_odometry_is_left_out(tmp_path: Path) -> None:
+    four_tables(tmp_path)
+    lines = (tmp_path / "odom.csv").read_text().splitlines()
+    (tmp_path / "odom.csv").write_text("\n".join([lines[0], *lines[16:-30]]) + "\n")
+    assert "wrote robot.yaml" in of_tables(tmp_path, *FOUR)
+    done = trackbench("check", "robot.yaml", cwd=tmp_path)
+    assert "note: 9 rows of measurements before the first or after the last inputs (" in done.stderr
+    # The first state is the truth at the first row of the odometry that is left.
+    (point,) = load(tmp_path / "robot.yaml").points
+    pose = [float(TRUTH[16][name]) for name in ("px", "py", "heading")]
+    assert point.scenario.start.mean == pytest.approx(pose, abs=1e-4)
+
+
+def test_clockwise_bearings_are_noted_at_once(tmp_path: Path) -> None:
+    four_tables(tmp_path)
+    rows = [line.split(",") for line in (tmp_path / "seen.csv").read_text().splitlines()[1:]]
+    mirrored = "field.header.stamp,field.id,field.range_mm,field.bearing_deg\n"
+    mirrored += "".join(f"{t},{tag},{r},{-float(b)}\n" for t, tag, r, b in rows)
+    (tmp_path / "seen.csv").write_text(mirrored)
+    assert "they agree if its bearing counts from x clockwise" in of_tables(tmp_path, *FOUR)

@@ -97,6 +97,7 @@ def new(
     quantities: list[str] = []
     guessed_units: list[str] = []
     left_out_filters: list[str] = []
+    notes: list[str] = []
     if data is not None:
         data_name = name or re.sub("[^A-Za-z0-9]+", "-", data.stem).strip("-")
         written = write_config_for(data, data_name, Path(), sets or (), truth, odometry, landmarks)
@@ -106,6 +107,7 @@ def new(
         quantities = written.quantities
         guessed_units = written.units
         left_out_filters = written.left_out
+        notes = written.notes
     elif name is None:
         raise typer.BadParameter("is required without --from", param_hint="NAME")
     else:
@@ -124,6 +126,8 @@ def new(
         _echo_unused_columns(unused_columns, quantities)
     for line in [*guessed_units, *left_out_filters]:
         typer.echo(line)
+    for note in notes:
+        typer.echo(f"note: {note}", err=True)
     config = next(path for path in paths if path.suffix == ".yaml")
     if language:
         build_command = LANGUAGES[language].build

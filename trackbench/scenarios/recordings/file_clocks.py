@@ -8,7 +8,13 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_mapping import UNITS, Naming
-from trackbench.scenarios.recordings.rows import TICK, Gathered, Rows, usual_interval
+from trackbench.scenarios.recordings.rows import (
+    TICK,
+    Gathered,
+    Rows,
+    time_text,
+    usual_interval,
+)
 
 _FACTORS = (1e3, 1e6, 1e9, 1e-3, 1e-6, 1e-9)
 """ratios of the units s, ms, us and ns"""
@@ -47,10 +53,9 @@ def check_common_time(
     span = _span_of(all_times)
     other_span = _span_of(rows.time)
     unit = "" if measured.stepped else " s"
-    ends = (
-        f"its times are from {other_span.first:.10g} to {other_span.last:.10g}{unit}, and those of"
-    )
-    ends += f" {measured.files[0]} from {span.first:.10g} to {span.last:.10g}{unit}"
+    own = f"{time_text(other_span.first)} to {time_text(other_span.last)}{unit}"
+    of_measurements = f"{time_text(span.first)} to {time_text(span.last)}{unit}"
+    ends = f"its times are from {own}, and those of {measured.files[0]} from {of_measurements}"
     is_apart = _share_in_common(span, other_span) == 0.0
     way = ""
     if not measured.stepped and not measured.dated:

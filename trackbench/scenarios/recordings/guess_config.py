@@ -597,7 +597,11 @@ def _sensor_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
             named = quoted(sensor.name) if sensor.name else "the landmark"
             place_comment = f"  # {named}: place of {in_line(tables.source_of_places)}, m"
         elif tables.places:
-            place_comment += f", as {in_line(tables.source_of_places)} has no place of it"
+            source_of_places = in_line(tables.source_of_places)
+            place_comment += (
+                f", which {source_of_places} lacks; or leave out the line, and the name in"
+            )
+            place_comment += " `sensors`"
         if kind == "position" and guess.inputs:
             variance = float(f"{max(sigmas) ** 2:.3g}")
             yield f"- {{kind: function, h: {{x: px, y: py}}, R: {variance:g}}}{comment}; R is a variance"

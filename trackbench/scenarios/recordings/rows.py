@@ -286,6 +286,13 @@ def _clock_type(stepped: bool, dated: str) -> str:
     return dated.replace("date", "dates") or "seconds"
 
 
+def time_text(time: float) -> str:
+    """Write a time, s or steps; one since 1970 has its milliseconds."""
+    if abs(time) < 1e6:
+        return f"{time:.9g}"
+    return f"{time:.3f}"
+
+
 def usual_interval(times: Array) -> float:
     """Compute the upper median of the intervals between different times; 1 without intervals."""
     intervals = np.sort(np.diff(np.unique(times)))

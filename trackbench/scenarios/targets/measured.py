@@ -33,6 +33,7 @@ from trackbench.scenarios.recordings.inputs import (
     aligned_with,
     inputs_at,
     missing_run,
+    rows_within,
     with_inputs_only,
 )
 from trackbench.scenarios.recordings.row_order import in_order
@@ -311,7 +312,13 @@ class Measured(FromFiles, Naming, Target):
             angles = {each.components[row]: row for row in measured_angle_rows(each)}
             check_turns(gathered, rows[m], angles)
             rows[m] = in_order(gathered, rows[m], each.innovation)
-        # Step 2: take the first scans from the sensor that measures the position.
+        # Step 2: read the inputs. Those of a file of their own may begin later or end earlier.
+        inputs = None
+        if self.input:
+            gathered_inputs, inputs = self._read_inputs(gathered, rows)
+            if self.input_file:
+                rows = rows_within(gathered, rows, gathered_inputs, inputs)
+        # Step 3: take the first scans from the sensor that measures the position.
         locating = position_part(sensor)
         number = 0  # of that sensor
         if locating is not None:
@@ -320,11 +327,9 @@ class Measured(FromFiles, Naming, Target):
         start = None
         if scans:
             start = initial_scans(gathered, rows[number], scans)
-        # Step 3: put all runs on one clock, and the measurements on its steps.
-        inputs = None
+        # Step 4: put all runs on one clock, and the measurements on its steps.
         timed_rows = rows
-        if self.input:
-            gathered_inputs, inputs = self._read_inputs(gathered, rows)
+        if inputs is not None:
             # There is a step at every row of the inputs. The earliest rows give the usual interval.
             timed_rows = [inputs.measured, *rows]
             timed_rows.sort(key=lambda each: float(each.time.min()))
@@ -334,7 +339,7 @@ class Measured(FromFiles, Naming, Target):
         if not resampled and not gathered.stepped:
             gathered.notices += note_on_shared_clock(gathered.runs, rows, clock)
         measurements, arrivals = measurement_array(gathered, rows, clock, resampled)
-        # Step 4: add the scans of the start and the truth.
+        # Step 5: add the scans of the start and the truth.
         runs = len(gathered.runs)
         first_scans = np.full((len(sensor.components), scans, runs), np.nan)
         apart = np.full(runs, np.nan)
