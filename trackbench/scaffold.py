@@ -47,12 +47,12 @@ from trackbench.scenarios.recordings.landmark_table import read_landmarks
 from trackbench.scenarios.targets.measured import Measured
 from trackbench.yaml_source import MarkedMapping, Source
 
-_OPTIONS_OF_PREFIXES = {
-    "truth_naming.": "--truth",
-    "input_naming.": "--input",
-    "landmarks.": "--landmarks",
+_TABLES_OF_PREFIXES = {
+    "truth_naming.": ("truth", "--truth"),
+    "input_naming.": ("file of inputs", "--input"),
+    "landmarks.": ("table of landmarks", "--landmarks"),
 }
-"""Beginnings of the keys of tables beside the measurements, and the options that name the tables."""
+"""Tables beside the measurements and their options, by the beginning of their keys."""
 _OPTION_OF_TABLE = re.compile(r"--set '?(?!'|(?:truth_naming|input_naming|landmarks)\.)")
 """Beginning of an option that answers a question on a table."""
 _OPTIONS_OF_KEYS = {
@@ -199,8 +199,8 @@ def write_config_for(
     for prefix, table in paths_of_tables.items():
         of_table = [change for change in remaining if change.startswith(prefix)]
         if of_table and table is None:
-            option = _OPTIONS_OF_PREFIXES[prefix]
-            what = f"{of_table[0]}: there is no such table; name it, {option} FILE"
+            noun, option = _TABLES_OF_PREFIXES[prefix]
+            what = f"{of_table[0]}: there is no {noun}; name it, {option} FILE"
             raise UserError(Problem(mark, "", what))
         remaining = [change for change in remaining if change not in of_table]
         namings[prefix] = _given_naming(mark, [change.removeprefix(prefix) for change in of_table])

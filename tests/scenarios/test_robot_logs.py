@@ -211,7 +211,9 @@ def test_questions_on_a_table_name_its_keys(tmp_path: Path) -> None:
     assert "say --set 'input_naming.columns.w=ITS NAME'" in printed
     assert "wrote" in of_tables(tmp_path, *FOUR, "--set", "input_naming.columns.w=spin")
     printed = of_tables(tmp_path, "--set", "input_naming.columns.w=spin")
-    assert "input_naming.columns.w=spin: there is no such table; name it, --input FILE" in printed
+    assert (
+        "input_naming.columns.w=spin: there is no file of inputs; name it, --input FILE" in printed
+    )
     printed = of_tables(tmp_path, "--set", "input_file=odom.csv")
     assert "input_file: this table has an option of its own, --input FILE" in printed
 

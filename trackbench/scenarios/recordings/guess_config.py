@@ -63,12 +63,13 @@ class FirstState(NamedTuple):
 
 
 def config_parts(
-    guess: Guess, tables: FurtherTables, first_state: FirstState | None = None
+    guess: Guess, tables: FurtherTables | None = None, first_state: FirstState | None = None
 ) -> dict[str, str]:
     """Return the parts of a config that are guessed, as lines of YAML by their place in the template.
 
     ``tables`` are those beside the measurements. ``first_state`` is that of the filters, if it is known.
     """
+    tables = tables or FurtherTables()
     truth = tables.truth
     when = _begin_in_words(guess, first_state)
     parts = _target_parts(guess, when)
