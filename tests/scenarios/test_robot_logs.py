@@ -415,10 +415,15 @@ def test_what_was_seen_before_the_first_odometry_is_left_out(tmp_path: Path) -> 
     assert point.scenario.start.mean == pytest.approx(pose, abs=1e-4)
 
 
-def test_clockwise_bearings_are_noted_at_once(tmp_path: Path) -> None:
+def test_clockwise_bearings_of_two_tables_are_a_question_and_a_note(tmp_path: Path) -> None:
     four_tables(tmp_path)
     rows = [line.split(",") for line in (tmp_path / "seen.csv").read_text().splitlines()[1:]]
     mirrored = "field.header.stamp,field.id,field.range_mm,field.bearing_deg\n"
     mirrored += "".join(f"{t},{tag},{r},{-float(b)}\n" for t, tag, r, b in rows)
     (tmp_path / "seen.csv").write_text(mirrored)
-    assert "they agree if its bearing counts from x clockwise" in of_tables(tmp_path, *FOUR)
+    printed = of_tables(tmp_path, *FOUR)
+    option = f"input_naming.columns.w={ANGULAR}"
+    assert f"field.bearing_deg and {ANGULAR} agree only if one of them counts clockwise" in printed
+    assert f"to read them as they are, say --set '{option}'" in printed
+    printed = of_tables(tmp_path, *FOUR, "--set", option)
+    assert "they agree if its bearing counts from x clockwise" in printed

@@ -267,9 +267,11 @@ def recognized(
     """Guess how a table of measurements is written.
 
     Keys that are set in ``user_naming`` are not guessed. ``said`` are the keys that the user set, also
-    to nothing, such as ``clockwise=[]``. ``tables`` are those beside it, if it is a robot's. Raises DataError if no column is a time, or none is measured.
+    to nothing, such as ``clockwise=[]``. ``tables`` are those beside it, if it is a robot's. Raises
+    DataError if no column is a time, or none is measured.
     """
-    return _recognized(path, user_naming or Naming(), tables or RobotTables(), "measurements")
+    naming = user_naming or Naming()
+    return _recognized(path, naming, said, tables or RobotTables(), "measurements")
 
 
 def recognized_odometry(path: str, user_naming: Naming | None = None) -> Guess:
@@ -277,11 +279,15 @@ def recognized_odometry(path: str, user_naming: Naming | None = None) -> Guess:
 
     Keys that are set in ``user_naming`` are not guessed. Raises DataError if a column is missing.
     """
-    return _recognized(path, user_naming or Naming(), RobotTables(), "odometry")
+    return _recognized(path, user_naming or Naming(), (), RobotTables(), "odometry")
 
 
 def _recognized(
-    path: str, user_naming: Naming, tables: RobotTables, content: TableContent
+    path: str,
+    user_naming: Naming,
+    said: Collection[str],
+    tables: RobotTables,
+    content: TableContent,
 ) -> Guess:
     """Guess how a table with this content is written; the arguments are those of `recognized`."""
     _check_given_keys(path, user_naming)
