@@ -2,11 +2,13 @@
 
 import gc
 import os
+import re
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +34,7 @@ from trackbench.evaluation.run_filter import FilterOutput, run_filter
 from trackbench.execution import cache as blocks
 from trackbench.filters.base import AnyFilter
 from trackbench.registry import kinds
+from trackbench.results import run_facts
 from trackbench.scenarios.base import Scenario
 
 __all__ = ["browser"]
@@ -60,6 +63,20 @@ _durations: Counter[str] = Counter()
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add ``--fast``, which `make test-fast` gives."""
     parser.addoption("--fast", action="store_true", help=f"tests that last took up to {SLOW} s")
+
+
+def pytest_sessionstart() -> None:
+    """Collect no garbage while the tests are collected, which makes little of it."""
+    gc.disable()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """Collect garbage again once the tests are collected."""
+    try:
+        return (yield)
+    finally:
+        gc.enable()
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -159,6 +176,24 @@ def _no_fsync() -> Iterator[None]:
     """Leave files to the system's cache: no test cuts the power, and each fsync takes milliseconds."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "fsync", lambda descriptor: None)
+        yield
+
+
+_folder_numbers = count()
+
+
+@pytest.fixture
+def tmp_path(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A new folder, as pytest's own fixture makes it but without a link to the last one of its name."""
+    name = re.sub(r"\W", "_", request.node.name)[:30]
+    return tmp_path_factory.mktemp(f"{name}{next(_folder_numbers)}", numbered=False)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _commit_read_once() -> Iterator[None]:
+    """Start git once a session, not for each manifest: no test adds a commit to this repository."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(run_facts, "_commit", cache(run_facts._commit))
         yield
 
 

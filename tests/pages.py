@@ -65,6 +65,14 @@ _DATA = {
     "radar.csv": "run,step,range,azimuth\n"
     + "".join(f"1,{k},{1 + k / 50},{k}\n" for k in range(12)),
     "gps.csv": "run,step,x,y\n" + "".join(f"1,{k},{1000 + k * 20},{k * 5}\n" for k in range(12)),
+    # Two clocks: UNIX times in ms and dates, of one drive.
+    "radar_log.csv": "time_unix_ms;range_m;azimuth_deg\n"
+    + "".join(f"{1715679062370 + 1000 * k};{700 + 10 * k};{45 + k % 3}\n" for k in range(12)),
+    "gps_logger.csv": "Timestamp (UTC),Latitude,Longitude\n"
+    + "".join(
+        f"2024-05-14T09:31:{3 + k:02}.000Z,{48.2696 + 6e-5 * k:.7f},{11.6756 + 1e-4 * k:.7f}\n"
+        for k in range(12)
+    ),
 }
 
 
@@ -109,8 +117,8 @@ class Sandbox:
         self.names: dict[str, Any] = {"__name__": "__main__"}
         (folder / "experiments").symlink_to(ROOT / "experiments")
         shutil.copytree(stored, folder / "results")
-        for place in ("m.csv", "reference.csv", "radar.csv", "gps.csv"):
-            (folder / place).write_text(_DATA[place])
+        for place, text in _DATA.items():
+            (folder / place).write_text(text)
         (folder / "data").mkdir()
         (folder / "data" / "measurements.csv").write_text(_DATA["m.csv"])
         (folder / "data" / "truth.csv").write_text(_DATA["reference.csv"])

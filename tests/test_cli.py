@@ -212,3 +212,26 @@ def test_a_first_mistake_gets_a_short_answer(
     assert done.returncode == 2
     assert re.search(message, done.stderr.strip())
     assert len(done.stderr) < 800
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("run air-traffic --runs 3 --runs 4", "--runs is there twice, and takes one value"),
+        ("plot r --style a --only x --only y --style b", "--style is there twice"),
+        ("new experiment --from a.csv --truth b.csv --truth c.csv", "--truth is there twice"),
+        ("gate c.yaml --filter a.py --filter b.py", "--filter is there twice"),
+        ("run air-traffic --set runs=3 --set runs=4", "runs: has another value in --set runs=3"),
+        ("suite --set runs=3 --set runs=4", "runs: has another value in --set runs=3"),
+    ],
+)
+def test_of_two_values_of_an_option_none_is_dropped(words: str, expected: str) -> None:
+    done = trackbench(*words.split())
+    assert done.returncode == 2
+    assert expected in done.stderr
+
+
+def test_an_option_of_several_values_and_one_that_repeats_a_key_alike_are_taken() -> None:
+    words = "run air-traffic --only KF --only KF --set runs=3 --set runs=3 --dry-run"
+    done = trackbench(*words.split())
+    assert done.returncode == 0, done.stderr

@@ -16,7 +16,7 @@ import yaml
 
 from trackbench.atomic_files import write_text
 from trackbench.config.build import build
-from trackbench.config.includes import assignment, override
+from trackbench.config.includes import override_all
 from trackbench.config.load import load
 from trackbench.errors import Mark, Problem, UserError, in_line
 from trackbench.execution.plan import cautions
@@ -36,13 +36,14 @@ from trackbench.scenarios.recordings.guess_config import (
     unused_columns,
     usable_quantities,
 )
+from trackbench.scenarios.recordings.guess_files import joined_guess
 from trackbench.scenarios.recordings.guess_format import (
     Guess,
     RobotTables,
     recognized,
     recognized_odometry,
 )
-from trackbench.scenarios.recordings.guess_truth import recognized_truth, settled
+from trackbench.scenarios.recordings.guess_truth import TruthGuess, recognized_truth, settled
 from trackbench.scenarios.recordings.landmark_table import read_landmarks
 from trackbench.scenarios.targets.measured import Measured
 from trackbench.yaml_source import MarkedMapping, Source
@@ -53,6 +54,7 @@ _TABLES_OF_PREFIXES = {
     "landmarks.": ("table of landmarks", "--landmarks"),
 }
 """Tables beside the measurements and their options, by the beginning of their keys."""
+_FILES_KEY = "measurement_naming"
 _OPTION_OF_TABLE = re.compile(r"--set '?(?!'|(?:truth_naming|input_naming|landmarks)\.)")
 """Beginning of an option that answers a question on a table."""
 _OPTIONS_OF_KEYS = {
@@ -149,8 +151,8 @@ class WrittenConfig(NamedTuple):
 
     ``unknown`` are sensors whose place must be written, ``unused`` columns that are not read, and
     ``quantities`` what they may hold. ``left_out`` says which filters are comments only, and
-    ``units`` which units were guessed. ``notes`` are those of the config, if all places of landmarks are
-    known.
+    ``units`` which units were guessed. Options that name a column begin with the ``prefix``, which
+    several files need. ``notes`` are those of the config, if all places of landmarks are known.
     """
 
     paths: list[Path]
@@ -160,6 +162,7 @@ class WrittenConfig(NamedTuple):
     left_out: list[str]
     units: list[str]
     notes: list[str]
+    prefix: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,22 +179,30 @@ def write_config_for(
     folder: Path,
     changes: Sequence[str] = (),
     truth: Path | None = None,
+    further: Sequence[Path] = (),
     odometry: Path | None = None,
     landmarks: Path | None = None,
 ) -> WrittenConfig:
     """Write an experiment on recorded data with guessed columns and units; existing files stay.
 
-    ``changes``, such as ``columns.time=Zeit``, are keys of the recording that need no guess. Keys of the
-    ``truth``, a table of the true path, begin with ``truth_naming``. Those of a robot's ``odometry``
-    begin with ``input_naming``, and those of a table of ``landmarks`` with ``landmarks``. A config that
-    would not run is not left: UserError says why. Places that the user must write are then any numbers.
+    ``further`` are the files of further sensors. ``changes``, such as ``columns.time=Zeit``, are keys of
+    the recording that need no guess. Those of one of several files begin with ``measurement_naming`` and
+    its number from 0, and those of the ``truth``, a table of the true path, with ``truth_naming``. Keys
+    of a robot's ``odometry`` begin with ``input_naming``, and those of a table of ``landmarks`` with
+    ``landmarks``. A config that would not run is not left: UserError says why. Places that the user must
+    write are then any numbers.
     """
     words = _words_of_name("experiment", name)
     path = folder / f"{'_'.join(words)}.yaml"
     mark = Mark(f"new experiment {name}")
+    tables = [data, *further]
     if path.exists():
-        way = f"remove it, or write another one: trackbench new experiment NAME --from {data}"
+        options = " ".join(f"--from {table}" for table in tables)
+        way = f"remove it, or write another one: trackbench new experiment NAME {options}"
         raise UserError(Problem(mark, "", f"there is a file {path}: {way}"))
+    twice = [table for i, table in enumerate(tables) if table in tables[:i]]
+    if twice:
+        raise UserError(Problem(mark, "", f"--from {twice[0]} is there twice: leave one out"))
     # Step 1: read the given keys as those of a config, and guess the others.
     paths_of_tables = {"truth_naming.": truth, "input_naming.": odometry, "landmarks.": landmarks}
     namings: dict[str, Naming] = {}
@@ -208,7 +219,6 @@ def write_config_for(
         change for change in remaining if change.startswith(("input_gap=", "input_holds="))
     ]
     input_keys = _given_input_keys(mark, of_inputs)
-    given = _given_naming(mark, [change for change in remaining if change not in of_inputs])
     odometry_guess = None
     places: dict[str, tuple[float, float]] = {}
     if odometry is not None:
@@ -217,15 +227,19 @@ def write_config_for(
     if landmarks is not None:
         with _questions_on("landmarks."):
             places = read_landmarks(str(landmarks), namings["landmarks."]).places
-    with _questions_on(""):
-        robot_tables = RobotTables(
-            odometry=odometry_guess,
-            landmarks=tuple(places),
-            names_turn_rate="w" in namings["input_naming."].columns,
+    robot_tables = RobotTables(
+        odometry=odometry_guess,
+        landmarks=tuple(places),
+        names_turn_rate="w" in namings["input_naming."].columns,
+    )
+    if further and not robot_tables.is_empty:
+        what = (
+            "--input and --landmarks are of one table of measurements, and there are several --from"
         )
-        # A key that is set to nothing, as clockwise=[], is an answer, too.
-        said = {change.partition("=")[0].strip() for change in changes}
-        guess = recognized(str(data), given, said, robot_tables)
+        raise UserError(Problem(mark, "", what))
+    of_tables = [change for change in remaining if change not in of_inputs]
+    table_guesses = _guesses_at(mark, tables, of_tables, robot_tables)
+    guess = _joined(tables, [each.guess for each in table_guesses])
     if input_keys and not guess.inputs:
         raise UserError(
             Problem(mark, next(iter(input_keys)), "is of a robot's inputs; leave it out")
@@ -236,16 +250,13 @@ def write_config_for(
     if truth is not None:
         with _questions_on("truth_naming."):
             truth_guess = recognized_truth(str(truth), guess, namings["truth_naming."])
-    with _questions_on(""):
-        guess = settled(guess, truth_guess, said)
-    idle = idle_keys(guess, given.columns)
-    if idle:
-        kinds_of_sensors = " and ".join(dict.fromkeys(s.kind for s in guess.sensors))
-        what = f"the config would not read it, as it is one of {kinds_of_sensors}; leave it out"
-        raise UserError(Problem(mark, f"columns.{idle[0]}", what))
+    guess = _settled(mark, tables, table_guesses, truth_guess)
     # Step 2: the template's lines for the data's columns and units.
-    relative = quoted(os.path.relpath(data, folder))
-    tables = FurtherTables(
+    relative_paths = [quoted(os.path.relpath(table, folder)) for table in tables]
+    relative = relative_paths[0]
+    if further:
+        relative = f"[{', '.join(relative_paths)}]"
+    further_tables = FurtherTables(
         truth=truth_guess,
         truth_path="" if truth is None else quoted(os.path.relpath(truth, folder)),
         odometry=odometry_guess,
@@ -254,11 +265,12 @@ def write_config_for(
         source_of_places="" if landmarks is None else landmarks.name,
         keys=input_keys,
     )
-    marks = {"@FILE@": relative, "@SOURCE@": in_line(data.name)}
-    text = _filled("recording.yaml", words, {**marks, **config_parts(guess, tables)})
+    sources = " and ".join(table.name for table in tables)
+    marks = {"@FILE@": relative, "@SOURCE@": in_line(sources)}
+    text = _filled("recording.yaml", words, {**marks, **config_parts(guess, further_tables)})
     # Step 3: try the config, with some numbers in place of those that the user must write.
     tried_text = text
-    if unknown_places(guess, tables):
+    if unknown_places(guess, further_tables):
         origin = guess.origin
         if not origin and truth_guess is not None:
             origin = truth_guess.origin
@@ -267,28 +279,44 @@ def write_config_for(
     try:
         config = load(path)
     except UserError as error:
-        raise UserError(*(_reported(problem, path, data) for problem in error.problems)) from None
+        reported = [_reported(problem, path, sources) for problem in error.problems]
+        raise UserError(
+            *(_with_option_of_zone(problem, tables, truth) for problem in reported)
+        ) from None
     finally:
         path.unlink()
     # The time of the first state is known by now, and the truth there.
-    first_state = _first_state(config.points[0].scenario, tables)
-    parts = config_parts(guess, tables, first_state)
+    first_state = _first_state(config.points[0].scenario, further_tables)
+    parts = config_parts(guess, further_tables, first_state)
     write_text(path, _filled("recording.yaml", words, {**marks, **parts}))
-    unknown = unknown_places(guess, tables, first_state)
+    unknown = unknown_places(guess, further_tables, first_state)
     notes = []
     if places and not unknown:
         notes = cautions(config.points)
-    units = guessed_units(guess)
+    unused: list[str] = []
+    units: list[str] = []
+    prefix = ""
+    first_with_unused = guess.each_file[0]
+    for number, (file, table) in enumerate(zip(guess.each_file, tables, strict=True)):
+        prefix_of_file = _prefix_of(number, tables)
+        units += guessed_units(file, prefix_of_file)
+        of_file = f" of {in_line(table.name)}" if further else ""
+        names = [f"{column}{of_file}" for column in unused_columns(file)]
+        if names and not unused:
+            prefix = prefix_of_file
+            first_with_unused = file
+        unused += names
     if odometry_guess is not None:
         units += guessed_units(odometry_guess, "input_naming.")
     return WrittenConfig(
         paths=[path],
         unknown=unknown,
-        unused=unused_columns(guess),
-        quantities=usable_quantities(guess),
+        unused=unused,
+        quantities=usable_quantities(first_with_unused),
         left_out=left_out_filters(guess),
         units=units,
         notes=notes,
+        prefix=prefix,
     )
 
 
@@ -301,20 +329,13 @@ def _questions_on(prefix: str) -> Iterator[None]:
     try:
         yield
     except DataError as error:
-        problems = []
-        for place in error.places:
-            what = place.what
-            if prefix:
-                what = _OPTION_OF_TABLE.sub(rf"\g<0>{prefix}", what)
-            problems.append(_problem_at(place._replace(what=what)))
-        raise UserError(*problems) from None
+        raise _questions(error, prefix) from None
 
 
 def _given_input_keys(mark: Mark, changes: Sequence[str]) -> dict[str, str]:
     """Return the keys on inputs among the user's answers, as YAML."""
     source = Source(MarkedMapping(), mark)
-    for change in changes:
-        override(source, *assignment(source, change))
+    override_all(source, changes)
     given = build(_InputKeys, source, ())
     if given is None:
         raise UserError(*source.problems)
@@ -363,6 +384,144 @@ def _first_state(scenario: Scenario, tables: FurtherTables) -> FirstState:
     return FirstState(begin=begin, pose=tuple(poses[:, known[0]].tolist()), later=later)
 
 
+def _prefix_of(number: int, tables: Sequence[Path]) -> str:
+    """Return the beginning of the keys of a table's columns, which is empty for one table alone."""
+    if len(tables) == 1:
+        return ""
+    return f"{_FILES_KEY}.{number}."
+
+
+class _TableGuess(NamedTuple):
+    """Guess at one table, the keys that the user set for it, and the columns among them."""
+
+    guess: Guess
+    said: set[str]
+    columns: Mapping[str, str]
+
+
+def _guesses_at(
+    mark: Mark, tables: Sequence[Path], changes: Sequence[str], robot_tables: RobotTables
+) -> list[_TableGuess]:
+    """Guess the columns and units of the tables, one for each sensor.
+
+    Keys that are set in ``changes`` are not guessed. ``robot_tables`` are those beside the measurements
+    of a robot. Raises UserError with all questions.
+    """
+    shared = [change for change in changes if not change.startswith(f"{_FILES_KEY}.")]
+    if len(tables) == 1:
+        for change in changes:
+            if change not in shared:
+                what = "there is one file alone: leave the words before columns or units out"
+                raise UserError(Problem(mark, change, what))
+    else:
+        _check_files_of(mark, tables, changes, shared)
+    guesses = []
+    problems: list[Problem | str] = []
+    for number, table in enumerate(tables):
+        prefix = _prefix_of(number, tables)
+        own = list(shared)
+        if prefix:
+            own += [c.removeprefix(prefix) for c in changes if c.startswith(prefix)]
+        given = _given_naming(mark, own)
+        # A key that is set to nothing, as clockwise=[], is an answer, too.
+        said = {change.partition("=")[0].strip() for change in own}
+        try:
+            guess = recognized(str(table), given, said, robot_tables)
+        except DataError as error:
+            problems += _questions(error, prefix).problems
+            continue
+        guesses.append(_TableGuess(guess=guess, said=said, columns=given.columns))
+    if problems:
+        raise UserError(*problems)
+    return guesses
+
+
+def _check_files_of(
+    mark: Mark, tables: Sequence[Path], changes: Sequence[str], shared: Sequence[str]
+) -> None:
+    """Raise UserError for a change that names no file of several; ``shared`` ones are of all files."""
+    for change in shared:
+        if not change.startswith("origin="):
+            options = " or ".join(
+                f"--set {_prefix_of(number, tables)}{change} for {table.name}"
+                for number, table in enumerate(tables)
+            )
+            raise UserError(Problem(mark, change, f"which file? Say {options}"))
+    prefixes = tuple(_prefix_of(number, tables) for number in range(len(tables)))
+    for change in changes:
+        if change not in shared and not change.startswith(prefixes):
+            what = f"files have the numbers from 0 to {len(tables) - 1}: {_FILES_KEY}.0.columns"
+            raise UserError(Problem(mark, change, what))
+
+
+def _settled(
+    mark: Mark,
+    tables: Sequence[Path],
+    table_guesses: Sequence[_TableGuess],
+    truth: TruthGuess | None,
+) -> Guess:
+    """Return the guess at all tables, whose open questions the truth or another table has answered.
+
+    Raises UserError with the questions that remain, and for keys that the config would not read.
+    """
+    guesses = []
+    problems: list[Problem | str] = []
+    for number, (guess, said, columns) in enumerate(table_guesses):
+        prefix = _prefix_of(number, tables)
+        others = [each.guess for i, each in enumerate(table_guesses) if i != number]
+        try:
+            guesses.append(settled(guess, truth, said, others))
+        except DataError as error:
+            problems += _questions(error, prefix).problems
+            continue
+        idle = idle_keys(guesses[-1], columns)
+        if idle:
+            kinds_of_sensors = " and ".join(dict.fromkeys(s.kind for s in guess.sensors))
+            what = f"the config would not read it, as it is one of {kinds_of_sensors}; leave it out"
+            problems.append(Problem(mark, f"{prefix}columns.{idle[0]}", what))
+    if problems:
+        raise UserError(*problems)
+    return _joined(tables, guesses)
+
+
+def _joined(tables: Sequence[Path], guesses: Sequence[Guess]) -> Guess:
+    """Return the guess at all tables."""
+    if len(tables) == 1:
+        return guesses[0]
+    try:
+        return joined_guess([str(table) for table in tables], guesses)
+    except DataError as error:
+        raise UserError(*map(_problem_at, error.places)) from None
+
+
+def _questions(error: DataError, prefix: str) -> UserError:
+    """Return the questions on a table, whose answers are keys that begin with the ``prefix``."""
+    problems = []
+    for place in error.places:
+        what = place.what
+        if prefix:
+            what = _OPTION_OF_TABLE.sub(rf"\g<0>{prefix}", what)
+        problems.append(_problem_at(place._replace(what=what)))
+    return UserError(*problems)
+
+
+def _with_option_of_zone(
+    problem: Problem | str, tables: Sequence[Path], truth: Path | None
+) -> Problem | str:
+    """Write the answer to a question on the zone of a file's clock as an option."""
+    if isinstance(problem, str) or "`zone: UTC`" not in problem.what:
+        return problem
+    prefixes = {table: _prefix_of(number, tables) for number, table in enumerate(tables)}
+    if truth is not None:
+        prefixes[truth] = "truth_naming."
+    for table, prefix in prefixes.items():
+        path = os.path.abspath(table)
+        if f" of {path}? Say" in problem.what or f" of {path} counts" in problem.what:
+            what = problem.what.replace("`zone: UTC`", f"--set {prefix}zone=UTC")
+            return Problem(problem.mark, problem.path, what)
+    return problem
+
+
 def _problem_at(place: Place) -> Problem:
     """Return the mistake of a table as a problem of the command."""
     return Problem(Mark(place.file, place.line, place.column), "", place.what)
@@ -376,7 +535,7 @@ def _given_naming(mark: Mark, changes: Sequence[str]) -> Naming:
         if key in _OPTIONS_OF_KEYS:
             what = f"this table has an option of its own, {_OPTIONS_OF_KEYS[key]}"
             raise UserError(Problem(mark, key, what))
-        override(source, *assignment(source, change))
+    override_all(source, changes)
     given = build(Naming, source, ())
     if given is None:
         raise UserError(*source.problems)
@@ -402,14 +561,14 @@ def _with_some_places(text: str, origin: Sequence[float]) -> str:
     return str(yaml.safe_dump(config, sort_keys=False))
 
 
-def _reported(problem: Problem | str, path: Path, data: Path) -> Problem | str:
+def _reported(problem: Problem | str, path: Path, data: str) -> Problem | str:
     """Report a mistake of a guessed config as one of the table, since the config is not there."""
     if isinstance(problem, str) or problem.mark.file != str(path):
         return problem
     mistake = problem.what
     if problem.path:
         mistake = f"{problem.path}: {problem.what}"
-    return Problem(Mark(str(data)), "", f"a config for it would not run: {mistake}")
+    return Problem(Mark(data), "", f"a config for it would not run: {mistake}")
 
 
 def _words_of_name(noun: str, name: str) -> list[str]:

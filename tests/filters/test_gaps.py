@@ -17,7 +17,8 @@ BRED = {"pfde", "hdepf"}
 KINDS = [
     k
     for k, cls in kinds("filters").items()
-    if k not in ("grid-2d", "external")  # of two components; of a program's own
+    if cls.__module__.startswith("trackbench.")  # those of other tests may be registered
+    and k not in ("grid-2d", "external")  # of two components; of a program's own
     and all(meets_requirement(SCENARIO, need) for need in getattr(cls, "requires", ()))
 ]
 

@@ -1,6 +1,8 @@
 """Recorded data on clocks of their own: irregular steps, dates, units, several sensors and runs."""
 
 import math
+from collections.abc import Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -239,6 +241,145 @@ def test_sensors_come_in_one_file_or_in_one_each(tmp_path: Path) -> None:
     for label in filters:
         np.testing.assert_array_equal(apart[f"mean/{label}"], together[f"mean/{label}"])
     assert np.isfinite(apart["measurements"][2:, ::2]).sum() == 2 * (n - 1)
+
+
+BEGIN = 1715679062.0  # 2024-05-14T09:31:02Z, s since 1970
+
+
+def dates(times: Any, zone: str = "Z", ahead: float = 0.0) -> list[str]:
+    """ISO 8601 dates of times after `BEGIN`, by clocks that are ``ahead`` of UTC, s."""
+    form = "%Y-%m-%dT%H:%M:%S.%f"
+    moments = (datetime.fromtimestamp(BEGIN + ahead + t, UTC) for t in times)
+    return [moment.strftime(form) + zone for moment in moments]
+
+
+def two_clocks(folder: Path, unix: list[str], gps: list[str], names: Sequence[str]) -> None:
+    """Write positions with dates and distances with UNIX times; ``names`` are those of the times."""
+    late = T[:-1] + 0.05
+    r = np.hypot(40 + 3 * late, -7 - 2 * late)
+    a = np.arctan2(-7 - 2 * late, 40 + 3 * late)
+    (folder / "p.csv").write_text(table(f"{names[0]},x,y", gps, *X))
+    (folder / "r.csv").write_text(table(f"{names[1]},d,a", unix, r / 1000, np.rad2deg(a)))
+
+
+TWO_SENSORS = [
+    {"kind": "position", "sigma": SIGMA},
+    {"kind": "range-azimuth", "sigma_range": 5, "sigma_azimuth_mrad": 9},
+]
+RADAR_NAMING = {
+    "columns": {"range": "d", "azimuth": "a"},
+    "units": {"range": "km", "azimuth": "deg"},
+}
+
+
+def with_two_clocks(folder: Path, own: dict[str, Any], **target: Any) -> dict[str, Any]:
+    """The tracks of the two sensors; ``own`` are keys of the radar's time."""
+    naming = {**RADAR_NAMING, "columns": RADAR_NAMING["columns"] | own.get("columns", {})}
+    naming["units"] = RADAR_NAMING["units"] | own.get("units", {})
+    keys = {"measurements": ["p.csv", "r.csv"], "measurement_naming": [{}, naming], **target}
+    filters = {"EKF": {"kind": "ekf"}}
+    return tracked(config(folder, keys, sensor=TWO_SENSORS, filters=filters))
+
+
+@pytest.mark.parametrize(("unit", "digits"), [("s", 10), ("ms", 13), ("us", 16), ("ns", 19)])
+def test_unix_times_stand_beside_dates(tmp_path: Path, unit: str, digits: int) -> None:
+    """Each file has names and units of its own, and the tracks are those of equal clocks."""
+    late = T[:-1] + 0.05
+    two_clocks(tmp_path, dates(late), dates(T), ("date", "date"))
+    alike = with_two_clocks(tmp_path, {}, columns={"time": "date"})
+    whole = [round((BEGIN + t) * 1000) * 10 ** (digits - 10) // 1000 for t in late]
+    unix = [str(number) for number in whole]
+    if unit == "s":
+        unix = [f"{BEGIN + t:.2f}" for t in late]
+    two_clocks(tmp_path, unix, dates(T), ("date", "stamp"))
+    own = {"columns": {"time": "stamp"}, "units": {"time": unit}}
+    mixed = with_two_clocks(tmp_path, own, columns={"time": "date"})
+    np.testing.assert_allclose(mixed["times"], alike["times"], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(mixed["mean/EKF"], alike["mean/EKF"], rtol=1e-4, atol=1e-3)
+    # A unit that files share is that of the numbers alone.
+    own = {"columns": {"time": "stamp"}}
+    shared = with_two_clocks(tmp_path, own, columns={"time": "date"}, units={"time": unit})
+    np.testing.assert_array_equal(mixed["mean/EKF"], shared["mean/EKF"])
+
+
+def test_a_truth_with_dates_stands_beside_unix_times(tmp_path: Path) -> None:
+    (tmp_path / "m.csv").write_text(table("time,x,y", np.rint(1000 * (BEGIN + T)).astype(int), *X))
+    (tmp_path / "t.csv").write_text(table("time,x,y", dates(T), 40 + 3 * T, -7 - 2 * T))
+    target = {"measurements": "m.csv", "truth": "t.csv", "units": {"time": "ms"}}
+    truth = tracked(config(tmp_path, target))["truth"][0, :, 0]
+    np.testing.assert_allclose(truth, 40 + 3 * T, rtol=1e-12)
+    # The other way round: a unit that the target has for all files is that of the truth alone.
+    (tmp_path / "m.csv").write_text(table("time,x,y", dates(T), *X))
+    unix = np.rint(1000 * (BEGIN + T)).astype(int)
+    (tmp_path / "t.csv").write_text(table("time,x,y", unix, 40 + 3 * T, -7 - 2 * T))
+    truth = tracked(config(tmp_path, target))["truth"][0, :, 0]
+    np.testing.assert_allclose(truth, 40 + 3 * T, rtol=1e-12)
+
+
+def test_inputs_with_unix_times_stand_beside_dates(tmp_path: Path) -> None:
+    (tmp_path / "m.csv").write_text(table("time,x,y", dates(T), *X))
+    speeds = np.arange(len(T)) / 10.0
+    unix = np.rint(1000 * (BEGIN + T)).astype(int)
+    motion = {
+        "kind": "map",
+        "components": ["px", "py"],
+        "input": ["v"],
+        "next": {"px": "px + v*T", "py": "py"},
+        "Q": [["T", 0], [0, "T"]],
+    }
+    keys: dict[str, Any] = {
+        "sensor": {"kind": "function", "h": {"x": "px", "y": "py"}, "R": 4},
+        "start": {"kind": "given", "mean": [40, -7], "sigma": [9, 9]},
+        "assume": {"motion": motion},
+    }
+    target: dict[str, Any] = {
+        "measurements": "m.csv",
+        "input": {"v": "v"},
+        "input_file": "i.csv",
+        "input_gap": 100,
+        "state": ["px", "py"],
+    }
+    found = []
+    for times, units in ((dates(T), {}), (unix, {"time": "ms"})):
+        (tmp_path / "i.csv").write_text(table("time,v", times, speeds))
+        found.append(tracked(config(tmp_path, target | {"units": units}, **keys))["mean/KF"])
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-9)
+
+
+def test_dates_without_a_zone_beside_unix_times_are_a_question(tmp_path: Path) -> None:
+    late = T[:-1] + 0.05
+    own = {"columns": {"time": "stamp"}}
+    two_clocks(tmp_path, [f"{BEGIN + t:.2f}" for t in late], dates(T), ("date", "stamp"))
+    alike = with_two_clocks(tmp_path, own, columns={"time": "date"})
+    local = dates(T, "", ahead=7200.0)
+    two_clocks(tmp_path, [f"{BEGIN + t:.2f}" for t in late], local, ("date", "stamp"))
+    what = (
+        r"r.csv:1:1: .*UNIX times in s.*: which zone have the dates in date of .*p.csv\? Say `zone"
+    )
+    with pytest.raises(UserError, match=what):
+        with_two_clocks(tmp_path, own, columns={"time": "date"})
+    zoned = with_two_clocks(tmp_path, own, columns={"time": "date"}, zone="+02:00")
+    np.testing.assert_array_equal(zoned["mean/EKF"], alike["mean/EKF"])
+    # Two hours in the wrong zone are within a day, and those of another year are not.
+    wrong = [f"{BEGIN - 315964800 + t:.2f}" for t in late]
+    two_clocks(tmp_path, wrong, dates(T), ("date", "stamp"))
+    what = "stamp has UNIX times in s from 2014-05-10 .*dates with a zone from 2024-05-14"
+    with pytest.raises(UserError, match=what):
+        with_two_clocks(tmp_path, own, columns={"time": "date"})
+
+
+def test_times_of_gps_beside_dates_are_a_question(tmp_path: Path) -> None:
+    late = T[:-1] + 0.05
+    unix = [f"{BEGIN + t:.2f}" for t in late]
+    two_clocks(tmp_path, unix, dates(T), ("date", "gps_time"))
+    own: dict[str, Any] = {"columns": {"time": "gps_time"}}
+    with pytest.raises(UserError, match="GPS is ahead of UTC by leap seconds, 18 s since 2017"):
+        with_two_clocks(tmp_path, own, columns={"time": "date"})
+    answered = with_two_clocks(tmp_path, own, columns={"time": "date"}, zone="UTC")
+    two_clocks(tmp_path, unix, dates(T), ("date", "stamp"))
+    own = {"columns": {"time": "stamp"}}
+    alike = with_two_clocks(tmp_path, own, columns={"time": "date"})
+    np.testing.assert_array_equal(answered["mean/EKF"], alike["mean/EKF"])
 
 
 def test_the_truth_is_interpolated_within_its_gap_only(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from tests.commands import trackbench
 from tests.conftest import EXPERIMENTS
 from trackbench.config.load import load
 from trackbench.scenarios.recordings.column_mapping import Naming
+from trackbench.scenarios.recordings.column_names import columns_of
 from trackbench.scenarios.recordings.guess_config import config_parts, left_out_filters
 from trackbench.scenarios.recordings.guess_format import recognized
 
@@ -80,6 +81,41 @@ def test_its_numbers_are_near(tmp_path: Path) -> None:
     for sigma_range, sigma_azimuth in (guess.sensors[0].sigmas, named.sensors[0].sigmas):
         assert 2.0 <= sigma_range <= 4.0
         assert 2e-4 <= sigma_azimuth <= 4e-4
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("time_unix_ms", "ms"),
+        ("time_unix", "s"),
+        ("unix_ms", "ms"),
+        ("timestamp_unix_ms", "ms"),
+        ("t_unix", "ms"),
+        ("unix time [ms]", "ms"),
+        ("ms_since_epoch", "ms"),
+        ("seconds_since_1970", "s"),
+        ("time_posix_ns", "ns"),
+        ("epochMillis", "ms"),
+        ("stamp_epoch_us", "us"),
+        ("gps_time_s", "s"),
+        ("t_utc", "s"),
+        ("utc_ms", "ms"),
+        ("ts_ms", "ms"),
+    ],
+)
+def test_names_of_unix_times_are_times(tmp_path: Path, name: str, unit: str) -> None:
+    """Words of a clock and its unit stand in any order; without a unit the numbers show it."""
+    number = np.rint((1.7e9 + T) * {"s": 1e1, "ms": 1e3, "us": 1e6, "ns": 1e9}[unit]).astype(int)
+    times = number / 10 if unit == "s" else number
+    path = table(tmp_path / "m.csv", f"{name},east_m,north_m", times, X, Y)
+    naming = recognized(str(path)).naming
+    assert naming.columns["time"] == name
+    assert naming.units.get("time", "s") == unit
+
+
+@pytest.mark.parametrize("name", ["gps_sats", "utc_offset", "gps_status", "time_std", "est"])
+def test_other_words_beside_a_clock_are_no_time(name: str) -> None:
+    assert "time" not in columns_of([name])
 
 
 def test_columns_that_are_not_used_are_named(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from io import TextIOWrapper
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup, TyperOption
 
 from trackbench import __version__
 from trackbench.cli.check import cache, check
@@ -51,6 +51,24 @@ class _Tasks(TyperGroup):
                 rows.append((name, self.commands[name].get_short_help_str(_MOST_LETTERS)))
             with formatter.section(task):
                 formatter.write_dl(rows)
+
+
+class _Command(TyperCommand):
+    """Command that takes each option with one value once: of two values only the last would count."""
+
+    def parse_args(self, ctx: "Context", args: list[str]) -> list[str]:
+        """Parse the words of the command line; raises UsageError for an option that is there twice."""
+        if ctx.resilient_parsing:  # of a line that is being completed
+            return super().parse_args(ctx, args)
+        _, _, options = self.make_parser(ctx).parse_args(args=list(args))
+        given: list[object] = []
+        for option in options:
+            if not isinstance(option, TyperOption) or option.multiple or option.is_flag:
+                continue
+            if option in given:
+                ctx.fail(f"{option.opts[0]} is there twice, and takes one value: leave one out")
+            given.append(option)
+        return super().parse_args(ctx, args)
 
 
 _MOST_LETTERS = 1000
@@ -104,7 +122,7 @@ def _command_name(command: Callable[..., None]) -> str:
 
 for _commands in _TASKS.values():
     for _command in _commands:
-        app.command(_command_name(_command))(_with_eof_as_error(_command))
+        app.command(_command_name(_command), cls=_Command)(_with_eof_as_error(_command))
 
 
 def main() -> None:

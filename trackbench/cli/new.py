@@ -20,8 +20,10 @@ def new(
         str | None, typer.Argument(help="its name, such as my-sensor; of data by default theirs")
     ] = None,
     data: Annotated[
-        Path | None,
-        typer.Option("--from", metavar="FILE", help="an experiment's table of data"),
+        list[Path] | None,
+        typer.Option(
+            "--from", metavar="FILE", help="an experiment's table of data; one for each sensor"
+        ),
     ] = None,
     truth: Annotated[
         Path | None,
@@ -83,13 +85,13 @@ def new(
         chosen_options.append("--from")
     if len(chosen_options) > 1:
         raise UserError(f"new {noun} {name}: {' and '.join(chosen_options)} exclude each other")
-    if data is not None and noun != "experiment":
+    if data and noun != "experiment":
         raise typer.BadParameter(f"a {noun} is not made from data", param_hint="--from")
     tables = {"--truth": truth, "--input": odometry, "--landmarks": landmarks}
     for option, table in tables.items():
-        if table is not None and data is None:
+        if table is not None and not data:
             raise typer.BadParameter("is of --from", param_hint=option)
-    if sets and data is None:
+    if sets and not data:
         raise typer.BadParameter("is of --from", param_hint="--set")
     # Step 2: write the files.
     unplaced_sensors: list[str] = []
@@ -98,9 +100,14 @@ def new(
     guessed_units: list[str] = []
     left_out_filters: list[str] = []
     notes: list[str] = []
-    if data is not None:
-        data_name = name or re.sub("[^A-Za-z0-9]+", "-", data.stem).strip("-")
-        written = write_config_for(data, data_name, Path(), sets or (), truth, odometry, landmarks)
+    prefix = ""
+    if data:
+        first, *further = data
+        data_name = name or _name_of(data)
+        written = write_config_for(
+            first, data_name, Path(), sets or (), truth, further, odometry, landmarks
+        )
+        prefix = written.prefix
         paths = written.paths
         unplaced_sensors = written.unknown
         unused_columns = written.unused
@@ -123,7 +130,7 @@ def new(
     for path in paths:
         typer.echo(f"wrote {path}")
     if unused_columns:
-        _echo_unused_columns(unused_columns, quantities)
+        _echo_unused_columns(unused_columns, quantities, prefix)
     for line in [*guessed_units, *left_out_filters]:
         typer.echo(line)
     for note in notes:
@@ -143,10 +150,24 @@ def new(
 
 _MOST_COLUMNS = 9
 """Unused columns that are named."""
+_MOST_LETTERS = 40
+"""Letters of a name that is made of those of several files."""
 
 
-def _echo_unused_columns(columns: list[str], quantities: list[str]) -> None:
-    """Print the columns that a config does not read, and the quantities that one may be used as."""
+def _name_of(data: list[Path]) -> str:
+    """Return the name of an experiment on files: their names, or that of the first one if too long."""
+    names = [re.sub("[^A-Za-z0-9]+", "-", path.stem).strip("-") for path in data]
+    name = "-".join(names)
+    if len(name) > _MOST_LETTERS:
+        return names[0]
+    return name
+
+
+def _echo_unused_columns(columns: list[str], quantities: list[str], prefix: str) -> None:
+    """Print the columns that a config does not read, and the quantities that one may be used as.
+
+    The key of the column begins with the ``prefix``.
+    """
     names = ", ".join(columns[:_MOST_COLUMNS])
     if len(columns) > _MOST_COLUMNS:
         names += f" and {len(columns) - _MOST_COLUMNS} more"
@@ -154,5 +175,5 @@ def _echo_unused_columns(columns: list[str], quantities: list[str]) -> None:
     if len(quantities) > 1:
         words = f"{', '.join(quantities[:-1])} or {quantities[-1]}"
     purpose = f"to use one as {words}"
-    option = f"--set 'columns.{quantities[0]}=ITS NAME'"
+    option = f"--set '{prefix}columns.{quantities[0]}=ITS NAME'"
     typer.echo(f"columns not used: {names} ({purpose}: {option})")

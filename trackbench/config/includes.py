@@ -1,6 +1,6 @@
 """Put a config together: include components from other files, and override keys by path."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -114,6 +114,27 @@ def assignment(source: Source, text: str) -> tuple[Keys, object, Mark]:
                 problems.append(Problem(mark, dotted(keys), problem.what))
         raise UserError(*problems) from None
     return keys, value, mark
+
+
+def override_all(source: Source, texts: Sequence[str]) -> list[Keys]:
+    """Set the values of assignments ``PATH=VALUE`` one after the other, and return the keys of each.
+
+    Raises UserError if a path has two values.
+    """
+    texts_by_keys: dict[Keys, str] = {}
+    for text in texts:
+        keys, value, mark = assignment(source, text)
+        check_single_value(texts_by_keys, keys, text, mark)
+        override(source, keys, value, mark)
+    return list(texts_by_keys)
+
+
+def check_single_value(texts_by_keys: dict[Keys, str], keys: Keys, text: str, mark: Mark) -> None:
+    """Raise UserError if the path of an assignment has another value already; record its text."""
+    other = texts_by_keys.setdefault(keys, text)
+    if other != text:
+        what = f"has another value in --set {other}: leave one of them out"
+        raise UserError(Problem(mark, dotted(keys), what))
 
 
 def split_assignment(source: Source, text: str, option: str) -> tuple[Keys, str, Mark]:

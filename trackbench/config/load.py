@@ -32,7 +32,7 @@ from trackbench.config.checks import (
 from trackbench.config.experiment import DrawnExhibit, Exhibit, Experiment, Point, Settings
 from trackbench.config.filter_model import check_idle_late, check_late, read_assumed
 from trackbench.config.grid import add_axis, apply_point, grid_points
-from trackbench.config.includes import assignment, inline_parts, override
+from trackbench.config.includes import inline_parts, override, override_all
 from trackbench.config.plugin_checks import add_filters, load_plugins, show_filters
 from trackbench.config.published import Published, read_published
 from trackbench.config.python_tables import put_tables
@@ -157,9 +157,7 @@ def load(
     unread = inline_parts(source, home)
     runs_of_config = source.data.get("runs")
     added_labels = add_filters(source, filter_files)
-    for text in overrides:
-        keys, value, mark = assignment(source, text)
-        override(source, keys, value, mark)
+    for keys in override_all(source, overrides):
         is_of_added_filter = len(keys) > 1 and keys[1] in added_labels
         if keys[0] in _PROBLEM_KEYS and not is_of_added_filter:
             source.data.pop("problem", None)

@@ -13,7 +13,15 @@ from pathlib import Path
 from trackbench.config import load as configurations
 from trackbench.config.build import build
 from trackbench.config.experiment import Experiment, Label, Name
-from trackbench.config.includes import assignment, deep_merge, inline_parts, override, split_path
+from trackbench.config.includes import (
+    assignment,
+    check_single_value,
+    deep_merge,
+    inline_parts,
+    override,
+    override_all,
+    split_path,
+)
 from trackbench.config.mistakes import unknown
 from trackbench.config.plugin_checks import add_filters
 from trackbench.config.shipped_experiments import located, suite_file
@@ -173,9 +181,7 @@ def load_suite(
     # The user's own filters join each problem below, with their keys.
     filter_overrides = [text for text in overrides if text.startswith("filters.")]
     suite_overrides = [text for text in overrides if not text.startswith("filters.")]
-    for text in suite_overrides:
-        keys, value, mark = assignment(source, text)
-        override(source, keys, value, mark)
+    override_all(source, suite_overrides)
     if runs is not None:
         override(source, ("runs",), runs, Mark("--runs"))
     if seed is not None:
@@ -334,8 +340,10 @@ class _Assembler:
         self._put_tuning(data, group, problem, mark)
         source = Source(data, mark)
         added = add_filters(source, self.filter_files)
+        texts_by_keys: dict[Keys, str] = {}
         for text in self.filter_overrides:
             filter_keys, value, mark_of_option = assignment(source, text)
+            check_single_value(texts_by_keys, filter_keys, text, mark_of_option)
             label = filter_keys[1]  # of filters.LABEL.KEY
             if label not in added:
                 what = (

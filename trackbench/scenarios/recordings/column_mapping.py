@@ -299,6 +299,7 @@ _PLANE = ("x", "y", "z")
 _VELOCITY = ("vx", "vy", "vz")
 _NO_ANGLES = (*_PLANE, *_VELOCITY, *GEODETIC, "range", "range_rate", "speed", "course")
 _ROUNDING = 1e-6
+_ZONE = re.compile(r"UTC|([+-])([01]\d):([0-5]\d)")
 _SAMPLE = 1000  # rows that show which columns hold words
 
 
@@ -323,6 +324,8 @@ class Naming:
     time_format: str = ""
     """form of dates that are not in ISO 8601, as strptime has it: "%d/%m/%Y %H:%M:%S"; a column `date`
     stands before a time of day"""
+    zone: str = ""
+    """zone of dates without one, UTC or their offset from it, "+02:00"; needed beside UNIX times"""
     missing: tuple[Finite, ...] = ()
     """numbers that stand for a missing cell: [-9999]"""
     same_time: Literal["mean", "last", "spread"] | None = None
@@ -336,6 +339,9 @@ class Naming:
             if unit not in UNITS:
                 what = f"{unit!r} is not one of {', '.join(UNITS)}"
                 raise InvalidKeyError(what, "units", key)
+        if self.zone and not _ZONE.fullmatch(self.zone):
+            what = f"{self.zone!r} is neither UTC nor an offset from it, such as +02:00"
+            raise InvalidKeyError(what, "zone")
         if self.origin and len(self.origin) not in (2, 3):
             raise InvalidKeyError("is latitude, longitude and perhaps height", "origin")
         for name, degrees in zip(GEODETIC, self.origin[:2], strict=False):
@@ -344,7 +350,30 @@ class Naming:
                 what = f"{degrees:g} deg is impossible; a {name} is within {least:g} and {largest:g} deg"
                 raise InvalidKeyError(what, "origin", GEODETIC.index(name))
 
-    def check_names(self, components: Sequence[str], *within: str) -> None:
+    @property
+    def offset(self) -> float:
+        """Offset of dates without a zone from UTC, s."""
+        match = _ZONE.fullmatch(self.zone)
+        if match is None or self.zone == "UTC":
+            return 0.0
+        sign, hours, minutes = match.groups()
+        seconds = 3600.0 * int(hours) + 60.0 * int(minutes)
+        return -seconds if sign == "-" else seconds
+
+    def with_defaults(self, others: "Naming") -> "Naming":
+        """Return this naming, in which keys that are not set are those of the ``others``."""
+        return Naming(
+            columns={**others.columns, **self.columns},
+            units={**others.units, **self.units},
+            clockwise=self.clockwise or others.clockwise,
+            time_format=self.time_format or others.time_format,
+            zone=self.zone or others.zone,
+            missing=self.missing or others.missing,
+            same_time=self.same_time or others.same_time,
+            format=self.format or others.format,
+        )
+
+    def check_names(self, components: Sequence[str], *within: str | int) -> None:
         """Raise InvalidKeyError for an unknown name, and for a unit of another dimension.
 
         ``components`` are the quantities that are read, ``within`` is the path of these keys.

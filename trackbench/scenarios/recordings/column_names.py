@@ -78,6 +78,13 @@ _OTHER_UNITS = frozenset(
     | {"grade", "grades", "grads", "gradian", "gradians"}
 )
 """Words that are units of lengths, angles and speeds, and none that a recording may have."""
+_CLOCK_WORDS = re.compile(
+    r"(?:unix|posix|epoch|utc|gps|gnss|time|timestamp|stamp|since|1970|t|ts|"
+    r"(?:milli|micro|nano)?s(?:ec|ecs|econd|econds)?|millis|micros|nanos|msecs?|usecs?|nsecs?|[mun]s)+"
+)
+"""Joined words of a name that is a clock's, such as time_unix_ms, ms_since_epoch and t_unix."""
+_EPOCHS = re.compile("unix|posix|epoch|since1970")
+_TIME_WORDS = re.compile("time|stamp")
 _SUBSECONDS: dict[str, str] = {
     **dict.fromkeys(("nanosec", "nanosecs", "nsec", "nsecs", "nanos", "ns"), "ns"),
     **dict.fromkeys(("nanosecond", "nanoseconds"), "ns"),
@@ -141,6 +148,8 @@ def columns_of(names: Iterable[str]) -> dict[str, NamedColumn]:
         ranks = []
         for place, (name, words) in enumerate(words_by_name.items()):
             known = [spelling for spelling in spellings[name] if spelling in rank_of_word]
+            if not known and quantity == "time" and _is_clock(words):
+                ranks.append((True, True, len(rank_of_word), place, name))
             if known:
                 # The stamp of a message is the time of its measurement; others may be times of logging.
                 is_late = quantity == "time" and words[-1] != "stamp"
@@ -155,6 +164,21 @@ def columns_of(names: Iterable[str]) -> dict[str, NamedColumn]:
             if not {*spellings[name]}.isdisjoint(short_names):
                 del columns[quantity]
     return columns
+
+
+def _is_clock(words: list[str]) -> bool:
+    """Test whether the words of a name are those of a clock alone, in any order: unix_ms, time_gps_s.
+
+    One of them is unix, epoch or posix, or it is utc or gps beside a word or a unit of a time.
+    """
+    name = "".join(words)
+    if not _CLOCK_WORDS.fullmatch(name):
+        return False
+    if _EPOCHS.search(name):
+        return True
+    has_unit = any(is_unit_of("time", _UNITS.get(word, "")) for word in words)
+    has_time = has_unit or bool({"t", "ts"} & {*words}) or bool(_TIME_WORDS.search(name))
+    return has_time and bool({"utc", "gps", "gnss", "ts"} & {*words} or _TIME_WORDS.search(name))
 
 
 def rest_of_stamp(

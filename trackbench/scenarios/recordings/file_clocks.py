@@ -7,7 +7,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import UNITS, Naming
+from trackbench.scenarios.recordings.column_mapping import UNITS
 from trackbench.scenarios.recordings.rows import (
     TICK,
     Gathered,
@@ -59,7 +59,7 @@ def check_common_time(
     is_apart = _share_in_common(span, other_span) == 0.0
     way = ""
     if not measured.stepped and not measured.dated:
-        way = _way_to_other_unit(measured.naming, other, span, other_span)
+        way = _way_to_other_unit(measured, other, span, other_span)
     if way:
         raise DataError(Place(other.files[0], 1, 1, f"{ends}: one of their units differs; {way}"))
     if is_apart:
@@ -83,10 +83,10 @@ def _share_in_common(span: _Span, other: _Span) -> float:
     return max(common, TICK) / whole
 
 
-def _way_to_other_unit(naming: Naming, other: Gathered, span: _Span, other_span: _Span) -> str:
+def _way_to_other_unit(measured: Gathered, other: Gathered, span: _Span, other_span: _Span) -> str:
     """Return the advice to read one of two files in another unit of time; empty if none is better.
 
-    ``naming`` is that of the measurements, whose times have the ``span``.
+    The times of the measurements have the ``span``.
     """
     if _share_in_common(span, other_span) >= _UNLIKE:
         return ""
@@ -102,9 +102,9 @@ def _way_to_other_unit(naming: Naming, other: Gathered, span: _Span, other_span:
         unit = _unit_of_size(other.naming.scale("time") * factor)
         if unit:
             return f"say `{_keys_with_unit(other, unit)}`"
-        unit = _unit_of_size(naming.scale("time") / factor)
+        unit = _unit_of_size(measured.naming.scale("time") / factor)
         if unit:
-            return f"say `units: {{time: {unit}}}`, the unit of {other.clock_of}"
+            return f"say `units: {{time: {unit}}}`, the unit of {measured.files[0]}"
     return ""
 
 

@@ -23,7 +23,7 @@ class Track(NamedTuple):
     """Measured rows of one sensor in the longest run."""
 
     time: Array
-    """times (R,), s; those of dates count from 1970"""
+    """times (R,), s; those of dates and of UNIX times count from 1970"""
     values: Array
     """x and y, m, or range, m, and azimuth, rad (2, R)"""
     is_dated: bool

@@ -11,6 +11,7 @@ from trackbench.errors import in_line
 from trackbench.field_types import MOST_STEPS
 from trackbench.scenarios.recordings.column_mapping import STAMP_PARTS, Naming
 from trackbench.scenarios.recordings.csv_lines import TextFormat
+from trackbench.scenarios.recordings.guess_errors import usual_process_noise
 from trackbench.scenarios.recordings.guess_format import Guess, SensorGuess
 from trackbench.scenarios.recordings.guess_truth import TruthGuess
 
@@ -120,6 +121,8 @@ def _naming_in_braces(naming: Naming) -> str:
         keys.append(f"format: {_format_in_braces(naming.format)}")
     if naming.time_format:
         keys.append(f"time_format: {json.dumps(naming.time_format)}")
+    if naming.zone:
+        keys.append(f"zone: {quoted(naming.zone)}")
     if naming.missing:
         keys.append(f"missing: [{', '.join(f'{value:.15g}' for value in naming.missing)}]")
     if naming.same_time is not None:
@@ -233,12 +236,18 @@ def _target_parts(guess: Guess, when: str) -> _ModelParts:
             f"{{kind: given, mean: [X, 0, Y, 0], sigma: [100, {2 * speed:g}, 100, {2 * speed:g}]}}"
         )
         start += f"  # write x and y at {when}, m, and how well they are known"
-    # Process noise (0.05 v)^2 of the usual speed v; the IMM's motions have a tenth and ten times of it.
-    q = float(f"{max(0.0025 * speed * speed, 1e-3):.1g}")
+    # Process noise of the usual speed, or of maneuvers; the IMM's motions have a tenth and ten times.
+    q = usual_process_noise(speed)
+    reason = "the velocity wanders by 5 % of the usual speed in a second"
+    if guess.process_noise:
+        reason = (
+            f"squared innovations are about 1 over the recording; for straight motion try {q:g}"
+        )
+        q = guess.process_noise
     motions = f"[{{kind: cwna, q: {q / 10:g}}}, {{kind: cwna, q: {q * 10:g}}}]"
     chances = "[[0.95, 0.05], [0.05, 0.95]]"
     assume = f" {{motion: {{kind: cwna, q: {q:g}}}{_late_key(guess)}}}"
-    assume += "  # guess: the velocity wanders by 5 % of the usual speed in a second"
+    assume += f"  # guess: {reason}"
     filter_kinds = ["kf"] if kinds == {"position"} else ["ekf", "ukf"]
     return _ModelParts(
         start=start,
@@ -246,6 +255,7 @@ def _target_parts(guess: Guess, when: str) -> _ModelParts:
         filters=[
             *[f"  {kind.upper()}: {{kind: {kind}}}" for kind in filter_kinds],
             *_gated_filter_lines(guess, filter_kinds[0]),
+            *_robust_filter_lines(guess, filter_kinds[0]),
             f"  IMM: {{kind: imm, motions: {motions}, transition: {chances}}}",
             _particle_filter_line(guess),
         ],
@@ -302,14 +312,23 @@ def _gated_filter_lines(guess: Guess, kind: str) -> list[str]:
     percent = float(f"{100.0 * guess.outliers:.1g}")
     why = f"some {percent:g} % of the rows are far from the line between their neighbors"
     keys = f"kind: {kind}, gate: 0.999"
-    if guess.inputs and len(guess.sensors) > 1:
+    if guess.files or (guess.inputs and len(guess.sensors) > 1):
         keys += ", gate_by: sensor"
     return [f"  {kind.upper()} with gate: {{{keys}}}  # guess: {why}"]
 
 
+def _robust_filter_lines(guess: Guess, kind: str) -> list[str]:
+    """Return the line of a filter that weighs outliers less, if the recording seems to have some."""
+    if guess.outliers < _LEAST_OUTLIERS:
+        return []
+    robust = "{kind: student-t, df: 4}"
+    why = "weighs such rows less; a gate may also reject the target in a maneuver, and lose it"
+    return [f"  {kind.upper()} with Student t: {{kind: {kind}, robust: {robust}}}  # {why}"]
+
+
 def _late_key(guess: Guess) -> str:
     """Return the key of late measurements after a comma; empty if all arrive on time."""
-    if "received" not in guess.naming.columns:
+    if not any("received" in file.naming.columns for file in guess.each_file):
         return ""
     return ", late: refilter"
 
@@ -391,7 +410,7 @@ def guessed_units(guess: Guess, prefix: str = "") -> list[str]:
     """Return a line on each unit of a range or an angle that no name has, and on other guesses.
 
     These are azimuths that count from north because of their numbers, and velocities that are left out.
-    The option that changes a unit begins with the ``prefix``, as of a table beside the measurements.
+    ``guess`` is that of one file. Keys of its naming begin with the ``prefix``.
     """
     lines = []
     for name in ("range", "azimuth", "bearing", "v", "w"):
@@ -406,7 +425,7 @@ def guessed_units(guess: Guess, prefix: str = "") -> list[str]:
     if guess.why.get("clockwise", "").startswith("guess"):
         column = quoted(guess.naming.columns["azimuth"])
         what = f"read {column} clockwise from north (from 0 to 360 deg, as of radars)"
-        lines.append(f"{what}; from x to y: --set 'clockwise=[]'")
+        lines.append(f"{what}; from x to y: --set '{prefix}clockwise=[]'")
     if "velocity" in guess.why:
         lines.append(guess.why["velocity"])
     return lines
@@ -428,7 +447,7 @@ def usable_quantities(guess: Guess) -> list[str]:
 
 
 def unused_columns(guess: Guess) -> list[str]:
-    """Name the columns of the table that the config does not read."""
+    """Name the columns of a table, which is one file, that the config does not read."""
     used = _used_columns(guess).values()
     return [quoted(" ".join(name.split())) for name in guess.names if name not in used]
 
@@ -456,9 +475,19 @@ def unknown_places(
 
 
 def _origin_name(guess: Guess) -> str:
-    """Name the point from which x and y count: the radar, if there is one alone."""
-    kinds = [sensor.kind for sensor in guess.sensors]
-    return "the radar" if kinds == ["range-azimuth"] else "the origin"
+    """Name the point from which x and y count: the radar, if it alone has no latitude and longitude."""
+    planar_kinds = []
+    for file in guess.each_file:
+        if not _has_geodetic_positions(file):
+            planar_kinds += [sensor.kind for sensor in file.sensors]
+    return "the radar" if planar_kinds == ["range-azimuth"] else "the origin"
+
+
+def _has_geodetic_positions(guess: Guess) -> bool:
+    """Test whether a file measures positions by latitude and longitude."""
+    columns = guess.naming.columns
+    is_geodetic = "latitude" in columns and not {"x", "y"} <= columns.keys()
+    return is_geodetic and any(sensor.kind == "position" for sensor in guess.sensors)
 
 
 def _lacks_place(guess: Guess, sensor: SensorGuess) -> bool:
@@ -477,12 +506,14 @@ def _lacks_origin(guess: Guess, truth: TruthGuess | None) -> bool:
     """
     if guess.naming.origin:
         return False
-    columns = guess.naming.columns
-    kinds = {sensor.kind for sensor in guess.sensors}
-    is_geodetic = "latitude" in columns and not {"x", "y"} <= columns.keys()
     # Geodetic positions get their x and y by the origin; planar measurements have their own x = y = 0.
-    has_geodetic = is_geodetic and "position" in kinds
-    has_planar = len(kinds) > 1 or not has_geodetic
+    has_geodetic = False
+    has_planar = False
+    for file in guess.each_file:
+        kinds = {sensor.kind for sensor in file.sensors}
+        has_positions = _has_geodetic_positions(file)
+        has_geodetic = has_geodetic or has_positions
+        has_planar = has_planar or len(kinds) > 1 or not has_positions
     if truth is not None:
         has_geodetic = has_geodetic or truth.is_geodetic
         has_planar = has_planar or not truth.is_geodetic
@@ -519,6 +550,40 @@ def _target_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
     naming = guess.naming
     why = guess.why
     columns = _used_columns(guess)
+    if guess.files:
+        yield "measurement_naming:  # of each file, in their order"
+        for file in guess.files:
+            first_line, *further_lines = _naming_lines(file, tables)
+            yield f"  - {first_line}"
+            yield from (f"    {line}" for line in further_lines)
+    else:
+        yield from _naming_lines(guess, tables)
+    if columns.get("sensor"):
+        yield f"sensors: [{', '.join(quoted(sensor.name) for sensor in guess.sensors)}]"
+    if naming.origin:
+        yield f"origin: [{', '.join(map(repr, naming.origin))}]"
+    elif _lacks_origin(guess, truth):
+        where = "x = y = 0 of the sensors"
+        if _origin_name(guess) == "the radar":
+            where = "the radar, x = y = 0,"
+        yield f"origin: [LATITUDE, LONGITUDE]  # write where {where} is, deg"
+    elif any("latitude" in _used_columns(file) for file in guess.each_file):
+        yield "# x and y are meters east and north of the first position, or of `origin: [lat, lon]`"
+    if "velocity" in why:
+        yield f"# {why['velocity']}"
+    if len(guess.runs) > 1:
+        (longest, _), *others = guess.runs
+        names = ", ".join(quoted(name) for name, _ in others[:_MOST_NAMES])
+        if len(others) > _MOST_NAMES:
+            names += ", ..."
+        yield f"runs: [{quoted(longest)}]  # the longest of {len(guess.runs)}; there are {names}"
+
+
+def _naming_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
+    """Yield the lines of a file's columns, units and format, with the reasons as comments."""
+    naming = guess.naming
+    why = guess.why
+    columns = _used_columns(guess)
     yield "columns:  # guess, from their names"
     for name, column in columns.items():
         if name in guess.inputs:
@@ -547,6 +612,8 @@ def _target_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
         yield f"format: {_format_in_braces(naming.format)}{_comment(why, 'format')}"
     if naming.time_format:
         yield f"time_format: {json.dumps(naming.time_format)}{_comment(why, 'time_format')}"
+    if naming.zone:
+        yield f"zone: {quoted(naming.zone)}"
     if naming.missing:
         numbers = ", ".join(f"{value:.15g}" for value in naming.missing)
         yield f"missing: [{numbers}]{_comment(why, 'missing')}"
@@ -556,25 +623,6 @@ def _target_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
         yield f"# {why['anticlockwise']}"
     if naming.same_time is not None:
         yield f"same_time: {naming.same_time}{_comment(why, 'same_time')}"
-    if columns.get("sensor"):
-        yield f"sensors: [{', '.join(quoted(sensor.name) for sensor in guess.sensors)}]"
-    if naming.origin:
-        yield f"origin: [{', '.join(map(repr, naming.origin))}]"
-    elif _lacks_origin(guess, truth):
-        where = "x = y = 0 of the sensors"
-        if _origin_name(guess) == "the radar":
-            where = "the radar, x = y = 0,"
-        yield f"origin: [LATITUDE, LONGITUDE]  # write where {where} is, deg"
-    elif "latitude" in columns:
-        yield "# x and y are meters east and north of the first position, or of `origin: [lat, lon]`"
-    if "velocity" in why:
-        yield f"# {why['velocity']}"
-    if len(guess.runs) > 1:
-        (longest, _), *others = guess.runs
-        names = ", ".join(quoted(name) for name, _ in others[:_MOST_NAMES])
-        if len(others) > _MOST_NAMES:
-            names += ", ..."
-        yield f"runs: [{quoted(longest)}]  # the longest of {len(guess.runs)}; there are {names}"
 
 
 def _sensor_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
@@ -628,7 +676,7 @@ def _sensor_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
                 comment = place_comment
             yield f"- {{kind: {kind}, {', '.join(keys)}}}{comment}"
     has_azimuth = any("azimuth" in sensor.quantities for sensor in guess.sensors)
-    if has_azimuth and not guess.naming.clockwise:
+    if has_azimuth and not guess.files and not guess.naming.clockwise:
         yield "# azimuth counts from x to y; from north clockwise: `clockwise: [azimuth]` above"
     if guess.moves:
         velocity = float(f"{max(0.05 * guess.speed, 0.05):.1g}")

@@ -68,6 +68,7 @@ from trackbench.scenarios.recordings.guess_errors import (
     error_of_azimuth,
     levels_of,
     not_finer,
+    raised_process_noise,
     scatter,
     share_of_outliers,
 )
@@ -211,6 +212,8 @@ class Guess:
     sensors: list[SensorGuess]
     speed: float
     """usual speed, m/s"""
+    process_noise: float = 0.0
+    """process noise that its maneuvers need; 0 if that of the usual speed serves"""
     names: list[str] = field(default_factory=list)
     """all columns of the table"""
     steps: int = 0
@@ -233,6 +236,13 @@ class Guess:
     """positions of the first sensor that measures them"""
     questions: list[Place] = field(default_factory=list)
     """what the table leaves open, and a truth may decide"""
+    files: tuple["Guess", ...] = ()
+    """guess at each file, if there are several"""
+
+    @property
+    def each_file(self) -> tuple["Guess", ...]:
+        """Guesses at the files, of which there may be one alone."""
+        return self.files or (self,)
 
     @property
     def moves(self) -> bool:
@@ -449,12 +459,8 @@ def _recognized_columns(
     # Step 4: read all rows.
     if content == "odometry":
         return replace(_odometry_guess(path, naming, why), names=names, path=path)
-    guess = _measured(path, naming, why, sensors, user_naming.columns, said, tables)
-    sensors = [
-        s._replace(sigmas=not_finer(s.sigmas, s.quantities, guess.naming, sample.cells))
-        for s in guess.sensors
-    ]
-    return replace(guess, sensors=sensors, names=names)
+    guess = _measured(path, naming, why, sensors, sample, user_naming.columns, said, tables)
+    return replace(guess, names=names)
 
 
 def _odometry_guess(path: str, naming: Naming, why: ReasonByKey) -> Guess:
@@ -484,6 +490,7 @@ def _measured(
     naming: Naming,
     why: ReasonByKey,
     sensors: list[SensorGuess],
+    sample: Sample,
     user_columns: Collection[str],
     said: Collection[str],
     tables: RobotTables,
@@ -507,6 +514,7 @@ def _measured(
     if quantities_by_sensor == [_PLACE] and not by_name and _has_velocity(columns):
         read = [(*_PLACE, *_VELOCITY)]
     rows_by_sensor = read_rows(gathered, [path], read, names=by_name)
+    gathered.check_idle_keys()
     rows_by_sensor = chosen_runs(gathered, rows_by_sensor, ())
     azimuths = _azimuths_of(quantities_by_sensor, rows_by_sensor)
     is_wide = any((np.abs(a[np.isfinite(a)]) > _TURN).any() for a in azimuths)
@@ -566,7 +574,13 @@ def _measured(
     steps = len(np.unique(np.concatenate([rows.ticks for rows in longest])))
     guesses = []
     for sensor, (sigmas, _) in zip(sensors, levels, strict=True):
+        sigmas = not_finer(sigmas, sensor.quantities, naming, sample.cells)
         guesses.append(sensor._replace(sigmas=sigmas))
+    rounded_speed = float(f"{speed:.1g}") or 1.0
+    noises = [
+        raised_process_noise(rows, sensor.kind, in_degrees, sensor.sigmas, rounded_speed)
+        for sensor, rows in zip(guesses, longest, strict=True)
+    ]
     tracks: dict[str, Track] = {}
     for sensor, rows in zip(sensors, longest, strict=True):
         if sensor.kind in ("position", "range-azimuth") and sensor.kind not in tracks:
@@ -586,7 +600,8 @@ def _measured(
         why=why,
         runs=runs,
         sensors=guesses,
-        speed=float(f"{speed:.1g}") or 1.0,
+        speed=rounded_speed,
+        process_noise=max(noises),
         steps=steps,
         inputs=inputs,
         interval=usual_interval(np.concatenate([rows.time for rows in longest])),
@@ -680,8 +695,11 @@ def _track_of(gathered: Gathered, rows: Rows, scale: float = 1.0) -> Track:
     """Return rows as a track; ``scale`` is the unit of their azimuths, rad."""
     time = rows.time
     if gathered.dated:
-        time = time + (gathered.since or 0.0) / 1e6
-    return Track(time, np.stack([rows.values[0], rows.values[1] * scale]), bool(gathered.dated))
+        time = time + gathered.since / 1e6
+    values = np.stack([rows.values[0], rows.values[1] * scale])
+    # UNIX times count from 1970, too.
+    is_unix = gathered.clock is not None and gathered.clock.kind == "unix"
+    return Track(time=time, values=values, is_dated=bool(gathered.dated) or is_unix)
 
 
 def _settle_azimuths(guess: Guess, angles: list[Array], is_said: bool) -> Guess:
@@ -2091,12 +2109,13 @@ def _check_daylight_saving(gathered: Gathered, rows: Rows) -> None:
     It is an hour of a Sunday night, and the rows go on before and after it as usual. ``rows`` are in
     order.
     """
-    if gathered.dated != "date" or gathered.says_utc or len(rows.time) < _FEWEST_MEASURED:
+    has_local_times = gathered.clock is not None and gathered.clock.kind == "date"
+    if not has_local_times or len(rows.time) < _FEWEST_MEASURED:
         return
     usual = usual_interval(rows.time)
     if usual > _LONG_INTERVAL:
         return
-    seconds = rows.time + (gathered.since or 0.0) / 1e6
+    seconds = rows.time + gathered.since / 1e6
     intervals = np.diff(seconds)
     for row in np.flatnonzero(np.abs(intervals - usual - _HOUR) < 0.5 * usual + 0.5).tolist():
         before = datetime.fromtimestamp(float(seconds[row]), UTC)

@@ -1,10 +1,12 @@
 """Guess of the columns of a truth, which is a table of its own beside that of the measurements."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
+from trackbench.errors import in_line
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_mapping import GEODETIC, Naming
 from trackbench.scenarios.recordings.column_names import heading_of
@@ -86,14 +88,30 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
     )
 
 
-def settled(guess: Guess, truth: TruthGuess | None, said: Collection[str] = ()) -> Guess:
-    """Return the guess at measurements whose open questions the truth has answered.
+def settled(
+    guess: Guess,
+    truth: TruthGuess | None,
+    said: Collection[str] = (),
+    others: Sequence[Guess] = (),
+) -> Guess:
+    """Return the guess at measurements whose open questions the truth or another file has answered.
 
-    ``said`` are the keys that the user set. Raises DataError with the questions that remain.
+    ``said`` are the keys that the user set, ``others`` the guesses at further files of the recording.
+    Raises DataError with the questions that remain.
     """
     is_known = "clockwise" in said or guess.why.get("clockwise", "").startswith("as ")
-    if truth is not None and truth.places is not None and not is_known:
-        guess = with_places(guess, truth.places, "the truth shows") or guess
+    tracks: list[tuple[Track | None, str]] = []
+    if truth is not None:
+        tracks.append((truth.places, "the truth shows"))
+    for other in others:
+        tracks.append((other.places, f"the positions of {in_line(Path(other.path).name)} show"))
+    for places, reason in tracks:
+        if is_known or places is None:
+            continue
+        decided = with_places(guess, places, reason)
+        if decided is not None:
+            guess = decided
+            break
     if guess.questions:
         raise DataError(*guess.questions)
     return guess

@@ -19,6 +19,14 @@ from trackbench.core.arrays import Array, Mask
 from trackbench.core.conversions import SEMI_MAJOR_AXIS, Geodetic, east_north_up
 from trackbench.errors import and_others, reason
 from trackbench.field_types import DataError, InvalidKeyError, Place, require_regular_file
+from trackbench.scenarios.recordings.clock_kinds import (
+    FileClock,
+    clock_of_file,
+    have_one_axis,
+    microseconds_since_1970,
+    reason_against,
+    reason_against_spans,
+)
 from trackbench.scenarios.recordings.column_mapping import (
     FAR,
     MOST_DISTANCE,
@@ -32,7 +40,6 @@ from trackbench.scenarios.recordings.column_names import (
     NamedColumn,
     columns_of,
     rest_of_stamp,
-    words_of,
 )
 from trackbench.scenarios.recordings.csv_tables import Table
 from trackbench.scenarios.recordings.mixtures import (
@@ -52,8 +59,6 @@ _LATEST = 1e12
 """s: beyond are no times, and ticks would not fit into their numbers"""
 _MOST_MISTAKES = 20
 _MOST_WORDS_SHOWN = 8
-_UTC = frozenset(("utc", "gmt", "zulu"))
-"""Words in the name of a column whose dates need no zone of their own."""
 _NEAR_ORIGIN = 5e4
 """m: an origin within is not asked whether its numbers are exchanged"""
 Numbers = NDArray[np.integer[Any]]
@@ -96,8 +101,11 @@ class Rows(NamedTuple):
 class Gathered:
     """Common properties of the files, collected while they are read.
 
-    Times are numbers of steps (``stepped``), or seconds, of dates (``dated``) after the first of them.
-    The first file (``clock_of``) says which; ``says_utc`` if its column's name has the zone.
+    Times are numbers of steps (``stepped``), or seconds, of dates (``dated``) after the first of them
+    (``since``, in microseconds since 1970). The ``clock`` of the first file says which. ``used_keys``
+    are the keys of units and zones that a file's clock has used, and ``idle_keys`` have the mistake of
+    a file that cannot use them.
+    ``naming`` is that of the file which is read, or whose rows are put in order.
     ``has_delays``: a column has the times at which rows were received.
     ``unavailable`` counts cells with codes of "not available".
     ``rest`` names columns that look like further parts of the time, and are not read.
@@ -125,11 +133,12 @@ class Gathered:
     largest_distance: float = 0.0
     geodetic: str = ""
     planar: str = ""
-    since: float | None = None
+    clock: FileClock | None = None
+    since: float = 0.0
     stepped: bool = False
     dated: str = ""
-    says_utc: bool = False
-    clock_of: str = ""
+    used_keys: set[str] = field(default_factory=set)
+    idle_keys: dict[str, DataError] = field(default_factory=dict)
     has_delays: bool = False
     has_inputs: bool = False
     keys: NamingKeys = field(default_factory=NamingKeys)
@@ -169,51 +178,68 @@ class Gathered:
         """Return the times (R,) of a table's rows in seconds, or the numbers of their steps.
 
         ``clock`` is the column of the times; ``parts`` name further parts of a time that are added.
-        Raises DataError if this file has another kind of clock than the first one.
+        Raises DataError if this file's clock and that of the first one share no time axis.
         """
-        stepped = columns.contents[clock] == "step"
-        # Dates without a zone are in UTC, and go with those that have one if the column says UTC.
-        says_utc = table.dated == "date" and not _UTC.isdisjoint(words_of(clock))
+        own = clock_of_file(columns, table, clock, parts)
+        if own.has_unit:
+            _check_size(columns, table, clock, self.keys.own)
         # The first file decides which clock all files have.
-        if self.since is None:
-            self.stepped = stepped
+        if self.clock is None:
+            self.clock = own
+            self.stepped = own.kind == "step"
             self.dated = table.dated
-            self.clock_of = columns.path
-            self.since = float(table.columns[clock].min()) if table.dated else 0.0
-            self.says_utc = says_utc
-        clock_type = _clock_type(stepped, table.dated)
-        has_same_zone = bool(self.dated and table.dated) and (says_utc or self.says_utc)
-        if (stepped, table.dated) != (self.stepped, self.dated) and not has_same_zone:
-            first_type = _clock_type(self.stepped, self.dated)
-            what = f"its column {clock} has {clock_type}, and that of {self.clock_of} {first_type}"
-            raise columns.mistake(f"{what}: use one kind")
-        if (stepped or table.dated) and "time" in self.naming.units:
-            unit = self.naming.units["time"]
-            what = f"{clock} has {clock_type}, which have no unit"
-            raise columns.mistake(f"{what}: leave `time: {unit}` out of `units`")
+            self.since = 0.0
+            if table.dated:
+                self.since = float(microseconds_since_1970(columns, table, own).min())
+        reason = ""
+        if not have_one_axis(self.clock, own):
+            reason = reason_against(self.clock, own)
+        elif self.clock.path != own.path:
+            reason = reason_against_spans(self.clock, own)
+        if reason:
+            raise columns.mistake(reason)
+        self._note_keys(columns, own)
         # Seconds: dates after the first one, times by their unit; numbers of steps are returned as such.
         time = table.columns[clock]
-        if parts and stepped:
+        if parts and own.kind == "step":
             what = f"{clock} has numbers of steps, to which `columns: {{{parts[0]}: ...}}` adds nothing"
             raise columns.mistake(f"{what}: leave it out")
-        if stepped and not self.dated:
+        if own.kind == "step":
             return time
-        seconds = time * self.naming.scale("time")
-        if self.dated:
-            # Dates are in microseconds.
-            seconds = (time - self.since) / 1e6
+        if table.dated or self.dated:
+            # Dates, and UNIX times beside them, are compared in microseconds since 1970.
+            seconds = (microseconds_since_1970(columns, table, own) - self.since) / 1e6
+        else:
+            seconds = time * columns.naming.scale("time")
         if parts:
             seconds = seconds + columns.stamp_parts(table, parts)
-        if self.dated:
-            return seconds
-        late = np.flatnonzero(np.abs(seconds) > _LATEST)
-        if len(late):
-            row = late[0]
-            more = and_others(len(late), "nor are")
-            way = _way_to_read_time(time[row], self.keys.own)
-            what = f"{clock}: {seconds[row]:.3g} s is no time{more}; {way}"
-            raise DataError(Place(columns.path, int(table.lines[row]), 1, what))
         return seconds
+
+    def _note_keys(self, columns: Columns, clock: FileClock) -> None:
+        """Record whether a file's clock uses the keys of its unit and its zone.
+
+        Files may share these keys, so that one of them has to use each.
+        """
+        unit = columns.naming.units.get("time")
+        if unit is not None and clock.has_unit:
+            self.used_keys.add(f"time: {unit}")
+        elif unit is not None:
+            what = f"{clock.column} has {clock.in_words}, which have no unit"
+            mistake = columns.mistake(f"{what}: leave `time: {unit}` out of `units`")
+            self.idle_keys.setdefault(f"time: {unit}", mistake)
+        zone = columns.naming.zone
+        if zone and (clock.kind == "unix" or clock.lacks_zone):
+            self.used_keys.add(f"zone: {zone}")
+        elif zone:
+            what = f"{clock.column} has {clock.in_words}, which need no zone"
+            mistake = columns.mistake(f"{what}: leave `zone: {zone}` out")
+            self.idle_keys.setdefault(f"zone: {zone}", mistake)
+
+    def check_idle_keys(self) -> None:
+        """Raise DataError for a key of the clocks that none of the files which share it has used."""
+        for key, mistake in self.idle_keys.items():
+            if key not in self.used_keys:
+                raise mistake
 
     def numbers_of(self, names: Sequence[str]) -> Numbers:
         """Return the number of each run; a name that is new gets the next number."""
@@ -249,6 +275,22 @@ class Gathered:
             self.notices.append(f"{what}, which are not rotated: {why}")
 
 
+def _check_size(columns: Columns, table: Table, clock: str, own_key: str) -> None:
+    """Raise DataError for times of the column ``clock`` that are too large, with the likely unit.
+
+    ``own_key`` is that of the file's own naming in the config; empty for a file of measurements.
+    """
+    time = table.columns[clock]
+    seconds = time * columns.naming.scale("time")
+    late = np.flatnonzero(np.abs(seconds) > _LATEST)
+    if len(late):
+        row = late[0]
+        more = and_others(len(late), "nor are")
+        way = _way_to_read_time(time[row], own_key)
+        what = f"{clock}: {seconds[row]:.3g} s is no time{more}; {way}"
+        raise DataError(Place(columns.path, int(table.lines[row]), 1, what))
+
+
 _STAMPS = ((12, "%Y%m%d%H%M"), (14, "%Y%m%d%H%M%S"), (17, "%Y%m%d%H%M%S%f"))
 _EPOCHS = {"ms": 1e12, "us": 1e15, "ns": 1e18}
 
@@ -276,14 +318,6 @@ def _way_to_read_time(value: float, own_key: str) -> str:
     if own_key:
         way = f"{own_key}: {{{way}}}"
     return f"say its unit (`{way}`)"
-
-
-def _clock_type(stepped: bool, dated: str) -> str:
-    """Return the words for the times of a file: numbers of steps, dates or seconds."""
-    if stepped:
-        return "numbers of steps"
-    # "date", "date with a zone", or empty
-    return dated.replace("date", "dates") or "seconds"
 
 
 def time_text(time: float) -> str:
@@ -322,18 +356,22 @@ def read_rows(
     sensors: Sequence[Sequence[str]],
     least: int | None = None,
     names: Sequence[str] = (),
+    namings: Sequence[Naming] = (),
 ) -> list[Rows]:
     """Read the rows of each sensor from the files of the patterns.
 
     ``sensors`` has the quantities that each sensor measures. There is one pattern for all sensors, or
     one for each. A pattern may match several files, one for each run. A file must have at least
     ``least`` of the quantities, by default all. A column ``sensor`` has the sensors' ``names``, by
-    default their numbers. Raises DataError with the line of every mistake.
+    default their numbers. ``namings`` has the columns and units of each pattern's files, by default
+    those of ``gathered``. Raises DataError with the line of every mistake.
     """
     # Step 1: read one file for all sensors, or the files of each sensor's pattern.
     is_shared = len(patterns) == 1
     pieces: list[list[Rows]] = [[] for _ in sensors]
     for n, pattern in enumerate(patterns):
+        if namings:
+            gathered.naming = namings[n]
         first_sensor = 0 if is_shared else n
         of_pattern = slice(None) if is_shared else slice(n, n + 1)
         for number, path in enumerate(files_of(pattern)):

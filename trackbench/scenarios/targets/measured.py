@@ -102,6 +102,9 @@ class Measured(FromFiles, Naming, Target):
 
     measurements: DataFile | tuple[DataFile, ...]
     """CSV or Parquet, or a list, a file for each sensor; a pattern (data/*.csv) has a file per run"""
+    measurement_naming: tuple[Naming, ...] = ()
+    """columns and units of each file in the list `measurements`, in its order; a key or a column that
+    one of them does not name is that of the target"""
     truth: DataFile | None = None
     """CSV or Parquet of the state, at times of its own: px, py (or x, y), and perhaps velocities"""
     truth_gap: Positive | None = None
@@ -149,6 +152,7 @@ class Measured(FromFiles, Naming, Target):
             if name not in self.components:
                 what = f"{name!r} is not one of {', '.join(self.components)}"
                 raise InvalidKeyError(what, "angles", i)
+        self._check_measurement_naming()
         if self.truth is None:
             if self.truth_gap is not None:
                 raise InvalidKeyError("there is no truth", "truth_gap")
@@ -175,6 +179,21 @@ class Measured(FromFiles, Naming, Target):
                 what = f"its file has `input_naming`, so write the unit there, {way}"
                 raise InvalidKeyError(what, "units", name)
 
+    def _check_measurement_naming(self) -> None:
+        """Raise InvalidKeyError for namings that do not fit the files, or have an origin."""
+        namings = len(self.measurement_naming)
+        files = len(self._measurement_files)
+        if namings and not isinstance(self.measurements, tuple):
+            what = "is of several files: write columns and units of one file into the target"
+            raise InvalidKeyError(what, "measurement_naming")
+        if namings not in (0, files):
+            what = f"{namings} entries for {files} files: write one for each; {{}} has the target's keys"
+            raise InvalidKeyError(what, "measurement_naming")
+        for i, naming in enumerate(self.measurement_naming):
+            if naming.origin:
+                what = "all files count from one point: write it into the target"
+                raise InvalidKeyError(what, "measurement_naming", i, "origin")
+
     @property
     def patterns(self) -> tuple[str, ...]:
         """All files, as they are given."""
@@ -186,6 +205,13 @@ class Measured(FromFiles, Naming, Target):
         if isinstance(self.measurements, tuple):
             return self.measurements
         return (self.measurements,)
+
+    @property
+    def _namings(self) -> tuple[Naming, ...]:
+        """Columns and units of each file of measurements; of the target without its own."""
+        if not self.measurement_naming:
+            return (self,) * len(self._measurement_files)
+        return tuple(naming.with_defaults(self) for naming in self.measurement_naming)
 
     @property
     def components(self) -> tuple[str, ...]:
@@ -306,9 +332,13 @@ class Measured(FromFiles, Naming, Target):
             has_inputs=bool(self.input),
         )
         names = [str(name) for name in self.sensors]
-        rows = read_rows(gathered, self._measurement_files, components, names=names)
+        namings = self._namings
+        rows = read_rows(
+            gathered, self._measurement_files, components, names=names, namings=namings
+        )
         rows = chosen_runs(gathered, rows, chosen, ("target", "runs"))
         for m, each in enumerate(sensors_of(sensor)):
+            gathered.naming = namings[m] if len(namings) > 1 else namings[0]
             angles = {each.components[row]: row for row in measured_angle_rows(each)}
             check_turns(gathered, rows[m], angles)
             rows[m] = in_order(gathered, rows[m], each.innovation)
@@ -364,6 +394,7 @@ class Measured(FromFiles, Naming, Target):
                 gap=self.input_gap,
                 resample=self.resample,
             )
+        gathered.check_idle_keys()
         gathered.check_origin(origin, *origin_key)
         gathered.note_distances()
         notices = tuple(dict.fromkeys(gathered.notices))
@@ -400,6 +431,7 @@ class Measured(FromFiles, Naming, Target):
             columns=columns,
             units=given.units,
             time_format=given.time_format,
+            zone=given.zone,
             missing=given.missing,
             same_time=given.same_time,
             format=file_format,
@@ -412,6 +444,9 @@ class Measured(FromFiles, Naming, Target):
             gathered,
             naming=naming,
             keys=keys,
+            # A naming of its own has keys of its own.
+            used_keys=set() if self.input_naming else gathered.used_keys,
+            idle_keys={} if self.input_naming else gathered.idle_keys,
             runs=[],
             files=[],
             notices=[],
@@ -420,6 +455,8 @@ class Measured(FromFiles, Naming, Target):
         )
         names = [*self.input]
         (rows,) = read_rows(gathered_inputs, [path], [names])
+        if self.input_naming:
+            gathered_inputs.check_idle_keys()
         if self.input_file:
             check_common_time(gathered, measured_rows, gathered_inputs, rows)
         # Number the runs as those of the measurements; inputs without names of runs are those of all.
@@ -462,6 +499,8 @@ class Measured(FromFiles, Naming, Target):
         names = tuple(dict.fromkeys((*sensor.components, *plain, *self.components)))
         self._check_inputs(names)
         self.check_names((*names, *self.input), "target")
+        for i, naming in enumerate(self.measurement_naming):
+            naming.check_names(names, "target", "measurement_naming", i)
         if self.truth_naming is not None:
             self.truth_naming.check_names(names, "target", "truth_naming")
         if self.input_naming is not None:
@@ -494,12 +533,15 @@ class Measured(FromFiles, Naming, Target):
         """
         assert self.truth is not None
         # By default the truth has the columns and units of the measurements.
-        naming = self.truth_naming or replace(self, format=None)
+        naming: Naming = self.truth_naming or replace(self, format=None)
         columns_key = "columns" if self.truth_naming is None else "truth_naming.columns"
         gathered_truth = replace(
             gathered,
             naming=naming,
             keys=NamingKeys(quantities=columns_key, clock=columns_key, own="truth_naming"),
+            # A naming of its own has keys of its own.
+            used_keys=set() if self.truth_naming else gathered.used_keys,
+            idle_keys={} if self.truth_naming else gathered.idle_keys,
             runs=[],
             files=[],
             notices=[],
@@ -507,6 +549,8 @@ class Measured(FromFiles, Naming, Target):
             chosen=(*gathered.runs, ONE_RUN),
         )
         (rows,) = read_rows(gathered_truth, [self.truth], [self.components], least=1)
+        if self.truth_naming:
+            gathered_truth.check_idle_keys()
         (rows,) = chosen_runs(gathered_truth, [rows], ())
         rows = in_order(gathered_truth, rows)
         check_runs_of_truth(gathered_truth, rows, gathered)

@@ -157,6 +157,7 @@ class RecordedPath(FromFiles, Naming, Flown):
             chosen=chosen,
         )
         rows = read_rows(gathered, [self.file], [(*_POSITIONS, *_VELOCITIES)], least=2)
+        gathered.check_idle_keys()
         gathered.check_origin(self.origin, "origin")
         gathered.note_distances()
         # One table for each sensor, and here the only one; its runs are checked below.

@@ -1,0 +1,189 @@
+"""Kinds of clocks that files have, and which of them share one time axis."""
+
+from collections.abc import Sequence
+from datetime import UTC, datetime, timedelta
+from typing import Literal, NamedTuple, TypeAlias
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.scenarios.recordings.column_mapping import Columns
+from trackbench.scenarios.recordings.column_names import words_of
+from trackbench.scenarios.recordings.csv_tables import Table
+
+Kind: TypeAlias = Literal[
+    "step", "number", "unix", "gps", "date", "date in utc", "date with a zone"
+]
+"""Kind of a clock: steps, times that begin anywhere, UNIX times, times of GPS, and dates.
+
+A date without a zone is ``in utc`` if the name of its column says so.
+"""
+_ABSOLUTE = ("unix", "date in utc", "date with a zone")
+"""Kinds that count from one moment, and so share a time axis."""
+_WITHOUT_UNIT = ("step", "date", "date in utc", "date with a zone")
+_WORDS: dict[Kind, str] = {
+    "step": "numbers of steps",
+    "date": "dates",
+    "date in utc": "dates",
+    "date with a zone": "dates with a zone",
+}
+_UTC = frozenset(("utc", "gmt", "zulu"))
+"""Words in the name of a column whose dates need no zone of their own."""
+_UNIX = frozenset(("unix", "posix", "epoch", "unixtime", "epochtime", "utc"))
+_GPS = frozenset(("gps", "gpst", "gpstime", "gnss", "tai", "tow", "gpstow", "itow"))
+_YEARS_OF_UNIX = (631152000.0, 4102444800.0)
+"""s since 1970, from 1990 to 2100: numbers within may be UNIX times"""
+_DAY = 86400.0
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+
+
+class FileClock(NamedTuple):
+    """Clock of a file."""
+
+    path: str
+    column: str
+    kind: Kind
+    unit: str
+    """unit of its numbers"""
+    span: tuple[float, float]
+    """first and last time, s since 1970 of UNIX times and dates"""
+    lacks_zone: bool = False
+    """True if its dates have no zone of their own"""
+
+    @property
+    def is_absolute(self) -> bool:
+        """True if its times count from one moment, as UNIX times and dates with a zone do."""
+        return self.kind in _ABSOLUTE
+
+    @property
+    def has_unit(self) -> bool:
+        """True if the key ``units`` may have the unit of its times."""
+        return self.kind not in _WITHOUT_UNIT
+
+    @property
+    def in_words(self) -> str:
+        """Words for its times: dates, seconds, UNIX times in ms."""
+        if self.kind in _WORDS:
+            return _WORDS[self.kind]
+        if self.kind == "number":
+            return "seconds" if self.unit == "s" else f"times in {self.unit}"
+        name = {"unix": "UNIX times", "gps": "times of GPS"}[self.kind]
+        return f"{name} in {self.unit}"
+
+
+def clock_of_file(columns: Columns, table: Table, column: str, parts: Sequence[str]) -> FileClock:
+    """Return the clock of a file, whose times are in a ``column`` of its ``table``.
+
+    ``parts`` are the keys of further columns that are added to the time. Numbers between the years 1990
+    and 2100, if they count from 1970, are UNIX times.
+    """
+    naming = columns.naming
+    time = table.columns[column]
+    words = frozenset(words_of(column))
+    unit = naming.units.get("time", "s")
+    if columns.contents[column] == "step" and not table.dated:
+        return FileClock(column=column, path=columns.path, kind="step", unit="", span=_span(time))
+    if table.dated:
+        kind: Kind = "date"
+        if table.dated == "date with a zone" or naming.zone:
+            kind = "date with a zone"
+        elif not _UTC.isdisjoint(words):
+            kind = "date in utc"
+        span = _span(microseconds_of_dates(columns, table, time) / 1e6)
+        return FileClock(
+            column=column,
+            path=columns.path,
+            kind=kind,
+            unit="",
+            span=span,
+            lacks_zone=table.dated == "date",
+        )
+    span = _span(time * naming.scale("time"))
+    kind = "number"
+    first, last = _YEARS_OF_UNIX
+    if "week" in parts:
+        kind = "gps"
+    elif first <= span[0] and span[1] <= last:
+        kind = "unix"
+        # Times of GPS are ahead of UTC by its leap seconds.
+        if not _GPS.isdisjoint(words) and _UNIX.isdisjoint(words) and naming.zone != "UTC":
+            kind = "gps"
+    return FileClock(column=column, path=columns.path, kind=kind, unit=unit, span=span)
+
+
+def _span(time: Array) -> tuple[float, float]:
+    """Return the least and the largest of the times."""
+    return float(time.min()), float(time.max())
+
+
+def microseconds_of_dates(columns: Columns, table: Table, dates: Array) -> Array:
+    """Return dates (R,) as microseconds since 1970; those without a zone have that of the config."""
+    if table.dated == "date" and columns.naming.zone:
+        return dates - 1e6 * columns.naming.offset
+    return dates
+
+
+def have_one_axis(first: FileClock, other: FileClock) -> bool:
+    """Test whether two files' clocks share a time axis."""
+    if first.is_absolute and other.is_absolute:
+        return True
+    kinds = {first.kind, other.kind}
+    if kinds <= {"number", "unix", "gps"}:
+        return kinds != {"unix", "gps"}
+    return len(kinds) == 1 or kinds == {"date", "date in utc"}
+
+
+def reason_against(first: FileClock, other: FileClock) -> str:
+    """Explain why two files' clocks share no time axis, and what to write."""
+    what = f"its column {other.column} has {other.in_words}, and that of {first.path}"
+    what += f" {first.in_words}"
+    kinds = {first.kind, other.kind}
+    if "date" in kinds and kinds & {*_ABSOLUTE}:
+        dates = first if first.kind == "date" else other
+        what += f": which zone have the dates in {dates.column} of {dates.path}?"
+        return f'{what} Say `zone: UTC`, or their offset from UTC, such as `zone: "+02:00"`'
+    if "gps" in kinds and kinds & {*_ABSOLUTE}:
+        gps = first if first.kind == "gps" else other
+        what += ": GPS is ahead of UTC by leap seconds, 18 s since 2017;"
+        what += f" if {gps.column} of {gps.path} counts from 1970 in UTC, say `zone: UTC`,"
+        return f"{what} or else write UNIX times into the file"
+    if "number" in kinds and len(kinds) == 2:
+        return f"{what}: use one kind; dates with a zone and UNIX times, seconds since 1970, go together"
+    return f"{what}: use one kind"
+
+
+def reason_against_spans(first: FileClock, other: FileClock) -> str:
+    """Explain that UNIX times and dates lie more than a day apart; empty if they do not."""
+    if first.kind == other.kind or "unix" not in (first.kind, other.kind):
+        return ""
+    if not (first.is_absolute and other.is_absolute):
+        return ""
+    is_near = other.span[0] <= first.span[1] + _DAY and first.span[0] <= other.span[1] + _DAY
+    if is_near:
+        return ""
+    unix = first if first.kind == "unix" else other
+    what = f"its column {other.column} has {other.in_words} {_span_in_words(other)}, and that of"
+    what += f" {first.path} {first.in_words} {_span_in_words(first)}"
+    return (
+        f"{what}, more than a day apart: correct the unit of {unix.column} (`units: {{time: ms}}`),"
+        " or write dates if it does not count from 1970"
+    )
+
+
+def _span_in_words(clock: FileClock) -> str:
+    """Return words for the first and the last time of a clock: from 2024-05-14 09:31 to 09:46."""
+    first, last = (
+        (_EPOCH + timedelta(seconds=time)).strftime("%Y-%m-%d %H:%M") for time in clock.span
+    )
+    return f"from {first} to {last}"
+
+
+def microseconds_since_1970(columns: Columns, table: Table, clock: FileClock) -> Array:
+    """Return UNIX times or dates (R,) as microseconds since 1970, exact for whole ones."""
+    time = table.columns[clock.column]
+    if table.dated:
+        return microseconds_of_dates(columns, table, time)
+    factor = columns.naming.scale("time") * 1e6
+    if factor >= 0.5:
+        factor = float(np.rint(factor))
+    return time * factor

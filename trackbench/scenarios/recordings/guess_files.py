@@ -1,0 +1,90 @@
+"""Join the guesses at several files, one for each sensor, for one config."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from trackbench.field_types import DataError, Place
+from trackbench.scenarios.recordings.column_mapping import COURSE, Naming
+from trackbench.scenarios.recordings.guess_format import Guess
+from trackbench.scenarios.recordings.time_alignment import ONE_RUN
+
+_VELOCITIES = ("vx", "vy", *COURSE)
+_MOST_NAMES = 8
+
+
+def joined_guess(paths: Sequence[str], guesses: Sequence[Guess]) -> Guess:
+    """Return the guess at a recording whose files, one for each sensor, are at ``paths``.
+
+    Raises DataError for a file of several sensors, the log of a robot, and files with different runs.
+    """
+    files = [_of_one_sensor(path, guess) for path, guess in zip(paths, guesses, strict=True)]
+    if all(len(file.runs) == 1 for file in files):
+        files = [_without_name_of_run(file) for file in files]
+    _check_runs(paths, files)
+    rows: Counter[str] = Counter()
+    for file in files:
+        rows.update(dict(file.runs))
+    first = files[0]
+    clock: dict[str, str] = {}
+    for key in ("time", "step"):
+        if key in first.naming.columns:
+            clock[key] = first.naming.columns[key]
+    return Guess(
+        naming=Naming(columns=clock, origin=first.naming.origin),
+        why={},
+        runs=rows.most_common(),
+        sensors=[file.sensors[0] for file in files],
+        speed=next((file.speed for file in files if file.speed), 1.0),
+        process_noise=max(file.process_noise for file in files),
+        names=first.names,
+        steps=sum(file.steps for file in files),
+        interval=min(file.interval for file in files),
+        origin=next((file.origin for file in files if file.origin), ()),
+        is_dated=first.is_dated,
+        outliers=max(file.outliers for file in files),
+        files=tuple(files),
+    )
+
+
+def _of_one_sensor(path: str, guess: Guess) -> Guess:
+    """Return the guess at one of several files, whose sensor has the name of the file.
+
+    Velocities beside positions would be those of a second sensor, and are left out.
+    """
+    name = Path(path).stem
+    if guess.inputs:
+        what = "is the log of a robot, which is alone in a config that is written"
+        way = "write the config for it, and add the further files to its `measurements`"
+        raise DataError(Place(path, 1, 1, f"{what}: {way} (docs/your-robot.md)"))
+    if len(guess.sensors) > 1:
+        names = ", ".join(sensor.name for sensor in guess.sensors[:_MOST_NAMES])
+        what = f"has {len(guess.sensors)} sensors ({names}), and each of several files is of one"
+        raise DataError(Place(path, 1, 1, f"{what}: write a file for each sensor"))
+    columns = {key: c for key, c in guess.naming.columns.items() if key not in _VELOCITIES}
+    columns.pop("sensor", None)
+    sensor = guess.sensors[0]._replace(name=name)
+    return replace(guess, naming=replace(guess.naming, columns=columns), sensors=[sensor])
+
+
+def _without_name_of_run(guess: Guess) -> Guess:
+    """Return the guess at a file whose one run needs no name, which may be another one in each file."""
+    columns = dict(guess.naming.columns)
+    if columns.pop("run", None) is not None:
+        columns["run"] = ""
+    rows = sum(number for _, number in guess.runs)
+    return replace(guess, naming=replace(guess.naming, columns=columns), runs=[(ONE_RUN, rows)])
+
+
+def _check_runs(paths: Sequence[str], files: Sequence[Guess]) -> None:
+    """Raise DataError if no run is in all files."""
+    names = [{name for name, _ in file.runs} for file in files]
+    if set.intersection(*names):
+        return
+    what = []
+    for path, file in zip(paths, files, strict=True):
+        runs = [name for name, _ in file.runs][:_MOST_NAMES]
+        what.append(f"{Path(path).name} has {', '.join(runs)}")
+    way = "no run is in all files: name each run alike in all of them"
+    raise DataError(Place(paths[0], 1, 1, f"{'; '.join(what)}; {way}"))
