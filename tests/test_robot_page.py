@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from docs.site.blocks import blocks
+from tests.commands import trackbench
 from tests.conftest import ROOT
 from trackbench import api
 from trackbench.report.findings.ranking import rankings
@@ -22,7 +23,8 @@ def test_the_numbers_are_those_of_the_config(
     (tmp_path / "robot.yaml").write_text(text)
     report = api.run("robot.yaml", engine="serial", quiet=True, formats=())
     table = (report.folder / "tables" / "errors.md").read_text()
-    assert _rows(table) == _rows(PAGE)[: len(_rows(table))]
+    section = PAGE.split("## 4. Check it, and run it")[1]
+    assert _rows(table) == _rows(section)[: len(_rows(table))]
     errors = {row[0]: [float(cell) for cell in row[1:]] for row in _rows(table)[1:]}
     position = {label: values[0] for label, values in errors.items()}
     assert f"the EKF is off by {position['EKF']:.2f} m" in PAGE
@@ -33,6 +35,24 @@ def test_the_numbers_are_those_of_the_config(
     (ranking,) = rankings(report.results)
     assert ranking.metric.metric == "rmse_position"
     assert min(position, key=position.__getitem__) == "EKF"
+
+
+def test_the_tables_of_topics_need_the_two_commands_that_the_page_has(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    section = PAGE.split("## A file for each topic")[1].split("## 1.")[0]
+    (block,) = (block for block in blocks(section) if block.commands)
+    new, _ = block.commands
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "experiments").symlink_to(ROOT / "experiments")
+    done = trackbench(*new.split()[1:], cwd=tmp_path)
+    assert done.stdout in block.text
+    report = api.run("topics.yaml", engine="serial", quiet=True, formats=())
+    table = (report.folder / "tables" / "errors.md").read_text()
+    rows = _rows(table)
+    known = _rows(section)
+    begin = known.index(rows[0])
+    assert known[begin : begin + len(rows)] == rows
 
 
 def test_the_log_begins_as_the_page_shows() -> None:

@@ -3,12 +3,15 @@
 import os
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from importlib.machinery import PathFinder
 from importlib.resources import files
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
+import numpy as np
 import yaml
 
 from trackbench.atomic_files import write_text
@@ -16,10 +19,14 @@ from trackbench.config.build import build
 from trackbench.config.includes import override_all
 from trackbench.config.load import load
 from trackbench.errors import Mark, Problem, UserError, in_line
-from trackbench.field_types import DataError, Place
+from trackbench.execution.plan import cautions
+from trackbench.field_types import DataError, Place, Positive
 from trackbench.registry import GROUPS, kinds
+from trackbench.scenarios.base import Scenario
 from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.guess_config import (
+    FirstState,
+    FurtherTables,
     config_parts,
     guessed_units,
     idle_keys,
@@ -30,14 +37,32 @@ from trackbench.scenarios.recordings.guess_config import (
     usable_quantities,
 )
 from trackbench.scenarios.recordings.guess_files import joined_guess
-from trackbench.scenarios.recordings.guess_format import Guess, recognized
+from trackbench.scenarios.recordings.guess_format import (
+    Guess,
+    RobotTables,
+    recognized,
+    recognized_odometry,
+)
 from trackbench.scenarios.recordings.guess_truth import TruthGuess, recognized_truth, settled
+from trackbench.scenarios.recordings.landmark_table import read_landmarks
+from trackbench.scenarios.targets.measured import Measured
 from trackbench.yaml_source import MarkedMapping, Source
 
-_TRUTH_PREFIX = "truth_naming."
+_TABLES_OF_PREFIXES = {
+    "truth_naming.": ("truth", "--truth"),
+    "input_naming.": ("file of inputs", "--input"),
+    "landmarks.": ("table of landmarks", "--landmarks"),
+}
+"""Tables beside the measurements and their options, by the beginning of their keys."""
 _FILES_KEY = "measurement_naming"
-_OPTION_OF_TABLE = re.compile(r"--set '?(?!truth_naming\.)")
+_OPTION_OF_TABLE = re.compile(r"--set '?(?!'|(?:truth_naming|input_naming|landmarks)\.)")
 """Beginning of an option that answers a question on a table."""
+_OPTIONS_OF_KEYS = {
+    "truth": "--truth FILE",
+    "truth_gap": "--truth FILE",
+    "input_file": "--input FILE",
+}
+"""Keys of the target that follow from the options of the command."""
 _FORM_OF = {
     "per_run": "filter",
     "per_run_nonlinear": "filter",
@@ -77,6 +102,7 @@ LANGUAGES = {
 }
 _FORM_OF |= dict.fromkeys(LANGUAGES, "filter")
 _TEMPLATES |= {name: (f"language.{x.ending}", "language.yaml") for name, x in LANGUAGES.items()}
+_MOST_NAMES = 8  # that a message shows
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(?:[-_ ][A-Za-z0-9]+)*")
 
 
@@ -126,7 +152,7 @@ class WrittenConfig(NamedTuple):
     ``unknown`` are sensors whose place must be written, ``unused`` columns that are not read, and
     ``quantities`` what they may hold. ``left_out`` says which filters are comments only, and
     ``units`` which units were guessed. Options that name a column begin with the ``prefix``, which
-    several files need.
+    several files need. ``notes`` are those of the config, if all places of landmarks are known.
     """
 
     paths: list[Path]
@@ -135,7 +161,16 @@ class WrittenConfig(NamedTuple):
     quantities: list[str]
     left_out: list[str]
     units: list[str]
+    notes: list[str]
     prefix: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _InputKeys:
+    """Keys of the target on a robot's inputs, which the user may give."""
+
+    input_gap: Positive | None = None
+    input_holds: Literal["before", "after"] | None = None
 
 
 def write_config_for(
@@ -145,14 +180,17 @@ def write_config_for(
     changes: Sequence[str] = (),
     truth: Path | None = None,
     further: Sequence[Path] = (),
+    odometry: Path | None = None,
+    landmarks: Path | None = None,
 ) -> WrittenConfig:
     """Write an experiment on recorded data with guessed columns and units; existing files stay.
 
     ``further`` are the files of further sensors. ``changes``, such as ``columns.time=Zeit``, are keys of
     the recording that need no guess. Those of one of several files begin with ``measurement_naming`` and
-    its number from 0, and those of the ``truth``, a table of the true path, with ``truth_naming``. A
-    config that would not run is not left: UserError says why. Places that the user must write are then
-    any numbers.
+    its number from 0, and those of the ``truth``, a table of the true path, with ``truth_naming``. Keys
+    of a robot's ``odometry`` begin with ``input_naming``, and those of a table of ``landmarks`` with
+    ``landmarks``. A config that would not run is not left: UserError says why. Places that the user must
+    write are then any numbers.
     """
     words = _words_of_name("experiment", name)
     path = folder / f"{'_'.join(words)}.yaml"
@@ -166,38 +204,73 @@ def write_config_for(
     if twice:
         raise UserError(Problem(mark, "", f"--from {twice[0]} is there twice: leave one out"))
     # Step 1: read the given keys as those of a config, and guess the others.
-    of_truth = [change for change in changes if change.startswith(_TRUTH_PREFIX)]
-    if of_truth and truth is None:
-        raise UserError(
-            Problem(mark, "", f"{of_truth[0]}: there is no truth; name it, --truth FILE")
-        )
-    of_tables = [change for change in changes if change not in of_truth]
-    given_of_truth = _given_naming(
-        mark, [change.removeprefix(_TRUTH_PREFIX) for change in of_truth]
+    paths_of_tables = {"truth_naming.": truth, "input_naming.": odometry, "landmarks.": landmarks}
+    namings: dict[str, Naming] = {}
+    remaining = list(changes)
+    for prefix, table in paths_of_tables.items():
+        of_table = [change for change in remaining if change.startswith(prefix)]
+        if of_table and table is None:
+            noun, option = _TABLES_OF_PREFIXES[prefix]
+            what = f"{of_table[0]}: there is no {noun}; name it, {option} FILE"
+            raise UserError(Problem(mark, "", what))
+        remaining = [change for change in remaining if change not in of_table]
+        namings[prefix] = _given_naming(mark, [change.removeprefix(prefix) for change in of_table])
+    of_inputs = [
+        change for change in remaining if change.startswith(("input_gap=", "input_holds="))
+    ]
+    input_keys = _given_input_keys(mark, of_inputs)
+    odometry_guess = None
+    places: dict[str, tuple[float, float]] = {}
+    if odometry is not None:
+        with _questions_on("input_naming."):
+            odometry_guess = recognized_odometry(str(odometry), namings["input_naming."])
+    if landmarks is not None:
+        with _questions_on("landmarks."):
+            places = read_landmarks(str(landmarks), namings["landmarks."]).places
+    robot_tables = RobotTables(
+        odometry=odometry_guess,
+        landmarks=tuple(places),
+        names_turn_rate="w" in namings["input_naming."].columns,
     )
-    table_guesses = _guesses_at(mark, tables, of_tables)
+    if further and not robot_tables.is_empty:
+        what = (
+            "--input and --landmarks are of one table of measurements, and there are several --from"
+        )
+        raise UserError(Problem(mark, "", what))
+    of_tables = [change for change in remaining if change not in of_inputs]
+    table_guesses = _guesses_at(mark, tables, of_tables, robot_tables)
     guess = _joined(tables, [each.guess for each in table_guesses])
+    if input_keys and not guess.inputs:
+        raise UserError(
+            Problem(mark, next(iter(input_keys)), "is of a robot's inputs; leave it out")
+        )
+    if landmarks is not None:
+        _check_landmarks(data, landmarks, guess, places)
     truth_guess = None
     if truth is not None:
-        try:
-            truth_guess = recognized_truth(str(truth), guess, given_of_truth)
-        except DataError as error:
-            raise _questions(error, _TRUTH_PREFIX) from None
+        with _questions_on("truth_naming."):
+            truth_guess = recognized_truth(str(truth), guess, namings["truth_naming."])
     guess = _settled(mark, tables, table_guesses, truth_guess)
     # Step 2: the template's lines for the data's columns and units.
     relative_paths = [quoted(os.path.relpath(table, folder)) for table in tables]
     relative = relative_paths[0]
     if further:
         relative = f"[{', '.join(relative_paths)}]"
-    relative_truth = "" if truth is None else quoted(os.path.relpath(truth, folder))
+    further_tables = FurtherTables(
+        truth=truth_guess,
+        truth_path="" if truth is None else quoted(os.path.relpath(truth, folder)),
+        odometry=odometry_guess,
+        odometry_path="" if odometry is None else quoted(os.path.relpath(odometry, folder)),
+        places=places,
+        source_of_places="" if landmarks is None else landmarks.name,
+        keys=input_keys,
+    )
     sources = " and ".join(table.name for table in tables)
     marks = {"@FILE@": relative, "@SOURCE@": in_line(sources)}
-    parts = config_parts(guess, truth_guess, relative_truth)
-    text = _filled("recording.yaml", words, {**marks, **parts})
+    text = _filled("recording.yaml", words, {**marks, **config_parts(guess, further_tables)})
     # Step 3: try the config, with some numbers in place of those that the user must write.
-    unknown = unknown_places(guess, truth_guess)
     tried_text = text
-    if unknown:
+    if unknown_places(guess, further_tables):
         origin = guess.origin
         if not origin and truth_guess is not None:
             origin = truth_guess.origin
@@ -212,10 +285,14 @@ def write_config_for(
         ) from None
     finally:
         path.unlink()
-    # The time of the first state is known by now.
-    begin = float(config.points[0].scenario.times[0])
-    parts = config_parts(guess, truth_guess, relative_truth, begin)
+    # The time of the first state is known by now, and the truth there.
+    first_state = _first_state(config.points[0].scenario, further_tables)
+    parts = config_parts(guess, further_tables, first_state)
     write_text(path, _filled("recording.yaml", words, {**marks, **parts}))
+    unknown = unknown_places(guess, further_tables, first_state)
+    notes = []
+    if places and not unknown:
+        notes = cautions(config.points)
     unused: list[str] = []
     units: list[str] = []
     prefix = ""
@@ -229,6 +306,8 @@ def write_config_for(
             prefix = prefix_of_file
             first_with_unused = file
         unused += names
+    if odometry_guess is not None:
+        units += guessed_units(odometry_guess, "input_naming.")
     return WrittenConfig(
         paths=[path],
         unknown=unknown,
@@ -236,8 +315,73 @@ def write_config_for(
         quantities=usable_quantities(first_with_unused),
         left_out=left_out_filters(guess),
         units=units,
+        notes=notes,
         prefix=prefix,
     )
+
+
+@contextmanager
+def _questions_on(prefix: str) -> Iterator[None]:
+    """Report the mistakes of a table as those of the command.
+
+    The answers to questions on a table beside the measurements are keys that begin with the ``prefix``.
+    """
+    try:
+        yield
+    except DataError as error:
+        raise _questions(error, prefix) from None
+
+
+def _given_input_keys(mark: Mark, changes: Sequence[str]) -> dict[str, str]:
+    """Return the keys on inputs among the user's answers, as YAML."""
+    source = Source(MarkedMapping(), mark)
+    override_all(source, changes)
+    given = build(_InputKeys, source, ())
+    if given is None:
+        raise UserError(*source.problems)
+    keys = {}
+    if given.input_gap is not None:
+        keys["input_gap"] = f"{given.input_gap:g}"
+    if given.input_holds is not None:
+        keys["input_holds"] = given.input_holds
+    return keys
+
+
+def _check_landmarks(
+    data: Path, landmarks: Path, guess: Guess, places: Mapping[str, tuple[float, float]]
+) -> None:
+    """Raise UserError if a table of landmarks has the place of none that was measured."""
+    names = [sensor.name for sensor in guess.sensors]
+    if any(name in places for name in names) or (names == [""] and len(places) == 1):
+        return
+    known = ", ".join([*places][:_MOST_NAMES])
+    what = f"no column of {data} names the landmarks, which are {known}"
+    way = "say which does, --set 'columns.sensor=ITS NAME'"
+    if names != [""]:
+        what = (
+            f"has none of {', '.join(names[:_MOST_NAMES])}, which {data} names; there are {known}"
+        )
+        way = "write the names alike in both files"
+    raise UserError(Problem(Mark(str(landmarks), 1, 1), "", f"{what}: {way}"))
+
+
+def _first_state(scenario: Scenario, tables: FurtherTables) -> FirstState:
+    """Return the time of the filters' first state, and the truth's pose there if the truth is a robot's.
+
+    A pose that is later by at most the gap of the truth counts, too.
+    """
+    begin = float(scenario.times[0])
+    target = getattr(scenario, "target", None)
+    if tables.truth is None or not isinstance(target, Measured) or not target.input:
+        return FirstState(begin=begin)
+    poses = target.recorded_truth
+    known = np.flatnonzero(np.isfinite(poses[:2]).all(axis=0))
+    if not len(known):
+        return FirstState(begin=begin)
+    later = float(scenario.times[known[0]]) - begin
+    if later > tables.truth.gap:
+        return FirstState(begin=begin)
+    return FirstState(begin=begin, pose=tuple(poses[:, known[0]].tolist()), later=later)
 
 
 def _prefix_of(number: int, tables: Sequence[Path]) -> str:
@@ -255,10 +399,13 @@ class _TableGuess(NamedTuple):
     columns: Mapping[str, str]
 
 
-def _guesses_at(mark: Mark, tables: Sequence[Path], changes: Sequence[str]) -> list[_TableGuess]:
+def _guesses_at(
+    mark: Mark, tables: Sequence[Path], changes: Sequence[str], robot_tables: RobotTables
+) -> list[_TableGuess]:
     """Guess the columns and units of the tables, one for each sensor.
 
-    Keys that are set in ``changes`` are not guessed. Raises UserError with all questions.
+    Keys that are set in ``changes`` are not guessed. ``robot_tables`` are those beside the measurements
+    of a robot. Raises UserError with all questions.
     """
     shared = [change for change in changes if not change.startswith(f"{_FILES_KEY}.")]
     if len(tables) == 1:
@@ -279,7 +426,7 @@ def _guesses_at(mark: Mark, tables: Sequence[Path], changes: Sequence[str]) -> l
         # A key that is set to nothing, as clockwise=[], is an answer, too.
         said = {change.partition("=")[0].strip() for change in own}
         try:
-            guess = recognized(str(table), given, said)
+            guess = recognized(str(table), given, said, robot_tables)
         except DataError as error:
             problems += _questions(error, prefix).problems
             continue
@@ -377,7 +524,7 @@ def _with_option_of_zone(
         return problem
     prefixes = {table: _prefix_of(number, tables) for number, table in enumerate(tables)}
     if truth is not None:
-        prefixes[truth] = _TRUTH_PREFIX
+        prefixes[truth] = "truth_naming."
     for table, prefix in prefixes.items():
         path = os.path.abspath(table)
         if f" of {path}? Say" in problem.what or f" of {path} counts" in problem.what:
@@ -395,8 +542,10 @@ def _given_naming(mark: Mark, changes: Sequence[str]) -> Naming:
     """Build the naming of columns and units from the user's answers."""
     source = Source(MarkedMapping(), mark)
     for change in changes:
-        if change.partition("=")[0] in ("truth", "truth_gap"):
-            raise UserError(Problem(mark, change, "a truth has an option of its own, --truth FILE"))
+        key = change.partition("=")[0]
+        if key in _OPTIONS_OF_KEYS:
+            what = f"this table has an option of its own, {_OPTIONS_OF_KEYS[key]}"
+            raise UserError(Problem(mark, key, what))
     override_all(source, changes)
     given = build(Naming, source, ())
     if given is None:
@@ -412,7 +561,7 @@ def _with_some_places(text: str, origin: Sequence[float]) -> str:
     config = yaml.safe_load(text)
     scenario = config["scenario"]
     for number, sensor in enumerate(scenario["sensor"]):
-        if "at" in sensor:
+        if "at" in sensor and isinstance(sensor["at"][0], str):
             sensor["at"] = [1000.0 * number, 1000.0]
     mean = scenario["start"].get("mean")
     if mean:

@@ -1,6 +1,7 @@
 """Simulate robot-log.csv and robot-truth.csv: two minutes of a robot among five landmarks.
 
 Every 0.1 s the wheels measure speed and turn rate, and every 0.5 s the robot sees its nearest landmark.
+The folder robot-topics has the same log as ROS exports it, a table for each topic.
 """
 
 import csv
@@ -19,6 +20,7 @@ LANDMARKS = {
 """Names and places, m."""
 T = 0.1
 STEPS = 1200
+START_OF_CLOCK = 1_718_023_412_000_000_000  # ns
 SIGMA_V = 0.1  # m/s
 SIGMA_W = 0.05  # rad/s
 SIGMA_RANGE = 0.1  # m
@@ -26,7 +28,7 @@ SIGMA_BEARING = np.deg2rad(2.0)
 
 
 def main() -> None:
-    """Write both files, with the same numbers every time."""
+    """Write all files, with the same numbers every time."""
     rng = np.random.default_rng(7)
     x, y, heading = 0.0, 0.0, 0.2
     log = []
@@ -62,6 +64,34 @@ def main() -> None:
         table.writerow(["time", "px", "py", "heading"])
         for row in truth:
             table.writerow((f"{row[0]:.1f}", *(f"{value:.4f}" for value in row[1:])))
+    write_topics(log, truth)
+
+
+def write_topics(log: list[tuple[str, ...]], truth: list[tuple[float, ...]]) -> None:
+    """Write the tables of the topics: odometry, detections, places of landmarks, and the truth."""
+    clock = "field.header.stamp"
+    odometry = [(clock, "field.twist.twist.linear.x", "field.twist.twist.angular.z")]
+    detections = [(clock, "field.id", "field.range_mm", "field.bearing_deg")]
+    for time, v, degrees_per_second, name, distance, bearing in log:
+        odometry.append((_stamp(time), v, f"{np.deg2rad(float(degrees_per_second)):.5f}"))
+        if name:
+            detections.append((_stamp(time), name, f"{1000 * float(distance):.0f}", bearing))
+    poses = [(clock, "field.pose.x", "field.pose.y", "field.pose.yaw_deg")]
+    for time, x, y, heading in truth:
+        yaw = (np.rad2deg(heading) + 180.0) % 360.0 - 180.0
+        poses.append((_stamp(f"{time:.1f}"), f"{x:.4f}", f"{y:.4f}", f"{yaw:.3f}"))
+    places = [("name", "x_m", "y_m")]
+    for name, (x, y) in LANDMARKS.items():
+        places.append((name, f"{x:g}", f"{y:g}"))
+    tables = {"odom": odometry, "detections": detections, "mocap": poses, "landmarks": places}
+    for name, rows in tables.items():
+        with (FOLDER / "robot-topics" / f"{name}.csv").open("w", newline="") as file:
+            csv.writer(file, lineterminator="\n").writerows(rows)
+
+
+def _stamp(time: str) -> str:
+    """Return a time of the log, s, as nanoseconds since 1970."""
+    return str(START_OF_CLOCK + round(float(time) * 1e9))
 
 
 if __name__ == "__main__":

@@ -256,6 +256,24 @@ def test_inputs_of_a_file_of_their_own_make_steps(tmp_path: Path) -> None:
     np.testing.assert_allclose(means["KF"], scalar_filter(merged, 0.25), rtol=1e-12)
 
 
+def test_a_file_of_inputs_has_names_and_units_of_its_own(tmp_path: Path) -> None:
+    """Numbers of the log's clock are seconds, those of the wheels milliseconds."""
+    rows = list(csv.DictReader(LOG.splitlines()))
+    wheels = "stamp;kmh\n"
+    log = "time,z\n"
+    for row in rows:
+        wheels += f"{1000 * int(row['time'])};{3.6 * float(row['speed'])!r}\n"
+        if row["z"]:
+            log += f"{row['time']},{row['z']}\n"
+    naming = (
+        "input_naming: {columns: {time: stamp}, units: {time: ms, v: km/h}, format: {separator: ;}}"
+    )
+    text = with_keys("input_file: wheels.csv", "input_gap: 2", naming)
+    text = text.replace("{v: speed}", "{v: kmh}")
+    means = estimates(tmp_path, text, {"log.csv": log, "wheels.csv": wheels})
+    np.testing.assert_allclose(means["KF"], scalar_filter(LOG), rtol=1e-12)
+
+
 def test_longer_steps_have_the_mean_of_their_inputs(tmp_path: Path) -> None:
     log = "time,speed,z\n" + "".join(f"{k},{k},{5.0 if k == 6 else ''}\n" for k in range(1, 7))
     means = estimates(tmp_path, with_keys("resample: 2"), {"log.csv": log})

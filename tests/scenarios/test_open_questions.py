@@ -215,8 +215,8 @@ def test_a_truth_of_another_time_is_a_mistake_that_names_both(tmp_path: Path) ->
     path = table(tmp_path / "m.csv", "t,x,y", T, X, Y)
     truth = table(tmp_path / "gps.csv", "t,px,py", T + 1e4, X, Y)
     message = asked(path, truth=truth)
-    assert "has no truth at any step: its rows are from 10000 to 10118 s of" in message
-    assert "the steps from 0 to 118 s" in message
+    assert "its times are from 10000 to 10118 s, and those of" in message
+    assert "m.csv from 0 to 118 s: they have no time in common;" in message
     other = table(tmp_path / "other.csv", "t,range,azimuth_deg", T, RANGE, NORTH)
     assert "a truth has positions, x and y or latitude and longitude" in asked(path, truth=other)
     assert "there is no truth; name it, --truth FILE" in asked(path, "truth_naming.columns.x=x")

@@ -1,5 +1,8 @@
 """A config for a robot's log: from where bearings count is asked for, as are the landmarks' places."""
 
+import csv
+import math
+import re
 import runpy
 from pathlib import Path
 
@@ -10,6 +13,7 @@ from tests.commands import trackbench
 from tests.conftest import ROOT
 from trackbench.config.load import load
 from trackbench.errors import UserError
+from trackbench.scenarios.recordings.column_names import odometry_of
 
 pytestmark = pytest.mark.usefixtures("no_report")
 
@@ -77,7 +81,9 @@ def test_without_odometry_its_columns_are_asked_for(tmp_path: Path) -> None:
     assert (
         "no column looks like its turn rate (w), by which the robot's heading moves on" in printed
     )
-    assert "say --set 'columns.w=ITS NAME'; odometry of another file is `input_file`" in printed
+    assert (
+        "say --set 'columns.w=ITS NAME'; of odometry in another file, name that, --input" in printed
+    )
     printed = written(tmp_path, log, NAME, "columns.w=spin", "units.w=deg/s")
     assert "wrote log.yaml" in printed
 
@@ -111,3 +117,313 @@ def test_rows_of_odometry_must_name_no_landmark(tmp_path: Path) -> None:
         "landmark: rows of wheels have no range and no bearing; leave this cell of theirs empty, as "
         "rows of odometry alone see no landmark"
     ) in printed
+
+
+STAMP = 1_718_023_412_000_000_000  # ns
+LINEAR = "field.twist.twist.linear.x"
+ANGULAR = "field.twist.twist.angular.z"
+TRUTH = [*csv.DictReader((DATA / "robot-truth.csv").read_text().splitlines())]
+TAGS = {name: number for number, name in enumerate(SIMULATION["LANDMARKS"], 3)}
+FOUR = ("--input", "odom.csv", "--landmarks", "tags.csv", "--truth", "mocap.csv")
+
+
+def four_tables(folder: Path) -> None:
+    """Write the log as a robot's topics: what it saw, its odometry, places of tags, and the truth."""
+    seen = "field.header.stamp,field.id,field.range_mm,field.bearing_deg\n"
+    odometry = f"%time,field.header.stamp,field.header.frame_id,{LINEAR},{ANGULAR}\n"
+    for line in LOG.splitlines()[1:]:
+        time, v, w, landmark, distance, bearing = line.split(",")
+        stamp = STAMP + round(float(time) * 1e9)
+        odometry += f"{stamp + 1000},{stamp},odom,{v},{float(w) * math.pi / 180:.6f}\n"
+        if landmark:
+            # What was seen comes between two rows of the odometry.
+            seen += (
+                f"{stamp - 40_000_000},{TAGS[landmark]},{1000 * float(distance):.0f},{bearing}\n"
+            )
+    truth = "field.header.stamp,field.pose.x,field.pose.y,field.pose.yaw_deg\n"
+    for row in TRUTH:
+        stamp = STAMP + round(float(row["time"]) * 1e9)
+        yaw = float(row["heading"]) * 180 / math.pi
+        truth += f"{stamp},{row['px']},{row['py']},{yaw:.4f}\n"
+    tags = "tag_id,x_m,y_m\n"
+    for name, (x, y) in SIMULATION["LANDMARKS"].items():
+        tags += f"{TAGS[name]},{x:g},{y:g}\n"
+    for name, text in (
+        ("seen", seen), ("odom", odometry), ("mocap", truth), ("tags", tags + "99,1,1\n")
+    ):  # fmt: skip
+        (folder / f"{name}.csv").write_text(text)
+
+
+def of_tables(folder: Path, *options: str) -> str:
+    """Write a config for the log of the four tables; return what is printed."""
+    (folder / "robot.yaml").unlink(missing_ok=True)
+    done = trackbench("new", "experiment", "robot", "--from", "seen.csv", *options, cwd=folder)
+    return done.stdout + done.stderr
+
+
+def test_four_tables_of_topics_need_no_answer(tmp_path: Path) -> None:
+    four_tables(tmp_path)
+    printed = of_tables(tmp_path, *FOUR)
+    assert "write into it" not in printed
+    (point,) = load(tmp_path / "robot.yaml").points
+    scenario = point.scenario
+    target = scenario.target
+    assert target.input_naming.columns == {"time": "field.header.stamp"}
+    assert target.input_naming.units == {"time": "ns", "v": "m/s", "w": "rad/s"}
+    # Places in the order of the sensors, those of tags that were not seen left out.
+    names = {number: name for name, number in TAGS.items()}
+    expected = [SIMULATION["LANDMARKS"][names[int(number)]] for number in target.sensors]
+    assert [sensor.at for sensor in scenario.sensor] == expected
+    # The first state is the truth at the first row of the odometry.
+    first = TRUTH[1]
+    pose = [float(first[name]) for name in ("px", "py", "heading")]
+    assert scenario.start.mean == pytest.approx(pose, abs=1e-4)
+
+
+def test_a_robot_of_two_tables_is_asked_for_places_and_start(tmp_path: Path) -> None:
+    four_tables(tmp_path)
+    printed = of_tables(tmp_path, "--input", "odom.csv")
+    assert "do the bearings of the landmarks (field.id) count from the robot's heading?" in printed
+    printed = of_tables(
+        tmp_path, "--input", "odom.csv", "--set", "columns.bearing=field.bearing_deg"
+    )
+    assert "write into it where these are: 4, 3, 7, 6, 5, the start\n" in printed
+
+
+@pytest.mark.parametrize(("name", "factor"), [("stamp_ms", 1e-6), ("t", 1e-9)])
+def test_the_odometry_may_have_another_clock_unit(tmp_path: Path, name: str, factor: float) -> None:
+    four_tables(tmp_path)
+    lines = (tmp_path / "odom.csv").read_text().splitlines()[1:]
+    rows = [line.split(",") for line in lines]
+    text = f"{name},v,w\n" + "".join(f"{int(t) * factor:.6f},{v},{w}\n" for _, t, _, v, w in rows)
+    (tmp_path / "odom.csv").write_text(text)
+    assert "wrote robot.yaml" in of_tables(tmp_path, *FOUR)
+    (point,) = load(tmp_path / "robot.yaml").points
+    assert point.scenario.target.input == {"v": "v", "w": "w"}
+
+
+def test_questions_on_a_table_name_its_keys(tmp_path: Path) -> None:
+    four_tables(tmp_path)
+    odometry = (tmp_path / "odom.csv").read_text()
+    (tmp_path / "odom.csv").write_text(odometry.replace(ANGULAR, "spin"))
+    printed = of_tables(tmp_path, *FOUR)
+    assert "odom.csv:1:1: no column looks like its turn rate (w)" in printed
+    assert "say --set 'input_naming.columns.w=ITS NAME'" in printed
+    assert "wrote" in of_tables(tmp_path, *FOUR, "--set", "input_naming.columns.w=spin")
+    printed = of_tables(tmp_path, "--set", "input_naming.columns.w=spin")
+    assert (
+        "input_naming.columns.w=spin: there is no file of inputs; name it, --input FILE" in printed
+    )
+    printed = of_tables(tmp_path, "--set", "input_file=odom.csv")
+    assert "input_file: this table has an option of its own, --input FILE" in printed
+
+
+def test_a_gap_of_the_odometry_is_a_question(tmp_path: Path) -> None:
+    four_tables(tmp_path)
+    lines = (tmp_path / "odom.csv").read_text().splitlines()
+    (tmp_path / "odom.csv").write_text("\n".join([*lines[:200], *lines[205:]]) + "\n")
+    assert "say `input_gap: 0.6` to hold the nearest values" in of_tables(tmp_path, *FOUR)
+    assert "wrote" in of_tables(tmp_path, *FOUR, "--set", "input_gap=0.6")
+    assert "input_gap: 0.6\n" in (tmp_path / "robot.yaml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "message"),
+    [
+        ("3,-4.5,4", "3,-4.5,", "tags.csv:2:1: landmark 3 has no place: write x and y as numbers"),
+        ("3,-4.5,4", "4,-4.5,4", "tags.csv:3:1: landmark 4 has two places: leave one of them out"),
+        ("x_m", "where", "tags.csv:1:1: no column looks like its x; there are tag_id, where, y_m: "
+         "say --set 'landmarks.columns.x=ITS NAME'"),
+        ("99,1,1", "99,500,1", "no unit is named, and 500 m is far for a landmark: say --set "
+         "landmarks.units.x=cm or"),
+    ],
+)  # fmt: skip
+def test_mistakes_of_a_table_of_landmarks(
+    tmp_path: Path, before: str, after: str, message: str
+) -> None:
+    four_tables(tmp_path)
+    text = (tmp_path / "tags.csv").read_text().replace(before, after)
+    if "500" in after:
+        text = text.replace("x_m,y_m", "x,y")
+    (tmp_path / "tags.csv").write_text(text)
+    assert message in of_tables(tmp_path, *FOUR)
+
+
+def test_units_of_places_and_a_table_without_names(tmp_path: Path) -> None:
+    four_tables(tmp_path)
+    lines = (tmp_path / "tags.csv").read_text().splitlines()[1:]
+    rows = [line.split(",") for line in lines]
+    centimeters = "".join(f"{n},{100 * float(x):g},{100 * float(y):g}\n" for n, x, y in rows)
+    for text in ("tag_id,x [cm],y [cm]\n" + centimeters, "\n".join(lines) + "\n"):
+        (tmp_path / "tags.csv").write_text(text)
+        assert "wrote robot.yaml" in of_tables(tmp_path, *FOUR)
+        (point,) = load(tmp_path / "robot.yaml").points
+        assert point.scenario.sensor[0].at in SIMULATION["LANDMARKS"].values()
+
+
+def test_a_landmark_without_a_place_is_asked_for(tmp_path: Path) -> None:
+    four_tables(tmp_path)
+    text = (tmp_path / "tags.csv").read_text()
+    (tmp_path / "tags.csv").write_text(text.replace("\n3,", "\n33,"))
+    assert "write into it where these are: 3\n" in of_tables(tmp_path, *FOUR)
+    config = (tmp_path / "robot.yaml").read_text()
+    way = "which tags.csv lacks; or leave out the line, and the name in `sensors`"
+    assert f"write where 3 is, m, {way}" in config
+    tag = text.replace("\n", "\ntag").removesuffix("tag")
+    (tmp_path / "tags.csv").write_text(tag)
+    printed = of_tables(tmp_path, *FOUR, "--set", "columns.sensor=field.id")
+    assert "tags.csv:1:1: has none of " in printed
+    assert "write the names alike in both files" in printed
+
+
+def test_a_start_that_the_truth_lacks_is_asked_for(tmp_path: Path) -> None:
+    four_tables(tmp_path)
+    text = (tmp_path / "mocap.csv").read_text()
+    (tmp_path / "mocap.csv").write_text(text.replace("yaw_deg", "other"))
+    assert "write into it where these are: the heading of the start\n" in of_tables(tmp_path, *FOUR)
+    lines = text.splitlines()
+    (tmp_path / "mocap.csv").write_text("\n".join([lines[0], *lines[30:]]) + "\n")
+    assert "write into it where these are: the start\n" in of_tables(tmp_path, *FOUR)
+
+
+def test_a_table_of_odometry_alone_has_no_measurements(tmp_path: Path) -> None:
+    four_tables(tmp_path)
+    done = trackbench("new", "experiment", "--from", "odom.csv", cwd=tmp_path)
+    assert done.stderr == (
+        f"odom.csv:1:1: this table has inputs, {LINEAR} and {ANGULAR}, and no measurements: name the "
+        "table of what the robot measured, --from MEASUREMENTS --input odom.csv (docs/your-robot.md)\n"
+    )
+
+
+@pytest.mark.parametrize("answer", [(), ("--set", "columns.azimuth=field.bearing_deg")])
+def test_ids_are_landmarks_targets_or_sensors(tmp_path: Path, answer: tuple[str, ...]) -> None:
+    four_tables(tmp_path)
+    printed = of_tables(tmp_path, *answer).splitlines()
+    azimuth = "--set 'columns.azimuth=field.bearing_deg'"
+    assert printed[0].endswith(
+        "landmarks that a robot sees? Say --set 'columns.bearing=field.bearing_deg', and name its "
+        "odometry, --input FILE"
+    )
+    assert printed[1:] == [
+        f"seen.csv:1:1: or targets, of a radar? Say {azimuth} --set 'columns.run=field.id'",
+        f"seen.csv:1:1: or sensors, which see one target? Say {azimuth} "
+        "--set 'columns.sensor=field.id'",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("v", "w"),
+    [
+        ("field.twist.twist.linear.x", "field.twist.twist.angular.z"),
+        ("twist.twist.linear.x", "twist.twist.angular.z"),
+        ("twist.linear.x", "twist.angular.z"),
+        (".linear.x", ".angular.z"),
+        ("cmd_vel.linear.x", "imu.angular_velocity.z"),
+    ],
+)
+def test_the_names_of_odometry_in_ros(v: str, w: str) -> None:
+    names = ["field.header.stamp", "field.pose.pose.position.x", "field.twist.twist.linear.y", v, w]
+    assert {name: named.column for name, named in odometry_of(names).items()} == {"v": v, "w": w}
+
+
+def test_a_merged_table_of_topics(tmp_path: Path) -> None:
+    four_tables(tmp_path)
+    rows = []
+    for line in (tmp_path / "odom.csv").read_text().splitlines()[1:]:
+        _, stamp, _, v, w = line.split(",")
+        rows.append(f"{stamp},{v},{w},,,\n")
+    for line in (tmp_path / "seen.csv").read_text().splitlines()[1:]:
+        stamp, rest = line.split(",", 1)
+        rows.append(f"{stamp},,,{rest}\n")
+    names = f"field.header.stamp,{LINEAR},{ANGULAR},field.id,field.range_mm,field.bearing_deg\n"
+    log = names + "".join(sorted(rows))
+    assert (
+        "do the bearings of the landmarks (field.id) count"
+        in written(tmp_path, log).splitlines()[0]
+    )
+    printed = written(tmp_path, log, "columns.bearing=field.bearing_deg")
+    assert "wrote log.yaml" in printed
+    assert "time: ns" in (tmp_path / "log.yaml").read_text()
+
+
+def test_check_says_the_notes_of_run(tmp_path: Path) -> None:
+    four_tables(tmp_path)
+    of_tables(tmp_path, *FOUR)
+    config = tmp_path / "robot.yaml"
+    text = config.read_text()
+    rows = sum(",4," in line for line in (tmp_path / "seen.csv").read_text().splitlines())
+    lines = [line for line in text.splitlines() if "# 4: place" not in line]
+    config.write_text("\n".join(lines).replace("sensors: [4, ", "sensors: [") + "\n")
+    done = trackbench("check", "robot.yaml", cwd=tmp_path)
+    assert done.stdout == "robot.yaml: good, 4 filters\n"
+    assert f"note: {rows} rows of 4 were left out (`sensors`)\n" in done.stderr
+
+
+BIASED = """
+  Biased:
+    kind: ekf
+    assume:
+      START
+      motion:
+        kind: map
+        components: [px, py, heading, bias]
+        input: [v, w]
+        where: {c: cos(heading + (w - bias)*T/2), s: sin(heading + (w - bias)*T/2)}
+        next: {px: px + v*T*c, py: py + v*T*s, heading: heading + (w - bias)*T, bias: bias}
+        Q: {px: 1e-4, py: 1e-4, heading: 1e-5, bias: 1e-9}
+"""
+
+
+def test_a_filter_with_a_larger_state_is_told_the_way(tmp_path: Path) -> None:
+    """It passed the check, and failed with a TypeError of numpy when it ran."""
+    four_tables(tmp_path)
+    of_tables(tmp_path, *FOUR)
+    config = tmp_path / "robot.yaml"
+    text = config.read_text()
+    way = r"needs it in the target's `state`: \[px, py, heading, bias\], and the truth may lack it"
+    start = "start: {kind: given, mean: [0, 0, 0.2, 0], sigma: [0.1, 0.1, 0.1, 0.01]}"
+    for line in (start, ""):
+        biased = BIASED.replace("START", line).lstrip("\n")
+        config.write_text(text.replace("  UKF: {kind: ukf}\n", biased))
+        with pytest.raises(UserError, match=way):
+            load(config)
+    # The state of the target, and of all filters, has the further component.
+    motion = biased.split("      motion:\n")[1].replace("        ", "      ")
+    head, rest = text.split("    motion:")
+    _, tail = rest.split("\nfilters:")
+    larger = f"{head}    motion:\n{motion}filters:{tail}"
+    larger = larger.replace("state: [px, py, heading]", "state: [px, py, heading, bias]")
+    mean = re.search(r"mean: \[(.*?)\]", larger)[1]  # type: ignore[index]
+    larger = larger.replace(
+        f"mean: [{mean}], sigma: [0.1, 0.1, 0.1]", start[len("start: {kind: given, ") : -1]
+    )
+    config.write_text(larger)
+    (point,) = load(config).points
+    assert point.scenario.components == ("px", "py", "heading", "bias")
+
+
+def test_what_was_seen_before_the_first_odometry_is_left_out(tmp_path: Path) -> None:
+    four_tables(tmp_path)
+    lines = (tmp_path / "odom.csv").read_text().splitlines()
+    (tmp_path / "odom.csv").write_text("\n".join([lines[0], *lines[16:-30]]) + "\n")
+    assert "wrote robot.yaml" in of_tables(tmp_path, *FOUR)
+    done = trackbench("check", "robot.yaml", cwd=tmp_path)
+    assert "note: 9 rows of measurements before the first or after the last inputs (" in done.stderr
+    # The first state is the truth at the first row of the odometry that is left.
+    (point,) = load(tmp_path / "robot.yaml").points
+    pose = [float(TRUTH[16][name]) for name in ("px", "py", "heading")]
+    assert point.scenario.start.mean == pytest.approx(pose, abs=1e-4)
+
+
+def test_clockwise_bearings_of_two_tables_are_a_question_and_a_note(tmp_path: Path) -> None:
+    four_tables(tmp_path)
+    rows = [line.split(",") for line in (tmp_path / "seen.csv").read_text().splitlines()[1:]]
+    mirrored = "field.header.stamp,field.id,field.range_mm,field.bearing_deg\n"
+    mirrored += "".join(f"{t},{tag},{r},{-float(b)}\n" for t, tag, r, b in rows)
+    (tmp_path / "seen.csv").write_text(mirrored)
+    printed = of_tables(tmp_path, *FOUR)
+    option = f"input_naming.columns.w={ANGULAR}"
+    assert f"field.bearing_deg and {ANGULAR} agree only if one of them counts clockwise" in printed
+    assert f"to read them as they are, say --set '{option}'" in printed
+    printed = of_tables(tmp_path, *FOUR, "--set", option)
+    assert "they agree if its bearing counts from x clockwise" in printed

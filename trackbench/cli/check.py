@@ -93,11 +93,12 @@ def _check_config(config: Path, options: "Options", json: bool, picture: Path | 
     from trackbench.atomic_files import atomic_write
     from trackbench.config.tuned_entries import training_cautions
     from trackbench.errors import counted
-    from trackbench.execution.plan import check_memory
+    from trackbench.execution.plan import cautions, check_memory
 
     experiment = api.prepare(config, options)
     check_memory(experiment)
-    for caution in training_cautions(experiment):
+    # The notes are those of `run`.
+    for caution in [*cautions(experiment.points), *training_cautions(experiment)]:
         typer.echo(f"note: {caution}", err=True)
     if picture is not None:
         from trackbench.report.figures.track import draw_scene

@@ -29,6 +29,18 @@ def new(
         Path | None,
         typer.Option("--truth", metavar="FILE", help="a table of the true path, beside --from"),
     ] = None,
+    odometry: Annotated[
+        Path | None,
+        typer.Option(
+            "--input", metavar="FILE", help="a table of a robot's odometry, beside --from"
+        ),
+    ] = None,
+    landmarks: Annotated[
+        Path | None,
+        typer.Option(
+            "--landmarks", metavar="FILE", help="a table of where landmarks are, beside --from"
+        ),
+    ] = None,
     per_run: Annotated[
         bool, typer.Option("--per-run", help="a filter that is written for one run, without arrays")
     ] = False,
@@ -75,8 +87,10 @@ def new(
         raise UserError(f"new {noun} {name}: {' and '.join(chosen_options)} exclude each other")
     if data and noun != "experiment":
         raise typer.BadParameter(f"a {noun} is not made from data", param_hint="--from")
-    if truth is not None and not data:
-        raise typer.BadParameter("is of --from", param_hint="--truth")
+    tables = {"--truth": truth, "--input": odometry, "--landmarks": landmarks}
+    for option, table in tables.items():
+        if table is not None and not data:
+            raise typer.BadParameter("is of --from", param_hint=option)
     if sets and not data:
         raise typer.BadParameter("is of --from", param_hint="--set")
     # Step 2: write the files.
@@ -85,11 +99,14 @@ def new(
     quantities: list[str] = []
     guessed_units: list[str] = []
     left_out_filters: list[str] = []
+    notes: list[str] = []
     prefix = ""
     if data:
         first, *further = data
         data_name = name or _name_of(data)
-        written = write_config_for(first, data_name, Path(), sets or (), truth, further)
+        written = write_config_for(
+            first, data_name, Path(), sets or (), truth, further, odometry, landmarks
+        )
         prefix = written.prefix
         paths = written.paths
         unplaced_sensors = written.unknown
@@ -97,6 +114,7 @@ def new(
         quantities = written.quantities
         guessed_units = written.units
         left_out_filters = written.left_out
+        notes = written.notes
     elif name is None:
         raise typer.BadParameter("is required without --from", param_hint="NAME")
     else:
@@ -115,6 +133,8 @@ def new(
         _echo_unused_columns(unused_columns, quantities, prefix)
     for line in [*guessed_units, *left_out_filters]:
         typer.echo(line)
+    for note in notes:
+        typer.echo(f"note: {note}", err=True)
     config = next(path for path in paths if path.suffix == ".yaml")
     if language:
         build_command = LANGUAGES[language].build

@@ -228,6 +228,7 @@ _LATER = (
     "input",
     "input_file",
     "input_gap",
+    "input_naming",
 )
 """Keys that older results folders lack: left out if unset, so that their configs stay as they are."""
 _LATER_WITH_DEFAULT = ("gate_by", "input_holds")

@@ -12,7 +12,7 @@ from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import Finite, InvalidKeyError, Natural, Positive, Registered, Unit
-from trackbench.models.base import Model, SampledMotion
+from trackbench.models.base import Model, SampledMotion, extra_std
 from trackbench.models.delays import Late
 from trackbench.models.description import ModelDescription, with_description
 from trackbench.models.motions.irregular import with_angle_names
@@ -180,9 +180,22 @@ class Tracking(Scenario):
             fitted = start.for_state(self.components)
             fitted.check(self.components, self.true_sensor)
         except InvalidKeyError as error:
-            raise InvalidKeyError(str(error), "assume", *error.path) from None
+            what = f"{error}{self._way_to_larger_state()}"
+            raise InvalidKeyError(what, "assume", *error.path) from None
         assert isinstance(fitted, FixedStart)
         return fitted
+
+    def _way_to_larger_state(self) -> str:
+        """Return the advice on an assumed motion with further components; empty if it has none."""
+        names = getattr(self.assume.motion, "components", ())
+        further = [name for name in names if name not in self.components]
+        if not further or not hasattr(self.target, "state"):
+            return ""
+        state = ", ".join([*self.components, *further])
+        return (
+            f"; a filter with the further component {further[0]} needs it in the target's `state`: "
+            f"[{state}], and the truth may lack it"
+        )
 
     def assumed_prior(self, runs: int) -> Distribution | None:
         """Return the prior that filters assume in place of the simulated one, if any."""
@@ -239,6 +252,10 @@ class Tracking(Scenario):
         if sampled.components[: len(self.components)] != self.components:
             what = f"a motion of {', '.join(sampled.components)} for {', '.join(self.components)}"
             raise InvalidKeyError(what, "assume")
+        further = sampled.components[len(self.components) :]
+        if len(further) != len(extra_std(sampled)):
+            what = f"nothing says where {', '.join(further)} of the motion begin"
+            raise InvalidKeyError(f"{what}{self._way_to_larger_state()}", "assume", "motion")
         sensor = assumed_sensor(self.assume, self.true_sensor, self.components)
         description = ModelDescription(
             motion=motion,

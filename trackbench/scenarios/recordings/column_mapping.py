@@ -479,6 +479,17 @@ class Frame(NamedTuple):
         )
 
 
+class NamingKeys(NamedTuple):
+    """Keys of a config that have the names of a file's columns, for messages."""
+
+    quantities: str = "columns"
+    """key of the columns of quantities"""
+    clock: str = "columns"
+    """key of the columns of times, runs and the like"""
+    own: str = ""
+    """key of a naming that the file may have of its own; empty for a file of measurements"""
+
+
 class Columns:
     """Sources of one table's quantities: their own columns, or others that determine them."""
 
@@ -489,14 +500,17 @@ class Columns:
         wanted: Sequence[str],
         least: int = 1,
         in_space: bool = False,
+        keys: NamingKeys | None = None,
     ) -> None:
         """Find a file's columns for the ``wanted`` quantities.
 
         Raises DataError if fewer than ``least`` of them exist. Heights are used only for a target
-        ``in_space``, since x and y in the plane do not depend on them.
+        ``in_space``, since x and y in the plane do not depend on them. ``keys`` are those of the config
+        that have the names of columns, for messages.
         """
         self.path = path
         self.naming = naming
+        self._keys = keys or NamingKeys()
         self.names = header(path, naming.format)
         self.in_space = in_space
         self.contents: dict[str, Content] = {}
@@ -515,8 +529,7 @@ class Columns:
         self._sources_of = {name: self._find_sources(name) for name in wanted}
         missing = [name for name, sources in self._sources_of.items() if not sources]
         if len(wanted) - len(missing) < least:
-            known = ", ".join(self.names)[:200]
-            raise self.mistake(f"no column {missing[0]}; there are {known} (see `columns`)")
+            raise self.missing_column(missing[0], self._keys.quantities)
         for source in chain.from_iterable(self._sources_of.values()):
             self.take(source, "number")
         if self.is_geodetic:
@@ -588,6 +601,28 @@ class Columns:
                 self.contents[name] = "label"
                 return name
         return None
+
+    def missing_clock(self) -> DataError:
+        """Return the error for a table without a time and a step."""
+        named = next((name for name in ("time", "step") if self.naming.columns.get(name)), None)
+        return self.missing_column(named or "time or step", self._keys.clock)
+
+    def missing_column(self, name: str, key: str) -> DataError:
+        """Return the error for a quantity without a column, which has the name that the config says.
+
+        ``key`` is that of the config which has the names of columns.
+        """
+        known = ", ".join(self.names)[:200]
+        column = self.naming.columns.get(name) or self.naming.columns.get(name.rpartition(".")[2])
+        what = f"no column {name}; there are {known}"
+        way = f" (see `{key}`)"
+        if column:
+            quantity = name.rpartition(".")[2]
+            what = f"no column {column}, which `{key}` has for {quantity}; there are {known}"
+            way = ""
+        if self._keys.own and key == "columns":
+            way = f": a file with other names needs `{self._keys.own}: {{columns: {{time: NAME}}}}`"
+        return self.mistake(f"{what}{way}")
 
     def mistake(self, message: str) -> DataError:
         """Return the error for a mistake of the table as a whole."""

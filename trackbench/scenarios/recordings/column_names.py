@@ -98,10 +98,13 @@ _RANGE_TO = re.compile(
     r"(?:range|dist|distance|rng|d|r|toa|tof|uwb)(?:to|from)?([a-z]{0,2}\d+)|((?:a|anchor|beacon)\d+)"
 )
 _ODOMETRY = {
-    "v": "v speed velocity vel linearvelocity linearx linear forwardvelocity forwardspeed",
-    "w": "w omega yawrate turnrate angularvelocity angularz angular wz gyroz",
+    "v": "v speed velocity vel linearvelocity linearx linear forwardvelocity forwardspeed "
+    "linearvelocityx",
+    "w": "w omega yawrate turnrate angularvelocity angularz angular wz gyroz angularvelocityz",
 }
 """Names of the columns of a robot's speed and turn rate, the surest first."""
+_FILLERS_OF_ODOMETRY = frozenset(("twist", "cmd", "imu", "vel", "velocity"))
+"""Further words that may stand beside a speed or a turn rate: field.twist.twist.linear.x of ROS."""
 _HEADINGS = ("heading", "theta", "yaw", "psi", "phi", "orientation", "hdg")
 _ODOMETRY_UNITS = {"v": ("m/s", "km/h", "cm/s", "mm/s"), "w": ("rad/s", "deg/s")}
 _PER_SECOND = re.compile(
@@ -239,7 +242,7 @@ def odometry_of(names: Iterable[str]) -> dict[str, NamedColumn]:
     If several columns may be one of them, it is the one with the surest name, and otherwise the first.
     """
     columns = {}
-    fillers = _FILLERS.split()
+    fillers = _FILLERS_OF_ODOMETRY.union(_FILLERS.split())
     for quantity, text in _ODOMETRY.items():
         found = []
         for place, name in enumerate(names):

@@ -1,13 +1,15 @@
 """A config that runs, from the guess at a recording."""
 
 import json
+import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import fields
+from dataclasses import dataclass, field, fields, replace
 from typing import NamedTuple
 
+from trackbench.errors import in_line
 from trackbench.field_types import MOST_STEPS
-from trackbench.scenarios.recordings.column_mapping import STAMP_PARTS
+from trackbench.scenarios.recordings.column_mapping import STAMP_PARTS, Naming
 from trackbench.scenarios.recordings.csv_lines import TextFormat
 from trackbench.scenarios.recordings.guess_errors import usual_process_noise
 from trackbench.scenarios.recordings.guess_format import Guess, SensorGuess
@@ -24,26 +26,63 @@ _NO_WORDS = ("null", "true", "false")
 """Words that YAML reads as something else."""
 
 
+@dataclass(frozen=True)
+class FurtherTables:
+    """Tables beside that of the measurements, and keys of the target that the user gave."""
+
+    truth: TruthGuess | None = None
+    """guess at the table of the true path"""
+    truth_path: str = ""
+    """its path from the config, as YAML"""
+    odometry: Guess | None = None
+    """guess at the table of a robot's inputs"""
+    odometry_path: str = ""
+    """its path from the config, as YAML"""
+    places: dict[str, tuple[float, float]] = field(default_factory=dict)
+    """places of landmarks, m, by name"""
+    source_of_places: str = ""
+    """name of their file"""
+    keys: dict[str, str] = field(default_factory=dict)
+    """keys of the target on its inputs, such as input_gap, as YAML"""
+
+    def place_of(self, name: str) -> tuple[float, float] | None:
+        """Return the place of a landmark, that of the only one if it has no name; None if unknown."""
+        if not name and len(self.places) == 1:
+            return next(iter(self.places.values()))
+        return self.places.get(name)
+
+
+class FirstState(NamedTuple):
+    """Time and pose of the first state of filters, as a tried config has them."""
+
+    begin: float
+    """its time, s or steps"""
+    pose: tuple[float, ...] = ()
+    """x, y and heading there by the truth, NaN where the truth lacks one; empty without a truth"""
+    later: float = 0.0
+    """time by which the truth's pose is later, s or steps"""
+
+
 def config_parts(
-    guess: Guess,
-    truth: TruthGuess | None = None,
-    truth_path: str = "",
-    begin: float | None = None,
+    guess: Guess, tables: FurtherTables | None = None, first_state: FirstState | None = None
 ) -> dict[str, str]:
     """Return the parts of a config that are guessed, as lines of YAML by their place in the template.
 
-    ``truth`` is the guess at a table of the true path, which the config names ``truth_path``. The first
-    state of the filters is that at the time ``begin``, s or steps, if that is known.
+    ``tables`` are those beside the measurements. ``first_state`` is that of the filters, if it is known.
     """
-    when = _begin_in_words(guess, begin)
-    parts = _robot_parts(guess, when) if guess.inputs else _target_parts(guess, when)
-    target_lines = [*_target_lines(guess, truth)]
+    tables = tables or FurtherTables()
+    truth = tables.truth
+    when = _begin_in_words(guess, first_state)
+    parts = _target_parts(guess, when)
+    if guess.inputs:
+        parts = _robot_parts(guess, when, first_state)
+    target_lines = [*_target_lines(guess, tables)]
     if truth is not None:
-        target_lines += _truth_lines(truth, truth_path)
+        target_lines += _truth_lines(truth, tables.truth_path)
     further_lines = _score_line(guess, truth) + _step_line(guess) + _last_line(guess)
     return {
         "@TARGET@": "\n".join(f"    {line}" for line in target_lines),
-        "@SENSOR@": "\n".join(f"    {line}" for line in _sensor_lines(guess)),
+        "@SENSOR@": "\n".join(f"    {line}" for line in _sensor_lines(guess, tables)),
         "@START@": f"  start: {parts.start}{further_lines}",
         "@ASSUME@": parts.assume,
         "@GRID@": _grid_line(guess),
@@ -64,7 +103,14 @@ def _score_line(guess: Guess, truth: TruthGuess | None) -> str:
 
 def _truth_lines(truth: TruthGuess, path: str) -> Iterator[str]:
     """Yield the lines of the target's keys of the truth."""
-    naming = truth.naming
+    yield f"truth: {path}"
+    yield f"truth_naming: {_naming_in_braces(truth.naming)}  # guess, from the names of its columns"
+    unit = "steps" if "step" in truth.naming.columns else "s"
+    yield f"truth_gap: {truth.gap:g}  # {unit}; guess: 1.5 usual intervals of its rows"
+
+
+def _naming_in_braces(naming: Naming) -> str:
+    """Return the keys of a file's naming as YAML in braces."""
     keys = []
     for name in ("columns", "units"):
         entries = getattr(naming, name)
@@ -81,10 +127,26 @@ def _truth_lines(truth: TruthGuess, path: str) -> Iterator[str]:
         keys.append(f"missing: [{', '.join(f'{value:.15g}' for value in naming.missing)}]")
     if naming.same_time is not None:
         keys.append(f"same_time: {naming.same_time}")
-    yield f"truth: {path}"
-    yield f"truth_naming: {{{', '.join(keys)}}}  # guess, from the names of its columns"
-    unit = "steps" if "step" in naming.columns else "s"
-    yield f"truth_gap: {truth.gap:g}  # {unit}; guess: 1.5 usual intervals of its rows"
+    return f"{{{', '.join(keys)}}}"
+
+
+def _input_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
+    """Yield the lines of the target's keys of a robot's inputs."""
+    odometry = tables.odometry
+    columns = guess.naming.columns
+    if odometry is not None:
+        yield f"input_file: {tables.odometry_path}"
+        columns = odometry.naming.columns
+    inputs = ", ".join(f"{name}: {quoted(columns[name])}" for name in guess.inputs)
+    yield f"input: {{{inputs}}}  # guess, from their names: speed and turn rate, anticlockwise"
+    if odometry is not None:
+        others = {name: column for name, column in columns.items() if name not in guess.inputs}
+        naming = replace(odometry.naming, columns=others)
+        yield f"input_naming: {_naming_in_braces(naming)}  # guess, from the names of its columns"
+    if "input_holds" not in tables.keys:
+        yield "# a row's v and w hold since the row before; of commands write `input_holds: after`"
+    for key, value in tables.keys.items():
+        yield f"{key}: {value}"
 
 
 def _grid_line(guess: Guess) -> str:
@@ -130,6 +192,8 @@ def _table_lines(guess: Guess, truth: TruthGuess | None) -> Iterator[str]:
     yield "    kind: metrics"
     yield f'    title: "Prediction: {what}"'
     yield f"    columns: {{Log score: mean(log_score), {held}Innovations: mean(anis)}}"
+    if guess.inputs:
+        yield "  innovations: {kind: innovations}  # errors of predicted ranges and bearings"
 
 
 class _ModelParts(NamedTuple):
@@ -143,20 +207,20 @@ class _ModelParts(NamedTuple):
     """labels of the filters in the figures"""
 
 
-def _begin_in_words(guess: Guess, begin: float | None) -> str:
-    """Return words for the time of the first state, which stand after "at": t = 3 s, step 2, the start.
-
-    ``begin`` is that time, s, or its step, if it is known.
-    """
-    if begin is None:
+def _begin_in_words(guess: Guess, first_state: FirstState | None) -> str:
+    """Return words for the time of the first state, which stand after "at", such as t = 3 s."""
+    if first_state is None:
         return "the start"
+    begin = first_state.begin
     if "step" in guess.naming.columns:
         return f"step {begin:g}"
     if guess.is_dated:
         if begin == 0.0:
             return "the first row"
         return f"the first row, {begin:+.6g} s"
-    return f"t = {begin:.9g} s"
+    # A time since 1970 has ten digits before its point.
+    digits = 9 if begin < 1e6 else 13
+    return f"t = {begin:.{digits}g} s"
 
 
 def _target_parts(guess: Guess, when: str) -> _ModelParts:
@@ -199,13 +263,23 @@ def _target_parts(guess: Guess, when: str) -> _ModelParts:
     )
 
 
-def _robot_parts(guess: Guess, when: str) -> _ModelParts:
+def _robot_parts(guess: Guess, when: str, first_state: FirstState | None) -> _ModelParts:
     """Return the start, model and filters of a robot that locates itself by landmarks.
 
-    It starts at the time ``when``.
+    It starts at the time ``when``, and at the truth's pose if ``first_state`` has one.
     """
-    start = "{kind: given, mean: [X, Y, HEADING], sigma: [0.1, 0.1, 0.1]}"
-    start += f"  # write the pose at {when}, m and rad, and how well it is known"
+    mean = _pose_in_words(first_state)
+    start = f"{{kind: given, mean: [{', '.join(mean)}], sigma: [0.1, 0.1, 0.1]}}"
+    missing = [word.lower() for word in mean if word.isupper()]
+    if len(missing) == len(mean):
+        start += f"  # write the pose at {when}, m and rad, and how well it is known"
+    elif first_state is not None:
+        pose = f"the truth's pose at {when}"
+        if first_state.later > 0.0:
+            pose = f"the truth's pose {first_state.later:.3g} s after {when}"
+        start += f"  # {pose}, m and rad; sigma: guess"
+        if missing:
+            start += f"; write the {' and '.join(missing)}, which the truth lacks"
     start += "\n  score: {errors: {position: [px, py], heading: [heading]}}  # with a `truth`"
     return _ModelParts(
         start=start,
@@ -221,18 +295,26 @@ def _robot_parts(guess: Guess, when: str) -> _ModelParts:
     )
 
 
+def _pose_in_words(first_state: FirstState | None) -> list[str]:
+    """Return the numbers of the first pose, or a word in capital letters for one that is unknown."""
+    words = ["X", "Y", "HEADING"]
+    pose = () if first_state is None else first_state.pose
+    for i, value in enumerate(pose):
+        if math.isfinite(value):
+            words[i] = f"{round(value, 4):g}"
+    return words
+
+
 def _gated_filter_lines(guess: Guess, kind: str) -> list[str]:
     """Return the line of a filter that rejects outliers, if the recording seems to have some."""
     if guess.outliers < _LEAST_OUTLIERS:
         return []
     percent = float(f"{100.0 * guess.outliers:.1g}")
     why = f"some {percent:g} % of the rows are far from the line between their neighbors"
-    gate = "gate: 0.999"
-    if guess.files:
-        gate += ", gate_by: sensor"
-    return [
-        f"  {kind.upper()} with gate: {{kind: {kind}, {gate}}}  # guess: {why}",
-    ]
+    keys = f"kind: {kind}, gate: 0.999"
+    if guess.files or (guess.inputs and len(guess.sensors) > 1):
+        keys += ", gate_by: sensor"
+    return [f"  {kind.upper()} with gate: {{{keys}}}  # guess: {why}"]
 
 
 def _robust_filter_lines(guess: Guess, kind: str) -> list[str]:
@@ -360,6 +442,8 @@ def usable_quantities(guess: Guess) -> list[str]:
         names.remove("course")
     if not used.keys() & {"x", "latitude"}:
         names = ["range", "azimuth"]
+    if guess.inputs:
+        names = []
     names += ["run", "sensor", "received"]
     return [name for name in names if name not in used]
 
@@ -370,13 +454,24 @@ def unused_columns(guess: Guess) -> list[str]:
     return [quoted(" ".join(name.split())) for name in guess.names if name not in used]
 
 
-def unknown_places(guess: Guess, truth: TruthGuess | None = None) -> list[str]:
+def unknown_places(
+    guess: Guess, tables: FurtherTables, first_state: FirstState | None = None
+) -> list[str]:
     """Name the sensors and other places that must be written into the config."""
     unnamed = "the landmark" if guess.inputs else "the sensor"
-    names = [s.name or unnamed for s in guess.sensors if _lacks_place(guess, s)]
-    if guess.inputs or not {sensor.kind for sensor in guess.sensors} & _LOCATING:
+    names = []
+    for sensor in guess.sensors:
+        if _lacks_place(guess, sensor) and tables.place_of(sensor.name) is None:
+            names.append(sensor.name or unnamed)
+    if guess.inputs:
+        missing = [word.lower() for word in _pose_in_words(first_state) if word.isupper()]
+        if len(missing) == len(("x", "y", "heading")):
+            names.append("the start")
+        else:
+            names += [f"the {word} of the start" for word in missing]
+    elif not {sensor.kind for sensor in guess.sensors} & _LOCATING:
         names.append("the start")
-    if _lacks_origin(guess, truth):
+    if _lacks_origin(guess, tables.truth):
         names.append(_origin_name(guess))
     return names
 
@@ -451,19 +546,20 @@ def _used_columns(guess: Guess) -> dict[str, str]:
     return {name: column for name, column in naming.columns.items() if name in read}
 
 
-def _target_lines(guess: Guess, truth: TruthGuess | None) -> Iterator[str]:
+def _target_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
     """Yield the lines of the target's keys: how the table is read, with the reasons as comments."""
+    truth = tables.truth
     naming = guess.naming
     why = guess.why
     columns = _used_columns(guess)
     if guess.files:
         yield "measurement_naming:  # of each file, in their order"
         for file in guess.files:
-            first_line, *further_lines = _naming_lines(file)
+            first_line, *further_lines = _naming_lines(file, tables)
             yield f"  - {first_line}"
             yield from (f"    {line}" for line in further_lines)
     else:
-        yield from _naming_lines(guess)
+        yield from _naming_lines(guess, tables)
     if columns.get("sensor"):
         yield f"sensors: [{', '.join(quoted(sensor.name) for sensor in guess.sensors)}]"
     if naming.origin:
@@ -485,7 +581,7 @@ def _target_lines(guess: Guess, truth: TruthGuess | None) -> Iterator[str]:
         yield f"runs: [{quoted(longest)}]  # the longest of {len(guess.runs)}; there are {names}"
 
 
-def _naming_lines(guess: Guess) -> Iterator[str]:
+def _naming_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
     """Yield the lines of a file's columns, units and format, with the reasons as comments."""
     naming = guess.naming
     why = guess.why
@@ -507,9 +603,7 @@ def _naming_lines(guess: Guess) -> Iterator[str]:
     if unused:
         yield f"  # not used: {', '.join(unused)}"
     if guess.inputs:
-        inputs = ", ".join(f"{name}: {quoted(columns[name])}" for name in guess.inputs)
-        yield f"input: {{{inputs}}}  # guess, from their names: speed and turn rate, anticlockwise"
-        yield "# a row's v and w hold since the row before; of commands write `input_holds: after`"
+        yield from _input_lines(guess, tables)
         yield "state: [px, py, heading]"
         yield "angles: [heading]"
     units = {name: unit for name, unit in naming.units.items() if name in columns}
@@ -533,7 +627,7 @@ def _naming_lines(guess: Guess) -> Iterator[str]:
         yield f"same_time: {naming.same_time}{_comment(why, 'same_time')}"
 
 
-def _sensor_lines(guess: Guess) -> Iterator[str]:
+def _sensor_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
     """Yield a line for each sensor, and a comment for what the user must write or may change."""
     source = "guess: how far measurements are from the line between their neighbors"
     for sensor in guess.sensors:
@@ -547,7 +641,25 @@ def _sensor_lines(guess: Guess) -> Iterator[str]:
             place_comment = f"  # write where {name} is, m"
         place = re.sub(r"\W", "_", sensor.name) or "SENSOR"
         place_key = f"at: [X_{place}, Y_{place}]"
-        if kind == "position":
+        known_place = tables.place_of(sensor.name)
+        if known_place is not None:
+            x, y = known_place
+            place_key = f"at: [{x:.9g}, {y:.9g}]"
+            named = quoted(sensor.name) if sensor.name else "the landmark"
+            place_comment = f"  # {named}: place of {in_line(tables.source_of_places)}, m"
+        elif tables.places:
+            source_of_places = in_line(tables.source_of_places)
+            place_comment += (
+                f", which {source_of_places} lacks; or leave out the line, and the name in"
+            )
+            place_comment += " `sensors`"
+        if kind == "position" and guess.inputs:
+            variance = float(f"{max(sigmas) ** 2:.3g}")
+            yield f"- {{kind: function, h: {{x: px, y: py}}, R: {variance:g}}}{comment}; R is a variance"
+        elif kind == "range" and guess.inputs:
+            sigma_key = f"sigma_range: {sigmas[0]:g}"
+            yield f"- {{kind: landmark, {place_key}, {sigma_key}}}{place_comment}; sigmas: guess"
+        elif kind == "position":
             yield f"- {{kind: position, sigma: {max(sigmas):g}}}{comment}"
         elif kind.startswith("landmark"):
             *sigma_range, angle = sigmas  # the first is empty for a sensor without a range
@@ -583,10 +695,10 @@ def _comment(why: dict[str, str], key: str) -> str:
 def _format_in_braces(form: TextFormat) -> str:
     """Return the keys of a format that are set as YAML in braces."""
     keys = []
-    for field in fields(form):
-        value = getattr(form, field.name)
+    for key in fields(form):
+        value = getattr(form, key.name)
         if value:
-            keys.append(f"{field.name}: {_value_in_braces(value)}")
+            keys.append(f"{key.name}: {_value_in_braces(value)}")
     return f"{{{', '.join(keys)}}}"
 
 

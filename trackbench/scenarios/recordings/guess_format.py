@@ -136,6 +136,7 @@ _PLACE = ("x", "y")
 _VELOCITY = ("vx", "vy")
 _MEASURED = ("x", "y", "latitude", "longitude", "range", "azimuth", "bearing")
 _ODOMETRY = ("v", "w")
+TableContent: TypeAlias = Literal["measurements", "odometry"]
 _LARGEST_OF_ROBOT = {"v": 20.0, "w": 3.5, "range": 100.0}
 """m/s, rad/s and m that nearly all of a robot's measurements are below, if no unit is named"""
 _UNITS_OF_ROBOT = {
@@ -143,11 +144,14 @@ _UNITS_OF_ROBOT = {
     "w": ("rad/s", "deg/s"),
     "range": ("m", "cm", "mm", "ft"),
 }
-_LANDMARK_WORDS = frozenset(
+LANDMARK_WORDS = frozenset(
     {"tag", "tagid", "id", "marker", "markerid", "feature", "featureid", "lm", "code", "signature"}
     | {"subject", "target", "object"}
 )
 """Words in the name of a column that names landmarks, if the table is the log of a robot."""
+_MOST_IDS = 6  # that are shown
+_LEAST_KNOWN = 0.5
+"""share of a column's words that are known landmarks, if it names these"""
 _GIVEN_KEYS = (
     *KEYS,
     *GEODETIC,
@@ -247,14 +251,55 @@ class Guess:
         return is_one and _has_velocity(self.naming.columns)
 
 
-def recognized(path: str, user_naming: Naming | None = None, said: Collection[str] = ()) -> Guess:
-    """Guess how a table is written; keys that are set in ``user_naming`` are not guessed.
+@dataclass(frozen=True)
+class RobotTables:
+    """Tables beside the measurements of a robot, by which these are recognized as such."""
 
-    ``said`` are the keys that the user set, also to nothing, such as ``clockwise=[]``.
+    odometry: Guess | None = None
+    """guess at the table of speeds and turn rates"""
+    landmarks: tuple[str, ...] = ()
+    """names of the landmarks whose places are known"""
+    names_turn_rate: bool = False
+    """True if the user named the column of the turn rate in the table of odometry"""
 
-    Raises DataError if no column is a time, or none is measured.
+    @property
+    def is_empty(self) -> bool:
+        """True if there is no such table."""
+        return self.odometry is None and not self.landmarks
+
+
+def recognized(
+    path: str,
+    user_naming: Naming | None = None,
+    said: Collection[str] = (),
+    tables: RobotTables | None = None,
+) -> Guess:
+    """Guess how a table of measurements is written.
+
+    Keys that are set in ``user_naming`` are not guessed. ``said`` are the keys that the user set, also
+    to nothing, such as ``clockwise=[]``. ``tables`` are those beside it, if it is a robot's. Raises
+    DataError if no column is a time, or none is measured.
     """
-    user_naming = user_naming or Naming()
+    naming = user_naming or Naming()
+    return _recognized(path, naming, said, tables or RobotTables(), "measurements")
+
+
+def recognized_odometry(path: str, user_naming: Naming | None = None) -> Guess:
+    """Guess how a table of a robot's speeds and turn rates is written, which has no sensors.
+
+    Keys that are set in ``user_naming`` are not guessed. Raises DataError if a column is missing.
+    """
+    return _recognized(path, user_naming or Naming(), (), RobotTables(), "odometry")
+
+
+def _recognized(
+    path: str,
+    user_naming: Naming,
+    said: Collection[str],
+    tables: RobotTables,
+    content: TableContent,
+) -> Guess:
+    """Guess how a table with this content is written; the arguments are those of `recognized`."""
     _check_given_keys(path, user_naming)
     label_columns: dict[str, str] = {}
     # A column whose words split the rows names runs or sensors. There may be one of each, so that the
@@ -262,7 +307,7 @@ def recognized(path: str, user_naming: Naming | None = None, said: Collection[st
     while True:
         try:
             with_labels = replace(user_naming, columns=user_naming.columns | label_columns)
-            guess = _recognized_columns(path, with_labels, said)
+            guess = _recognized_columns(path, with_labels, said, tables, content)
         except MixedRowsError as error:
             key = _key_of_labels(error)
             if key in label_columns or key in user_naming.columns:
@@ -341,7 +386,13 @@ def _key_of_labels(error: MixedRowsError) -> str:
     )
 
 
-def _recognized_columns(path: str, user_naming: Naming, said: Collection[str]) -> Guess:
+def _recognized_columns(
+    path: str,
+    user_naming: Naming,
+    said: Collection[str],
+    tables: RobotTables,
+    content: TableContent,
+) -> Guess:
     """Guess how a table is written; raises MixedRowsError if a column splits its rows.
 
     ``said`` are the keys that the user set.
@@ -352,7 +403,7 @@ def _recognized_columns(path: str, user_naming: Naming, said: Collection[str]) -
     form = _text_format(path, user_format, why)
     names = header(path, form)
     sample = Sample(path, names, form)
-    columns, units = _columns(names, sample, user_naming, why)
+    columns, units = _columns(names, sample, user_naming, why, tables, content)
     if "time" not in columns and "step" not in columns:
         _find_dates(sample, columns, why)
     if "time" not in columns and "step" not in columns:
@@ -360,7 +411,9 @@ def _recognized_columns(path: str, user_naming: Naming, said: Collection[str]) -
     if not sample and any(name in columns for name in _MEASURED):
         read_table(path, {names[0]: "label"}, form=form)  # which reports why no row can be read
     # Step 2: find the sensors, and the form of dates.
-    sensors = _sensors(path, sample, columns, names, units, user_naming)
+    sensors = [SensorGuess(name="", kind="odometry", quantities=_ODOMETRY)]
+    if content == "measurements":
+        sensors = _sensors(path, sample, columns, names, units, user_naming)
     _check_unused(sample, columns, sensors, user_naming)
     if form.thousands and not user_format.thousands and form.decimal is None:
         _check_thousands(path, sample, columns, form.thousands)
@@ -404,8 +457,32 @@ def _recognized_columns(path: str, user_naming: Naming, said: Collection[str]) -
     if missing and not user_naming.missing:
         why["missing"] = "guess: far outside the others"
     # Step 4: read all rows.
-    guess = _measured(path, naming, why, sensors, sample, user_naming.columns, said)
+    if content == "odometry":
+        return replace(_odometry_guess(path, naming, why), names=names, path=path)
+    guess = _measured(path, naming, why, sensors, sample, user_naming.columns, said, tables)
     return replace(guess, names=names)
+
+
+def _odometry_guess(path: str, naming: Naming, why: ReasonByKey) -> Guess:
+    """Read all rows of a table of odometry and return the guess with what they show."""
+    rows, runs = _odometry_rows(path, naming)
+    # Inputs of one run are those of every run, so the column of its name is not read.
+    columns = dict(naming.columns)
+    if len(runs) == 1:
+        columns.pop("run", None)
+        if "run" in header(path, naming.format):
+            columns["run"] = ""
+    naming = replace(naming, columns=columns)
+    return Guess(
+        naming=naming,
+        why=why,
+        runs=runs,
+        sensors=[],
+        speed=0.0,
+        steps=len(np.unique(rows.ticks)),
+        inputs=_sigmas_of_inputs(rows),
+        interval=usual_interval(rows.time),
+    )
 
 
 def _measured(
@@ -416,14 +493,16 @@ def _measured(
     sample: Sample,
     user_columns: Collection[str],
     said: Collection[str],
+    tables: RobotTables,
 ) -> Guess:
     """Read all rows and return the guess with what they show: runs, errors, speed, further units.
 
     ``user_columns`` are the quantities whose columns the user named, ``said`` the keys that were set.
+    ``tables`` are those beside the table.
     """
     # Angles are read as if they were not clockwise: errors and speeds of the mirror image are the same.
     # Rows far from the origin are accepted here, and reported when their run is read.
-    is_robot = "bearing" in naming.columns
+    is_robot = "bearing" in naming.columns or tables.odometry is not None
     gathered = Gathered(replace(naming, clockwise=()), refuses_far_rows=False, has_inputs=is_robot)
     units = naming.units
     columns = naming.columns
@@ -492,6 +571,7 @@ def _measured(
         for sensor, rows in zip(sensors, longest, strict=True)
     ]
     speed = next((speed for _, speed in levels if speed), 0.0)
+    steps = len(np.unique(np.concatenate([rows.ticks for rows in longest])))
     guesses = []
     for sensor, (sigmas, _) in zip(sensors, levels, strict=True):
         sigmas = not_finer(sigmas, sensor.quantities, naming, sample.cells)
@@ -507,10 +587,14 @@ def _measured(
             is_radar = sensor.kind == "range-azimuth"
             tracks[sensor.kind] = _track_of(gathered, rows, scale if is_radar else 1.0)
     inputs: dict[str, float] = {}
-    if is_robot:
-        odometry = _odometry_rows(path, naming)
-        for name, values in zip(_ODOMETRY, odometry.values, strict=True):
-            inputs[name] = scatter(odometry.time, values)
+    odometry: Rows | None = None
+    if tables.odometry is not None:
+        odometry, _ = _odometry_rows(tables.odometry.path, tables.odometry.naming)
+        steps += tables.odometry.steps
+    elif is_robot:
+        odometry, _ = _odometry_rows(path, naming)
+    if odometry is not None:
+        inputs = _sigmas_of_inputs(odometry)
     guess = Guess(
         naming=naming,
         why=why,
@@ -518,7 +602,7 @@ def _measured(
         sensors=guesses,
         speed=rounded_speed,
         process_noise=max(noises),
-        steps=len(np.unique(np.concatenate([rows.ticks for rows in longest]))),
+        steps=steps,
         inputs=inputs,
         interval=usual_interval(np.concatenate([rows.time for rows in longest])),
         origin=(gathered.origin or ())[:2],
@@ -528,33 +612,41 @@ def _measured(
         radar=tracks.get("range-azimuth"),
         places=tracks.get("position"),
     )
-    if is_robot and "w" not in user_columns:
+    is_answered = "w" in user_columns or tables.names_turn_rate
+    # The times of dates in two files count from different moments.
+    are_comparable = tables.odometry is None or not gathered.dated
+    if odometry is not None and not is_answered and are_comparable:
         bearings = []
         for sensor, rows in zip(sensors, longest, strict=True):
             if sensor.quantities[-1] == "bearing":
                 bearings.append((rows.time, rows.values[len(sensor.quantities) - 1] * scale))
-        _check_turns_of_robot(guess, odometry, bearings)
+        _check_turns_of_robot(guess, odometry, bearings, tables.odometry)
     return _settle_azimuths(guess, [angles * scale for angles in azimuths], "clockwise" in said)
 
 
-def _odometry_rows(path: str, naming: Naming) -> Rows:
-    """Read a robot's measured speeds and turn rates of the longest run, in order."""
+def _odometry_rows(path: str, naming: Naming) -> tuple[Rows, list[tuple[str, int]]]:
+    """Read the longest run's rows with a robot's speed and turn rate, in order of time.
+
+    Return also the name and the number of rows of each run, the longest first.
+    """
     # These are no sensor's: names of sensors in the file are not looked for.
     without_sensor = replace(naming, columns=naming.columns | {"sensor": ""})
     gathered = Gathered(without_sensor, refuses_far_rows=False)
     (rows,) = read_rows(gathered, [path], [_ODOMETRY])
-    is_longest_run = rows.run == np.bincount(rows.run).argmax()
+    sizes = np.bincount(rows.run, minlength=len(gathered.runs))
+    runs = sorted(zip(gathered.runs, sizes.tolist(), strict=True), key=lambda run: -run[1])
+    is_longest_run = rows.run == sizes.argmax()
     has_all = np.isfinite(rows.values).all(axis=0)
-    return in_order(gathered, rows.at(np.flatnonzero(has_all & is_longest_run)))
+    return in_order(gathered, rows.at(np.flatnonzero(has_all & is_longest_run))), runs
 
 
 def _check_turns_of_robot(
-    guess: Guess, odometry: Rows, bearings: list[tuple[Array, Array]]
+    guess: Guess, odometry: Rows, bearings: list[tuple[Array, Array]], table: Guess | None
 ) -> None:
     """Raise DataError if bearings and a robot's turn rate count in opposite directions.
 
     While a robot turns to the left, landmarks move to its right. ``bearings`` are the times, s, and the
-    bearings, rad, of each landmark.
+    bearings, rad, of each landmark. ``table`` is the guess at a table of the odometry's own.
     """
     if not len(odometry.time):
         return
@@ -572,11 +664,20 @@ def _check_turns_of_robot(
     if len(right) < _FEWEST_TURNS or np.median(wrong) > 0.5 * np.median(right):
         return
     bearing = guess.naming.columns["bearing"]
-    turn_rate = guess.naming.columns["w"]
+    turn_rate = (table or guess).naming.columns["w"]
+    key = "columns.w" if table is None else "input_naming.columns.w"
     what = f"{bearing} and {turn_rate} agree only if one of them counts clockwise"
     way = "change the signs of the one that does, as both are read anticlockwise"
-    option = f"to read them as they are, say --set 'columns.w={_in_option(turn_rate)}'"
+    option = f"to read them as they are, say --set '{key}={_in_option(turn_rate)}'"
     raise DataError(Place(guess.path, 1, 1, f"{what}: {way}; {option}"))
+
+
+def _sigmas_of_inputs(rows: Rows) -> dict[str, float]:
+    """Estimate the standard deviations of a robot's measured speed and turn rate."""
+    sigmas = {}
+    for name, values in zip(_ODOMETRY, rows.values, strict=True):
+        sigmas[name] = scatter(rows.time, values)
+    return sigmas
 
 
 def _azimuths_of(
@@ -788,7 +889,12 @@ def _lines_of_words(rows: list[list[str]]) -> int:
 
 
 def _columns(
-    names: list[str], sample: Sample, user_naming: Naming, why: ReasonByKey
+    names: list[str],
+    sample: Sample,
+    user_naming: Naming,
+    why: ReasonByKey,
+    tables: RobotTables,
+    content: TableContent,
 ) -> tuple[ColumnByQuantity, UnitByQuantity]:
     """Return columns and units by quantity, guessed from the names of columns and a line of units.
 
@@ -809,13 +915,19 @@ def _columns(
     if "time" in columns:
         columns.pop("step", None)
     _settle_twice_named(columns, user_naming)
-    is_robot = _settle_landmarks(sample, columns, user_naming)
+    is_robot = True
+    if content == "odometry":
+        _settle_odometry(sample, columns)
+    else:
+        is_robot = _settle_landmarks(sample, columns, user_naming, tables)
     # A column of sensors has a few words; one of runs has at least three rows for each on average.
     most_runs = max(1, len(sample) // 3)
     for key, least, most in (("sensor", 2, _MOST_SENSORS), ("run", 1, most_runs)):
         words = set(sample.cells(columns.get(key, "")))
         if key == "sensor" and is_robot:
             words.discard("")  # of rows with odometry alone
+            if tables.landmarks:
+                least = 1
         if key not in user_naming.columns and ("" in words or not least <= len(words) <= most):
             columns.pop(key, None)
     units = {}
@@ -964,22 +1076,61 @@ def _settle_twice_named(columns: ColumnByQuantity, user_naming: Naming) -> None:
         columns.pop("run")
 
 
-def _settle_landmarks(sample: Sample, columns: ColumnByQuantity, user_naming: Naming) -> bool:
+def _settle_odometry(sample: Sample, columns: ColumnByQuantity) -> None:
+    """Leave the columns of times, runs, speed and turn rate, in place.
+
+    Raises DataError if the speed or the turn rate is missing.
+    """
+    named = {quantity: column.column for quantity, column in odometry_of(sample.names).items()}
+    for name in [*columns]:
+        if name not in (*KEYS, *_ODOMETRY) or name == "sensor":
+            columns.pop(name)
+    for name in _ODOMETRY:
+        if name in named:
+            columns.setdefault(name, named[name])
+    if not columns.keys() >= {*_ODOMETRY}:
+        raise DataError(Place(sample.path, 1, 1, _no_odometry(sample, columns)))
+
+
+def _no_odometry(sample: Sample, columns: ColumnByQuantity) -> str:
+    """Return the message and the advice for a table in which a speed or a turn rate is missing."""
+    missing = [name for name in _ODOMETRY if name not in columns]
+    meaning = {"v": "the robot's speed (v)", "w": "its turn rate (w)"}
+    words = " and ".join(meaning[name] for name in missing)
+    options = " ".join(f"--set 'columns.{name}=ITS NAME'" for name in missing)
+    known = ", ".join(sample.names)[:200]
+    what = f"no column looks like {words}, by which the robot's heading moves on; there are {known}"
+    return f"{what}: say {options}"
+
+
+def _settle_landmarks(
+    sample: Sample, columns: ColumnByQuantity, user_naming: Naming, tables: RobotTables
+) -> bool:
     """Return whether the table is the log of a robot, whose bearings count from its heading.
 
     The ``columns`` of such a log are changed in place. Raises DataError with the possible answers if
     ``user_naming`` must say so, as a table does not show from where bearings count.
     """
     odometry = odometry_of(sample.names)
-    is_like_robot = "bearing" in columns or odometry.keys() >= {*_ODOMETRY}
-    place = _landmark_column(sample, columns, user_naming, is_like_robot)
+    has_odometry = odometry.keys() >= {*_ODOMETRY} or tables.odometry is not None
+    is_like_robot = "bearing" in columns or has_odometry or bool(tables.landmarks)
+    place = _landmark_column(sample, columns, user_naming, is_like_robot, tables.landmarks)
     # Rows are split by landmark unless the user has named another column of sensors.
     is_split = place is not None and user_naming.columns.get("sensor", place) == place
     angle = columns.get("azimuth")
-    if "bearing" not in columns:
-        may_be_robot = is_split or odometry.keys() >= {*_ODOMETRY}
-        if not may_be_robot or angle is None or "azimuth" in user_naming.columns:
+    if tables.landmarks and angle is not None and "azimuth" not in user_naming.columns:
+        columns.setdefault("bearing", angle)
+    if "bearing" not in columns and (angle is not None or tables.is_empty):
+        if angle is None:
             return False
+        if "azimuth" in user_naming.columns or not (is_split or has_odometry):
+            _check_names_of_ids(sample, columns, user_naming)
+            if tables.is_empty:
+                return False
+            what = (
+                "columns.azimuth: is of fixed sensors, and --input and --landmarks are of a robot"
+            )
+            raise DataError(Place(sample.path, 1, 1, f"{what}: leave out one of them"))
         column = _in_option(angle)
         landmarks = f" of the landmarks ({place})" if is_split else ""
         what = f"{angle}: do the bearings{landmarks} count from the robot's heading?"
@@ -996,28 +1147,69 @@ def _settle_landmarks(sample: Sample, columns: ColumnByQuantity, user_naming: Na
             columns.pop("run")
     for name in ("azimuth", *COURSE, *_VELOCITY):
         columns.pop(name, None)
-    for name, named in odometry.items():
-        columns.setdefault(name, named.column)
-    missing = [name for name in _ODOMETRY if name not in columns]
-    if missing:
-        meaning = {"v": "the robot's speed (v)", "w": "its turn rate (w)"}
-        words = " and ".join(meaning[name] for name in missing)
-        options = " ".join(f"--set 'columns.{name}=ITS NAME'" for name in missing)
-        what = f"no column looks like {words}, by which the robot's heading moves on; there are"
-        way = f"say {options}; odometry of another file is `input_file` (docs/your-robot.md)"
-        known = ", ".join(sample.names)[:200]
-        raise DataError(Place(sample.path, 1, 1, f"{what} {known}: {way}"))
+    if tables.odometry is not None:
+        named = [name for name in _ODOMETRY if name in user_naming.columns]
+        if named:
+            what = f"columns.{named[0]}: the inputs are those of the file --input"
+            way = f"say --set 'input_naming.columns.{named[0]}=ITS NAME'"
+            raise DataError(Place(sample.path, 1, 1, f"{what}: {way}"))
+        return True
+    for name, named_column in odometry.items():
+        columns.setdefault(name, named_column.column)
+    if not columns.keys() >= {*_ODOMETRY}:
+        way = "of odometry in another file, name that, --input FILE (docs/your-robot.md)"
+        raise DataError(Place(sample.path, 1, 1, f"{_no_odometry(sample, columns)}; {way}"))
     return True
 
 
+def _check_names_of_ids(sample: Sample, columns: ColumnByQuantity, user_naming: Naming) -> None:
+    """Raise DataError if a column such as id or tag may name targets, sensors or landmarks.
+
+    Azimuths to several of them do not show which of these they are. The user may say so.
+    """
+    if not {"run", "sensor"}.isdisjoint(user_naming.columns):
+        return
+    angle = _in_option(columns["azimuth"])
+    for name in sample.names:
+        if name in columns.values() and name not in (columns.get("run"), columns.get("sensor")):
+            continue
+        words = sample.words(name)
+        is_id = not {*words_of(name), "".join(words_of(name))}.isdisjoint(LANDMARK_WORDS)
+        if not is_id or len(words) < 2 or not is_word_column(sample.cells(name)):
+            continue
+        column = _in_option(name)
+        azimuth = f"--set 'columns.azimuth={angle}'"
+        shown = ", ".join(words[:_MOST_IDS]) + (", ..." if len(words) > _MOST_IDS else "")
+        lines = [
+            f"{name}: are {shown} landmarks that a robot sees? Say --set 'columns.bearing={angle}',"
+            " and name its odometry, --input FILE",
+            f"or targets, of a radar? Say {azimuth} --set 'columns.run={column}'",
+            f"or sensors, which see one target? Say {azimuth} --set 'columns.sensor={column}'",
+        ]
+        raise DataError(*(Place(sample.path, 1, 1, line) for line in lines))
+
+
 def _landmark_column(
-    sample: Sample, columns: ColumnByQuantity, user_naming: Naming, is_like_robot: bool
+    sample: Sample,
+    columns: ColumnByQuantity,
+    user_naming: Naming,
+    is_like_robot: bool,
+    landmarks: Collection[str],
 ) -> str | None:
     """Return the column that names landmarks; None without one.
 
-    Its name says so. In the log of a robot (``is_like_robot``) it may also have another name, such as
-    tag or id, if its cells are empty just where nothing was measured.
+    Its name says so, or its words are those of known ``landmarks``. In the log of a robot
+    (``is_like_robot``) it may also have another name, such as tag or id, if its cells are empty just
+    where nothing was measured.
     """
+    if landmarks and "sensor" not in user_naming.columns:
+        shares = {}
+        for name in sample.names:
+            words = {*sample.words(name)}
+            shares[name] = len(words.intersection(landmarks)) / max(len(words), 1)
+        best = max(sample.names, key=shares.__getitem__)
+        if shares[best] >= _LEAST_KNOWN:
+            return best
     for name in sample.names:
         if role_of(name) == "place":
             return name
@@ -1037,7 +1229,7 @@ def _landmark_column(
             fitting.append(name)
     for name in fitting:
         words = {*words_of(name), "".join(words_of(name))}
-        if words & _LANDMARK_WORDS and name not in user_naming.columns.values():
+        if words & LANDMARK_WORDS and name not in user_naming.columns.values():
             return name
     # Without such a word the empty cells must show it.
     if len(fitting) == 1 and not measured.all() and fitting[0] not in user_naming.columns.values():
@@ -1168,6 +1360,13 @@ def _no_position(columns: ColumnByQuantity, sample: Sample, names: list[str]) ->
         words = ", ".join(sample.words(columns["sensor"]))[:80]
         what = f"column {columns['sensor']} names {words}, and one of them has no {pairs}"
         return f"{what}; there are {known}: `--set 'columns.sensor=\"\"'` mixes all"
+    # Case 5: the odometry of a robot has no measurements.
+    odometry = odometry_of(names)
+    if odometry.keys() >= {*_ODOMETRY}:
+        shown = " and ".join(named.column for named in odometry.values())
+        what = f"this table has inputs, {shown}, and no measurements"
+        way = "name the table of what the robot measured, --from MEASUREMENTS"
+        return f"{what}: {way} --input {sample.path} (docs/your-robot.md)"
     way = f"say which are, `--set 'columns.x={names[0]}' --set 'columns.y={names[-1]}'`"
     return f"no columns look like {pairs}; there are {known}: {way}"
 
@@ -1484,7 +1683,7 @@ class _Reading:
             azimuth = self._azimuths()
             place = self._values("range") * np.stack([np.cos(azimuth), np.sin(azimuth)])
             named = ["range"]
-        elif sensor.kind == "bearing" or sensor.kind.startswith("landmark"):
+        elif sensor.kind in ("bearing", "odometry") or sensor.kind.startswith("landmark"):
             place = np.empty((0, len(rows)))
             named = []
         elif sensor.kind == "range":

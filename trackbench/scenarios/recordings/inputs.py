@@ -7,14 +7,24 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Index, fixed
+from trackbench.errors import counted
 from trackbench.field_types import DataError, InvalidKeyError, Place
 from trackbench.models.inputs import KnownInputs
 from trackbench.scenarios.recordings.row_order import in_order
-from trackbench.scenarios.recordings.rows import TICK, Gathered, Rows, usual_interval
+from trackbench.scenarios.recordings.rows import (
+    TICK,
+    Gathered,
+    Rows,
+    time_text,
+    usual_interval,
+)
 from trackbench.scenarios.recordings.time_alignment import ONE_RUN, Clock
 
 _MOST_INTERVALS = 1.5
 """Usual intervals between two rows over which a value holds, unless the config has a `gap`."""
+
+_MOST_OUTSIDE = 0.5
+"""share of the measurements, of which fewer may lie before the first and after the last inputs"""
 
 
 class InputRows(NamedTuple):
@@ -46,6 +56,36 @@ def with_inputs_only(gathered: Gathered, names: Sequence[str], rows: Rows) -> In
         raise DataError(Place(gathered.files[0], 1, 1, what))
     measured = in_order(gathered, rows.at(np.flatnonzero(has_all)))
     return InputRows(measured=measured, blank=rows.at(np.flatnonzero(has_none)))
+
+
+def rows_within(
+    gathered: Gathered, measured_rows: Sequence[Rows], of_inputs: Gathered, inputs: InputRows
+) -> list[Rows]:
+    """Leave out the measurements before the first and after the last inputs of their run, with a note.
+
+    ``measured_rows`` are those of each sensor, and ``inputs`` those of another file, about which
+    ``of_inputs`` has the data. If most rows would be left out, all of them stay, since the files hardly
+    belong together, and the missing inputs are an error.
+    """
+    is_shared = of_inputs.runs == [ONE_RUN]
+    first = np.full(len(gathered.runs), -np.inf)
+    last = np.full(len(gathered.runs), np.inf)
+    for m in range(len(gathered.runs)):
+        times = inputs.measured.time[inputs.measured.run == (0 if is_shared else m)]
+        if len(times):
+            first[m] = times.min() - TICK
+            # The last values hold for one interval more.
+            last[m] = times.max() + usual_interval(times) + TICK
+    inside = [
+        (rows.time >= first[rows.run]) & (rows.time <= last[rows.run]) for rows in measured_rows
+    ]
+    number = sum(len(mask) for mask in inside)
+    outside = number - sum(int(mask.sum()) for mask in inside)
+    if outside == 0 or outside >= _MOST_OUTSIDE * number:
+        return list(measured_rows)
+    what = f"{counted(outside, 'row')} of measurements before the first or after the last inputs"
+    gathered.notices.append(f"{what} ({of_inputs.files[0]}) left out")
+    return [rows.at(np.flatnonzero(mask)) for rows, mask in zip(measured_rows, inside, strict=True)]
 
 
 def missing_run(path: str, run: str, names: Sequence[str]) -> Place:
@@ -186,13 +226,13 @@ def _gap_place(
     blank_times = rows.blank.time + shift
     blank = np.flatnonzero((blank_times > low + TICK) & (blank_times < high - TICK))
     if before < 0:
-        what = f"the first values of the inputs {inputs} are at {row_times[0]:.9g}{unit}"
-        what += f", and the first step begins at {times[step - 1]:.9g}{unit}"
+        what = f"the first values of the inputs {inputs} are at {time_text(row_times[0])}{unit}"
+        what += f", and the first step begins at {time_text(times[step - 1])}{unit}"
         way = "give earlier values"
         return gathered.place(rows.measured, 0, f"{what}: {way}")
     if after == before:
-        what = f"the inputs {inputs} end at {row_times[-1]:.9g}{unit}"
-        what += f", and a step ends at {times[step]:.9g}{unit}"
+        what = f"the inputs {inputs} end at {time_text(row_times[-1])}{unit}"
+        what += f", and a step ends at {time_text(times[step])}{unit}"
         return gathered.place(rows.measured, before, f"{what}: give later values, or say `last`")
     length = row_times[after] - row_times[before]
     way = f"fill them, or say `input_gap: {_rounded_up(length):g}` to hold the nearest values"

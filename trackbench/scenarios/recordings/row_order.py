@@ -7,7 +7,13 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.errors import and_others
 from trackbench.field_types import DataError
-from trackbench.scenarios.recordings.rows import Gathered, Numbers, Rows, usual_interval
+from trackbench.scenarios.recordings.rows import (
+    Gathered,
+    Numbers,
+    Rows,
+    time_text,
+    usual_interval,
+)
 
 _MOST_INTERVALS = 10.0
 """Largest fall of a clock, in usual intervals between rows, that late rows may explain."""
@@ -104,7 +110,7 @@ def _merge_equal_times(
     rest_way = _way_to_rest_of_time(gathered, "subsecond")
     if way is None:
         row = int(repeated[0])
-        time = f"time {rows.time[row]:.9g} s"
+        time = f"time {time_text(rows.time[row])} s"
         if gathered.stepped:
             time = f"step {rows.time[row]:.0f}"
         place = f"run {gathered.runs[rows.run[row]]}: {time}"

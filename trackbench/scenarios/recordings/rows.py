@@ -34,6 +34,7 @@ from trackbench.scenarios.recordings.column_mapping import (
     Columns,
     Frame,
     Naming,
+    NamingKeys,
 )
 from trackbench.scenarios.recordings.column_names import (
     NamedColumn,
@@ -109,6 +110,7 @@ class Gathered:
     ``unavailable`` counts cells with codes of "not available".
     ``rest`` names columns that look like further parts of the time, and are not read.
     ``has_inputs``: rows may hold inputs alone, without a sensor.
+    ``keys`` are those of the config that name the columns.
     ``geodetic`` is the first file with latitude and longitude, and ``planar`` the first one with another
     quantity that depends on the position (``in_frame``). ``origin`` is given by the config's key
     ``origin_key``, or the first position of the ``chosen`` runs (default: of all); ``own_origins`` are
@@ -139,6 +141,7 @@ class Gathered:
     idle_keys: dict[str, DataError] = field(default_factory=dict)
     has_delays: bool = False
     has_inputs: bool = False
+    keys: NamingKeys = field(default_factory=NamingKeys)
     rest: dict[str, NamedColumn] = field(default_factory=dict)
     unavailable: Counter[str] = field(default_factory=Counter)
     runs: list[str] = field(default_factory=list)
@@ -179,7 +182,7 @@ class Gathered:
         """
         own = clock_of_file(columns, table, clock, parts)
         if own.has_unit:
-            _check_size(columns, table, clock)
+            _check_size(columns, table, clock, self.keys.own)
         # The first file decides which clock all files have.
         if self.clock is None:
             self.clock = own
@@ -272,15 +275,19 @@ class Gathered:
             self.notices.append(f"{what}, which are not rotated: {why}")
 
 
-def _check_size(columns: Columns, table: Table, clock: str) -> None:
-    """Raise DataError for times of the column ``clock`` that are too large, with the likely unit."""
+def _check_size(columns: Columns, table: Table, clock: str, own_key: str) -> None:
+    """Raise DataError for times of the column ``clock`` that are too large, with the likely unit.
+
+    ``own_key`` is that of the file's own naming in the config; empty for a file of measurements.
+    """
     time = table.columns[clock]
     seconds = time * columns.naming.scale("time")
     late = np.flatnonzero(np.abs(seconds) > _LATEST)
     if len(late):
         row = late[0]
         more = and_others(len(late), "nor are")
-        what = f"{clock}: {seconds[row]:.3g} s is no time{more}; {_way_to_read_time(time[row])}"
+        way = _way_to_read_time(time[row], own_key)
+        what = f"{clock}: {seconds[row]:.3g} s is no time{more}; {way}"
         raise DataError(Place(columns.path, int(table.lines[row]), 1, what))
 
 
@@ -288,8 +295,11 @@ _STAMPS = ((12, "%Y%m%d%H%M"), (14, "%Y%m%d%H%M%S"), (17, "%Y%m%d%H%M%S%f"))
 _EPOCHS = {"ms": 1e12, "us": 1e15, "ns": 1e18}
 
 
-def _way_to_read_time(value: float) -> str:
-    """Return the advice on a number that is too large for seconds: a form of dates, or another unit."""
+def _way_to_read_time(value: float, own_key: str) -> str:
+    """Return the advice on a number that is too large for seconds: a form of dates, or another unit.
+
+    ``own_key`` is that of the file's own naming in the config; empty for a file of measurements.
+    """
     digits = f"{value:.0f}"
     # A date has 12 digits or more: 202504031000 is 2025-04-03 10:00.
     for length, form in _STAMPS:
@@ -304,7 +314,17 @@ def _way_to_read_time(value: float) -> str:
         if 0.5 * size <= abs(value) <= 5.0 * size:
             unit = epoch_unit
             break
-    return f"say its unit (`units: {{time: {unit}}}`)"
+    way = f"units: {{time: {unit}}}"
+    if own_key:
+        way = f"{own_key}: {{{way}}}"
+    return f"say its unit (`{way}`)"
+
+
+def time_text(time: float) -> str:
+    """Write a time, s or steps; one since 1970 has its milliseconds."""
+    if abs(time) < 1e6:
+        return f"{time:.9g}"
+    return f"{time:.3f}"
 
 
 def usual_interval(times: Array) -> float:
@@ -402,11 +422,10 @@ def _read_file(
     wanted = list(chain.from_iterable(sensors))
     if least is None:
         least = len(wanted)
-    columns = Columns(path, gathered.naming, wanted, least, gathered.in_space)
+    columns = Columns(path, gathered.naming, wanted, least, gathered.in_space, gathered.keys)
     clock = columns.take("time", "time") or columns.take("step", "step")
     if clock is None:
-        known = ", ".join(columns.names)[:200]
-        raise columns.mistake(f"no column time or step; there are {known} (see `columns`)")
+        raise columns.missing_clock()
     if columns.column("date") != clock:
         columns.take("date", "date")
     parts = columns.take_stamp_parts()

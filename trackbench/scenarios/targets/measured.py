@@ -1,7 +1,7 @@
 """Target with recorded measurements, and perhaps a recorded truth. Nothing is simulated."""
 
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
@@ -21,12 +21,19 @@ from trackbench.models.inputs import KnownInputs
 from trackbench.models.priors import TwoPoint
 from trackbench.models.sensors.base import Sensors, rows_of, sensors_of
 from trackbench.registry import register
-from trackbench.scenarios.recordings.column_mapping import KEYS, Naming, plain_name
+from trackbench.scenarios.recordings.column_mapping import (
+    KEYS,
+    Naming,
+    NamingKeys,
+    plain_name,
+)
+from trackbench.scenarios.recordings.file_clocks import check_common_time
 from trackbench.scenarios.recordings.inputs import (
     InputRows,
     aligned_with,
     inputs_at,
     missing_run,
+    rows_within,
     with_inputs_only,
 )
 from trackbench.scenarios.recordings.row_order import in_order
@@ -116,6 +123,9 @@ class Measured(FromFiles, Naming, Target):
     units are among `units`"""
     input_file: DataFile | None = None
     """CSV or Parquet of the inputs, at times of its own; default: the file of the measurements"""
+    input_naming: Naming | None = None
+    """columns of the times and runs of `input_file`, and units of its times and of the inputs; default:
+    as of the measurements, but for their `format`"""
     input_holds: Literal["before", "after"] = "before"
     """when the values of a row hold: before its time, back to the row before, as wheels measure them, or
     after it, until the next row, as commands do"""
@@ -135,9 +145,11 @@ class Measured(FromFiles, Naming, Target):
         super().__post_init__()
         freeze_mappings(self)
         if not self.input:
-            for key in ("input_file", "input_gap"):
+            for key in ("input_file", "input_gap", "input_naming"):
                 if getattr(self, key) is not None:
                     raise InvalidKeyError("there is no `input`", key)
+        if self.input_naming is not None:
+            self._check_input_naming(self.input_naming)
         for i, name in enumerate(self.angles):
             if name not in self.components:
                 what = f"{name!r} is not one of {', '.join(self.components)}"
@@ -152,6 +164,22 @@ class Measured(FromFiles, Naming, Target):
         if self.origin and truth_origin not in ((), self.origin):
             what = "is not that of the target, and both count from one point: leave it out"
             raise InvalidKeyError(what, "truth_naming", "origin")
+
+    def _check_input_naming(self, naming: Naming) -> None:
+        """Raise InvalidKeyError if the keys of the file of the inputs contradict those of the target."""
+        if self.input_file is None:
+            what = "there is no `input_file`, and the file of the measurements has their names and units"
+            raise InvalidKeyError(what, "input_naming")
+        for name in self.input:
+            if name in naming.columns:
+                what = (
+                    f"the column of an input stands in `input`: {{{name}: {naming.columns[name]}}}"
+                )
+                raise InvalidKeyError(what, "input_naming", "columns", name)
+            if name in self.units:
+                way = f"`input_naming: {{units: {{{name}: {self.units[name]}}}}}`"
+                what = f"its file has `input_naming`, so write the unit there, {way}"
+                raise InvalidKeyError(what, "units", name)
 
     def _check_measurement_naming(self) -> None:
         """Raise InvalidKeyError for namings that do not fit the files, or have an origin."""
@@ -328,7 +356,13 @@ class Measured(FromFiles, Naming, Target):
             angles = {each.components[row]: row for row in measured_angle_rows(each)}
             check_turns(gathered, rows[m], angles)
             rows[m] = in_order(gathered, rows[m], each.innovation)
-        # Step 2: take the first scans from the sensor that measures the position.
+        # Step 2: read the inputs. Those of a file of their own may begin later or end earlier.
+        inputs = None
+        if self.input:
+            gathered_inputs, inputs = self._read_inputs(gathered, rows)
+            if self.input_file:
+                rows = rows_within(gathered, rows, gathered_inputs, inputs)
+        # Step 3: take the first scans from the sensor that measures the position.
         locating = position_part(sensor)
         number = 0  # of that sensor
         if locating is not None:
@@ -337,11 +371,9 @@ class Measured(FromFiles, Naming, Target):
         start = None
         if scans:
             start = initial_scans(gathered, rows[number], scans)
-        # Step 3: put all runs on one clock, and the measurements on its steps.
-        inputs = None
+        # Step 4: put all runs on one clock, and the measurements on its steps.
         timed_rows = rows
-        if self.input:
-            gathered_inputs, inputs = self._read_inputs(gathered)
+        if inputs is not None:
             # There is a step at every row of the inputs. The earliest rows give the usual interval.
             timed_rows = [inputs.measured, *rows]
             timed_rows.sort(key=lambda each: float(each.time.min()))
@@ -351,7 +383,7 @@ class Measured(FromFiles, Naming, Target):
         if not resampled and not gathered.stepped:
             gathered.notices += note_on_shared_clock(gathered.runs, rows, clock)
         measurements, arrivals = measurement_array(gathered, rows, clock, resampled)
-        # Step 4: add the scans of the start and the truth.
+        # Step 5: add the scans of the start and the truth.
         runs = len(gathered.runs)
         first_scans = np.full((len(sensor.components), scans, runs), np.nan)
         apart = np.full(runs, np.nan)
@@ -360,7 +392,7 @@ class Measured(FromFiles, Naming, Target):
             apart = start.apart
         truth = None
         if self.truth is not None:
-            truth = self._read_truth(gathered, clock)
+            truth = self._read_truth(gathered, rows, clock)
             later = truth[:, 1:]
             steps = clock.steps[1:]
             gathered.notices += contradictions(sensor, self.components, later, measurements, steps)
@@ -395,26 +427,41 @@ class Measured(FromFiles, Naming, Target):
             inputs=known_inputs,
         )
 
-    def _read_inputs(self, gathered: Gathered) -> tuple[Gathered, InputRows]:
+    def _read_inputs(
+        self, gathered: Gathered, measured_rows: Sequence[Rows]
+    ) -> tuple[Gathered, InputRows]:
         """Read the rows of the inputs, from their own file or that of the measurements.
 
-        Return the data gathered about their file, and their rows.
+        Return the data gathered about their file, and their rows. ``measured_rows`` are those of each
+        sensor.
         """
         path = self.input_file or self._measurement_files[0]
+        given: Naming = self.input_naming or self
         # The empty name stands for no column: the inputs belong to no sensor.
-        columns = {**self.columns, **self.input, "sensor": ""}
+        columns = {**given.columns, **self.input, "sensor": ""}
+        file_format = given.format
+        if self.input_file and self.input_naming is None:
+            file_format = None
         naming = Naming(
             columns=columns,
-            units=self.units,
-            time_format=self.time_format,
-            zone=self.zone,
-            missing=self.missing,
-            same_time=self.same_time,
-            format=None if self.input_file else self.format,
+            units=given.units,
+            time_format=given.time_format,
+            zone=given.zone,
+            missing=given.missing,
+            same_time=given.same_time,
+            format=file_format,
         )
+        keys = NamingKeys(quantities="input")
+        if self.input_file:
+            clock_key = "columns" if self.input_naming is None else "input_naming.columns"
+            keys = NamingKeys(quantities="input", clock=clock_key, own="input_naming")
         gathered_inputs = replace(
             gathered,
             naming=naming,
+            keys=keys,
+            # A naming of its own has keys of its own.
+            used_keys=set() if self.input_naming else gathered.used_keys,
+            idle_keys={} if self.input_naming else gathered.idle_keys,
             runs=[],
             files=[],
             notices=[],
@@ -423,6 +470,10 @@ class Measured(FromFiles, Naming, Target):
         )
         names = [*self.input]
         (rows,) = read_rows(gathered_inputs, [path], [names])
+        if self.input_naming:
+            gathered_inputs.check_idle_keys()
+        if self.input_file:
+            check_common_time(gathered, measured_rows, gathered_inputs, rows)
         # Number the runs as those of the measurements; inputs without names of runs are those of all.
         is_shared = gathered_inputs.runs == [ONE_RUN]  # the name of a run without a name
         chosen = [] if is_shared else gathered.runs
@@ -467,6 +518,8 @@ class Measured(FromFiles, Naming, Target):
             naming.check_names(names, "target", "measurement_naming", i)
         if self.truth_naming is not None:
             self.truth_naming.check_names(names, "target", "truth_naming")
+        if self.input_naming is not None:
+            self.input_naming.check_names([*self.input], "target", "input_naming")
         files = len(self._measurement_files)
         if files not in (1, len(sensors)):
             what = f"{files} files for {len(sensors)} sensors"
@@ -488,14 +541,19 @@ class Measured(FromFiles, Naming, Target):
             what = "there are several files of measurements: name that of the inputs, `input_file`"
             raise InvalidKeyError(what, "target", "input")
 
-    def _read_truth(self, gathered: Gathered, clock: Clock) -> Array:
-        """Read the truth (n_x, K + 1, M) at the clock's steps."""
+    def _read_truth(self, gathered: Gathered, measured_rows: Sequence[Rows], clock: Clock) -> Array:
+        """Read the truth (n_x, K + 1, M) at the clock's steps.
+
+        ``measured_rows`` are those of each sensor.
+        """
         assert self.truth is not None
         # By default the truth has the columns and units of the measurements.
         naming: Naming = self.truth_naming or replace(self, format=None)
+        columns_key = "columns" if self.truth_naming is None else "truth_naming.columns"
         gathered_truth = replace(
             gathered,
             naming=naming,
+            keys=NamingKeys(quantities=columns_key, clock=columns_key, own="truth_naming"),
             # A naming of its own has keys of its own.
             used_keys=set() if self.truth_naming else gathered.used_keys,
             idle_keys={} if self.truth_naming else gathered.idle_keys,
@@ -511,6 +569,7 @@ class Measured(FromFiles, Naming, Target):
         (rows,) = chosen_runs(gathered_truth, [rows], ())
         rows = in_order(gathered_truth, rows)
         check_runs_of_truth(gathered_truth, rows, gathered)
+        check_common_time(gathered, measured_rows, gathered_truth, rows)
         # Origin and distances are those of all files together.
         gathered.geodetic = gathered_truth.geodetic
         gathered.planar = gathered_truth.planar
@@ -527,6 +586,11 @@ class Measured(FromFiles, Naming, Target):
     def path(self, timeline: Timeline) -> Array:
         """Return the first run's truth (n_x, K), NaN where there is none."""
         return self._padded_truth()[:, : len(timeline.steps), 0]
+
+    @property
+    def recorded_truth(self) -> Array:
+        """First run's truth (n_x, K) at every step of the recording, NaN where there is none."""
+        return self._padded_truth()[:, :, 0]
 
     def fly(
         self, start: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int

@@ -1,0 +1,138 @@
+"""Clocks of two files: whether they have a common time, and which unit would give them one."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.field_types import DataError, Place
+from trackbench.scenarios.recordings.column_mapping import UNITS
+from trackbench.scenarios.recordings.rows import (
+    TICK,
+    Gathered,
+    Rows,
+    time_text,
+    usual_interval,
+)
+
+_FACTORS = (1e3, 1e6, 1e9, 1e-3, 1e-6, 1e-9)
+"""ratios of the units s, ms, us and ns"""
+_ALIKE = 0.5
+"""share of the time of both files that is common to them, if their units are right"""
+_UNLIKE = 0.01
+"""share of it below which a unit may be wrong"""
+_FEWEST = 3
+"""rows of a file that show an interval"""
+
+
+class _Span(NamedTuple):
+    """Times of a file, s or steps."""
+
+    first: float
+    last: float
+    interval: float
+    """usual interval of its rows"""
+
+    def scaled(self, factor: float) -> "_Span":
+        """Return the span in another unit."""
+        return _Span(self.first * factor, self.last * factor, self.interval * factor)
+
+
+def check_common_time(
+    measured: Gathered, measured_rows: Sequence[Rows], other: Gathered, rows: Rows
+) -> None:
+    """Raise DataError if a file has no common time with the measurements, or times in another unit.
+
+    ``measured_rows`` are those of each sensor, and ``rows`` are those of the ``other`` file, which has
+    keys of its own in the config.
+    """
+    all_times = np.concatenate([each.time for each in measured_rows])
+    if not len(all_times) or not len(rows.time):
+        return
+    span = _span_of(all_times)
+    other_span = _span_of(rows.time)
+    unit = "" if measured.stepped else " s"
+    own = f"{time_text(other_span.first)} to {time_text(other_span.last)}{unit}"
+    of_measurements = f"{time_text(span.first)} to {time_text(span.last)}{unit}"
+    ends = f"its times are from {own}, and those of {measured.files[0]} from {of_measurements}"
+    is_apart = _share_in_common(span, other_span) == 0.0
+    way = ""
+    if not measured.stepped and not measured.dated:
+        way = _way_to_other_unit(measured, other, span, other_span)
+    if way:
+        raise DataError(Place(other.files[0], 1, 1, f"{ends}: one of their units differs; {way}"))
+    if is_apart:
+        way = "give both files times of one clock"
+        raise DataError(Place(other.files[0], 1, 1, f"{ends}: they have no time in common; {way}"))
+
+
+def _span_of(times: Array) -> _Span:
+    """Return the span of times (R,)."""
+    return _Span(float(times.min()), float(times.max()), usual_interval(times))
+
+
+def _share_in_common(span: _Span, other: _Span) -> float:
+    """Return the common part of two spans as a share of the time from the first to the last row."""
+    common = min(span.last, other.last) - max(span.first, other.first)
+    whole = max(span.last, other.last) - min(span.first, other.first)
+    if common < -TICK:
+        return 0.0
+    if whole <= TICK:
+        return 1.0
+    return max(common, TICK) / whole
+
+
+def _way_to_other_unit(measured: Gathered, other: Gathered, span: _Span, other_span: _Span) -> str:
+    """Return the advice to read one of two files in another unit of time; empty if none is better.
+
+    The times of the measurements have the ``span``.
+    """
+    if _share_in_common(span, other_span) >= _UNLIKE:
+        return ""
+    if min(span.last - span.first, other_span.last - other_span.first) <= 0.0:
+        return ""
+    for factor in _FACTORS:
+        scaled = other_span.scaled(factor)
+        # The intervals of both files are more alike, too, than they were.
+        ratio = abs(np.log(other_span.interval / span.interval))
+        ratio_then = abs(np.log(scaled.interval / span.interval))
+        if _share_in_common(span, scaled) < _ALIKE or ratio_then > ratio:
+            continue
+        unit = _unit_of_size(other.naming.scale("time") * factor)
+        if unit:
+            return f"say `{_keys_with_unit(other, unit)}`"
+        unit = _unit_of_size(measured.naming.scale("time") / factor)
+        if unit:
+            return f"say `units: {{time: {unit}}}`, the unit of {measured.files[0]}"
+    return ""
+
+
+def _unit_of_size(size: float) -> str:
+    """Return the unit of time of a size in s; empty without one."""
+    for unit in ("s", "ms", "us", "ns"):
+        if np.isclose(UNITS[unit], size):
+            return unit
+    return ""
+
+
+def _keys_with_unit(other: Gathered, unit: str) -> str:
+    """Return the file's own keys in the config, with another unit of time."""
+    columns = {}
+    for name in ("time", "run"):
+        if other.naming.columns.get(name):
+            columns[name] = other.naming.columns[name]
+    units = {
+        name: of_quantity for name, of_quantity in other.naming.units.items() if name != "time"
+    }
+    units["time"] = unit
+    entries = []
+    if columns:
+        entries.append(f"columns: {{{_in_braces(columns)}}}")
+    entries.append(f"units: {{{_in_braces(units)}}}")
+    return f"{other.keys.own}: {{{', '.join(entries)}}}"
+
+
+def _in_braces(mapping: dict[str, str]) -> str:
+    """Write the entries of a mapping as YAML has them."""
+    return ", ".join(f"{name}: {value}" for name, value in mapping.items())

@@ -1,0 +1,118 @@
+"""Table of the places of landmarks, which are written into a config."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from trackbench.field_types import DataError, Place
+from trackbench.scenarios.recordings.column_mapping import UNITS, Naming
+from trackbench.scenarios.recordings.column_names import columns_of, words_of
+from trackbench.scenarios.recordings.csv_lines import TextFormat, is_value, layout_of
+from trackbench.scenarios.recordings.csv_tables import header, is_parquet
+from trackbench.scenarios.recordings.guess_format import LANDMARK_WORDS
+from trackbench.scenarios.recordings.guess_sample import Sample
+from trackbench.scenarios.recordings.mixtures import role_of
+
+_NAMELESS = ("landmark", "x", "y")
+"""Columns of a table whose lines have a number and a place, and no line names them."""
+_LARGEST = 100.0
+"""m that a place of a landmark is below, if no unit is named"""
+_KEYS = ("sensor", "x", "y")
+
+
+@dataclass(frozen=True)
+class LandmarkTable:
+    """Places of landmarks by their names."""
+
+    path: str
+    places: dict[str, tuple[float, float]]
+    """x and y, m"""
+
+
+def read_landmarks(path: str, user_naming: Naming | None = None) -> LandmarkTable:
+    """Read the names and places of landmarks; keys that are set in ``user_naming`` are not guessed.
+
+    Raises DataError if a column is missing, and for each row without a place.
+    """
+    user_naming = user_naming or Naming()
+    for key in user_naming.columns:
+        if key not in _KEYS:
+            what = f"there is no landmarks.columns.{key}; known: {', '.join(_KEYS)}"
+            raise DataError(Place(path, 1, 1, what))
+    # Step 1: find the columns.
+    form = _text_format(path, user_naming.format or TextFormat())
+    names = header(path, form)
+    sample = Sample(path, names, form)
+    columns = _columns(sample, user_naming)
+    # Step 2: read the places, in m.
+    scales = [_scale(sample, columns[name], name, user_naming) for name in ("x", "y")]
+    x = sample.numbers(columns["x"]) * scales[0]
+    y = sample.numbers(columns["y"]) * scales[1]
+    places: dict[str, tuple[float, float]] = {}
+    mistakes = []
+    for row, name in enumerate(sample.cells(columns["sensor"])):
+        place = (float(f"{x[row]:.9g}"), float(f"{y[row]:.9g}"))
+        what = ""
+        if not np.isfinite(place).all():
+            what = f"landmark {name} has no place: write x and y as numbers, or leave the row out"
+        elif places.get(name, place) != place:
+            what = f"landmark {name} has two places: leave one of them out"
+        if what:
+            mistakes.append(Place(path, sample.line + row, 1, what))
+        places[name] = place
+    if mistakes:
+        raise DataError(*mistakes)
+    return LandmarkTable(path=path, places=places)
+
+
+def _text_format(path: str, form: TextFormat) -> TextFormat:
+    """Name the columns of a table without a line of names, if it has three."""
+    if is_parquet(path) or form.names or form.header:
+        return form
+    layout = layout_of(path, form)
+    has_names = not layout.header or not all(map(is_value, layout.names))
+    if has_names or len(layout.names) != len(_NAMELESS):
+        return form
+    return replace(form, names=_NAMELESS, header=0)
+
+
+def _columns(sample: Sample, user_naming: Naming) -> dict[str, str]:
+    """Return the columns of the names, x and y; raises DataError if one of them is missing."""
+    columns = {
+        name: named.column for name, named in columns_of(sample.names).items() if name in ("x", "y")
+    }
+    columns |= user_naming.columns
+    if "sensor" not in columns:
+        free = [name for name in sample.names if name not in columns.values()]
+        fitting = []
+        for name in free:
+            words = {*words_of(name), "".join(words_of(name))}
+            if role_of(name) == "place" or words & {*LANDMARK_WORDS, "name", "label"}:
+                fitting.append(name)
+        candidates = fitting or free
+        if len(candidates) == 1:
+            columns["sensor"] = candidates[0]
+    missing = [name for name in _KEYS if columns.get(name, "") not in sample.names]
+    if missing:
+        meaning = {"sensor": "the name of a landmark", "x": "its x", "y": "its y"}
+        words_of_missing = " and ".join(meaning[name] for name in missing)
+        options = " ".join(f"--set 'landmarks.columns.{name}=ITS NAME'" for name in missing)
+        what = f"no column looks like {words_of_missing}; there are {', '.join(sample.names)[:200]}"
+        raise DataError(Place(sample.path, 1, 1, f"{what}: say {options}"))
+    return columns
+
+
+def _scale(sample: Sample, column: str, name: str, user_naming: Naming) -> float:
+    """Return the factor from the unit of a coordinate to m; raises DataError if it may be another."""
+    named = columns_of([column]).get(name)
+    unit = user_naming.units.get(name) or sample.unit(column, name)
+    if unit is None and named is not None:
+        unit = named.unit
+    if unit is not None:
+        return UNITS[unit]
+    largest = float(np.nanmax(np.abs(sample.numbers(column)), initial=0.0))
+    if largest > _LARGEST:
+        what = f"{column}: no unit is named, and {largest:.4g} m is far for a landmark"
+        options = " or ".join(f"--set landmarks.units.{name}={unit}" for unit in ("cm", "mm", "m"))
+        raise DataError(Place(sample.path, 1, 1, f"{what}: say {options}"))
+    return 1.0
