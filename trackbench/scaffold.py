@@ -374,7 +374,10 @@ def _first_state(scenario: Scenario, tables: FurtherTables) -> FirstState:
     target = getattr(scenario, "target", None)
     if tables.truth is None or not isinstance(target, Measured) or not target.input:
         return FirstState(begin=begin)
-    poses = target.recorded_truth
+    truth = target.recorded_truth
+    assert truth is not None
+    # Poses (n_x, K) of the first run.
+    poses = truth[:, :, 0]
     known = np.flatnonzero(np.isfinite(poses[:2]).all(axis=0))
     if not len(known):
         return FirstState(begin=begin)

@@ -587,11 +587,6 @@ class Measured(FromFiles, Naming, Target):
         """Return the first run's truth (n_x, K), NaN where there is none."""
         return self._padded_truth()[:, : len(timeline.steps), 0]
 
-    @property
-    def recorded_truth(self) -> Array:
-        """First run's truth (n_x, K) at every step of the recording, NaN where there is none."""
-        return self._padded_truth()[:, :, 0]
-
     def fly(
         self, start: Array, timeline: Timeline, sensor: Sensors, rng: Streams, scans: int
     ) -> Flight:
