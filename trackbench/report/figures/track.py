@@ -8,6 +8,7 @@ import numpy as np
 
 from trackbench.config.experiment import Experiment, Point
 from trackbench.core.arrays import Array
+from trackbench.durations import time_text
 from trackbench.evaluation.block import simulate
 from trackbench.field_types import Count, Natural
 from trackbench.models.base import position_velocity_names, rows_in_plane
@@ -17,7 +18,7 @@ from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import listed, named
 from trackbench.report.findings.ranking import rankings
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import filter_lines, style
+from trackbench.report.plotting import filter_lines, scales, style
 from trackbench.report.plotting.page_formats import sheet
 from trackbench.report.plotting.scales import length_unit
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
@@ -542,6 +543,7 @@ class MeanAndStd(FigureKind):
         for ax in axes[1]:
             ax.set_xlabel("Time (s)")
             ax.set_ylim(bottom=0)
+        scales.count_times_from_start(figure, "Time (s)")
         return style.add_title_and_legend(figure, self.title)
 
 
@@ -607,12 +609,15 @@ def _draw_scene_in_plane(scenario: Scenario, truth: Array, measurements: Array) 
     first_path = paths[..., 0] / metres
     draw_truth(plane, first_path, times, scenario.spans, estimated_runs=0)
     # Step 2: times along the path.
+    # Times of a clock, such as seconds since 1970, are counted from the first one.
+    is_late = scales.is_late(float(times[0]), float(times[-1]))
     for place in np.linspace(0, len(times) - 1, _MARKS).astype(int):
         x, y = first_path[:, place]
         plane.plot(x, y, ".", color="black", markersize=5)
-        plane.annotate(
-            f"{times[place]:g} s", (x, y), (4, 4), textcoords="offset points", fontsize=7
-        )
+        text = f"{times[place]:g} s"
+        if is_late:
+            text = f"+{times[place] - times[0]:g} s" if place else f"{time_text(times[0])} s"
+        plane.annotate(text, (x, y), (4, 4), textcoords="offset points", fontsize=7)
     # Step 3: sensors, and the way of those that move.
     for number, path in sensors:
         name = f"Sensor {number}" if len(sensors) > 1 else "Sensor"
@@ -627,6 +632,7 @@ def _draw_scene_in_plane(scenario: Scenario, truth: Array, measurements: Array) 
     speed.set_ylim(bottom=0)
     speed.set_xlabel("Time (s)")
     speed.set_ylabel("Speed (m/s)")
+    scales.count_times_from_start(figure, "Time (s)")
     return figure
 
 
@@ -653,4 +659,5 @@ def _draw_scene_over_time(scenario: Scenario, truth: Array, measurements: Array)
         ax.plot(scenario.times[1:], values[:, 0], ".", **look)
         ax.set_ylabel(f"{name} (meas.)")
     panels[-1].set_xlabel("Time (s)")
+    scales.count_times_from_start(figure, "Time (s)")
     return figure

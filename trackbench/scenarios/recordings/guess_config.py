@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from typing import NamedTuple
 
+from trackbench.durations import time_text
 from trackbench.field_types import MOST_STEPS
 from trackbench.scenarios.recordings.column_mapping import STAMP_PARTS
 from trackbench.scenarios.recordings.csv_lines import TextFormat
@@ -156,7 +157,7 @@ def _begin_in_words(guess: Guess, begin: float | None) -> str:
         if begin == 0.0:
             return "the first row"
         return f"the first row, {begin:+.6g} s"
-    return f"t = {begin:.9g} s"
+    return f"t = {time_text(begin)} s"
 
 
 def _target_parts(guess: Guess, when: str) -> _ModelParts:

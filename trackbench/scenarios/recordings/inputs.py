@@ -7,6 +7,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Index, fixed
+from trackbench.durations import time_text
 from trackbench.field_types import DataError, InvalidKeyError, Place
 from trackbench.models.inputs import KnownInputs
 from trackbench.scenarios.recordings.row_order import in_order
@@ -186,13 +187,13 @@ def _gap_place(
     blank_times = rows.blank.time + shift
     blank = np.flatnonzero((blank_times > low + TICK) & (blank_times < high - TICK))
     if before < 0:
-        what = f"the first values of the inputs {inputs} are at {row_times[0]:.9g}{unit}"
-        what += f", and the first step begins at {times[step - 1]:.9g}{unit}"
+        what = f"the first values of the inputs {inputs} are at {time_text(row_times[0])}{unit}"
+        what += f", and the first step begins at {time_text(times[step - 1])}{unit}"
         way = "give earlier values"
         return gathered.place(rows.measured, 0, f"{what}: {way}")
     if after == before:
-        what = f"the inputs {inputs} end at {row_times[-1]:.9g}{unit}"
-        what += f", and a step ends at {times[step]:.9g}{unit}"
+        what = f"the inputs {inputs} end at {time_text(row_times[-1])}{unit}"
+        what += f", and a step ends at {time_text(times[step])}{unit}"
         return gathered.place(rows.measured, before, f"{what}: give later values, or say `last`")
     length = row_times[after] - row_times[before]
     way = f"fill them, or say `input_gap: {_rounded_up(length):g}` to hold the nearest values"

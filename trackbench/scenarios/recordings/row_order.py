@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.durations import time_text
 from trackbench.errors import and_others
 from trackbench.field_types import DataError
 from trackbench.scenarios.recordings.rows import Gathered, Numbers, Rows, usual_interval
@@ -104,7 +105,7 @@ def _merge_equal_times(
     rest_way = _way_to_rest_of_time(gathered, "subsecond")
     if way is None:
         row = int(repeated[0])
-        time = f"time {rows.time[row]:.9g} s"
+        time = f"time {time_text(rows.time[row])} s"
         if gathered.stepped:
             time = f"step {rows.time[row]:.0f}"
         place = f"run {gathered.runs[rows.run[row]]}: {time}"
