@@ -145,6 +145,10 @@ def test_without_a_truth_each_panel_has_its_own_headings(tmp_path: Path) -> None
     (tmp_path / "recorded.yaml").write_text(RECORDED)
     out = tmp_path / "out"
     report = api.run(tmp_path / "recorded.yaml", out=out, workers=1, quiet=True, formats=())
+    # Columns have the names of the recording: "2.range" would be taken for a tag 2.
+    headers = report.results.tables["innovations"].value_headers
+    for header in ("sensor 1 (door).range", "sensor 2 (lamp).bearing"):
+        assert f"Prediction error, {header}" in headers
     tracks = report.results.tracks({})
     panels = zip(report.results.figure("track").axes, ("EKF", "Odometry"), strict=True)
     for ax, label in [*panels, (report.results.figure("best").axes[0], "EKF")]:

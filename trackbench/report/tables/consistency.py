@@ -1,6 +1,6 @@
 """Table kinds `consistency` and `innovations`: do errors and innovations fit their covariances?"""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, TypeAlias
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.sums import total
-from trackbench.errors import counted
+from trackbench.errors import counted, sensor_name
 from trackbench.evaluation.metric_expression import measured
 from trackbench.field_types import Digits
 from trackbench.filters.base import Filter
@@ -282,13 +282,23 @@ def _innovation_cell(evaluator: Evaluator, label: str, metric: str) -> Cell:
 def _error_columns(results: Results) -> dict[str, str]:
     """Return heading and metric of the columns of prediction errors, one for each component measured."""
     columns = {}
+    target = results.facts(results.points()[0]).scenario.get("target") or {}
+    names = target.get("sensors") or ()
     for head, kind in _ERRORS.items():
         # Such as rms(rmse_predicted_px); errors in a window, rms(rmse_predicted_px[late]), are left out.
         for name in dict.fromkeys(results.columns("summary")["metric"]):
             component = name.removeprefix(f"rms(rmse_{kind}_").removesuffix(")")
             if name == f"rms(rmse_{kind}_{component})" and "[" not in component:
-                columns[f"{head} error, {component}"] = name
+                columns[f"{head} error, {_component_title(component, names)}"] = name
     return columns
+
+
+def _component_title(component: str, names: Sequence[str]) -> str:
+    """Write a measured component with the recorded name of its sensor: ``sensor 3 (4).range``."""
+    number, _, quantity = component.rpartition(".")
+    if not names or not number.isdigit():
+        return component
+    return f"{sensor_name(int(number) - 1, names)}.{quantity}"
 
 
 def _band_notes(results: Results, labels: list[str]) -> list[str]:

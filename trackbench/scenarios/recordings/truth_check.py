@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Index
+from trackbench.errors import sensor_name
 from trackbench.models.base import Sensor
 from trackbench.models.sensors.base import Sensors, rows_of, sensors_of
 from trackbench.models.sensors.landmark import Landmark
@@ -132,14 +133,6 @@ def contradictions(
     if is_every_landmark and all(text.endswith(_CHECK_PLACE) for text in texts):
         texts.append("no landmark is where the truth says: or check the truth's origin and clock")
     return texts
-
-
-def sensor_name(number: int, names: Sequence[str]) -> str:
-    """Return words for a sensor by its number from 0: ``sensor 3 (4)`` if its recorded name is 4."""
-    words = f"sensor {number + 1}"
-    if number < len(names) and str(names[number]) != str(number + 1):
-        words += f" ({names[number]})"
-    return words
 
 
 class _Contradiction(NamedTuple):
