@@ -98,7 +98,10 @@ def answer(results: Results) -> list[str]:
         lines += [_tuned(results, ranking), _other_metrics(results, ranking)]
         if ranking.runs == 1 and any(rival.comparison.is_tested for rival in ranking.rivals):
             what = "by an error of their mean difference that allows for autocorrelation"
-            lines.append(f"One recording: its steps decide, {what}.")
+            if any(rival.difference.why for rival in ranking.rivals):
+                lines.append(f"The other comparisons are decided by the steps, {what}.")
+            else:
+                lines.append(f"One recording: its steps decide, {what}.")
     if ranking.common_steps is not None:
         lines.append(_explain_common_steps(ranking.common_steps))
     return [line for line in lines if line]
