@@ -1,10 +1,12 @@
-"""Durations in words: of a filter's run, of a computation that is about to begin, of a list's entry."""
+"""Durations in words, as of a filter's run or of a computation to come; times of a clock as text."""
 
 _UNITS_OF_RUN = ((1.0, "s"), (1e3, "ms"), (1e6, "µs"))
 """Units of time, the largest first, with how many of each are a second."""
 _FEWEST_HOURS = 2
 _FEWEST_MINUTES = 2
 _MOST_SECONDS = 100
+_LARGE_TIME = 1000.0
+"""Time from which on nine digits would be coarser than a microsecond"""
 
 
 def cpu_time_in_words(seconds: float) -> str:
@@ -32,6 +34,13 @@ def listed_time_in_words(seconds: float | None) -> str:
     if seconds < _MOST_SECONDS:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min"
+
+
+def time_text(time: float) -> str:
+    """Write a time or step of a recording to the microsecond: 1718023412.337 and never 1.718e+09."""
+    if abs(time) < _LARGE_TIME:
+        return f"{time:.9g}"
+    return f"{time:.6f}".rstrip("0").rstrip(".")
 
 
 def _two_digits(number: float) -> str:

@@ -80,6 +80,14 @@ def and_others(number: int, words: str = "as are") -> str:
     return f", {words} {number - 1} more"
 
 
+def sensor_name(number: int, names: Sequence[str]) -> str:
+    """Return words for a sensor by its number from 0: ``sensor 3 (4)`` if its recorded name is 4."""
+    words = f"sensor {number + 1}"
+    if number < len(names) and str(names[number]) != str(number + 1):
+        words += f" ({names[number]})"
+    return words
+
+
 def counted(number: int, word: str) -> str:
     """Write ``1 block``, ``2 blocks``."""
     if number == 1:

@@ -18,11 +18,14 @@ from trackbench.evaluation.predictive_scores import held_out
 from trackbench.evaluation.run_block import run_block
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.filters.base import Filter
+from trackbench.filters.baselines import PriorMean
 from trackbench.filters.ekf import EKF
 from trackbench.filters.kf import KF
 from trackbench.filters.robust import StudentT
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.sensors.position import PositionSensor
+from trackbench.models.sensors.range_azimuth import RangeAzimuth
+from trackbench.scenarios.starts.without_scans import GaussianStart
 
 BOTH = ("score", "prediction")
 MOTIONS = tuple(WhiteAcceleration(q=q) for q in (0.1, 2.0))
@@ -299,3 +302,34 @@ def test_all_steps_at_once_are_the_single_steps(
     assert single.diagnostics.keys() == together.diagnostics.keys()
     for name, rows in single.diagnostics.items():
         np.testing.assert_array_equal(together.diagnostics[name], rows)
+
+
+@pytest.mark.parametrize("hold_out", [None, 2])
+def test_prediction_errors_of_a_filter_that_never_updates_are_those_of_its_path(
+    hold_out: int | None,
+) -> None:
+    # A spread of 60 m at a range of some 14 m: the mean range over it is some 50 m too long.
+    scenario = replace(
+        LINEAR,
+        sensor=RangeAzimuth(sigma_range=1.0, sigma_azimuth_mrad=10.0),
+        start=GaussianStart(sigma=(60.0, 1.0, 60.0, 1.0)),
+    )
+    told = track(scenario, PriorMean(), 3, predictive_metrics=BOTH, hold_out=hold_out)
+    names = [f"error_predicted_{c}" for c in ("range", "azimuth")]
+    simulated = simulate(scenario, 1, 0, 3)
+    seen = ~held_out(simulated.measurements, hold_out) if hold_out else np.ones((6, 3), dtype=bool)
+    path = simulated.prior.mean
+    for k in range(6):
+        px, vx, py, vy = path
+        path = np.stack([px + vx, vx, py + vy, vy])
+        px, _, py, _ = path
+        z = simulated.measurements[:, k]
+        errors = [z[0] - np.hypot(px, py), z[1] - np.arctan2(py, px)]
+        errors[1] = (errors[1] + np.pi) % (2.0 * np.pi) - np.pi
+        for name, error in zip(names, errors, strict=True):
+            for chosen, head in ((seen[k], "predicted"), (~seen[k], "held")):
+                if chosen.any():
+                    series = told.diagnostics[name.replace("predicted", head)]
+                    np.testing.assert_allclose(series[k + 1][chosen], error[chosen], atol=1e-9)
+    # The consistency is that of the whole Gaussian.
+    assert np.isfinite(told.diagnostics["anis"][1:][seen]).all()

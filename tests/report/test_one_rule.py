@@ -209,7 +209,7 @@ def test_a_short_recording_decides_nothing_and_names_its_steps(tmp_path: Path) -
     results = api.run("car-track", options, out=tmp_path / "out").results
     (sentence,) = answer(results)
     assert sentence.endswith("KF: 40 judged steps, and 50 are needed.")
-    assert sentence.startswith("Undecided between ")
+    assert sentence.startswith("On this recording ")
     assert not any(table.best for table in results.tables.values())
 
 

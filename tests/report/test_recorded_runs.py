@@ -9,10 +9,12 @@ from matplotlib.colors import same_color
 
 from trackbench import api
 from trackbench.report.figures.track import Track
+from trackbench.report.findings.ranking import Candidate, ranking_of, rankings
 from trackbench.report.findings.ranking_table import ranking_tables
-from trackbench.report.findings.sentences import answer
+from trackbench.report.findings.sentences import _explain_undecided, answer
 from trackbench.report.html.report_page import write_report
 from trackbench.report.plotting import style
+from trackbench.statistics.comparison import Sample
 
 STEPS = 120
 FAST, SLOW = 0.08, 0.05
@@ -79,12 +81,53 @@ def test_one_recording_says_why_an_error_has_no_interval(one: Any, tmp_path: Pat
 
 
 def test_what_is_undecided_is_said_once_with_names_and_a_way(one: Any) -> None:
+    """The recording is described, with those far off as far off, and nothing is called better."""
     text = " ".join(answer(one))
-    assert text.count("Undecided between KF, Stiff and Lost: ") == 1
+    assert text.startswith(
+        "On this recording KF has the lowest position RMSE. Stiff and Lost are far"
+    )
+    (ranking,) = rankings(one)
+    ratios = [
+        candidate.overall.value / ranking.order[0].overall.value for candidate in ranking.order
+    ]
+    assert f"far off, at {ratios[1]:.3g} and {ratios[2]:.3g} times its error." in text
+    assert text.count("and no test compares it with Stiff and Lost: the autocorrelation") == 1
+    assert "better" not in text
     assert text.count("autocorrelation of neighboring steps may be 0.97 or more") == 1
     assert "5 recordings may decide, or the log score: filters are ranked by" in text
     (table,) = ranking_tables(one)
     assert any(note.startswith("untested: ") for note in table.notes)
+
+
+def described(metric: str, **numbers: float) -> str:
+    """Sentences on one recording of filters with these numbers, whose steps are alike for long."""
+    steps = np.cumsum(np.random.default_rng(1).normal(size=400))
+    steps += 10.0 - steps.min()
+    candidates = []
+    for place, (label, number) in enumerate(numbers.items()):
+        if metric.startswith("rmse"):
+            of_steps = (
+                number**2 * (steps + place * steps[::-1]) / (steps + place * steps[::-1]).mean()
+            )
+            sample = Sample.of(np.array([number]), "rms", of_steps)
+        else:
+            of_steps = number + 0.01 * (place + 1) * (steps - steps.mean())
+            sample = Sample.of(np.array([number]), "mean", of_steps)
+        candidates.append(Candidate(label, {}, np.zeros(1), sample))
+    return _explain_undecided(ranking_of(candidates, metric), is_recorded=True)
+
+
+def test_filters_are_near_the_best_farther_off_or_far_off() -> None:
+    text = described("rmse_position", IMM=5.0, KF=5.04, UKF=9.0, EKF=21.0, Gated=997.7, RPF=1341.0)
+    assert text.startswith(
+        "On this recording IMM has the lowest position RMSE. KF and UKF are within a factor of 1.8 of "
+        "it; EKF is farther off, at 4.2 times its error; Gated and RPF are far off, at 200 and 268 "
+        "times its error. One recording cannot decide how it would be on another, and no test "
+    )
+    assert "KF is within 1 % of it." in described("rmse_position", IMM=5.0, KF=5.04)
+    text = described("log_score", IMM=2.0, KF=1.8, UKF=0.5, RPF=-9.0)
+    assert "IMM has the highest log score. KF is within 0.2 nats of it; " in text
+    assert "UKF is farther off, 1.5 nats below; RPF is far off, 11 nats below." in text
 
 
 def test_an_untested_pair_has_a_dash_for_its_interval(one: Any, tmp_path: Path) -> None:

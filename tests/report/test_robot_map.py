@@ -97,3 +97,68 @@ def test_the_error_position_names_the_axes_and_an_own_choice_comes_first(tmp_pat
     config.write_text(text.replace("best: 1", "components: [north, up]"))
     with pytest.raises(UserError, match="components: 'up' is no component; known: heading, v"):
         load(config)
+
+
+RECORDED = """
+name: recorded
+seed: 1
+scenario:
+  kind: tracking
+  target:
+    kind: measured
+    measurements: m.csv
+    input: {v: v, w: w}
+    state: [px, py, heading]
+    angles: [heading]
+    sensors: [door, lamp]
+  sensor:
+    - {kind: landmark, at: [5, 12], sigma_range: 0.1, sigma_bearing_mrad: 30}
+    - {kind: landmark, at: [-9, 4], sigma_range: 0.1, sigma_bearing_mrad: 30}
+  start: {kind: given, mean: [0, 0, 0], sigma: [0.1, 0.1, 0.1]}
+  assume:
+    motion:
+      kind: map
+      components: [px, py, heading]
+      input: [v, w]
+      next: {px: px + v*T*cos(heading), py: py + v*T*sin(heading), heading: heading + w*T}
+      Q: {px: 1e-4, py: 1e-4, heading: 1e-3}
+filters:
+  EKF: {kind: ekf}
+  Odometry: {kind: prior-mean}
+figures:
+  track: {kind: track, filters: [EKF, Odometry]}
+  best: {kind: track, best: 1}
+"""
+
+
+def test_without_a_truth_each_panel_has_its_own_headings(tmp_path: Path) -> None:
+    rows = ["time,sensor,range,bearing,v,w"]
+    # The robot turns left; its gyro tells three quarters of it.
+    for k in range(41):
+        heading = 0.1 * k
+        x, y = 10.0 * np.sin(heading), 10.0 - 10.0 * np.cos(heading)
+        for name, (at_x, at_y) in {"door": (5.0, 12.0), "lamp": (-9.0, 4.0)}.items():
+            dx, dy = at_x - x, at_y - y
+            bearing = (np.arctan2(dy, dx) - heading + np.pi) % (2.0 * np.pi) - np.pi
+            rows.append(f"{k},{name},{np.hypot(dx, dy)},{bearing},1.0,0.075")
+    (tmp_path / "m.csv").write_text("\n".join(rows))
+    (tmp_path / "recorded.yaml").write_text(RECORDED)
+    out = tmp_path / "out"
+    report = api.run(tmp_path / "recorded.yaml", out=out, workers=1, quiet=True, formats=())
+    # Columns have the names of the recording: "2.range" would be taken for a tag 2.
+    headers = report.results.tables["innovations"].value_headers
+    for header in ("sensor 1 (door).range", "sensor 2 (lamp).bearing"):
+        assert f"Prediction error, {header}" in headers
+    tracks = report.results.tracks({})
+    panels = zip(report.results.figure("track").axes, ("EKF", "Odometry"), strict=True)
+    for ax, label in [*panels, (report.results.figure("best").axes[0], "EKF")]:
+        px, py, heading = tracks[f"mean/{label}"][..., 0]
+        arrows = [text for text in ax.texts if not text.get_text()]
+        assert len(arrows) == 16
+        for arrow in arrows:
+            x, y = arrow.xyann
+            distance = np.hypot(px - x, py - y)
+            assert distance.min() < 1e-6
+            dx, dy = np.subtract(arrow.xy, arrow.xyann)
+            angle = heading[distance.argmin()]
+            assert np.arctan2(dy, dx) == pytest.approx(np.arctan2(*_sin_cos(angle)), abs=1e-6)

@@ -22,10 +22,17 @@ _AT_ONCE = 65_536
 class Innovations:
     """Innovations of predictions, computed for many steps in one call."""
 
-    def __init__(self, model: Model) -> None:
+    def __init__(self, model: Model, errors_at_mean: bool = False) -> None:
+        """Begin without predictions.
+
+        The predicted measurement is the mean of h over the predicted Gaussian, by cubature. With
+        ``errors_at_mean`` the `errors` are those of h at the predicted mean.
+        """
         self._model = model
+        self._errors_at_mean = errors_at_mean
         self._waiting: list[tuple[Gaussian, Array, int]] = []
         self._computed: list[Innovation] = []
+        self._errors: list[Array] = []
 
     def add(self, predicted: Gaussian, z: Array, k: int) -> None:
         """Add the prediction of step k and its measurements (n_z, M)."""
@@ -42,7 +49,13 @@ class Innovations:
         together = Gaussian(predicted.mean.reshape(n, -1), cov)
         z = z.reshape(len(z), -1)
         # `SensorOfSteps` has the numbers of the steps: the one given here matters to no sensor.
-        self._computed.append(_innovation(model, together, z, steps[-1]))
+        innovation = _innovation(model, together, z, steps[-1])
+        self._computed.append(innovation)
+        if self._errors_at_mean:
+            measured = model.sensor.measurement(together.mean, steps[-1])
+            self._errors.append(model.sensor.innovation(z, measured.mean))
+        else:
+            self._errors.append(innovation.nu)
 
     def joined(self, runs: int) -> tuple[Array, Array]:
         """Return the innovations (n_z, T, M) of all steps and their covariances (n_z, n_z, T, M)."""
@@ -51,6 +64,12 @@ class Innovations:
         S = np.concatenate([i.S for i in self._computed], axis=2)
         n_z = len(nu)
         return nu.reshape(n_z, -1, runs), S.reshape(n_z, n_z, -1, runs)
+
+    def errors(self, runs: int) -> Array:
+        """Return the prediction errors (n_z, T, M) of all steps: innovations, or errors at the mean."""
+        self._compute_waiting()
+        errors = np.concatenate(self._errors, axis=1)
+        return errors.reshape(len(errors), -1, runs)
 
     def _compute_waiting(self) -> None:
         """Compute the innovations of the steps that were added one by one."""

@@ -11,9 +11,11 @@ Series (T + 1, M) on request, beside those of `metrics`:
                      measurements that the filter is not given (``hold_out``)
 
 A prediction of any filter is a step without a measurement. The moments of the measurement follow from
-its estimate by cubature (Bar-Shalom, Li & Kirubarajan 2001, section 5.4, judge innovations). A filter
-that returns a mean without a covariance has prediction errors, and no ``anis``. The filter then goes on
-from its state before the prediction, and draws the same noise as without it.
+its estimate by cubature (Bar-Shalom, Li & Kirubarajan 2001, section 5.4, judge innovations): the
+predicted measurement is the mean of h over N(mean, covariance), by the same rule for every filter. The
+errors of a filter that never updates (``uses_measurements`` is False) are ``z - h(mean)``, those of its
+path. A filter that returns a mean without a covariance has prediction errors, and no ``anis``. The
+filter then goes on from its state before the prediction, and draws the same noise as without it.
 """
 
 from collections.abc import Sequence
@@ -113,8 +115,10 @@ class PredictionScorer:
         self._held_out = held_out(measurements, hold_out) if hold_out else None
         self.visible = visible_to_filter(measurements, hold_out)
         """measurements (n_z, T, M) that the filter is given"""
-        self._predicted = Innovations(model)
-        self._held = Innovations(model)
+        # A filter that never updates is judged by its path, however wide its covariance has become.
+        errors_at_mean = not tracker.uses_measurements
+        self._predicted = Innovations(model, errors_at_mean)
+        self._held = Innovations(model, errors_at_mean)
         self._refused: list[Mask] = []
         self._scores: list[Array] = []
         self._held_scores: list[Array] = []
@@ -208,9 +212,10 @@ class PredictionScorer:
         if self._scores:
             rows[_SCORE] = np.where(_measured(self.visible), np.stack(self._scores), np.nan)
         if "prediction" in self._wanted:
-            nu, S = self._predicted.joined(self._all.shape[2])
+            runs = self._all.shape[2]
+            nu, S = self._predicted.joined(runs)
             refused = np.stack(self._refused, axis=1)
-            rows |= self._errors("predicted", nu)
+            rows |= self._errors("predicted", self._predicted.errors(runs))
             rows |= innovation_series(nu, S, refused)
         if self._held_out is not None:
             rows |= self._held_out_series(self._held_out)
@@ -246,11 +251,10 @@ class PredictionScorer:
 
     def _held_out_series(self, held_out: Mask) -> dict[str, Array]:
         """Return the series (T, M) of the measurements in ``held_out`` (T, M); NaN for all others."""
-        nu = np.full(self._all.shape, np.nan)
+        errors = np.full(self._all.shape, np.nan)
         if self._held_steps:
-            held_nu, _ = self._held.joined(self._all.shape[2])
-            nu[:, self._held_steps] = held_nu
-        series = self._errors("held", nu)
+            errors[:, self._held_steps] = self._held.errors(self._all.shape[2])
+        series = self._errors("held", errors)
         if self._has_likelihood:
             scores = np.full(held_out.shape, np.nan)
             if self._held_scores:
@@ -258,18 +262,18 @@ class PredictionScorer:
             series[f"held_{_SCORE}"] = np.where(held_out, scores, np.nan)
         return series
 
-    def _errors(self, head: str, nu: Array) -> dict[str, Array]:
-        """Return the squared and signed innovations nu (n_z, T, M) of each component by series.
+    def _errors(self, head: str, errors: Array) -> dict[str, Array]:
+        """Return the squared and signed prediction errors (n_z, T, M) of each component by series.
 
         ``head`` is the word in their names: ``predicted``, or ``held`` for held-out measurements.
         """
         components = self._model.sensor.components
         # The order of the names is that of the columns in files: all squares come first.
         series: dict[str, Array] = {}
-        for component, innovation in zip(components, nu, strict=True):
-            series[f"squared_{head}_{component}"] = innovation * innovation
-        for component, innovation in zip(components, nu, strict=True):
-            series[f"error_{head}_{component}"] = innovation
+        for component, error in zip(components, errors, strict=True):
+            series[f"squared_{head}_{component}"] = error * error
+        for component, error in zip(components, errors, strict=True):
+            series[f"error_{head}_{component}"] = error
         return series
 
 

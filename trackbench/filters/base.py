@@ -41,6 +41,8 @@ class Filter(Part, Generic[State]):
     """a run's last digits depend on the other runs of its block: such blocks are filtered one by one"""
     runs_program: ClassVar[bool] = False
     """a program outside of Python computes the estimates: the user must allow it to run"""
+    uses_measurements: ClassVar[bool] = True
+    """False for a filter that never updates: its prediction errors are those of its path"""
     deterministic: ClassVar[bool] = False
     """the filter draws no random numbers: on recorded data a published number is equal or differs"""
     is_linear: ClassVar[bool] = False

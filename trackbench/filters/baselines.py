@@ -23,6 +23,7 @@ class PriorMean(Filter[Gaussian]):
     requires: ClassVar[tuple[str, ...]] = ("motion.jacobian",)
     contract_exemptions: ClassVar[dict[str, str]] = {"kalman": "uses no measurement"}
     density_only: ClassVar[bool] = True
+    uses_measurements: ClassVar[bool] = False
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Gaussian:
         """Return the prior's moments."""

@@ -73,6 +73,12 @@ from trackbench.results.run_facts import facts_of_run
 from trackbench.results.tracks import FigureTracks, TrackFile
 from trackbench.statistics.sample_statistics import Estimate, Estimates, median
 
+_LARGEST_ROUNDING = 0.05
+"""Share of the shortest interval by which usual digits may round a time in per_step.csv"""
+_FINE_ROUNDING = 1e-3
+"""Share of the shortest interval to which a time is written if the usual digits are too few"""
+_MOST_DIGITS = 17
+
 
 class Losses(NamedTuple):
     """Number of runs of one filter, and of the lost ones by reason."""
@@ -301,7 +307,7 @@ class CsvFiles:
         stored = stored_metrics(self._experiment.settings, "per_step.csv")
         digits = DIGITS["per_step.csv"]
         head = self._head_text(point, label)
-        times = _texts(scenario.times, digits)
+        times = _texts(scenario.times, digits_of_times(scenario.times, digits))
         steps_and_times = zip(scenario.steps.tolist(), times, strict=True)
         heads = np.array([f"{head},{step},{time}" for step, time in steps_and_times], dtype=object)
         for series_columns in columns:
@@ -384,6 +390,26 @@ def _numbered_rows(head: str, middle: str, values: Array, digits: int) -> tuple[
     lines = [f"{head}{i}{middle}{text}\n" for i, text in enumerate(texts)]
     as_read = np.fromiter(map(float, texts), dtype=np.float64, count=len(texts))
     return "".join(lines).encode(), as_read
+
+
+def digits_of_times(times: Array, usual: int) -> int:
+    """Return the significant digits with which ascending times (T,) are written.
+
+    They are the usual ones, unless neighbors would hardly differ, as those of a clock that counts from
+    1970: then they are so many that a thousandth of the shortest interval is written.
+    """
+    intervals = np.diff(times)
+    intervals = intervals[intervals > 0.0]
+    largest = float(np.abs(times).max(initial=0.0))
+    if not len(intervals) or not np.isfinite(largest):
+        return usual
+    shortest = float(intervals.min())
+    # Digits before the decimal point.
+    whole = int(np.floor(np.log10(largest))) + 1
+    if 0.5 * 10.0 ** (whole - usual) <= _LARGEST_ROUNDING * shortest:
+        return usual
+    behind_point = int(np.ceil(-np.log10(_FINE_ROUNDING * shortest)))
+    return min(whole + behind_point, _MOST_DIGITS)
 
 
 def _texts(values: Array | Index, digits: int) -> list[str]:

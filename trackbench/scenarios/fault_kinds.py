@@ -10,6 +10,7 @@ from pydantic import Field, StringConstraints
 
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.random_streams import RunStreams
+from trackbench.durations import time_text
 from trackbench.field_types import (
     LEGEND_LABEL,
     ByComponent,
@@ -68,7 +69,8 @@ class Fault:
         if self.steps is not None and self.steps[0] > self.steps[1]:
             raise InvalidKeyError(f"{[*self.steps]} ends before it begins", "steps")
         if self.from_ is not None and self.to is not None and self.from_ > self.to:
-            what = f"ends at {self.to:g} s, and begins at {self.from_:g} s; take a later end"
+            what = f"ends at {time_text(self.to)} s, and begins at {time_text(self.from_)} s"
+            what += "; take a later end"
             raise InvalidKeyError(what, "to")
 
     @abstractmethod

@@ -14,6 +14,7 @@ import numpy as np
 from trackbench.core.arrays import Array, Index, Mask, fixed, settled_row, with_trailing
 from trackbench.core.random_streams import RunStreams, Streams
 from trackbench.core.sums import total
+from trackbench.durations import time_text
 from trackbench.field_types import InvalidKeyError
 from trackbench.metrics import in_window
 from trackbench.models.base import Sensor, has_own_density
@@ -86,7 +87,9 @@ class FaultContext(NamedTuple):
         if not self.measured(fault).any():
             # The first step has no measurement.
             first, last = self.times[[1, -1]]
-            what = f"no measurement is in it: they are at {first:g} to {last:g} s, "
+            what = (
+                f"no measurement is in it: they are at {time_text(first)} to {time_text(last)} s, "
+            )
             what += f"steps {self.steps[1]} to {self.steps[-1]}"
             raise InvalidKeyError(what, self._key_of_time(fault))
         idle = self._sensors_without_measurement(fault)

@@ -39,6 +39,7 @@ from trackbench.scenarios.bound import (
 )
 from trackbench.scenarios.delays import arrivals, longest_delay_of, treatment
 from trackbench.scenarios.faults import AnyFault, FaultContext, recovery
+from trackbench.scenarios.recordings.input_check import input_notes
 from trackbench.scenarios.score import Score, diverged
 from trackbench.scenarios.scored_truth import (
     describe_unscored_truth,
@@ -493,7 +494,8 @@ class Tracking(Scenario):
     @property
     def cautions(self) -> tuple[str, ...]:
         """Notes on the target's data, on its unexpected keys, and on scored steps without a truth."""
-        notes = [*self.target.notices, *self.target.cautions(self._timeline)]
+        notes = [*self.target.notices, *self._notes_on_inputs]
+        notes += self.target.cautions(self._timeline)
         truth = self.recorded_truth
         if truth is not None:
             scored = self.windows[""]
@@ -504,6 +506,15 @@ class Tracking(Scenario):
             if note:
                 notes.append(note)
         return tuple(notes)
+
+    @cached_property
+    def _notes_on_inputs(self) -> tuple[str, ...]:
+        """Notes on recorded inputs that the recorded truth contradicts."""
+        timeline = self._timeline
+        if timeline.inputs is None or not self.has_truth:
+            return ()
+        truth = self.target.path(timeline)
+        return tuple(input_notes(self.model.motion, truth, timeline.steps, timeline.times))
 
     def run_metrics(self, values: Mapping[str, Array]) -> dict[str, Array]:
         """Return ``diverged`` (M,), see `score.diverged`; then the target's own numbers per run."""

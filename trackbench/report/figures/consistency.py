@@ -166,6 +166,7 @@ class Bias(OverTime):
         for ax, y_label in zip(panels[0].axes, self.rows, strict=True):
             ax.set_ylabel(y_label)
         self.keep_possible_scales(figure)
+        self.count_times(figure)
         style.legend_outside(figure)
         return figure
 

@@ -264,6 +264,16 @@ class OverTime(Curves):
         """True if the horizontal axis counts steps."""
         return self.x == "step"
 
+    def finish(self, figure: Figure, panel_labels: Collection[str] = ()) -> Figure:
+        """Return the figure with legible axes and a legend, as `Curves.finish` does."""
+        self.count_times(figure)
+        return super().finish(figure, panel_labels)
+
+    def count_times(self, figure: Figure) -> None:
+        """Count the times of a clock from the start of the axis."""
+        if self.x == "time":
+            scales.count_times_from_start(figure, self.x_name)
+
     def panel_labels(self, results: Results, steps: Mapping[str, int]) -> list[str]:
         """Return the labels of the filters that get a panel each; an empty list if all share one panel.
 
@@ -570,6 +580,7 @@ class EstimatesOfOneRun(OverTime):
                     ax.set_ylabel(text)
             figure.align_ylabels()
         self.keep_possible_scales(figure)
+        self.count_times(figure)
         style.legend_outside(figure, panel_labels)
         return figure
 

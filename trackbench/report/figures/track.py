@@ -8,6 +8,7 @@ import numpy as np
 
 from trackbench.config.experiment import Experiment, Point
 from trackbench.core.arrays import Array
+from trackbench.durations import time_text
 from trackbench.evaluation.block import simulate
 from trackbench.field_types import Count, Natural
 from trackbench.models.base import position_velocity_names, rows_in_plane
@@ -17,7 +18,7 @@ from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import listed, named
 from trackbench.report.findings.ranking import rankings
 from trackbench.report.kinds import FigureKind
-from trackbench.report.plotting import filter_lines, style
+from trackbench.report.plotting import filter_lines, scales, style
 from trackbench.report.plotting.page_formats import sheet
 from trackbench.report.plotting.scales import length_unit
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
@@ -206,18 +207,20 @@ class Track(FigureKind):
                     number = name.removeprefix("landmark/")
                     landmark = landmark_names[int(number) - 1] if landmark_names else number
                     landmarks[str(landmark)] = tracks[name]
-        path = truth
-        rows_of_heading = heading_rows(facts.components, facts.angles or ())
-        headings = tracks["truth"][rows_of_heading, :, 0]
-        if not np.isfinite(truth).any() and estimates:
-            # Without ground truth the heading is that of the first filter.
-            label, estimate = next(iter(estimates.items()))
-            path = estimate[..., 0]
-            headings = tracks[f"mean/{label}"][rows_of_heading, :, 0]
+        poses: dict[str, _Poses] = {}
+        for row in heading_rows(facts.components, facts.angles or ()):
+            # Without ground truth each panel has its filter's poses, and that of the best the first's.
+            for label, estimate in estimates.items():
+                headings = tracks[f"mean/{label}"][row, :, 0]
+                poses[label] = _Poses(path=estimate[..., 0], headings=headings)
+            if np.isfinite(truth).any():
+                of_truth = _Poses(path=truth, headings=tracks["truth"][row, :, 0])
+                poses = dict.fromkeys(["", *estimates], of_truth)
+            elif not self.filters and poses:
+                poses[""] = next(iter(poses.values()))
         return _Scene(
             landmarks=landmarks,
-            path_of_headings=path,
-            headings=headings,
+            poses=poses,
             truth=truth,
             times=tracks["times"],
             measured=measured,
@@ -264,8 +267,9 @@ class Track(FigureKind):
             name = f"Sensor {number}" if scene.has_many_sensors else "Sensor"
             draw_sensor(ax, path / metres, name)
         _draw_landmarks(ax, scene.landmarks, metres)
-        for heading in scene.headings:
-            _draw_heading(ax, scene.path_of_headings / metres, heading)
+        poses = scene.poses.get(label) or scene.poses.get("")
+        if poses is not None:
+            _draw_headings(ax, poses.path / metres, poses.headings)
 
     def _best_filters(self, results: Results) -> list[str]:
         """Return the first ``best`` filters of the first ranking, or without a ranking of the config."""
@@ -320,10 +324,17 @@ class _Scene:
     """whether sensors need their number, although only those near the target are drawn"""
     landmarks: dict[str, Array]
     """places of the landmarks near the target, by name or number, (2,)"""
-    path_of_headings: Array
-    """positions to which the headings belong, (2, T)"""
+    poses: dict[str, "_Poses"]
+    """positions and headings by the label of a panel, empty for the panel of the best filters"""
+
+
+class _Poses(NamedTuple):
+    """Path whose headings are drawn as arrows."""
+
+    path: Array
+    """positions, (2, T)"""
     headings: Array
-    """heading from x to y, rad, (1, T); (0, T) if the state has none"""
+    """heading from x to y, rad, (T,)"""
 
 
 def _draw_best(ax: Axes, results: Results, estimates: Mapping[str, Array], metres: float) -> None:
@@ -396,15 +407,15 @@ def _draw_landmarks(ax: Axes, places: Mapping[str, Array], metres: float) -> Non
         ax.annotate(name, (x, y), (4, 4), textcoords="offset points", fontsize=7)
 
 
-def _draw_heading(ax: Axes, path: Array, heading: Array) -> None:
-    """Draw the heading (T,), rad from x to y, as arrows at some points of a path (2, T)."""
-    is_known = np.isfinite(path).all(axis=0) & np.isfinite(heading)
+def _draw_headings(ax: Axes, path: Array, headings: Array) -> None:
+    """Draw headings (T,), rad from x to y, as arrows at some points of a path (2, T)."""
+    is_known = np.isfinite(path).all(axis=0) & np.isfinite(headings)
     known = np.flatnonzero(is_known)
     if not len(known):
         return
     length = _ARROW_LENGTH * np.ptp(path[:, known], axis=1).max()
     chosen = known[np.linspace(0, len(known) - 1, _ARROWS).astype(int)]
-    for x, y, angle in zip(*path[:, chosen], heading[chosen], strict=True):
+    for x, y, angle in zip(*path[:, chosen], headings[chosen], strict=True):
         tip = (x + length * np.cos(angle), y + length * np.sin(angle))
         arrow = {
             "arrowstyle": "-|>",
@@ -542,6 +553,7 @@ class MeanAndStd(FigureKind):
         for ax in axes[1]:
             ax.set_xlabel("Time (s)")
             ax.set_ylim(bottom=0)
+        scales.count_times_from_start(figure, "Time (s)")
         return style.add_title_and_legend(figure, self.title)
 
 
@@ -607,12 +619,15 @@ def _draw_scene_in_plane(scenario: Scenario, truth: Array, measurements: Array) 
     first_path = paths[..., 0] / metres
     draw_truth(plane, first_path, times, scenario.spans, estimated_runs=0)
     # Step 2: times along the path.
+    # Times of a clock, such as seconds since 1970, are counted from the first one.
+    is_late = scales.is_late(float(times[0]), float(times[-1]))
     for place in np.linspace(0, len(times) - 1, _MARKS).astype(int):
         x, y = first_path[:, place]
         plane.plot(x, y, ".", color="black", markersize=5)
-        plane.annotate(
-            f"{times[place]:g} s", (x, y), (4, 4), textcoords="offset points", fontsize=7
-        )
+        text = f"{times[place]:g} s"
+        if is_late:
+            text = f"+{times[place] - times[0]:g} s" if place else f"{time_text(times[0])} s"
+        plane.annotate(text, (x, y), (4, 4), textcoords="offset points", fontsize=7)
     # Step 3: sensors, and the way of those that move.
     for number, path in sensors:
         name = f"Sensor {number}" if len(sensors) > 1 else "Sensor"
@@ -627,6 +642,7 @@ def _draw_scene_in_plane(scenario: Scenario, truth: Array, measurements: Array) 
     speed.set_ylim(bottom=0)
     speed.set_xlabel("Time (s)")
     speed.set_ylabel("Speed (m/s)")
+    scales.count_times_from_start(figure, "Time (s)")
     return figure
 
 
@@ -653,4 +669,5 @@ def _draw_scene_over_time(scenario: Scenario, truth: Array, measurements: Array)
         ax.plot(scenario.times[1:], values[:, 0], ".", **look)
         ax.set_ylabel(f"{name} (meas.)")
     panels[-1].set_xlabel("Time (s)")
+    scales.count_times_from_start(figure, "Time (s)")
     return figure

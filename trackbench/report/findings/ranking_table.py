@@ -17,6 +17,7 @@ from trackbench.evaluation.metric_expression import Measure
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import head_of, metric_words, named, statistic_words
 from trackbench.report.findings.ranking import Candidate, Ranking, best_settings, rankings
+from trackbench.report.findings.recording_notes import recording_notes
 from trackbench.report.results import Results
 from trackbench.report.table import Text, TextTable, rounded
 from trackbench.results.point_facts import GridPoint
@@ -154,6 +155,8 @@ def _ranking_table(results: Results, ranking: Ranking, of_settings: bool) -> Tex
             f"{phrases.listed(far_labels)}: more than {_FAR:g} times the error of the best, and no run "
             "counts as lost: `lost_beyond` under `score` sets the error from which a run does."
         )
+    if not of_settings:
+        table.notes += recording_notes(results, ranking)
     # A title that says "no lost runs" would mislead where filters are far from the target.
     names_losses = not far_labels and not diverged_texts
     return _finish_table(results, table, names_losses=names_losses)

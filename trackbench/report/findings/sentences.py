@@ -2,15 +2,26 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from math import ceil, exp, inf, isfinite
 
 from trackbench.config.tuning import tuned_label
 from trackbench.errors import counted
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import listed, metric_words, statistic_words, verb
-from trackbench.report.findings.ranking import CommonSteps, Ranking, ranking_metrics, rankings
+from trackbench.report.findings.ranking import (
+    CommonSteps,
+    Ranking,
+    Rival,
+    ranking_metrics,
+    rankings,
+)
 from trackbench.report.results import Results
 from trackbench.statistics import rules
 
+_FAR_OFF = 10.0
+"""Multiple of the best error, or of the density of the best score, beyond which a filter is far off."""
+_ONE_PERCENT = 1.01
+_MOST_NATS = 700.0
 HOW_DECIDED = (
     f"Filters differ significantly {rules.HOW_FILTERS_DIFFER}. A ratio has its 95 % interval. A filter "
     "that loses significantly more runs than another is unranked."
@@ -87,7 +98,10 @@ def answer(results: Results) -> list[str]:
         lines += [_tuned(results, ranking), _other_metrics(results, ranking)]
         if ranking.runs == 1 and any(rival.comparison.is_tested for rival in ranking.rivals):
             what = "by an error of their mean difference that allows for autocorrelation"
-            lines.append(f"One recording: its steps decide, {what}.")
+            if any(rival.difference.why for rival in ranking.rivals):
+                lines.append(f"The other comparisons are decided by the steps, {what}.")
+            else:
+                lines.append(f"One recording: its steps decide, {what}.")
     if ranking.common_steps is not None:
         lines.append(_explain_common_steps(ranking.common_steps))
     return [line for line in lines if line]
@@ -110,6 +124,10 @@ def _explain_undecided(ranking: Ranking, is_recorded: bool) -> str:
     ``is_recorded`` is True if the target was recorded, not simulated.
     """
     if ranking.best is not None:
+        if ranking.runs == 1 and any(
+            rival.difference.why for rival in ranking.undecided + ranking.ties
+        ):
+            return " ".join(_on_this_recording(ranking))
         return " ".join(_undecided_pairs(ranking))
     if ranking.conflict is not None:
         leader = ranking.conflict.leader.name
@@ -136,19 +154,100 @@ def _explain_undecided(ranking: Ranking, is_recorded: bool) -> str:
 def _undecided_pairs(ranking: Ranking) -> Iterator[str]:
     """Yield a sentence for each reason why filters are not compared with the best, with their names."""
     assert ranking.best is not None
+    for reason, names in _names_by_reason(ranking).items():
+        yield f"Undecided between {listed([ranking.best.name, *names])}: {reason}."
+
+
+def _names_by_reason(ranking: Ranking) -> dict[str, list[str]]:
+    """Collect the filters that are not compared with the best, by the reason why they are not."""
     names_by_reason: dict[str, list[str]] = {}
-    for rival in ranking.undecided:
+    for rival in ranking.not_worse:
         if rival.difference.why:
             names_by_reason.setdefault(rival.difference.why, []).append(rival.filter.name)
+    return names_by_reason
+
+
+def _on_this_recording(ranking: Ranking) -> Iterator[str]:
+    """Yield sentences on one recording whose steps cannot be tested: it is described, and not more.
+
+    They name the best on this recording, and how near it or far from it each other filter is. Then
+    they say why another recording may be different.
+    """
+    assert ranking.best is not None
+    # Step 1: the filters by how far they are from the best; those that are worse have been tested.
+    near: list[Rival] = []
+    between: list[Rival] = []
+    far: list[Rival] = []
+    for rival in ranking.not_worse:
+        distance = _distance(ranking, rival)
+        if distance <= rules.NEAR_BEST:
+            near.append(rival)
+        elif distance <= _FAR_OFF:
+            between.append(rival)
+        else:
+            far.append(rival)
+    # Step 2: a clause for each of these groups.
+    extreme = "highest" if ranking.metric.definition.is_score else "lowest"
+    words = metric_words(ranking.metric)
+    yield f"On this recording {ranking.best.name} has the {extreme} {words}."
+    clauses = []
+    if near:
+        names = [rival.filter.name for rival in near]
+        farthest = max(near, key=lambda rival: _distance(ranking, rival))
+        clauses.append(f"{listed(names)} {verb(names)} {_within(ranking, farthest)} of it")
+    if between:
+        names = [rival.filter.name for rival in between]
+        clauses.append(f"{listed(names)} {verb(names)} farther off, {_sizes(ranking, between)}")
+    if far:
+        names = [rival.filter.name for rival in far]
+        clauses.append(f"{listed(names)} {verb(names)} far off, {_sizes(ranking, far)}")
+    if clauses:
+        yield f"{'; '.join(clauses)}."
+    # Step 3: why this is not tested.
+    names_by_reason = _names_by_reason(ranking)
     for reason, names in names_by_reason.items():
-        yield f"Undecided between {listed([ranking.best.name, *names])}: {reason}."
+        yield (
+            "One recording cannot decide how it would be on another, and no test compares it with "
+            f"{listed(names)}: {reason}."
+        )
     is_score = ranking.metric.definition.is_score
     is_correlated = any("autocorrelation" in reason for reason in names_by_reason)
-    if ranking.runs == 1 and is_correlated and not is_score:
+    if is_correlated and not is_score:
         yield (
             f"{rules.FEWEST_RUNS} recordings may decide, or the log score: filters are ranked by "
             "the first column of the first table."
         )
+
+
+def _distance(ranking: Ranking, rival: Rival) -> float:
+    """Return how many times the error of the best a filter has; of a score, of the density."""
+    value = rival.difference.value
+    if ranking.metric.definition.is_score:
+        return exp(min(abs(value), _MOST_NATS))
+    ratio = rival.comparison.ratio.value
+    return ratio if isfinite(ratio) else inf
+
+
+def _within(ranking: Ranking, rival: Rival) -> str:
+    """Write within what factor of the best an error is, or within how many nats a score."""
+    if ranking.metric.definition.is_score:
+        return f"within {phrases.rounded(abs(rival.difference.value), 2)} nats"
+    ratio = _distance(ranking, rival)
+    if ratio < _ONE_PERCENT:
+        return "within 1 %"
+    return f"within a factor of {ceil(100.0 * ratio - 1e-9) / 100.0:g}"
+
+
+def _sizes(ranking: Ranking, rivals: Sequence[Rival]) -> str:
+    """Write how far filters are from the best: ``at 55.9 times``; ``3.2 and 4 nats below``."""
+    if ranking.metric.definition.is_score:
+        nats = [phrases.rounded(abs(rival.difference.value), 2) for rival in rivals]
+        return f"{listed(nats)} nats below"
+    ratios = [_distance(ranking, rival) for rival in rivals]
+    texts = [phrases.multiple(ratio, inf) for ratio in ratios if isfinite(ratio)]
+    if len(texts) < len(ratios):
+        return "as the error of the best is zero"
+    return f"at {listed(texts)} times its error"
 
 
 def _tuned(results: Results, ranking: Ranking) -> str:

@@ -3,17 +3,20 @@
 from collections.abc import Sequence
 from statistics import median_low
 from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.durations import time_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
+    from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 else:
-    Axes = Axis = Line2D = Any
+    Axes = Axis = Figure = Line2D = Any
 
 
 _ZERO = 0.2
@@ -33,6 +36,10 @@ _DIGIT_IN = 0.085
 DWARFED = 20.0
 """Ratio of the largest curve's maximum to that of the median curve."""
 
+_LATE = 100.0
+"""Distance of a time axis from 0, in spans of the axis, from which on times are counted from later"""
+_START_OF_TIMES: "WeakKeyDictionary[Axes, float]" = WeakKeyDictionary()
+"""Time from which the times of a horizontal axis are counted, by axes."""
 
 _LONG_M = 2000.0
 """Length from which on an axis is in km."""
@@ -262,6 +269,46 @@ def set_plain_log_scale(axis: Axis, most: float = 100.0) -> None:
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_major_formatter(FuncFormatter(lambda value, _: with_true_minus(f"{value:g}")))
     axis.set_minor_formatter(FuncFormatter(lambda value, _: ""))
+
+
+def count_times_from_start(figure: Figure, x_name: str) -> None:
+    """Count the times of a clock, as seconds since 1970, from a round time at the start of the axis.
+
+    The axes of time have the label ``x_name``, or share their horizontal axis with one that has it. The
+    label then names the start. Axes with small times stay as they are.
+    """
+    from matplotlib.ticker import FuncFormatter
+
+    axes_of_time = set()
+    for ax in figure.axes:
+        if ax.get_xlabel() == x_name:
+            axes_of_time |= {ax, *ax.get_shared_x_axes().get_siblings(ax)}
+    for ax in axes_of_time:
+        low, high = ax.get_xlim()
+        if not is_late(low, high):
+            continue
+        # The last tick below the axis, in whole seconds.
+        ticks = ax.get_xticks()
+        below = ticks[ticks <= low]
+        start = float(np.floor(below[-1] if len(below) else low))
+
+        def tick_label(time: float, _: object, start: float = start) -> str:
+            return with_true_minus(f"{time - start:.6g}")
+
+        ax.xaxis.set_major_formatter(FuncFormatter(tick_label))
+        _START_OF_TIMES[ax] = start
+        if ax.get_xlabel() == x_name:
+            ax.set_xlabel(f"{x_name} after {time_text(start)} s")
+
+
+def is_late(first: float, last: float) -> bool:
+    """Return whether times from first to last are those of a clock, and best counted from the first."""
+    return first > _LATE * (last - first)
+
+
+def start_of_times(ax: Axes) -> float:
+    """Return the time from which the times of the horizontal axis are counted; usually 0."""
+    return _START_OF_TIMES.get(ax, 0.0)
 
 
 def set_few_ticks(ax: Axes, expected: float = 0.0) -> None:

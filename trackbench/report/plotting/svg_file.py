@@ -16,6 +16,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.report.plotting.scales import start_of_times
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -213,9 +214,11 @@ def _axis_data(figure: "Figure", ax: "Axes", name: str) -> dict[str, Any]:
     else:
         axis = ax.yaxis
         sharing = ax.get_shared_y_axes()
+    # The page counts times as the labels of the ticks do.
+    start = start_of_times(ax) if name == "x" else 0.0
     first_of_group = min(figure.axes.index(other) for other in (ax, *sharing.get_siblings(ax)))
     return {
-        "ends": [float(f"{end:.9g}") for end in axis.get_view_interval()],
+        "ends": [float(f"{end - start:.9g}") for end in axis.get_view_interval()],
         "log": axis.get_scale() == "log",
         "group": f"{name}{first_of_group}",
     }
@@ -238,7 +241,7 @@ def _curve_data(ax: "Axes", labels: list[str]) -> Iterator[dict[str, Any]]:
         places = np.arange(0, len(x), period)
         stored = places[np.isfinite(x[places]) & np.isfinite(y[places])]
         curve: dict[str, Any] = {"of": labels.index(label), "color": to_hex(line.get_color())}
-        abscissas = _rounded(x[stored])
+        abscissas = _rounded(x[stored] - start_of_times(ax))
         if abscissas != last_abscissas:
             curve["x"] = abscissas
             last_abscissas = abscissas

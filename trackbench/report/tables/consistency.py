@@ -1,6 +1,6 @@
 """Table kinds `consistency` and `innovations`: do errors and innovations fit their covariances?"""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, TypeAlias
 
@@ -8,10 +8,11 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.sums import total
-from trackbench.errors import counted
+from trackbench.errors import counted, sensor_name
 from trackbench.evaluation.metric_expression import measured
 from trackbench.field_types import Digits
-from trackbench.registry import register
+from trackbench.filters.base import Filter
+from trackbench.registry import of_kind, register
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.kinds import TableKind
@@ -205,7 +206,8 @@ class Innovations(TableKind):
     Where runs measure different numbers, N is that of which means over runs vary as much. What a gate
     accepts has a smaller ANIS, and a filter with a gate has the band of that.
     The log score is the mean log p(z_k | z_1..k-1): higher is better. What is held out (`hold_out`) is
-    predicted and not filtered.
+    predicted and not filtered. A prediction error is the measurement minus the mean of h over the
+    predicted Gaussian, or minus h of the predicted mean for a filter that never updates (`prior-mean`).
     """
 
     requires: ClassVar[dict[str, str]] = {
@@ -225,7 +227,8 @@ class Innovations(TableKind):
         evaluators = {tuple(point.items()): Evaluator(results, point) for point in results.points()}
         metrics = _stored_metrics(evaluators.values())
         columns = {head: metric for head, metric in _COLUMNS.items() if metric in metrics}
-        columns |= _error_columns(results)
+        error_columns = _error_columns(results)
+        columns |= error_columns
         columns |= _refused_column(evaluators.values())
         table = Table(self.title, [*results.grid_heads, "Filter"], list(columns), self.digits)
         labels = results.chosen(self.filters)
@@ -234,7 +237,26 @@ class Innovations(TableKind):
                 cells = [_innovation_cell(evaluator, label, metric) for metric in columns.values()]
                 table.add([*(str(value) for _, value in point), label], cells)
         table.notes += _band_notes(results, labels)
+        if error_columns:
+            table.notes += _path_note(results, labels)
         return table
+
+
+def _path_note(results: Results, labels: list[str]) -> list[str]:
+    """Write how prediction errors of filters that never update are computed, if there are any."""
+    names = []
+    for label in labels:
+        for point in results.points():
+            kind = results.facts(point).filters.get(label, {}).get("kind", "")
+            cls = of_kind("filters", kind)
+            if cls is not None and issubclass(cls, Filter) and not cls.uses_measurements:
+                names.append(label)
+                break
+    if not names:
+        return []
+    never = "never updates: its" if len(names) == 1 else "never update: their"
+    text = f"{phrases.listed(names)} {never} prediction errors are those of the path, z - h(mean)"
+    return [f"{text}; ANIS and autocorrelation are of the Gaussian around it."]
 
 
 def _refused_column(evaluators: Iterable[Evaluator]) -> dict[str, str]:
@@ -260,13 +282,23 @@ def _innovation_cell(evaluator: Evaluator, label: str, metric: str) -> Cell:
 def _error_columns(results: Results) -> dict[str, str]:
     """Return heading and metric of the columns of prediction errors, one for each component measured."""
     columns = {}
+    target = results.facts(results.points()[0]).scenario.get("target") or {}
+    names = target.get("sensors") or ()
     for head, kind in _ERRORS.items():
         # Such as rms(rmse_predicted_px); errors in a window, rms(rmse_predicted_px[late]), are left out.
         for name in dict.fromkeys(results.columns("summary")["metric"]):
             component = name.removeprefix(f"rms(rmse_{kind}_").removesuffix(")")
             if name == f"rms(rmse_{kind}_{component})" and "[" not in component:
-                columns[f"{head} error, {component}"] = name
+                columns[f"{head} error, {_component_title(component, names)}"] = name
     return columns
+
+
+def _component_title(component: str, names: Sequence[str]) -> str:
+    """Write a measured component with the recorded name of its sensor: ``sensor 3 (4).range``."""
+    number, _, quantity = component.rpartition(".")
+    if not names or not number.isdigit():
+        return component
+    return f"{sensor_name(int(number) - 1, names)}.{quantity}"
 
 
 def _band_notes(results: Results, labels: list[str]) -> list[str]:

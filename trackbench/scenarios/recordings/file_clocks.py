@@ -6,13 +6,13 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.durations import time_text
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_mapping import UNITS
 from trackbench.scenarios.recordings.rows import (
     TICK,
     Gathered,
     Rows,
-    time_text,
     usual_interval,
 )
 

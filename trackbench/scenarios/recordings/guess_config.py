@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import NamedTuple
 
+from trackbench.durations import time_text
 from trackbench.errors import in_line
 from trackbench.field_types import MOST_STEPS
 from trackbench.scenarios.recordings.column_mapping import STAMP_PARTS, Naming
@@ -218,9 +219,7 @@ def _begin_in_words(guess: Guess, first_state: FirstState | None) -> str:
         if begin == 0.0:
             return "the first row"
         return f"the first row, {begin:+.6g} s"
-    # A time since 1970 has ten digits before its point.
-    digits = 9 if begin < 1e6 else 13
-    return f"t = {begin:.{digits}g} s"
+    return f"t = {time_text(begin)} s"
 
 
 def _target_parts(guess: Guess, when: str) -> _ModelParts:

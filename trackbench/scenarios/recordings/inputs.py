@@ -7,6 +7,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array, Index, fixed
+from trackbench.durations import time_text
 from trackbench.errors import counted
 from trackbench.field_types import DataError, InvalidKeyError, Place
 from trackbench.models.inputs import KnownInputs
@@ -15,7 +16,6 @@ from trackbench.scenarios.recordings.rows import (
     TICK,
     Gathered,
     Rows,
-    time_text,
     usual_interval,
 )
 from trackbench.scenarios.recordings.time_alignment import ONE_RUN, Clock

@@ -5,13 +5,13 @@ from collections.abc import Callable
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.durations import time_text
 from trackbench.errors import and_others
 from trackbench.field_types import DataError
 from trackbench.scenarios.recordings.rows import (
     Gathered,
     Numbers,
     Rows,
-    time_text,
     usual_interval,
 )
 

@@ -320,13 +320,6 @@ def _way_to_read_time(value: float, own_key: str) -> str:
     return f"say its unit (`{way}`)"
 
 
-def time_text(time: float) -> str:
-    """Write a time, s or steps; one since 1970 has its milliseconds."""
-    if abs(time) < 1e6:
-        return f"{time:.9g}"
-    return f"{time:.3f}"
-
-
 def usual_interval(times: Array) -> float:
     """Compute the upper median of the intervals between different times; 1 without intervals."""
     intervals = np.sort(np.diff(np.unique(times)))

@@ -8,6 +8,7 @@ import numpy as np
 
 from trackbench.core.angles import near
 from trackbench.core.arrays import Array, Index, fixed
+from trackbench.durations import time_text
 from trackbench.field_types import MOST_STEPS, DataError, InvalidKeyError, Place
 from trackbench.scenarios.recordings.rows import TICK, Gathered, Numbers, Rows, usual_interval
 
@@ -387,8 +388,9 @@ def truth_at(
             unit = " s"
             if gathered.stepped:
                 unit = ""
-            hint = f": its rows are from {rows.time.min():.9g} to {rows.time.max():.9g}{unit}"
-            hint += f" of the clock, the steps from {times[0]:.9g} to {times[-1]:.9g}{unit}"
+            hint = f": its rows are from {time_text(rows.time.min())}"
+            hint += f" to {time_text(rows.time.max())}{unit} of the clock, the steps from"
+            hint += f" {time_text(times[0])} to {time_text(times[-1])}{unit}"
         raise DataError(Place(gathered.files[0], 1, 1, f"has no truth at any step{hint}"))
     without = [name for name, has in zip(runs, has_truth, strict=True) if not has]
     if without:

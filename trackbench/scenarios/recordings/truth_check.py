@@ -1,11 +1,17 @@
 """Check whether truth and measurements of a recording agree, or one is mirrored or turned."""
 
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from trackbench.core.arrays import Array, Index
+from trackbench.errors import sensor_name
+from trackbench.models.base import Sensor
 from trackbench.models.sensors.base import Sensors, rows_of, sensors_of
+from trackbench.models.sensors.landmark import Landmark
+from trackbench.models.sensors.many_steps import is_equal_at_every_step
 
 _BEYOND = 10.0
 """standard deviations of a measurement's error from the truth"""
@@ -33,67 +39,213 @@ _ANGLES = {
     "from the opposite direction": (1.0, np.pi),
 }
 """Other ways to count an azimuth: the sign of the measured angle, and what is added to it."""
+_BEARINGS = {
+    "from the heading clockwise": (-1.0, 0.0),
+    "from the left side": (1.0, 0.5 * np.pi),
+    "from the left side clockwise": (-1.0, 0.5 * np.pi),
+    "from the right side": (1.0, -0.5 * np.pi),
+    "from the right side clockwise": (-1.0, -0.5 * np.pi),
+    "from the back": (1.0, np.pi),
+    "from the back clockwise": (-1.0, np.pi),
+}
+"""Other ways to count a landmark's bearing, which should count from the heading anticlockwise."""
+_BEYOND_OF_PLACE = 3.0
+"""median distance, in standard deviations, from which on another place of a landmark is tried"""
+_FITS = 2.0
+"""median distance of measurements that fit a place; that of a right sensor is about 1"""
+_AGREES_WITH_PLACE = 0.4
+"""of the median distance that remains at most if another place explains it"""
+_CHECK_PLACE = ": check `at`"
+_ITERATIONS = 30
+_HUBER = 2.0
+"""standard deviations from which on a measurement counts less in the fit of a place"""
+_STEEPEST = 1e5
+"""largest change of a normalized error, in standard deviations per meter, that is no jump"""
 
 
 def contradictions(
-    sensor: Sensors, components: Sequence[str], truth: Array, measurements: Array, steps: Index
+    sensor: Sensors,
+    components: Sequence[str],
+    truth: Array,
+    measurements: Array,
+    steps: Index,
+    names: Sequence[str] = (),
 ) -> list[str]:
     """Describe each sensor whose measurements (n_z, K, M) contradict the truth (n_x, K, M).
 
-    The text names the reflection, turn or other way to count angles with which both would agree, if
-    there is one. ``components`` are those of the truth, ``steps`` the numbers of the K steps.
+    The text names the reflection, turn, other way to count angles or other place of a landmark with
+    which both would agree, if there is one. ``components`` are those of the truth, ``steps`` the numbers
+    of the K steps. ``names`` are those of the sensors in the recording, if it has any.
     """
     axes = _axes_of(components)
     if axes is None:
         return []
-    # Step 1: a sample of the steps with a truth.
     row_of_x, _ = axes[0]
-    known = np.flatnonzero(np.isfinite(truth[row_of_x]).any(axis=-1))
-    chosen = known[np.linspace(0, len(known) - 1, min(len(known), _MOST_STEPS)).astype(int)]
-    texts = []
+    has_truth = np.isfinite(truth[row_of_x])
+    found: list[_Contradiction] = []
     sensors = sensors_of(sensor)
-    distances = _distances(sensor, truth, measurements, steps, chosen)
-    # Step 2: sensors of which nearly every measurement is many standard deviations from the truth.
-    suspects = []
-    for number, sensor_rows in enumerate(rows_of(sensor)):
-        sizes = _largest_distances(distances[sensor_rows])
-        if len(sizes) >= _FEWEST and (sizes > _BEYOND).mean() > _MOST_BEYOND:
-            suspects.append((number, sensor_rows, float(np.median(sizes))))
-    if not suspects:
-        return []
-    # Step 3: the other way to count angles, or the reflection or turn, with which they agree.
-    for number, sensor_rows, size in suspects:
-        rows = range(len(sensor.components))[sensor_rows]
-        # A component of several sensors has the sensor's number before its name: 2.azimuth.
-        angles = [row for row in rows if sensor.components[row].rpartition(".")[2] in _AZIMUTHS]
-        remaining = {}  # median distance by each way
-        if angles:
-            for way, (sign, offset) in _ANGLES.items():
-                recounted = measurements.copy()
-                recounted[angles] = sign * measurements[angles] + offset
-                changed_distances = _distances(sensor, truth, recounted, steps, chosen)
-                remaining[way] = _median_distance(changed_distances[sensor_rows])
-        else:
-            for way, matrix in _WAYS.items():
-                changed = _transform(truth, axes, matrix)
-                changed_distances = _distances(sensor, changed, measurements, steps, chosen)
-                remaining[way] = _median_distance(changed_distances[sensor_rows])
-        way = min(remaining, key=lambda name: remaining[name])
-        name = f"sensor {number + 1}" if len(sensors) > 1 else "the sensor"
-        what = f"the truth is beyond nearly every measurement of {name}"
-        what += f" (median: {size:.0f} standard deviations)"
-        if remaining[way] > _AGREES * size:
-            texts.append(f"{what}: check the origin, the units, the clock and the sensor's sigma")
-        elif angles:
-            angle = sensor.components[angles[0]].rpartition(".")[2]
-            hint = ""
-            if way == "from north clockwise":
-                hint = f": say `clockwise: [{angle}]`"
-            texts.append(f"{what}; they agree if its {angle} counts {way}{hint}")
-        else:
-            hint = "are x and y exchanged, or an axis reversed?"
-            texts.append(f"{what}; they agree if the truth is {way}: {hint}")
+    for number, (each, rows) in enumerate(zip(sensors, rows_of(sensor), strict=True)):
+        # Step 1: a sample of the steps with a truth at which this sensor measured.
+        z = measurements[rows]
+        known = np.flatnonzero((has_truth & np.isfinite(z).any(axis=0)).any(axis=-1))
+        if len(known) < _FEWEST:
+            continue
+        chosen = known[np.linspace(0, len(known) - 1, min(len(known), _MOST_STEPS)).astype(int)]
+        # Step 2: the distances of its measurements from those that the truth predicts.
+        sample = _Sample(sensor=each, truth=truth[:, chosen], z=z[:, chosen], steps=steps[chosen])
+        sizes = _largest_distances(_distances(sample))
+        if len(sizes) < _FEWEST:
+            continue
+        size = float(np.median(sizes))
+        is_beyond = bool((sizes > _BEYOND).mean() > _MOST_BEYOND)
+        place_words = ""
+        if isinstance(each, Landmark) and size > _BEYOND_OF_PLACE:
+            place_words = _other_place(sample, each, size)
+        if not is_beyond and not place_words:
+            continue
+        # Step 3: what would make both agree.
+        found.append(
+            _Contradiction(
+                name=sensor_name(number, names) if len(sensors) > 1 else "the sensor",
+                size=size,
+                is_beyond=is_beyond,
+                remedy=place_words or _remedy(sample, axes, size),
+            )
+        )
+    # Step 4: a text for the sensors that one remedy is for.
+    groups: dict[tuple[bool, str], list[_Contradiction]] = {}
+    for case in found:
+        groups.setdefault((case.is_beyond, case.remedy), []).append(case)
+    texts = []
+    for (is_beyond, remedy), group in groups.items():
+        *first_names, words = [case.name for case in group]
+        if first_names:
+            words = f"{', '.join(first_names)} and {words}"
+        medians = sorted(case.size for case in group)
+        median = f"median: {medians[0]:.0f}"
+        if len(group) > 1:
+            median = f"medians: {medians[0]:.0f} to {medians[-1]:.0f}"
+        what = f"the truth is beyond nearly every measurement of {words}"
+        if not is_beyond:
+            what = f"the truth and the measurements of {words} disagree"
+        texts.append(f"{what} ({median} standard deviations){remedy}")
+    is_every_landmark = len(texts) == len(sensors) > 1
+    if is_every_landmark and all(text.endswith(_CHECK_PLACE) for text in texts):
+        texts.append("no landmark is where the truth says: or check the truth's origin and clock")
     return texts
+
+
+class _Contradiction(NamedTuple):
+    """A sensor that contradicts the truth."""
+
+    name: str
+    size: float
+    """median distance, standard deviations"""
+    is_beyond: bool
+    """whether nearly all measurements are far away"""
+    remedy: str
+    """end of the note: with what both agree, or what to check"""
+
+
+class _Sample(NamedTuple):
+    """Measurements of one sensor at some steps, and the truth there."""
+
+    sensor: Sensor
+    truth: Array
+    """true states (n_x, K, M)"""
+    z: Array
+    """measurements (n_z, K, M)"""
+    steps: Index
+    """numbers of the K steps"""
+
+
+def _remedy(sample: _Sample, axes: tuple[tuple[int, int], ...], size: float) -> str:
+    """Return the end of a note: with which other angles or axes truth and measurements agree.
+
+    ``size`` is the median distance without any change.
+    """
+    components = sample.sensor.components
+    angles = [row for row, name in enumerate(components) if name in _AZIMUTHS]
+    is_landmark = isinstance(sample.sensor, Landmark)
+    changed = {}  # samples by the way that changes them
+    if angles:
+        for way, (sign, offset) in (_BEARINGS if is_landmark else _ANGLES).items():
+            recounted = sample.z.copy()
+            recounted[angles] = sign * sample.z[angles] + offset
+            changed[way] = sample._replace(z=recounted)
+    else:
+        for way, matrix in _WAYS.items():
+            changed[way] = sample._replace(truth=_transform(sample.truth, axes, matrix))
+    remaining = {way: _median_distance(_distances(each)) for way, each in changed.items()}
+    way = min(remaining, key=lambda name: remaining[name])
+    if remaining[way] > _AGREES * size:
+        place = ""
+        if getattr(sample.sensor, "at", None) is not None:
+            place = "its place `at`, "
+        return f": check {place}the origin, the units, the clock and the sensor's sigma"
+    if angles:
+        angle = components[angles[0]]
+        hint = ""
+        if way == "from north clockwise":
+            hint = f": say `clockwise: [{angle}]`"
+        elif way == "from the heading clockwise":
+            hint = ": change its sign in the file"
+        return f"; they agree if its {angle} counts {way}{hint}"
+    hint = "are x and y exchanged, or an axis reversed?"
+    return f"; they agree if the truth is {way}: {hint}"
+
+
+def _other_place(sample: _Sample, landmark: Landmark, size: float) -> str:
+    """Return the end of a note that names the place of a landmark which its measurements fit.
+
+    It is empty if they fit no place. ``size`` is the median distance with the landmark's own place.
+    """
+    place = np.array(landmark.at)
+    best = place
+    least = size
+    # Gauss-Newton from several places, as ranges alone may fit on either side of a straight path.
+    positions = sample.truth[[landmark.state.index(name) for name in ("px", "py")]]
+    middle = np.nanmedian(positions.reshape(2, -1), axis=1)
+    for begin in (place, middle, 2.0 * middle - place):
+        fitted = _fitted_place(sample, landmark, begin)
+        remaining = _median_distance(_distances(_at_place(sample, landmark, fitted)))
+        if remaining < least:
+            best = fitted
+            least = remaining
+    if least > min(_FITS, _AGREES_WITH_PLACE * size):
+        return ""
+    x, y = (f"{value:.2f}" for value in best)
+    return f"; they agree if it is at [{x}, {y}]{_CHECK_PLACE}"
+
+
+def _at_place(sample: _Sample, landmark: Landmark, place: Array) -> _Sample:
+    x, y = place.tolist()
+    return sample._replace(sensor=replace(landmark, at=(x, y)))
+
+
+def _fitted_place(sample: _Sample, landmark: Landmark, place: Array) -> Array:
+    """Fit the place (2,) of a landmark to its measurements by Gauss-Newton with Huber's weights."""
+    h = 1e-4
+    for _ in range(_ITERATIONS):
+        error = _errors(_at_place(sample, landmark, place))
+        columns = []
+        for step in ((h, 0.0), (0.0, h)):
+            moved = _errors(_at_place(sample, landmark, place + step))
+            columns.append((moved - error) / h)
+        known = np.isfinite(error)
+        J = np.stack([column[known] for column in columns], axis=-1)
+        r = error[known]
+        weight = np.minimum(1.0, _HUBER / np.maximum(np.abs(r), 1e-12))
+        # A change of a bearing over the cut is no slope.
+        weight = np.where((np.abs(J) < _STEEPEST).all(axis=-1), weight, 0.0)
+        A = J.T @ (weight[:, None] * J) + 1e-9 * np.eye(2)
+        change = np.linalg.solve(A, -J.T @ (weight * r))
+        if not np.isfinite(change).all():
+            return place
+        place = place + change
+        if np.abs(change).max() < 1e-4:
+            break
+    return place
 
 
 def _axes_of(components: Sequence[str]) -> tuple[tuple[int, int], ...] | None:
@@ -122,23 +274,29 @@ def _transform(
     return changed
 
 
-def _distances(
-    sensor: Sensors, truth: Array, measurements: Array, steps: Index, chosen: Index
-) -> Array:
-    """Compute ``|z - h(x)| / sigma`` (n_z, N) of the chosen steps of all runs; NaN where unknown.
-
-    The other arguments are those of `contradictions`.
-    """
-    distances = []
+def _errors(sample: _Sample) -> Array:
+    """Compute ``(z - h(x)) / sigma`` (n_z, N) of all steps and runs of a sample; NaN where unknown."""
+    truth = sample.truth
+    z = sample.z
+    if is_equal_at_every_step(sample.sensor):
+        # All steps and runs are one batch of one step.
+        truth = truth.reshape(len(truth), 1, -1)
+        z = z.reshape(len(z), 1, -1)
+    errors = []
     with np.errstate(all="ignore"):
-        for i in chosen.tolist():
-            predicted = sensor.measurement(truth[:, i], int(steps[i]))
-            error = sensor.innovation(measurements[:, i], predicted.mean)
+        for i, step in enumerate(sample.steps[: truth.shape[1]].tolist()):
+            predicted = sample.sensor.measurement(truth[:, i], step)
+            error = sample.sensor.innovation(z[:, i], predicted.mean)
             variance = np.einsum("ii...->i...", predicted.cov)
             if variance.ndim == 1:  # one for all runs
                 variance = variance[:, None]
-            distances.append(np.abs(error) / np.sqrt(variance))
-    return np.concatenate(distances, axis=-1)
+            errors.append(error / np.sqrt(variance))
+    return np.concatenate(errors, axis=-1)
+
+
+def _distances(sample: _Sample) -> Array:
+    """Compute ``|z - h(x)| / sigma`` (n_z, N) of all steps and runs of a sample; NaN where unknown."""
+    return np.abs(_errors(sample))
 
 
 def _largest_distances(distances: Array) -> Array:

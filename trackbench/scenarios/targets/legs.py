@@ -11,6 +11,7 @@ from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.elementary import cos_sin
 from trackbench.core.random_streams import Streams
 from trackbench.core.sums import mean
+from trackbench.durations import time_text
 from trackbench.field_types import Finite, InvalidKeyError, NonNegative, Positive, Steps, Unit
 from trackbench.models.motions.turn import turn_state
 from trackbench.models.sensors.base import Sensors
@@ -170,10 +171,11 @@ class Legs(Flown):
             if leg.end <= leg.start:
                 raise InvalidKeyError(f"leg {n + 1} ends before it starts", *_LEGS_KEY, n, "end")
             if leg.end > end:
-                what = f"leg {n + 1} ends at {leg.end:g} s, after the run's end at {end:g} s"
+                what = f"leg {n + 1} ends at {time_text(leg.end)} s, after the run's end at "
+                what += f"{time_text(end)} s"
                 raise InvalidKeyError(what, *_LEGS_KEY, n, "end")
             if n and leg.start < self.legs[n - 1].end:
-                what = f"leg {n + 1} starts at {leg.start:g} s, before leg {n} ends"
+                what = f"leg {n + 1} starts at {time_text(leg.start)} s, before leg {n} ends"
                 raise InvalidKeyError(what, *_LEGS_KEY, n, "start")
 
     def cautions(self, timeline: Timeline) -> list[str]:

@@ -395,7 +395,9 @@ class Measured(FromFiles, Naming, Target):
             truth = self._read_truth(gathered, rows, clock)
             later = truth[:, 1:]
             steps = clock.steps[1:]
-            gathered.notices += contradictions(sensor, self.components, later, measurements, steps)
+            gathered.notices += contradictions(
+                sensor, self.components, later, measurements, steps, names
+            )
         known_inputs = None
         if inputs is not None:
             known_inputs = inputs_at(

@@ -6,6 +6,7 @@ from typing import Annotated
 import numpy as np
 
 from trackbench.core.arrays import Array, fixed
+from trackbench.durations import time_text
 from trackbench.field_types import DataError, DataFile, Finite, Place, Positive, Unit
 from trackbench.registry import register
 from trackbench.scenarios.recordings.column_mapping import Naming
@@ -216,8 +217,9 @@ class RecordedPath(FromFiles, Naming, Flown):
         times, _ = self._path
         first, last = times[[0, -1]]
         if timeline.times[0] < first or timeline.times[-1] > last:
-            span = f"{timeline.times[0]:g} to {timeline.times[-1]:g} s"
-            raise self._mistake(f"covers {first:g} to {last:g} s of {span} (see `begin`)")
+            span = f"{time_text(timeline.times[0])} to {time_text(timeline.times[-1])} s"
+            covered = f"{time_text(first)} to {time_text(last)} s"
+            raise self._mistake(f"covers {covered} of {span} (see `begin`)")
 
     def states(self, times: Array) -> Array:
         """Return states (n, K) at these times."""

@@ -1,0 +1,76 @@
+"""Notes below the ranking of one recording: ANIS outside its band, closed gates, costly steps."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trackbench import api
+from trackbench.report.findings.ranking_table import ranking_tables
+
+STEPS = 600
+CONFIG = """
+name: notes
+seed: 1
+scenario:
+  kind: tracking
+  target: {kind: measured, measurements: m.csv}
+  sensor: {kind: position, sigma: 1}
+  start: {kind: one-scan, sigma_velocity: 20}
+  assume: {motion: {kind: cwna, q: 0.01}}
+filters:
+  KF: {kind: kf}
+  Gated: {kind: kf, gate: 0.999}
+figures: {}
+"""
+
+
+def notes(folder: Path, x: np.ndarray, y: np.ndarray) -> list[str]:
+    """Run both filters on measured positions (K,), and return the notes on their ranking."""
+    rng = np.random.default_rng(3)
+    x = x + rng.normal(size=STEPS)
+    y = y + rng.normal(size=STEPS)
+    lines = [f"{k},{a:.4f},{b:.4f}" for k, (a, b) in enumerate(zip(x, y, strict=True))]
+    (folder / "m.csv").write_text("\n".join(["time,x,y", *lines]))
+    (folder / "notes.yaml").write_text(CONFIG)
+    out = folder / "out"
+    report = api.run(folder / "notes.yaml", out=out, engine="serial", quiet=True, formats=())
+    (table,) = ranking_tables(report.results)
+    kinds = ("ANIS", "The gate", "A few")
+    return [note for note in table.notes if note.startswith(kinds)]
+
+
+TIME = np.arange(float(STEPS))
+STRAIGHT = 10.0 * TIME
+ZERO = np.zeros(STEPS)
+
+
+def test_a_right_filter_has_none(tmp_path: Path) -> None:
+    # The motion is random, as the filters assume it.
+    velocity = 0.1 * np.cumsum(np.random.default_rng(4).normal(size=(2, STEPS)), axis=1)
+    x, y = np.cumsum(velocity, axis=1)
+    assert notes(tmp_path, x, y) == []
+
+
+def test_a_gate_that_loses_the_target_is_named_with_the_step(tmp_path: Path) -> None:
+    turning = np.where(TIME < 60, 0.0, 0.3 * (TIME - 60) ** 2)
+    y = np.where(TIME < 120, turning, 1080.0 + 36.0 * (TIME - 120))
+    found = notes(tmp_path, STRAIGHT, y)
+    (gate,) = [note for note in found if note.startswith("The gate")]
+    assert gate.startswith("The gate of Gated rejected 8")
+    step = int(gate.partition("all of them after step ")[2].partition(":")[0])
+    assert 60 < step < 75
+    anis = [note for note in found if note.startswith("ANIS above")]
+    assert "KF " in anis[0]
+
+
+def test_a_few_outliers_are_named_with_their_cost(tmp_path: Path) -> None:
+    x = STRAIGHT.copy()
+    x[[50, 200, 310, 400]] += 300.0
+    found = notes(tmp_path, x, ZERO)
+    (few,) = [note for note in found if note.startswith("A few")]
+    nats = float(few.partition("Gated by ")[2].partition(" nats (4 of 599 steps)")[0])
+    # Four times half of (300 m)^2 over the predicted variance of some 1.5 m^2, of 599 steps.
+    assert nats == pytest.approx(4 * 0.5 * 300.0**2 / 1.5 / 599, rel=0.3)
+    assert "What a gate rejects counts in this score, too." in few
+    assert any("ANIS above the 95 % band of a consistent filter (0.92" in note for note in found)

@@ -1,0 +1,161 @@
+"""Notes on landmarks and inputs of a robot that its recorded truth contradicts."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from trackbench.config.load import load
+
+STEPS = 2400
+INTERVAL = 0.05
+TAGS = {1: (-3.5, 6.2), 3: (2.1, 10.4), 4: (6.6, 2.1)}
+SIGMA_RANGE = 0.1
+SIGMA_BEARING = 0.035
+CONFIG = """
+name: robot
+scenario:
+  kind: tracking
+  target:
+    kind: measured
+    measurements: tags.csv
+    input_file: wheels.csv
+    truth: truth.csv
+    input: {{v: v, w: w}}
+    state: [px, py, heading]
+    angles: [heading]
+    sensors: [1, 3, 4]
+  sensor:
+{sensors}
+  start: {{kind: given, mean: [0, 0, 0], sigma: [0.1, 0.1, 0.1]}}
+  assume:
+    motion:
+      kind: map
+      components: [px, py, heading]
+      input: [v, w]
+      where: {{c: cos(heading + w*T/2), s: sin(heading + w*T/2)}}
+      next: {{px: px + v*T*c, py: py + v*T*s, heading: heading + w*T}}
+      Q: {{px: 1e-4, py: 1e-4, heading: 1e-4}}
+filters:
+  EKF: {{kind: ekf}}
+"""
+
+
+def notes(
+    folder: Path,
+    places: dict[int, tuple[float, float]] = TAGS,
+    sigmas: str = "sigma_range: 0.1, sigma_bearing_mrad: 35",
+    scale: float = 1.0,
+    sign: float = 1.0,
+    wheels: tuple[float, float] = (1.0, 1.0),
+    late: int = 0,
+) -> tuple[str, ...]:
+    """Write a log, and return the notes on it.
+
+    ``scale`` multiplies the errors of the tags, ``sign`` their bearings, ``wheels`` the inputs v and w,
+    which are ``late`` by so many rows.
+    """
+    rng = np.random.default_rng(5)
+    t = INTERVAL * np.arange(STEPS)
+    v = 0.5 + 0.15 * np.sin(2.0 * np.pi * t / 13.0)
+    w = 0.16 + 0.3 * np.sin(2.0 * np.pi * t / 11.0)
+    heading = np.concatenate([[0.0], np.cumsum(w[1:] * INTERVAL)])
+    middle = heading[:-1] + 0.5 * w[1:] * INTERVAL
+    px = np.concatenate([[0.0], np.cumsum(v[1:] * INTERVAL * np.cos(middle))])
+    py = np.concatenate([[0.0], np.cumsum(v[1:] * INTERVAL * np.sin(middle))])
+    tags = ["time,sensor,range,bearing"]
+    # Each tag is seen at every 60th step: fewer than ten times among 200 steps of the run.
+    for row in range(0, STEPS, 20):
+        name = [*TAGS][row // 20 % 3]
+        dx, dy = TAGS[name][0] - px[row], TAGS[name][1] - py[row]
+        r = np.hypot(dx, dy) + scale * SIGMA_RANGE * rng.normal()
+        b = np.arctan2(dy, dx) - heading[row] + scale * SIGMA_BEARING * rng.normal()
+        if rng.random() < 0.1:
+            r += 2.0
+        b = sign * ((b + np.pi) % (2.0 * np.pi) - np.pi)
+        tags.append(f"{t[row]:.3f},{name},{r:.4f},{b:.5f}")
+    shown_v = wheels[0] * np.roll(v + 0.04 * rng.normal(size=STEPS), late)
+    shown_w = wheels[1] * np.roll(w + 0.03 * rng.normal(size=STEPS), late)
+    inputs = zip(t, shown_v, shown_w, strict=True)
+    truth = zip(t, px, py, (heading + np.pi) % (2.0 * np.pi) - np.pi, strict=True)
+    files: dict[str, Any] = {
+        "tags.csv": tags,
+        "wheels.csv": ["time,v,w", *(f"{a:.3f},{b},{c}" for a, b, c in inputs)],
+        "truth.csv": ["time,px,py,heading", *(f"{a:.3f},{b},{c},{d}" for a, b, c, d in truth)],
+    }
+    for name, lines in files.items():
+        if "bearing" not in sigmas and name == "tags.csv":
+            lines = [line.rpartition(",")[0] for line in lines]
+        (folder / name).write_text("\n".join(lines))
+    sensors = [f"    - {{kind: landmark, at: [{x}, {y}], {sigmas}}}" for x, y in places.values()]
+    path = folder / "robot.yaml"
+    path.write_text(CONFIG.format(sensors="\n".join(sensors)))
+    return load(path).points[0].scenario.cautions
+
+
+@pytest.mark.parametrize("scale", [1.0, 3.0])
+def test_right_places_and_inputs_have_no_note(tmp_path: Path, scale: float) -> None:
+    assert notes(tmp_path, scale=scale) == ()
+
+
+@pytest.mark.parametrize("sigmas", ["sigma_range: 0.1, sigma_bearing_mrad: 35", "sigma_range: 0.1"])
+def test_two_tags_exchanged_are_both_named_with_their_places(tmp_path: Path, sigmas: str) -> None:
+    first, second = notes(tmp_path, {1: TAGS[1], 3: TAGS[4], 4: TAGS[3]}, sigmas)
+    for note, name, place in ((first, "sensor 2 (3)", TAGS[3]), (second, "sensor 3 (4)", TAGS[4])):
+        assert f" of {name} " in note
+        assert note.endswith("]: check `at`")
+        x, y = (float(number) for number in note.rpartition("[")[2].partition("]")[0].split(","))
+        assert np.hypot(x - place[0], y - place[1]) < 0.15
+
+
+def test_a_tag_that_is_slightly_off_is_named(tmp_path: Path) -> None:
+    (note,) = notes(tmp_path, {**TAGS, 1: (-3.5, 6.8)})
+    assert "the truth and the measurements of sensor 1 disagree" in note
+    assert "they agree if it is at [-3." in note
+
+
+def test_all_tags_off_ask_for_the_origin_too(tmp_path: Path) -> None:
+    moved = {name: (x + 3.0, y) for name, (x, y) in TAGS.items()}
+    found = notes(tmp_path, moved)
+    assert len(found) == 4
+    assert found[-1] == "no landmark is where the truth says: or check the truth's origin and clock"
+
+
+def test_bearings_that_count_clockwise_are_said_in_one_note(tmp_path: Path) -> None:
+    (note,) = notes(tmp_path, sign=-1.0)
+    assert "of sensor 1, sensor 2 (3) and sensor 3 (4) (medians: " in note
+    assert note.endswith(
+        "if its bearing counts from the heading clockwise: change its sign in the file"
+    )
+
+
+@pytest.mark.parametrize(
+    ("wheels", "words"),
+    [
+        ((1.0, 180.0 / np.pi), ("input w", "multiplied by 0.017: are deg and rad mixed up?")),
+        ((1.0, -1.0), ("input w", "of the other sign: write `-w` in the equations")),
+        ((1000.0, 1.0), ("input v", ": are mm and m mixed up?")),
+        ((3.6, 1.0), ("input v", "are km/h and m/s mixed up?")),
+        ((0.2, 1.0), ("input v", "check its unit, `units`")),
+        ((1.0, -180.0 / np.pi), ("input w", "of the other sign and multiplied by 0.017")),
+    ],
+)
+def test_an_input_in_another_unit_or_of_the_other_sign(
+    tmp_path: Path, wheels: tuple[float, float], words: tuple[str, ...]
+) -> None:
+    (note,) = notes(tmp_path, wheels=wheels)
+    for each in words:
+        assert each in note
+
+
+@pytest.mark.parametrize("scale", [0.93, 1.1])
+def test_a_scale_error_is_no_wrong_unit(tmp_path: Path, scale: float) -> None:
+    assert notes(tmp_path, wheels=(scale, scale)) == ()
+
+
+def test_an_input_that_is_late(tmp_path: Path) -> None:
+    found = notes(tmp_path, late=24)
+    assert any(
+        note.startswith("the input w is some 1.2 s behind the truth: check") for note in found
+    )

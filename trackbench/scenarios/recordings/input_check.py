@@ -1,0 +1,201 @@
+"""Check whether known inputs, such as a robot's wheels and gyro, agree with the changes of the truth."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from trackbench.core.angles import wrap_angle
+from trackbench.core.arrays import Array, Index
+from trackbench.models.base import SampledMotion, angle_rows
+from trackbench.models.inputs import KnownInputs, inputs_of
+from trackbench.models.motions.irregular import Irregular, motion_with_inputs
+
+_BLOCKS = 6
+_STEPS_OF_BLOCK = 250
+"""The check takes so many stretches of the run, of so many steps at most."""
+_WINDOW = 25
+"""Steps whose changes are added up, so that errors of the truth are small beside them."""
+_FEWEST_WINDOWS = 10
+_CORRELATED = 0.9
+"""Correlation of the changes from which on their ratio is sure."""
+_FACTORS = {
+    "deg and rad": np.pi / 180.0,
+    "mm and m": 1e-3,
+    "cm and m": 1e-2,
+    "km/h and m/s": 1.0 / 3.6,
+    "kn and m/s": 1852.0 / 3600.0,
+}
+"""Usual mistakes of units, with the factor between the units."""
+_NEAR = 0.05
+"""Share by which a ratio may differ from a usual factor."""
+_LARGEST_RATIO = 1.7
+"""Ratio of the changes up to which nothing is noted: wheels slip, and gyros have scale errors."""
+_LARGEST_LAG = 60
+_EXPLAINS = 0.3
+"""Share of the squared differences that remains at most if a delay explains them."""
+
+
+class _Changes(NamedTuple):
+    """Changes of one component over the steps of some stretches, NaN where the truth is unknown."""
+
+    of_input: Array
+    """by the input alone, as the motion computes them (blocks, K)"""
+    of_truth: Array
+    """of the truth, without what the motion computes without this input (blocks, K)"""
+
+
+def input_notes(motion: SampledMotion, truth: Array, steps: Index, times: Array) -> list[str]:
+    """Describe each input that the truth (n_x, K) of a recording contradicts; none without a truth.
+
+    For each input, the change of a state that it makes in the motion's equations is compared with the
+    change of the truth, over some 25 steps each. A text is returned only if both are correlated, so that
+    their ratio is sure. ``steps`` and ``times`` are the numbers and times of the K steps.
+    """
+    known = inputs_of(motion)
+    n = len(motion.components)
+    if known is None or len(truth) != n or not np.isfinite(truth).any():
+        return []
+    # A component without any truth, such as a bias, is taken as 0.
+    unknown = np.asarray(~np.isfinite(truth).any(axis=1))
+    states = np.where(unknown[:, None], 0.0, truth)
+    blocks = _blocks(states, times)
+    if not blocks:
+        return []
+    ratio_notes = []
+    delay_notes = []
+    for row, name in enumerate(known.names):
+        changes = _changes(motion, known, row, states, steps, blocks)
+        best = None
+        best_correlation = 0.0
+        for component in np.flatnonzero(~unknown).tolist():
+            each = _Changes(changes.of_input[component], changes.of_truth[component])
+            correlation = _correlation(_over_windows(each))
+            if abs(correlation) > abs(best_correlation):
+                best = each
+                best_correlation = correlation
+        if best is None:
+            continue
+        interval = float(times[-1] - times[0]) / (len(times) - 1)
+        ratio_notes += _ratio_note(name, _over_windows(best), best_correlation)
+        delay_notes += _delay_note(name, best, interval)
+    # A wrong input spoils the changes by the others, which then seem to be late.
+    return ratio_notes or delay_notes
+
+
+def _blocks(states: Array, times: Array) -> list[Index]:
+    """Return the indices of stretches of successive steps that are spread over the run."""
+    number = len(times) - 1
+    length = min(_STEPS_OF_BLOCK, number // _BLOCKS if number >= 2 * _BLOCKS * _WINDOW else number)
+    if length < _WINDOW:
+        return []
+    starts = np.linspace(1, number + 1 - length, _BLOCKS if length < number else 1).astype(int)
+    return [np.arange(start, start + length) for start in dict.fromkeys(starts.tolist())]
+
+
+def _changes(
+    motion: SampledMotion,
+    known: KnownInputs,
+    row: int,
+    states: Array,
+    steps: Index,
+    blocks: Sequence[Index],
+) -> _Changes:
+    """Return the changes (n_x, blocks, K) by the input ``row`` alone, and those of the truth."""
+    values = known.values.copy()
+    values[row] = np.where(np.isfinite(values[row]), 0.0, np.nan)
+    without = _with_inputs(motion, replace(known, values=values))
+    angles = list(angle_rows(motion))
+    of_input = []
+    of_truth = []
+    with np.errstate(all="ignore"):
+        for block in blocks:
+            for i in block.tolist():
+                k = int(steps[i])
+                before = states[:, i - 1 : i]
+                rest = without.transition(before, k).mean
+                by_input = motion.transition(before, k).mean - rest
+                by_truth = states[:, i : i + 1] - rest
+                by_input[angles] = wrap_angle(by_input[angles])
+                by_truth[angles] = wrap_angle(by_truth[angles])
+                of_input.append(by_input[:, 0])
+                of_truth.append(by_truth[:, 0])
+    shape = (len(states), len(blocks), len(blocks[0]))
+    return _Changes(
+        of_input=np.stack(of_input, axis=-1).reshape(shape),
+        of_truth=np.stack(of_truth, axis=-1).reshape(shape),
+    )
+
+
+def _with_inputs(motion: SampledMotion, known: KnownInputs) -> SampledMotion:
+    """Return the motion with other values of its inputs."""
+    if isinstance(motion, Irregular):
+        return replace(motion, recorded_inputs=known)
+    return motion_with_inputs(motion, known)
+
+
+def _over_windows(changes: _Changes) -> _Changes:
+    """Add up the changes of successive steps: (W,) each, without windows of unknown steps."""
+    sums = []
+    for each in changes:
+        count = each.shape[-1] // _WINDOW
+        sums.append(each[..., : count * _WINDOW].reshape(-1, _WINDOW).sum(axis=-1))
+    known = np.isfinite(sums[0]) & np.isfinite(sums[1])
+    return _Changes(of_input=sums[0][known], of_truth=sums[1][known])
+
+
+def _correlation(windows: _Changes) -> float:
+    """Return the correlation of both changes (W,) about zero; 0 with few windows or without changes."""
+    d, e = windows
+    norm = float(np.sqrt((d * d).sum() * (e * e).sum()))
+    if len(d) < _FEWEST_WINDOWS or norm == 0.0:
+        return 0.0
+    return float((d * e).sum()) / norm
+
+
+def _ratio_note(name: str, windows: _Changes, correlation: float) -> list[str]:
+    """Describe how an input's changes differ from those of the truth by a factor or the sign."""
+    if abs(correlation) < _CORRELATED:
+        return []
+    d, e = windows
+    # What the values would have to be multiplied by. The truth has the smaller errors.
+    factor = float((e * e).sum() / (d * e).sum())
+    size = abs(factor)
+    what = f"the truth changes as the input {name} says if its values are"
+    if factor < 0.0:
+        what += " of the other sign"
+    if 1.0 / _LARGEST_RATIO < size < _LARGEST_RATIO:
+        return [f"{what}: write `-{name}` in the equations"] if factor < 0.0 else []
+    if factor < 0.0:
+        what += " and"
+    what += f" multiplied by {size:.2g}"
+    for units, usual in _FACTORS.items():
+        for ratio in (usual, 1.0 / usual):
+            if abs(size / ratio - 1.0) < _NEAR:
+                return [f"{what}: are {units} mixed up? See `units`"]
+    return [f"{what}: check its unit, `units`"]
+
+
+def _delay_note(name: str, changes: _Changes, interval: float) -> list[str]:
+    """Describe a delay of an input behind the truth, or before it; ``interval`` is the mean one, s."""
+    lags = range(-_LARGEST_LAG, _LARGEST_LAG + 1)
+    length = changes.of_input.shape[-1]
+    if length < 4 * _LARGEST_LAG:
+        return []
+    # The truth's changes in the middle of each stretch, and the input's so many steps later.
+    middle = slice(_LARGEST_LAG, length - _LARGEST_LAG)
+    remaining = []
+    for lag in lags:
+        later = slice(middle.start + lag, middle.stop + lag)
+        windows = _over_windows(_Changes(changes.of_input[:, later], changes.of_truth[:, middle]))
+        if len(windows.of_input) < _FEWEST_WINDOWS:
+            return []
+        remaining.append(float(np.square(windows.of_truth - windows.of_input).sum()))
+    best = int(np.argmin(remaining))
+    lag = lags[best]
+    if abs(lag) == _LARGEST_LAG or remaining[best] > _EXPLAINS * remaining[_LARGEST_LAG]:
+        return []
+    way = "behind" if lag > 0 else "ahead of"
+    what = f"the input {name} is some {abs(lag) * interval:.2g} s {way} the truth"
+    return [f"{what}: check the clocks of both, and `input_holds`"]
