@@ -426,4 +426,4 @@ def test_clockwise_bearings_of_two_tables_are_a_question_and_a_note(tmp_path: Pa
     assert f"field.bearing_deg and {ANGULAR} agree only if one of them counts clockwise" in printed
     assert f"to read them as they are, say --set '{option}'" in printed
     printed = of_tables(tmp_path, *FOUR, "--set", option)
-    assert "they agree if its bearing counts from x clockwise" in printed
+    assert "they agree if its bearing counts from the heading clockwise" in printed
