@@ -447,6 +447,54 @@ def test_words_of_the_users_table_are_explained() -> None:
     assert [note.partition(":")[0] for note in table.notes] == ["untested", "ANEES", "undecided"]
 
 
+INDEFINITE = EKF.replace(
+    "        self.P = self.P - K @ S @ K.T\n        return self.x, self.P\n",
+    """        self.P = self.P - K @ S @ K.T
+        self.k = getattr(self, "k", 0) + 1
+        if self.k < 5:
+            return self.x, self.P
+        return self.x, self.P - 2.0 * np.diag(np.diag(self.P))
+""",
+)
+
+
+def test_a_covariance_that_is_not_positive_definite_is_named(tmp_path: Path) -> None:
+    (tmp_path / "small.yaml").write_text(SUITE)
+    (tmp_path / "my.py").write_text(INDEFINITE)
+    report = run_suite(
+        tmp_path / "small.yaml", problems=["turn"], only=["EKF"], filters=[tmp_path / "my.py"],
+        out=tmp_path / "out", quiet=True, engine="serial", formats=("svg",), times=False,
+    )  # fmt: skip
+    assert report is not None
+    score = of(report, "turn", "my-ekf")
+    assert (score.indefinite, score.first_indefinite_step) == (6, 4.0)
+    assert (score.collapsed, score.consistency) == (0, "not positive definite in all")
+    notes = " ".join(report.tables()[0].notes)
+    assert "Covariance not positive definite: on turn in 6 of 6 runs, first at step 4." in notes
+    assert "float32" in notes
+    assert "Joseph form" in notes
+    assert "collapsed" not in notes.lower()
+    text = "Its covariance is not positive definite on turn in 6 of 6 runs, first at step 4."
+    assert text in " ".join(report.sentences())
+    # The report of the problem has its words in the ranking.
+    page = (tmp_path / "out" / "turn" / "report.html").read_text()
+    assert "Covariance not positive definite: my-ekf in 6 of 6 runs, first at step 4." in page
+
+
+def test_a_collapsed_covariance_is_too_small_or_has_no_spread() -> None:
+    words = {"consistency": "collapsed in 2 of 8", "collapsed": 2}
+    scores = [
+        score("p", "x", "A", 1.2, **words),
+        score("q", "x", "A", 1.2, without_spread=1, **words),
+    ]
+    notes = [
+        filter_table([SuiteScores(group="g", title="G", scores=part, runs={})], "A").notes[-1]
+        for part in (scores[:1], scores)
+    ]
+    assert notes[0].endswith("Here the covariance is far too small, but has some spread.")
+    assert notes[1].endswith("as if all particles were at one point: on q in 1 of 8 runs.")
+
+
 def test_the_typical_ratio_where_a_filter_ran_by_hand() -> None:
     group = by_hand({"A": (1.0, 1.0, 30.0), "C": (1.5, np.nan, 6.0)}, ("x", "x", "y"))
     assert typical_ratio_where_run(group, "C") == pytest.approx(3.0)

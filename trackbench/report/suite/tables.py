@@ -24,7 +24,11 @@ from trackbench.report.suite.scores import (
     typical_ratios,
 )
 from trackbench.report.table import Text, TextTable, rounded
-from trackbench.statistics.collapsed_runs import COLLAPSED_NOTE
+from trackbench.statistics.collapsed_runs import (
+    COLLAPSED_NOTE,
+    INDEFINITE_NOTE,
+    NOT_DEFINITE,
+)
 from trackbench.statistics.rules import ALIKE, FEWEST_RUNS, UNTESTED
 
 NEAR = 1.1
@@ -57,7 +61,7 @@ def roster_table(group: SuiteScores) -> TextTable:
         within = sum(score.limited_ratio <= 2.0 for score in with_error)
         first = sum(is_best(score) for score in with_error)
         failing = sum(fails(score) for score in scores)
-        overconfident = sum(is_overconfident(score) for score in with_error)
+        overconfident = sum(is_overconfident(score) or score.indefinite > 0 for score in with_error)
         cost = costs.get(label)
         where_run = typical_ratio_where_run(group, label)
         table.rows.append(
@@ -74,6 +78,9 @@ def roster_table(group: SuiteScores) -> TextTable:
                 Text("–" if cost is None else f"{cost:.3g} x", cost),
             ]
         )
+    definite = ""
+    if any(score.indefinite for score in group.of_role(FILTER)):
+        definite = f", or {NOT_DEFINITE} in some"
     table.notes = [
         "Typical ratio: geometric mean over the problems of the error over that of the problem's best "
         "filter. A ratio counts as 10 at most, and a filter that cannot be run, or loses significantly "
@@ -83,8 +90,8 @@ def roster_table(group: SuiteScores) -> TextTable:
         f"Fails: {WORST:g} times the error of the best filter or more, or all runs lost, or "
         "significantly more than another filter loses.",
         "Overconfident: its covariance is too small, in all runs together, or in some by far (collapsed "
-        "runs). CPU time: median of its ratio to the fastest filter. That of a program includes the "
-        "exchange of lines with it, some microseconds a step.",
+        f"runs){definite}. CPU time: median of its ratio to the fastest filter. That of a program "
+        "includes the exchange of lines with it, some microseconds a step.",
     ]
     return table
 
@@ -157,8 +164,34 @@ def filter_table(groups: Sequence[SuiteScores], label: str) -> TextTable:
             "is near 1. Even a large ANEES may be undecided: look at it."
         )
     if "collapsed" in words_on_consistency:
-        table.notes.append(COLLAPSED_NOTE)
+        table.notes.append(_collapsed_note(scores))
+    indefinite = [_indefinite_text(score) for score in scores if score.indefinite]
+    if indefinite:
+        table.notes.append(f"Covariance {NOT_DEFINITE}: {'; '.join(indefinite)}. {INDEFINITE_NOTE}")
     return table
+
+
+def _collapsed_note(scores: Sequence[Score]) -> str:
+    """Return what a collapsed run is, and of which problems the covariance has no spread at all."""
+    without_spread = [
+        f"{score.problem} in {score.without_spread} of {counted(score.runs, 'run')}"
+        for score in scores
+        if score.without_spread
+    ]
+    if not without_spread:
+        return f"{COLLAPSED_NOTE} Here the covariance is far too small, but has some spread."
+    return (
+        f"{COLLAPSED_NOTE} Some covariances have no spread in a direction, as if all particles were at "
+        f"one point: on {joined(without_spread)}."
+    )
+
+
+def _indefinite_text(score: Score) -> str:
+    """Return on which problem and from which step on a covariance is not positive definite."""
+    return (
+        f"on {score.problem} in {score.indefinite} of {counted(score.runs, 'run')}, "
+        f"first at step {score.first_indefinite_step:.0f}"
+    )
 
 
 def _score_row(score: Score) -> list[Text]:
@@ -235,6 +268,9 @@ def filter_sentences(group: SuiteScores, label: str) -> list[str]:
     overconfident = [score.problem for score in run if is_overconfident(score)]
     if overconfident:
         lines.append(f"It is overconfident on {joined(overconfident)}.")
+    indefinite = [_indefinite_text(score) for score in run if score.indefinite]
+    if indefinite:
+        lines.append(f"Its covariance is {NOT_DEFINITE} {'; '.join(indefinite)}.")
     if group.is_tuned and len(group.labels(FILTER)) > 1:
         lines.append("The filters of the roster are tuned on each problem, and yours is not.")
     likeness = nearest_filter(group, label)
