@@ -46,7 +46,7 @@ from trackbench.report.suite.scores import (
     typical_ratio_where_run,
     typical_ratios,
 )
-from trackbench.report.suite.tables import fails, filter_table, roster_table
+from trackbench.report.suite.tables import fails, filter_sentences, filter_table, roster_table
 from trackbench.statistics.rules import FEWEST_RUNS
 
 SUITE = """\
@@ -493,6 +493,44 @@ def test_a_collapsed_covariance_is_too_small_or_has_no_spread() -> None:
     ]
     assert notes[0].endswith("Here the covariance is far too small, but has some spread.")
     assert notes[1].endswith("as if all particles were at one point: on q in 1 of 8 runs.")
+
+
+def likeness_sentence(mine: tuple[float, ...], lost: bool = False) -> str:
+    """Return the last sentence on a filter with these errors beside one with the error 1."""
+    group = by_hand({"A": (1.0,) * len(mine), "own": mine}, ("x", "y", "z")[: len(mine)])
+    if lost:
+        group.runs["p0"].values["own"][3] = np.nan
+    return filter_sentences(replace(group, added=("own",)), "own")[-1]
+
+
+def test_a_filter_that_is_like_no_other_has_no_nearest_one() -> None:
+    near = "The nearest filter is A: the errors of a run differ by up to"
+    assert likeness_sentence((1.05, 1.1, 3.0)) == f"{near} 9.1 % on half of the problems."
+    assert likeness_sentence((1.05,)) == f"{near} 4.8 % on p0."
+    none = "No filter of the roster resembles it: on half of the problems the error of some run differs"
+    assert likeness_sentence((30.0, 25.0, 1.2)).startswith(none)
+    assert "inf" not in likeness_sentence((1.05,), lost=True)
+    assert likeness_sentence((1.05,), lost=True).startswith(
+        "No filter of the roster resembles it: on p0"
+    )
+    assert likeness_sentence((1.0, 3.0, 4.0)).startswith("On 1 of 3 problems it is the A:")
+
+
+def test_who_is_tuned_is_said_as_it_is() -> None:
+    group = by_hand({"A": (1.0, 1.0), "own": (1.2, 1.2)}, ("x", "y"))
+    group = replace(group, added=("own",))
+
+    def text(**tuned: tuple[str, ...]) -> str:
+        return " ".join(filter_sentences(replace(group, tuned=tuned), "own"))
+
+    assert "are tuned on each problem, and yours is not: --set" in text(p0=("A",), p1=("A",))
+    assert "'groups.g.tune.own={KEY" in text(p0=("A",), p1=("A",))
+    assert "tuned" not in text(p0=("A", "own"), p1=("A", "own"))
+    assert "are tuned on p1, and yours is not" in text(p0=("A", "own"), p1=("A",))
+    assert "Your filter is tuned on p0, and those of the roster are not." in text(
+        p0=("own",), p1=()
+    )
+    assert "tuned" not in text()
 
 
 def test_the_typical_ratio_where_a_filter_ran_by_hand() -> None:

@@ -236,7 +236,7 @@ def run_suite(
             title=group.title,
             scores=scores[name],
             runs=runs[name],
-            is_tuned=bool(group.tune),
+            tuned={p.name: p.tuned for p in suite.problems if p.group == name},
             added=suite.added,
             not_computed=tuple(not_computed[name]),
         )

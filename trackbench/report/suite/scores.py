@@ -155,8 +155,8 @@ class SuiteScores:
     scores: list[Score]
     runs: Mapping[str, ProblemRuns]
     """errors of each run, by problem"""
-    is_tuned: bool = False
-    """True if the filters of the roster are tuned on each problem"""
+    tuned: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    """labels of the filters that are tuned on a problem, by problem"""
     added: tuple[str, ...] = ()
     """labels of the user's own filters"""
     not_computed: tuple[Score, ...] = ()

@@ -35,6 +35,8 @@ NEAR = 1.1
 """Factor within which a filter is near the best."""
 _FEW_PROBLEMS = 0.5
 """Share of a group's problems up to which a filter is said to run on few."""
+_ALIKE = 0.25
+"""Largest relative difference of a run's errors, typical of the problems, of filters that are alike."""
 _FEW_RUNS = 20
 """Runs below which a sentence is called preliminary."""
 
@@ -271,12 +273,48 @@ def filter_sentences(group: SuiteScores, label: str) -> list[str]:
     indefinite = [_indefinite_text(score) for score in run if score.indefinite]
     if indefinite:
         lines.append(f"Its covariance is {NOT_DEFINITE} {'; '.join(indefinite)}.")
-    if group.is_tuned and len(group.labels(FILTER)) > 1:
-        lines.append("The filters of the roster are tuned on each problem, and yours is not.")
+    lines += _tuning_sentences(group, label, [score.problem for score in run])
     likeness = nearest_filter(group, label)
     if likeness is not None:
         lines.append(_likeness_sentence(likeness))
     return lines
+
+
+def _tuning_sentences(group: SuiteScores, label: str, problems: Sequence[str]) -> list[str]:
+    """Return a sentence where either the filters of the roster are tuned, or the user's own filter.
+
+    ``problems`` are those that the user's own filter ran on.
+    """
+    roster = [other for other in group.labels(FILTER) if other not in group.added]
+    if not roster:
+        return []
+    unfair_to_own = []
+    unfair_to_roster = []
+    for problem in problems:
+        tuned = group.tuned.get(problem, ())
+        is_roster_tuned = any(other in tuned for other in roster)
+        if is_roster_tuned and label not in tuned:
+            unfair_to_own.append(problem)
+        if label in tuned and not is_roster_tuned:
+            unfair_to_roster.append(problem)
+    lines = []
+    if unfair_to_own:
+        place = _on_problems(unfair_to_own, problems)
+        lines.append(
+            f"The filters of the roster are tuned {place}, and yours is not: --set "
+            f"'groups.{group.group}.tune.{label}={{KEY: log:LOW..HIGH}}' tunes a key of it."
+        )
+    if unfair_to_roster:
+        place = _on_problems(unfair_to_roster, problems)
+        lines.append(f"Your filter is tuned {place}, and those of the roster are not.")
+    return lines
+
+
+def _on_problems(part: Sequence[str], problems: Sequence[str]) -> str:
+    """Return ``on each problem``, or the names if ``part`` is not all of the ``problems``."""
+    if len(part) == len(problems):
+        return "on each problem"
+    return f"on {joined(part)}"
 
 
 def few_problems_sentence(groups: Sequence[SuiteScores], label: str, is_program: bool) -> str:
@@ -320,7 +358,7 @@ def _typical_ratio_sentence(group: SuiteScores, label: str, run: int, number: in
 def _likeness_sentence(likeness: Likeness) -> str:
     """Return the sentence on the filter of the roster that a filter equals, or is nearest to."""
     number = len(likeness.differences)
-    # Case 1: equal on all problems.
+    # Step 1: equal on all problems.
     if not likeness.others:
         name = likeness.label
         if likeness.also:
@@ -329,18 +367,25 @@ def _likeness_sentence(likeness: Likeness) -> str:
             f"It is the {name}: the errors of every run agree to 1e-6 on all problems "
             f"that both ran on ({number})."
         )
-    # Case 2: equal on most problems. A difference is infinite if only one of the two lost a run.
+    # Step 2: equal on some problems. A difference is infinite if only one of the two lost a run.
     largest = max(likeness.differences.values())
     apart = f"by up to {100.0 * largest:.2g} %" if isfinite(largest) else "in which runs are lost"
-    if len(likeness.same) > len(likeness.others):
+    if likeness.same:
         return (
             f"On {len(likeness.same)} of {number} problems it is the {likeness.label}: the errors of "
             f"every run agree to 1e-6. On {joined(likeness.others)} they differ {apart}. Where a "
             "filter diverges, or the system is chaotic, rounding alone can grow so much."
         )
+    # Step 3: near, or like no filter.
+    place = "on half of the problems" if number > 1 else f"on {likeness.others[0]}"
+    if likeness.typical_difference <= _ALIKE:
+        return (
+            f"The nearest filter is {likeness.label}: the errors of a run differ by up to "
+            f"{100.0 * likeness.typical_difference:.2g} % {place}."
+        )
     return (
-        f"The nearest filter is {likeness.label}: the errors of a run differ by up to "
-        f"{100.0 * likeness.typical_difference:.2g} % on half of the problems."
+        f"No filter of the roster resembles it: {place} the error of some run differs by more than "
+        f"{100.0 * _ALIKE:.0f} % from that of each of them, or only one of the two loses the run."
     )
 
 
@@ -353,6 +398,7 @@ def leader_sentence(group: SuiteScores) -> str:
         return ""
     number = len({score.problem for score in group.of_role(FILTER)})
     runs = max(score.runs for score in group.scores)
+    these_problems = f"these {number} problems" if number > 1 else "this problem"
     few = ""
     if runs < _FEW_RUNS:
         few = f" Preliminary: {runs} runs."
@@ -362,7 +408,7 @@ def leader_sentence(group: SuiteScores) -> str:
     )
     if leader.is_robust:
         return (
-            f"{group.title}: over these {number} problems {leader.label} comes first with the {ratio}. "
+            f"{group.title}: over {these_problems} {leader.label} comes first with the {ratio}. "
             f"It is first in {100.0 * leader.share_first:.0f} % of the resampled runs, and without any "
             f"one of the {leader.classes} classes of problems. Other problems may decide otherwise.{few}"
         )
@@ -377,6 +423,6 @@ def leader_sentence(group: SuiteScores) -> str:
     if leader.classes < 2:
         reasons.append("all problems are of one class")
     return (
-        f"{group.title}: no filter is the best over these {number} problems. {leader.label} has the "
+        f"{group.title}: no filter is the best over {these_problems}. {leader.label} has the "
         f"{ratio}; {'; '.join(reasons)}.{few}"
     )
