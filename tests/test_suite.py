@@ -533,6 +533,31 @@ def test_who_is_tuned_is_said_as_it_is() -> None:
     assert "tuned" not in text()
 
 
+def test_a_large_ratio_that_is_not_significant_is_undecided() -> None:
+    """An interval that excludes 1 is left out; so is the word n.s. at a ratio far from 1."""
+    word = {"word": "no significant difference"}
+    near = score("p", "x", "A", 1.03, **word)
+    far = score(
+        "q", "x", "A", 1.8, **word | {"ratio_to_best": Ratio(value=1.8, low=1.4, high=2.45)}
+    )
+    useless = score("r", "x", "A", 30.0, **word)
+    group = SuiteScores(group="g", title="G", scores=[near, far, useless], runs={})
+    table = filter_table([group], "A")
+    assert [row[2].text for row in table.rows] == [
+        "1.03 x n.s.", "1.8 x, undecided (8 runs)", "30 x, undecided (8 runs)"
+    ]  # fmt: skip
+    assert [note.partition(":")[0] for note in table.notes][:2] == ["n.s.", "undecided (8 runs)"]
+    assert "; on r the runs do not yet decide this by a test." in " ".join(
+        filter_sentences(group, "A")
+    )
+    with style.rc_context():
+        figure = draw_matrix(group)
+        legend = " ".join(text.get_text() for text in figure.axes[0].get_legend().get_texts())
+        style.close(figure)
+    assert "1.20  undecided by these runs" in legend
+    assert "may be as good" not in legend
+
+
 def test_the_typical_ratio_where_a_filter_ran_by_hand() -> None:
     group = by_hand({"A": (1.0, 1.0, 30.0), "C": (1.5, np.nan, 6.0)}, ("x", "x", "y"))
     assert typical_ratio_where_run(group, "C") == pytest.approx(3.0)

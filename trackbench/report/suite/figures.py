@@ -295,7 +295,7 @@ def _draw_legend(ax: Axes, group: SuiteScores, palette: Any) -> None:
     for mark, meaning in marks:
         if any(text.endswith(mark) for text in texts):
             handles.append(Patch(facecolor="none", edgecolor="none", label=f"{mark}  {meaning}"))
-    undecided = "1.20  may be as good as the best"
+    undecided = "1.20  undecided by these runs"
     if any(map(_is_undecided, scores)):
         handles.append(Patch(facecolor="none", edgecolor="none", label=undecided))
     legend = ax.legend(
@@ -322,10 +322,10 @@ def matrix_caption(group: SuiteScores) -> str:
         f"{group.title}: error of each filter (column) over that of the best filter of the problem "
         f"(row). {_LOSES}: loses all runs, or significantly more than another filter. "
         f"{_COLLAPSES}: in some runs the error is far beyond what the covariance says{indefinite}. "
-        f"{_OVERCONFIDENT}: overconfident. Italic: no significant difference from the best filter. "
-        "999+: 1000 times or more. Gray: cannot be run on this problem; scores.csv has the reason. "
-        "Filters are sorted by their typical ratio, the geometric mean of the column, in which a number "
-        f"counts as {WORST:g} at most, and a cross or a gray cell as {WORST:g}."
+        f"{_OVERCONFIDENT}: overconfident. Italic: the runs do not decide whether the filter is worse "
+        "than the best. 999+: 1000 times or more. Gray: cannot be run on this problem; scores.csv has "
+        "the reason. Filters are sorted by their typical ratio, the geometric mean of the column, in "
+        f"which a number counts as {WORST:g} at most, and a cross or a gray cell as {WORST:g}."
     )
 
 

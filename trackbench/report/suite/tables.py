@@ -112,6 +112,19 @@ def fails(score: Score) -> bool:
     return not score.is_left_out and score.limited_ratio >= WORST
 
 
+def is_open(score: Score) -> bool:
+    """Test whether the runs do not decide about a filter that is not near the best."""
+    return score.word == ALIKE and score.ratio_to_best.value > NEAR
+
+
+def _open_words(scores: Sequence[Score]) -> str:
+    """Return ``undecided (8 runs)`` with the number of runs, or ``undecided (N runs)`` of several."""
+    numbers = {score.runs for score in scores if score.has_error and is_open(score)}
+    if len(numbers) == 1:
+        return f"undecided ({counted(numbers.pop(), 'run')})"
+    return "undecided (N runs)"
+
+
 def is_overconfident(score: Score) -> bool:
     """Test whether a filter's covariance is too small, in all runs together or in some by far."""
     return score.consistency == "overconfident" or score.collapsed > 0
@@ -155,6 +168,13 @@ def filter_table(groups: Sequence[SuiteScores], label: str) -> TextTable:
     words_on_consistency = " ".join(score.consistency for score in scores)
     if "n.s." in ratios:
         table.notes.append("n.s.: no significant difference from the best filter of the problem.")
+    if "undecided" in ratios:
+        table.notes.append(
+            f"{_open_words(scores)}: the ratio is large, but the runs do not decide by the test over "
+            "all pairs of filters whether the filter is worse than the best. More runs may: leave out "
+            "--quick, or raise --runs. An interval is of its pair alone, and left out where it excludes "
+            "1."
+        )
     if "untested" in ratios:
         table.notes.append(
             f"untested: with fewer than {FEWEST_RUNS} runs no difference from the best filter is tested."
@@ -224,8 +244,9 @@ def _score_row(score: Score) -> list[Text]:
 def ratio_in_words(score: Score) -> str:
     """Write the ratio to the best with its interval, ``1.2 x (1.1 to 1.4)``, and the rule's word.
 
-    The word is ``n.s.``, ``untested`` or ``loses more runs``; a filter that is worse has none. The best
-    filter is ``best``, without a ratio, and another with the same errors ``equal to the best``.
+    The word is ``n.s.``, ``undecided (8 runs)`` (also not significant, at a ratio above `NEAR`),
+    ``untested`` or ``loses more runs``; a filter that is worse has none. The best filter is ``best``,
+    without a ratio, and another with the same errors ``equal to the best``.
     """
     ratio = score.ratio_to_best
     width = ratio.high - ratio.low
@@ -243,7 +264,8 @@ def ratio_in_words(score: Score) -> str:
         low = phrases.multiple(ratio.low, width)
         high = phrases.multiple(ratio.high, width)
         text += f" ({low} to {high})"
-    words = {ALIKE: " n.s.", LOSES_MORE: ", loses more runs", UNTESTED: " untested"}
+    alike = " n.s." if not is_open(score) else f", undecided ({counted(score.runs, 'run')})"
+    words = {ALIKE: alike, LOSES_MORE: ", loses more runs", UNTESTED: " untested"}
     return text + words.get(score.word, "")
 
 
@@ -263,10 +285,14 @@ def filter_sentences(group: SuiteScores, label: str) -> list[str]:
             lines.append(f"It has the smallest error on {joined(first)}.")
     failing = [score.problem for score in run if fails(score)]
     if failing:
-        lines.append(
+        text = (
             f"It fails on {joined(failing)}: its error is {WORST:g} times that of the best filter or "
-            "more, or it loses all runs or significantly more than another filter."
+            "more, or it loses all runs or significantly more than another filter"
         )
+        undecided = [score.problem for score in run if fails(score) and is_open(score)]
+        if undecided:
+            text += f"; on {joined(undecided)} the runs do not yet decide this by a test"
+        lines.append(f"{text}.")
     overconfident = [score.problem for score in run if is_overconfident(score)]
     if overconfident:
         lines.append(f"It is overconfident on {joined(overconfident)}.")
