@@ -393,6 +393,24 @@ def test_blocks_are_computed_once(tmp_path: Path) -> None:
     assert (tmp_path / "results" / "small-part" / "scores.csv").read_bytes() == scores
 
 
+def test_problems_one_after_the_other_keep_their_scores(tmp_path: Path) -> None:
+    """The second command replaced the scores of the first, and said nothing."""
+    (tmp_path / "s.yaml").write_text(SUITE)
+    words = ("suite", "s.yaml", "--runs", "2", "--workers", "1", "--no-times")
+    for name in ("turn", "ungm"):
+        assert trackbench(*words, "--problem", name, cwd=tmp_path).returncode == 0
+        assert (tmp_path / "results" / f"small-{name}" / name / "report.html").is_file()
+    for name in ("turn", "ungm"):
+        scores = (tmp_path / "results" / f"small-{name}" / "scores.csv").read_text()
+        assert f"known,{name}," in scores
+    # In a folder of the user's own the scores are those of the last command, which is said.
+    into = (*words, "--only", "EKF", "--out", "own")
+    first = trackbench(*into, "--problem", "turn", cwd=tmp_path)
+    assert "earlier commands" not in first.stderr
+    second = trackbench(*into, "--problem", "ungm", cwd=tmp_path)
+    assert "note: own also has turn of earlier commands" in second.stderr
+
+
 def score(problem: str, problem_class: str, label: str, ratio: float, **keys: object) -> Score:
     beside = {"ratio_to_best": Ratio(value=ratio), "error": ratio, "runs": 8}
     return Score(

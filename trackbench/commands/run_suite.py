@@ -27,6 +27,7 @@ from trackbench.durations import expected_time_in_words
 from trackbench.errors import Mark, Problem, UserError, counted
 from trackbench.execution.engines import begin
 from trackbench.report import DRAWER
+from trackbench.report.findings.phrases import joined
 from trackbench.report.html.suite_page import write_suite_page
 from trackbench.report.plotting import style
 from trackbench.report.suite.figures import draw_figures
@@ -48,6 +49,7 @@ from trackbench.report.suite.tables import (
     smoother_table,
 )
 from trackbench.report.table import TextTable
+from trackbench.results.folder_contents import MANIFEST
 
 _UNUSED = ("measurements", "truth", "grid", "product")
 """Options of experiments that a suite does not have."""
@@ -114,13 +116,24 @@ def suite_folder(suite: Suite, options: Options) -> Path:
     if options.out is not None:
         return Path(options.out)
     parts = [suite.settings.name]
-    if options.only or suite.is_part:
-        parts.append("part")  # the scores of the whole suite stay
+    # The scores of the whole suite stay, and so do those of another problem.
+    is_single = suite.is_part and len(suite.problems) == 1
+    if is_single:
+        parts.append(suite.problems[0].name)
+    if options.only or (suite.is_part and not is_single):
+        parts.append("part")
     if options.quick:
         parts.append("quick")
     if options.filters:
         parts += ["with", *(Path(path).stem for path in options.filters)]
     return Path("results") / "-".join(parts)
+
+
+def earlier_problems(folder: Path, groups: Sequence[SuiteScores]) -> list[str]:
+    """List the results folders of problems in a suite's folder that its scores do not have."""
+    names = {problem for group in groups for problem in group.problems}
+    manifests = sorted(folder.glob(f"*/{MANIFEST}"))
+    return [path.parent.name for path in manifests if path.parent.name not in names]
 
 
 def preview_suite(file: Path, options: Options, problems: Sequence[str] = ()) -> list[str]:
@@ -246,6 +259,13 @@ def run_suite(
     result = SuiteReport(suite=suite, folder=folder, groups=groups, failed=failed)
     ensure_folder(folder)
     write_scores(folder, groups)
+    earlier = earlier_problems(folder, groups)
+    if earlier:
+        say(
+            f"note: {folder} also has {joined(earlier)} of earlier commands; scores.csv and suite.html "
+            "have the problems of this one only: name all of them, or write with --out elsewhere",
+            options,
+        )
     figures = draw_figures(folder, groups, style.forms(options.formats))
     write_suite_page(
         folder / "suite.html",
