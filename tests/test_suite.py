@@ -18,11 +18,14 @@ from matplotlib.figure import Figure
 from tests.commands import trackbench
 from tests.conftest import ROOT
 from tests.suite_scores import stored_suite
+from trackbench.commands import prepare
+from trackbench.commands import run_suite as run_suite_module
 from trackbench.commands.prepare import Options
-from trackbench.commands.run_suite import SuiteReport, _recorded_seconds, run_suite
+from trackbench.commands.run_suite import SuiteReport, _recorded_seconds, preview_suite, run_suite
 from trackbench.config.shipped_experiments import SuiteTime, suite_names, suite_times
 from trackbench.config.suite import QUICK_RUNS, load_suite
 from trackbench.errors import UserError
+from trackbench.evaluation.block import BlockTask
 from trackbench.report.plotting import style
 from trackbench.report.plotting.point_labels import PointLabel, label_points
 from trackbench.report.suite.figures import (
@@ -224,6 +227,40 @@ def test_a_program_is_asked_before_anything_runs(own: Path) -> None:
     assert done.returncode == 2
     assert refusal in done.stderr
     assert not (own / "results").exists()
+
+
+def test_a_dry_run_of_a_shipped_suite_times_the_users_filter(
+    own: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The time was said to be without the filter, also where it took most of it."""
+    options = Options(
+        quiet=True,
+        engine="serial",
+        quick=True,
+        filters=[own / "mine"],
+        out=own / "timed",
+        fresh=True,
+    )
+    problems = ["air-traffic", "two-turns"]
+    tried = []
+
+    def trial(task: BlockTask) -> float:
+        tried.append(task.filter.runs_program)
+        return 3600.0
+
+    monkeypatch.setattr(prepare, "estimate_cpu_s", trial)
+    last = preview_suite(Path("standard"), options, problems)[-1]
+    assert tried == [True, True]
+    assert last.startswith("in all about 2 h on 1 workers")
+    assert last.endswith("mine by a trial of the first steps")
+    # If trials take long, the pace on the first problems counts for the other ones.
+    monkeypatch.setattr(run_suite_module, "_TRIALS_S", 0.0)
+    assert preview_suite(Path("standard"), options, problems)[-1].endswith("and without mine")
+    assert len(tried) == 2
+    # A filter that fails in its trial has no time.
+    monkeypatch.setattr(run_suite_module, "_TRIALS_S", 10.0)
+    monkeypatch.setattr(prepare, "estimate_cpu_s", lambda task: 1 / 0)
+    assert preview_suite(Path("standard"), options, problems)[-1].endswith("and without mine")
 
 
 def test_a_problem_of_a_suite_is_no_experiment_and_has_a_hint() -> None:
