@@ -30,11 +30,13 @@ from trackbench.config.suite import FittedProblem, Suite, load_suite, shown_labe
 from trackbench.durations import expected_time_in_words
 from trackbench.errors import Mark, Problem, UserError, counted
 from trackbench.execution.engines import begin
+from trackbench.models.motions.kinematic import Linear
 from trackbench.report import DRAWER
 from trackbench.report.findings.phrases import joined
 from trackbench.report.html.suite_page import write_suite_page
 from trackbench.report.plotting import style
 from trackbench.report.suite.figures import draw_figures
+from trackbench.report.suite.reach import ProblemModel, reach_sentence
 from trackbench.report.suite.scores import (
     FILTER,
     ProblemRuns,
@@ -45,7 +47,6 @@ from trackbench.report.suite.scores import (
     write_scores,
 )
 from trackbench.report.suite.tables import (
-    few_problems_sentence,
     filter_sentences,
     filter_table,
     leader_sentence,
@@ -84,8 +85,9 @@ class SuiteReport:
             for label in self.suite.added:
                 lines.append(" ".join(filter_sentences(group, label)))
             lines.append(leader_sentence(group))
+        models = _problem_models(self.suite)
         lines += [
-            few_problems_sentence(self.groups, label, label in self.suite.programs)
+            reach_sentence(self.groups, label, label in self.suite.programs, models)
             for label in self.suite.added
         ]
         return [line for line in lines if line]
@@ -94,6 +96,19 @@ class SuiteReport:
         """Return the tables of smoothers, of the groups that have any."""
         tables = [smoother_table(group) for group in self.groups]
         return [table for table in tables if table is not None]
+
+
+def _problem_models(suite: Suite) -> dict[str, ProblemModel]:
+    """Return state and measurement of each problem that is run, or that no filter of the user fits."""
+    models = {}
+    for problem in [*suite.problems, *suite.without_added]:
+        motion, sensor = problem.experiment.points[0].scenario.model
+        models[problem.name] = ProblemModel(
+            state=tuple(motion.components),
+            measurement=tuple(sensor.components),
+            is_linear=isinstance(motion, Linear) and getattr(sensor, "H", None) is not None,
+        )
+    return models
 
 
 def prepare_suite(file: Path, options: Options, problems: Sequence[str] = ()) -> Suite:

@@ -33,8 +33,6 @@ from trackbench.statistics.rules import ALIKE, FEWEST_RUNS, UNTESTED
 
 NEAR = 1.1
 """Factor within which a filter is near the best."""
-_FEW_PROBLEMS = 0.5
-"""Share of a group's problems up to which a filter is said to run on few."""
 _ALIKE = 0.25
 """Largest relative difference of a run's errors, typical of the problems, of filters that are alike."""
 _FEW_RUNS = 20
@@ -341,30 +339,6 @@ def _on_problems(part: Sequence[str], problems: Sequence[str]) -> str:
     if len(part) == len(problems):
         return "on each problem"
     return f"on {joined(part)}"
-
-
-def few_problems_sentence(groups: Sequence[SuiteScores], label: str, is_program: bool) -> str:
-    """Return how a filter of the user may run on more problems; empty if it runs on most."""
-    scores = []
-    for group in groups:
-        scores += [*group.of_role(FILTER), *group.not_computed]
-    scores = [score for score in scores if score.label == label]
-    run = sum(not score.is_left_out for score in scores)
-    if run > _FEW_PROBLEMS * len(scores):
-        return ""
-    reason = (
-        f"{label} runs on {run} of {counted(len(scores), 'problem')}. The others measure something "
-        "else, or have another state."
-    )
-    if is_program:
-        return (
-            f"{reason} A program that takes F, Q, H and R from its first line runs on every linear "
-            "problem: `trackbench new filter NAME --language c` writes one."
-        )
-    return (
-        f"{reason} A filter that takes its model as functions runs on nearly all: `trackbench new "
-        "filter NAME --per-run --nonlinear` writes one."
-    )
 
 
 def _typical_ratio_sentence(group: SuiteScores, label: str, run: int, number: int) -> str:
