@@ -299,6 +299,26 @@ def test_problems_without_the_users_filter_are_not_computed(own: Path) -> None:
     assert rows["ungm"][3].text == "–"
 
 
+def test_a_program_in_a_suite_of_the_users_own_has_its_table(own: Path, tmp_path: Path) -> None:
+    """Only a filter of --filter had one."""
+    text = OWN.replace("CKF: {kind: ckf}}", "mine: {kind: external, command: [./mine]}}")
+    (own / "with-program.yaml").write_text(text)
+    options = Options(
+        quiet=True, engine="serial", formats=("svg",), times=False, out=tmp_path / "out",
+        allow_plugins=True,
+    )  # fmt: skip
+    report = run_suite(own / "with-program.yaml", options)
+    assert report is not None
+    table = report.tables()[0]
+    assert table.title == "mine, problem by problem"
+    assert [row[0].text for row in table.rows] == ["ungm", "turns"]
+    known, late = report.groups
+    assert (known.added, late.added) == (("mine",), ())
+    sentences = report.sentences()
+    assert sentences[0].startswith("Known: mine ran on 1 of 2 problems.")
+    assert not any(line.startswith("Late: mine") for line in sentences)
+
+
 def test_keys_of_the_users_filter_are_set_where_they_have_an_effect(own: Path) -> None:
     words = ("suite", "own.yaml", "--filter", "./mine", "--dry-run")
     done = trackbench(*words, "--set", "filters.mine.late=drop", cwd=own)

@@ -72,7 +72,7 @@ class SuiteReport:
 
     def tables(self) -> list[TextTable]:
         """Return the tables of the first screen: the user's filters, or the whole rosters."""
-        shown = [filter_table(self.groups, label) for label in self.suite.added]
+        shown = [filter_table(self.groups, label) for label in self.suite.own]
         for group in self.groups:
             if len(group.labels(FILTER)) > 1:
                 shown.append(roster_table(group))
@@ -82,13 +82,13 @@ class SuiteReport:
         """Return what follows from the scores, a paragraph for each filter and group."""
         lines = []
         for group in self.groups:
-            for label in self.suite.added:
+            for label in group.added:
                 lines.append(" ".join(filter_sentences(group, label)))
             lines.append(leader_sentence(group))
         models = _problem_models(self.suite)
         lines += [
             reach_sentence(self.groups, label, label in self.suite.programs, models)
-            for label in self.suite.added
+            for label in self.suite.own
         ]
         return [line for line in lines if line]
 
@@ -324,7 +324,7 @@ def run_suite(
             scores=scores[name],
             runs=runs[name],
             tuned={p.name: p.tuned for p in suite.problems if p.group == name},
-            added=suite.added,
+            added=_own_in_group(suite, name),
             not_computed=tuple(not_computed[name]),
         )
         for name, group in suite.settings.groups.items()
@@ -353,6 +353,15 @@ def run_suite(
         left_out=_left_out_lines(suite),
     )
     return result
+
+
+def _own_in_group(suite: Suite, name: str) -> tuple[str, ...]:
+    """Return the labels of the user's own filters in the roster of a group."""
+    group = suite.settings.groups[name]
+    labels = {*suite.added, *group.filters}
+    for problem in group.problems.values():
+        labels |= problem.filters.keys()
+    return tuple(label for label in suite.own if label in labels)
 
 
 def _options_of_jobs(suite: Suite, options: Options) -> Options:
@@ -463,7 +472,7 @@ def _failures(suite: Suite, name: str, report: Report) -> list[str]:
     """
     lines = list(report.results.unmade_lines)
     for line in report.failed_filters:
-        is_added = any(line.startswith(f"{label} ") for label in suite.added)
+        is_added = any(line.startswith(f"{label} ") for label in suite.own)
         if is_added:
             lines.append(line)
     return [f"{name}: {line}" for line in lines]
