@@ -18,11 +18,14 @@ from matplotlib.figure import Figure
 from tests.commands import trackbench
 from tests.conftest import ROOT
 from tests.suite_scores import stored_suite
+from trackbench.commands import prepare
+from trackbench.commands import run_suite as run_suite_module
 from trackbench.commands.prepare import Options
-from trackbench.commands.run_suite import SuiteReport, _recorded_seconds, run_suite
+from trackbench.commands.run_suite import SuiteReport, _recorded_seconds, preview_suite, run_suite
 from trackbench.config.shipped_experiments import SuiteTime, suite_names, suite_times
 from trackbench.config.suite import QUICK_RUNS, load_suite
 from trackbench.errors import UserError
+from trackbench.evaluation.block import BlockTask
 from trackbench.models.description import sensor_places
 from trackbench.report.plotting import style
 from trackbench.report.plotting.point_labels import PointLabel, label_points
@@ -47,7 +50,7 @@ from trackbench.report.suite.scores import (
     typical_ratio_where_run,
     typical_ratios,
 )
-from trackbench.report.suite.tables import fails, filter_table, roster_table
+from trackbench.report.suite.tables import fails, filter_sentences, filter_table, roster_table
 from trackbench.statistics.rules import FEWEST_RUNS
 
 SUITE = """\
@@ -267,6 +270,40 @@ def test_a_program_that_ends_at_its_first_line_runs_on_no_problem(own: Path) -> 
     assert "'no table'" in done.stderr
 
 
+def test_a_dry_run_of_a_shipped_suite_times_the_users_filter(
+    own: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The time was said to be without the filter, also where it took most of it."""
+    options = Options(
+        quiet=True,
+        engine="serial",
+        quick=True,
+        filters=[own / "mine"],
+        out=own / "timed",
+        fresh=True,
+    )
+    problems = ["air-traffic", "two-turns"]
+    tried = []
+
+    def trial(task: BlockTask) -> float:
+        tried.append(task.filter.runs_program)
+        return 3600.0
+
+    monkeypatch.setattr(prepare, "estimate_cpu_s", trial)
+    last = preview_suite(Path("standard"), options, problems)[-1]
+    assert tried == [True, True]
+    assert last.startswith("in all about 2 h on 1 workers")
+    assert last.endswith("mine by a trial of the first steps")
+    # If trials take long, the pace on the first problems counts for the other ones.
+    monkeypatch.setattr(run_suite_module, "_TRIALS_S", 0.0)
+    assert preview_suite(Path("standard"), options, problems)[-1].endswith("and without mine")
+    assert len(tried) == 2
+    # A filter that fails in its trial has no time.
+    monkeypatch.setattr(run_suite_module, "_TRIALS_S", 10.0)
+    monkeypatch.setattr(prepare, "estimate_cpu_s", lambda task: 1 / 0)
+    assert preview_suite(Path("standard"), options, problems)[-1].endswith("and without mine")
+
+
 def test_a_problem_of_a_suite_is_no_experiment_and_has_a_hint() -> None:
     done = trackbench("show", "position")
     assert done.returncode == 2
@@ -304,6 +341,26 @@ def test_problems_without_the_users_filter_are_not_computed(own: Path) -> None:
     assert part.groups[0].problems == ["ungm", "turns"]
     rows = {row[0].text: row for row in part.tables()[0].rows}
     assert rows["ungm"][3].text == "–"
+
+
+def test_a_program_in_a_suite_of_the_users_own_has_its_table(own: Path, tmp_path: Path) -> None:
+    """Only a filter of --filter had one."""
+    text = OWN.replace("CKF: {kind: ckf}}", "mine: {kind: external, command: [./mine]}}")
+    (own / "with-program.yaml").write_text(text)
+    options = Options(
+        quiet=True, engine="serial", formats=("svg",), times=False, out=tmp_path / "out",
+        allow_plugins=True,
+    )  # fmt: skip
+    report = run_suite(own / "with-program.yaml", options)
+    assert report is not None
+    table = report.tables()[0]
+    assert table.title == "mine, problem by problem"
+    assert [row[0].text for row in table.rows] == ["ungm", "turns"]
+    known, late = report.groups
+    assert (known.added, late.added) == (("mine",), ())
+    sentences = report.sentences()
+    assert sentences[0].startswith("Known: mine ran on 1 of 2 problems.")
+    assert not any(line.startswith("Late: mine") for line in sentences)
 
 
 def test_keys_of_the_users_filter_are_set_where_they_have_an_effect(own: Path) -> None:
@@ -437,6 +494,24 @@ def test_blocks_are_computed_once(tmp_path: Path) -> None:
     assert (tmp_path / "results" / "small-part" / "scores.csv").read_bytes() == scores
 
 
+def test_problems_one_after_the_other_keep_their_scores(tmp_path: Path) -> None:
+    """The second command replaced the scores of the first, and said nothing."""
+    (tmp_path / "s.yaml").write_text(SUITE)
+    words = ("suite", "s.yaml", "--runs", "2", "--workers", "1", "--no-times")
+    for name in ("turn", "ungm"):
+        assert trackbench(*words, "--problem", name, cwd=tmp_path).returncode == 0
+        assert (tmp_path / "results" / f"small-{name}" / name / "report.html").is_file()
+    for name in ("turn", "ungm"):
+        scores = (tmp_path / "results" / f"small-{name}" / "scores.csv").read_text()
+        assert f"known,{name}," in scores
+    # In a folder of the user's own the scores are those of the last command, which is said.
+    into = (*words, "--only", "EKF", "--out", "own")
+    first = trackbench(*into, "--problem", "turn", cwd=tmp_path)
+    assert "earlier commands" not in first.stderr
+    second = trackbench(*into, "--problem", "ungm", cwd=tmp_path)
+    assert "note: own also has turn of earlier commands" in second.stderr
+
+
 def score(problem: str, problem_class: str, label: str, ratio: float, **keys: object) -> Score:
     beside = {"ratio_to_best": Ratio(value=ratio), "error": ratio, "runs": 8}
     return Score(
@@ -489,6 +564,117 @@ def test_words_of_the_users_table_are_explained() -> None:
     assert [cell.text for cell in table.rows[0][3:]] == ["0", "16.7 ± 3.4", "undecided"]
     assert [cell.text for cell in table.rows[1][3:]] == ["–", "–", "–"]
     assert [note.partition(":")[0] for note in table.notes] == ["untested", "ANEES", "undecided"]
+
+
+INDEFINITE = EKF.replace(
+    "        self.P = self.P - K @ S @ K.T\n        return self.x, self.P\n",
+    """        self.P = self.P - K @ S @ K.T
+        self.k = getattr(self, "k", 0) + 1
+        if self.k < 5:
+            return self.x, self.P
+        return self.x, self.P - 2.0 * np.diag(np.diag(self.P))
+""",
+)
+
+
+def test_a_covariance_that_is_not_positive_definite_is_named(tmp_path: Path) -> None:
+    (tmp_path / "small.yaml").write_text(SUITE)
+    (tmp_path / "my.py").write_text(INDEFINITE)
+    report = run_suite(
+        tmp_path / "small.yaml", problems=["turn"], only=["EKF"], filters=[tmp_path / "my.py"],
+        out=tmp_path / "out", quiet=True, engine="serial", formats=("svg",), times=False,
+    )  # fmt: skip
+    assert report is not None
+    score = of(report, "turn", "my-ekf")
+    assert (score.indefinite, score.first_indefinite_step) == (6, 4.0)
+    assert (score.collapsed, score.consistency) == (0, "not positive definite in all")
+    notes = " ".join(report.tables()[0].notes)
+    assert "Covariance not positive definite: on turn in 6 of 6 runs, first at step 4." in notes
+    assert "float32" in notes
+    assert "Joseph form" in notes
+    assert "collapsed" not in notes.lower()
+    text = "Its covariance is not positive definite on turn in 6 of 6 runs, first at step 4."
+    assert text in " ".join(report.sentences())
+    # The report of the problem has its words in the ranking.
+    page = (tmp_path / "out" / "turn" / "report.html").read_text()
+    assert "Covariance not positive definite: my-ekf in 6 of 6 runs, first at step 4." in page
+
+
+def test_a_collapsed_covariance_is_too_small_or_has_no_spread() -> None:
+    words = {"consistency": "collapsed in 2 of 8", "collapsed": 2}
+    scores = [
+        score("p", "x", "A", 1.2, **words),
+        score("q", "x", "A", 1.2, without_spread=1, **words),
+    ]
+    notes = [
+        filter_table([SuiteScores(group="g", title="G", scores=part, runs={})], "A").notes[-1]
+        for part in (scores[:1], scores)
+    ]
+    assert notes[0].endswith("Here the covariance is far too small, but has some spread.")
+    assert notes[1].endswith("as if all particles were at one point: on q in 1 of 8 runs.")
+
+
+def likeness_sentence(mine: tuple[float, ...], lost: bool = False) -> str:
+    """Return the last sentence on a filter with these errors beside one with the error 1."""
+    group = by_hand({"A": (1.0,) * len(mine), "own": mine}, ("x", "y", "z")[: len(mine)])
+    if lost:
+        group.runs["p0"].values["own"][3] = np.nan
+    return filter_sentences(replace(group, added=("own",)), "own")[-1]
+
+
+def test_a_filter_that_is_like_no_other_has_no_nearest_one() -> None:
+    near = "The nearest filter is A: the errors of a run differ by up to"
+    assert likeness_sentence((1.05, 1.1, 3.0)) == f"{near} 9.1 % on half of the problems."
+    assert likeness_sentence((1.05,)) == f"{near} 4.8 % on p0."
+    none = "No filter of the roster resembles it: on half of the problems the error of some run differs"
+    assert likeness_sentence((30.0, 25.0, 1.2)).startswith(none)
+    assert "inf" not in likeness_sentence((1.05,), lost=True)
+    assert likeness_sentence((1.05,), lost=True).startswith(
+        "No filter of the roster resembles it: on p0"
+    )
+    assert likeness_sentence((1.0, 3.0, 4.0)).startswith("On 1 of 3 problems it is the A:")
+
+
+def test_who_is_tuned_is_said_as_it_is() -> None:
+    group = by_hand({"A": (1.0, 1.0), "own": (1.2, 1.2)}, ("x", "y"))
+    group = replace(group, added=("own",))
+
+    def text(**tuned: tuple[str, ...]) -> str:
+        return " ".join(filter_sentences(replace(group, tuned=tuned), "own"))
+
+    assert "are tuned on each problem, and yours is not: --set" in text(p0=("A",), p1=("A",))
+    assert "'groups.g.tune.own={KEY" in text(p0=("A",), p1=("A",))
+    assert "tuned" not in text(p0=("A", "own"), p1=("A", "own"))
+    assert "are tuned on p1, and yours is not" in text(p0=("A", "own"), p1=("A",))
+    assert "Your filter is tuned on p0, and those of the roster are not." in text(
+        p0=("own",), p1=()
+    )
+    assert "tuned" not in text()
+
+
+def test_a_large_ratio_that_is_not_significant_is_undecided() -> None:
+    """An interval that excludes 1 is left out; so is the word n.s. at a ratio far from 1."""
+    word = {"word": "no significant difference"}
+    near = score("p", "x", "A", 1.03, **word)
+    far = score(
+        "q", "x", "A", 1.8, **word | {"ratio_to_best": Ratio(value=1.8, low=1.4, high=2.45)}
+    )
+    useless = score("r", "x", "A", 30.0, **word)
+    group = SuiteScores(group="g", title="G", scores=[near, far, useless], runs={})
+    table = filter_table([group], "A")
+    assert [row[2].text for row in table.rows] == [
+        "1.03 x n.s.", "1.8 x, undecided (8 runs)", "30 x, undecided (8 runs)"
+    ]  # fmt: skip
+    assert [note.partition(":")[0] for note in table.notes][:2] == ["n.s.", "undecided (8 runs)"]
+    assert "; on r the runs do not yet decide this by a test." in " ".join(
+        filter_sentences(group, "A")
+    )
+    with style.rc_context():
+        figure = draw_matrix(group)
+        legend = " ".join(text.get_text() for text in figure.axes[0].get_legend().get_texts())
+        style.close(figure)
+    assert "1.20  undecided by these runs" in legend
+    assert "may be as good" not in legend
 
 
 def test_the_typical_ratio_where_a_filter_ran_by_hand() -> None:

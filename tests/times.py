@@ -63,8 +63,10 @@ def record_suite_times(suites: list[str]) -> None:
             (r["suite"], r["problem"], int(r["runs"])): r["cpu_s"] for r in csv.DictReader(file)
         }
     for name in suites:
-        for folder in (name, f"{name}-quick", f"{name}-part-quick"):
-            for manifest in sorted((RESULTS / folder).glob("*/manifest.json")):
+        # A single problem has a folder of its own: standard-linear-quick.
+        of_parts = sorted(RESULTS.glob(f"{name}-*-quick"))
+        for folder in (RESULTS / name, RESULTS / f"{name}-quick", *of_parts):
+            for manifest in sorted(folder.glob("*/manifest.json")):
                 facts = Results(manifest.parent).manifest
                 seconds_of[name, manifest.parent.name, facts["runs"]] = f"{facts['cpu_s']:.2g}"
     # Step 2: write them.

@@ -192,6 +192,8 @@ _ERROR_METRICS = [
     Metric("autocorrelation", "of whitened innovations, by lag", "1", "zero",
            "autocovariance", over_steps="", over_runs=""),
 ]  # fmt: skip
+FIRST_INDEFINITE = "first_indefinite_step"
+"""Metric that a filter has if in any run its covariance is not positive definite."""
 _NOTED = """
 diverged      | 1 | lower  | share of runs whose last ten estimates are outside that region
 peak          | quantity | lower | largest error of a run
@@ -220,6 +222,7 @@ alarm         | 1 |        | decisions in a run that a maneuver has begun
 alarm_age_s   | s |        | time since the onset that an alarm takes for true
 zeta          |   |        | significance of the oldest onset's input; 2 in straight flight
 zeta_beyond   | 1 |        | share of steps with zeta beyond its law's 10 % point
+first_indefinite_step | 1 | | first step of a run at which the covariance is not positive definite
 collapsed_steps    | 1 | lower  | steps of a run at which no particle had a weight
 ess           | 1 | higher | effective sample size before resampling, as a share of N
 distinct_particles | 1 | higher | share of the particles that are no copies

@@ -3,6 +3,7 @@
 import sys
 import time
 from importlib.util import find_spec
+from math import inf
 from typing import Any
 
 from trackbench.errors import counted
@@ -23,7 +24,13 @@ def progress_bar(total: int, unit: str, wanted: bool, **keys: Any) -> Any:
 
 
 class _ProgressLines:
-    """Progress into a file: a line after each tenth of the units, if they take long."""
+    """Progress into a file: a line after each tenth of the units, if they take long.
+
+    Short bars that follow each other print a line, too, if there was none for as long.
+    """
+
+    _last_line_s = -inf
+    """time of the last line of any bar, or of the first bar's begin"""
 
     def __init__(self, total: int, unit: str, initial: int = 0, desc: str = "") -> None:
         self.total = total
@@ -31,6 +38,8 @@ class _ProgressLines:
         self._done = initial
         self._name = desc
         self._began = time.monotonic()
+        if _ProgressLines._last_line_s == -inf:
+            _ProgressLines._last_line_s = self._began
         self._tenths = 10 * initial // max(total, 1)
 
     def __enter__(self) -> "_ProgressLines":
@@ -43,9 +52,12 @@ class _ProgressLines:
         """Count units as done."""
         self._done += n
         tenths = 10 * self._done // max(self.total, 1)
-        seconds = time.monotonic() - self._began
-        if tenths > self._tenths and seconds >= _LONG_S:
+        now = time.monotonic()
+        seconds = now - self._began
+        is_long = seconds >= _LONG_S or now - _ProgressLines._last_line_s >= _LONG_S
+        if tenths > self._tenths and is_long:
             self._tenths = tenths
+            _ProgressLines._last_line_s = now
             units = f"{self._done} of {counted(self.total, self._unit)}"
             print(f"{self._name}: {units}, {seconds:.0f} s", file=sys.stderr, flush=True)
 

@@ -158,3 +158,18 @@ def test_traces_of_products_are_those_of_the_products() -> None:
             # The same sums in the same order, so not a rounding error apart.
             exact = linalg.trace(linalg.matmul(A[i], A[j]))
             np.testing.assert_array_equal(traces[i, j], exact)
+
+
+def test_a_matrix_with_a_negative_variance_is_indefinite() -> None:
+    covariance = np.array([[4.0, 1.0], [1.0, 2.0]])
+    singular = np.array([[4.0, 2.0], [2.0, 1.0]])
+    rounding = np.array([[4.0, 2.0], [2.0, 1.0 - 1e-13]])  # of float64
+    float32 = np.array([[4.0, 2.0], [2.0, 1.0 - 1e-7]])
+    negative = np.diag([1.0, -1e-30])
+    unknown = np.full((2, 2), np.nan)
+    # The covariance of particles that lie nearly on a line: only the last pivot is negative.
+    line = np.array([[1.0, 1e-9], [1e-9, 1e-18 * (1.0 - 1e-13)]])
+    matrices = [covariance, singular, rounding, line, float32, negative, unknown, np.zeros((2, 2))]
+    indefinite = linalg.is_indefinite(np.stack(matrices, axis=-1))
+    assert indefinite.tolist() == [False, False, False, False, True, True, False, False]
+    assert [bool(linalg.is_indefinite(P)) for P in matrices] == indefinite.tolist()

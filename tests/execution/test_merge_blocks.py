@@ -37,6 +37,15 @@ def random_block(rng: np.random.Generator, runs: int, shown: int, names: str) ->
     )
 
 
+def test_a_metric_that_some_blocks_lack_is_nan_in_their_runs() -> None:
+    rng = np.random.default_rng(1)
+    blocks = [random_block(rng, runs, 0, "a") for runs in (3, 2, 4)]
+    blocks[1].per_run["first_indefinite_step"] = np.array([np.nan, 5.0])
+    merged = merge(pack(block) for block in blocks)
+    first = merged.per_run["first_indefinite_step"]
+    np.testing.assert_array_equal(first, [np.nan] * 4 + [5.0] + [np.nan] * 4)
+
+
 @pytest.mark.parametrize("at_a_time", [1, 2, 64])
 def test_runs_stay_in_order_and_sums_are_added_one_by_one(
     at_a_time: int, monkeypatch: pytest.MonkeyPatch

@@ -186,6 +186,17 @@ def test_a_collapsed_run_is_counted_and_not_averaged(made):
     assert "e+10" not in table.texts().tex()
     assert table.csv_rows()[0][1] == 7.5e10  # the file keeps the number
     assert sum(note.startswith("A collapsed run") for note in table.notes) == 1
+    # An infinite NEES of a covariance that is not positive definite is named so.
+    first = np.full(40, np.nan)
+    first[:2] = 17.0
+    evaluator.__dict__["runs"] = {
+        ("PF", "nees"): np.where(first > 0.0, np.inf, nees),
+        ("PF", "first_indefinite_step"): first,
+    }
+    words_of_indefinite = evaluator.collapse_words(measure("anees").of("PF"))
+    assert words_of_indefinite == "not positive definite in 2 of 40 runs"
+    table.add(["C"], [Cell.of(RunEstimate(np.inf, np.nan, None, 40), words_of_indefinite)])
+    assert sum("Joseph form" in note for note in table.notes) == 1
 
 
 def test_one_lost_run_is_no_runs():

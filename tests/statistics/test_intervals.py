@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from trackbench.statistics import sample_statistics as st
-from trackbench.statistics.collapsed_runs import collapsed_in_words
+from trackbench.statistics.collapsed_runs import collapsed_in_words, indefinite_runs
 from trackbench.statistics.comparison import Comparison, as_family
 from trackbench.statistics.estimates import (
     RunEstimate,
@@ -221,3 +221,11 @@ def test_a_collapse_is_counted_among_several_runs():
     assert collapsed_in_words(np.array([1e5, 1.0, np.nan, 9e3])) == "collapsed in 1 of 3 runs"
     assert collapsed_in_words(np.array([1e5, np.nan])) == ""
     assert collapsed_in_words(np.array([1.0, 2.0])) == ""
+
+
+def test_a_covariance_that_is_not_positive_definite_is_no_collapse():
+    anees = np.array([np.inf, 1.0, np.nan, np.inf])
+    first = np.array([7.0, np.nan, np.nan, np.nan])  # the last run has a singular covariance
+    assert indefinite_runs(anees, first).tolist() == [True, False, False, False]
+    assert collapsed_in_words(anees, first) == "not positive definite in 1 of 3 runs"
+    assert collapsed_in_words(anees) == "collapsed in 2 of 3 runs"

@@ -33,6 +33,7 @@ _COLORS = {
     "differs": "red",
     "fails": "red",
     "collapsed": "red",
+    "not": "red",  # not positive definite
     "unranked": "red",
     "inconclusive": "yellow",
     "undecided": "yellow",

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
-from math import ceil
+from math import ceil, nan
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -460,6 +460,27 @@ def _cost_by_trial(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
         cpu_s += block_s * len(tasks)
         longest_block_s = max(longest_block_s, block_s)
     return _Cost(cpu_s=cpu_s, is_bound=False, longest_block_s=longest_block_s)
+
+
+def cpu_s_of_filter(job: Job, label: str, options: Options, tries: bool) -> tuple[float, float]:
+    """Estimate the CPU seconds that one filter takes for its missing blocks, and the size of its work.
+
+    The size is the number of runs times steps of the missing blocks. The seconds are found by a trial if
+    ``tries``, and NaN without a trial or if the filter fails in it.
+    """
+    store = BlockStore(cache_folder())
+    tasks = [task for (_, name), tasks in job.plan.tasks.items() if name == label for task in tasks]
+    missing = [task for task in tasks if options.fresh or not store.has_file(task)]
+    size = sum(task.width * len(task.scenario.steps) for task in missing)
+    if not missing:
+        return 0.0, 0.0
+    if not tries:
+        return nan, size
+    try:
+        with guarded():
+            return estimate_cpu_s(missing[0]) * len(missing), size
+    except Exception:  # the run itself will report it
+        return nan, size
 
 
 _MOST_TRIALS = 40

@@ -1,8 +1,10 @@
 """Run a suite: its problems as experiments in one queue, then the scores over all of them."""
 
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
+from math import isfinite
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,7 +14,9 @@ from trackbench.commands.prepare import (
     CACHED,
     FIT,
     OPTION_NAMES,
+    Job,
     Options,
+    cpu_s_of_filter,
     dry_run_line,
     expected_time,
     jobs_of,
@@ -22,14 +26,17 @@ from trackbench.commands.prepare import (
 from trackbench.commands.run_experiment import run_each
 from trackbench.commands.stored_results import Report
 from trackbench.config.shipped_experiments import SuiteTime, suite_names, suite_times
-from trackbench.config.suite import Suite, load_suite
+from trackbench.config.suite import FittedProblem, Suite, load_suite, shown_label
 from trackbench.durations import expected_time_in_words
 from trackbench.errors import Mark, Problem, UserError, counted
 from trackbench.execution.engines import begin
+from trackbench.models.motions.kinematic import Linear
 from trackbench.report import DRAWER
+from trackbench.report.findings.phrases import joined
 from trackbench.report.html.suite_page import write_suite_page
 from trackbench.report.plotting import style
 from trackbench.report.suite.figures import draw_figures
+from trackbench.report.suite.reach import ProblemModel, reach_sentence
 from trackbench.report.suite.scores import (
     FILTER,
     ProblemRuns,
@@ -40,7 +47,6 @@ from trackbench.report.suite.scores import (
     write_scores,
 )
 from trackbench.report.suite.tables import (
-    few_problems_sentence,
     filter_sentences,
     filter_table,
     leader_sentence,
@@ -48,6 +54,7 @@ from trackbench.report.suite.tables import (
     smoother_table,
 )
 from trackbench.report.table import TextTable
+from trackbench.results.folder_contents import MANIFEST
 
 _UNUSED = ("measurements", "truth", "grid", "product")
 """Options of experiments that a suite does not have."""
@@ -65,7 +72,7 @@ class SuiteReport:
 
     def tables(self) -> list[TextTable]:
         """Return the tables of the first screen: the user's filters, or the whole rosters."""
-        shown = [filter_table(self.groups, label) for label in self.suite.added]
+        shown = [filter_table(self.groups, label) for label in self.suite.own]
         for group in self.groups:
             if len(group.labels(FILTER)) > 1:
                 shown.append(roster_table(group))
@@ -75,12 +82,13 @@ class SuiteReport:
         """Return what follows from the scores, a paragraph for each filter and group."""
         lines = []
         for group in self.groups:
-            for label in self.suite.added:
+            for label in group.added:
                 lines.append(" ".join(filter_sentences(group, label)))
             lines.append(leader_sentence(group))
+        models = _problem_models(self.suite)
         lines += [
-            few_problems_sentence(self.groups, label, label in self.suite.programs)
-            for label in self.suite.added
+            reach_sentence(self.groups, label, label in self.suite.programs, models)
+            for label in self.suite.own
         ]
         return [line for line in lines if line]
 
@@ -88,6 +96,19 @@ class SuiteReport:
         """Return the tables of smoothers, of the groups that have any."""
         tables = [smoother_table(group) for group in self.groups]
         return [table for table in tables if table is not None]
+
+
+def _problem_models(suite: Suite) -> dict[str, ProblemModel]:
+    """Return state and measurement of each problem that is run, or that no filter of the user fits."""
+    models = {}
+    for problem in [*suite.problems, *suite.without_added]:
+        motion, sensor = problem.experiment.points[0].scenario.model
+        models[problem.name] = ProblemModel(
+            state=tuple(motion.components),
+            measurement=tuple(sensor.components),
+            is_linear=isinstance(motion, Linear) and getattr(sensor, "H", None) is not None,
+        )
+    return models
 
 
 def prepare_suite(file: Path, options: Options, problems: Sequence[str] = ()) -> Suite:
@@ -114,8 +135,12 @@ def suite_folder(suite: Suite, options: Options) -> Path:
     if options.out is not None:
         return Path(options.out)
     parts = [suite.settings.name]
-    if options.only or suite.is_part:
-        parts.append("part")  # the scores of the whole suite stay
+    # The scores of the whole suite stay, and so do those of another problem.
+    is_single = suite.is_part and len(suite.problems) == 1
+    if is_single:
+        parts.append(suite.problems[0].name)
+    if options.only or (suite.is_part and not is_single):
+        parts.append("part")
     if options.quick:
         parts.append("quick")
     if options.filters:
@@ -123,10 +148,18 @@ def suite_folder(suite: Suite, options: Options) -> Path:
     return Path("results") / "-".join(parts)
 
 
+def earlier_problems(folder: Path, groups: Sequence[SuiteScores]) -> list[str]:
+    """List the results folders of problems in a suite's folder that its scores do not have."""
+    names = {problem for group in groups for problem in group.problems}
+    manifests = sorted(folder.glob(f"*/{MANIFEST}"))
+    return [path.parent.name for path in manifests if path.parent.name not in names]
+
+
 def preview_suite(file: Path, options: Options, problems: Sequence[str] = ()) -> list[str]:
     """Describe each problem that `run_suite` would run in a line, with the time that it takes.
 
-    The time follows from stored results, or else from the recorded times of a shipped suite.
+    The time follows from stored results, or else from the recorded times of a shipped suite. To these
+    the times of the user's own filters are added, by a trial of their first steps.
     """
     suite = prepare_suite(file, options, problems)
     own_options = _options_of_jobs(suite, options)
@@ -138,24 +171,78 @@ def preview_suite(file: Path, options: Options, problems: Sequence[str] = ()) ->
     configs = [problem.config for problem in suite.problems]
     experiments = [problem.experiment for problem in suite.problems]
     jobs = jobs_of(configs, own_options, experiments)
+    own = _OwnTimes(suite.added, own_options)
     for problem, job in zip(suite.problems, jobs, strict=True):
         times = recorded.get(problem.name)
-        time = expected_time(job, own_options, tries=times is None)
-        if times is not None and time != CACHED:
+        time_text = expected_time(job, own_options, tries=times is None)
+        if times is not None and time_text != CACHED:
             runs = job.experiment.settings.runs
             # Without --quick a tuned roster has as many trials whatever the runs.
             is_tuned_in_full = bool(problem.tuned) and not options.quick
             seconds = _recorded_seconds(times, runs, is_tuned_in_full) / workers
+            seconds += own.seconds(problem, job) / workers
             all_seconds += seconds + _REPORT_S / workers
-            time = f"about {expected_time_in_words(seconds)} of filtering"
-        lines.append(dry_run_line(job, time))
+            time_text = f"about {expected_time_in_words(seconds)} of filtering"
+        lines.append(dry_run_line(job, time_text))
     if all_seconds:
-        time = expected_time_in_words(all_seconds)
-        line = f"in all about {time} on {workers} workers, with tables and figures"
-        if suite.added:
-            line += f", and without {', '.join(suite.added)}"
+        time_text = expected_time_in_words(all_seconds)
+        line = f"in all about {time_text} on {workers} workers, with tables and figures"
+        if own.unknown:
+            line += f", and without {joined(own.unknown)}"
+        elif suite.added:
+            line += f"; {joined(suite.added)} by a trial of the first steps"
         lines.append(line)
     return [*_left_out_lines(suite), *lines]
+
+
+_TRIALS_S = 10.0
+"""Seconds after which the user's own filters are not tried on further problems."""
+
+
+class _OwnTimes:
+    """CPU times of the user's own filters on the problems of a suite, from trials."""
+
+    def __init__(self, labels: Sequence[str], options: Options) -> None:
+        self._labels = labels
+        self._options = options
+        self._started = time.monotonic()
+        self._tried: dict[str, tuple[float, float]] = dict.fromkeys(labels, (0.0, 0.0))
+        """CPU seconds and size of the work, of each filter on the problems that it was tried on"""
+        self.unknown: list[str] = []
+        """filters that have no time on some problem"""
+
+    def seconds(self, problem: FittedProblem, job: Job) -> float:
+        """Return the CPU seconds of all of the filters on a problem, as far as they are known.
+
+        After `_TRIALS_S` seconds of trials the pace on earlier problems counts. The trials of a filter
+        that is tuned count, too.
+        """
+        total = 0.0
+        for label in self._labels:
+            if label in problem.left_out:
+                continue
+            tries = time.monotonic() - self._started < _TRIALS_S
+            shown = shown_label(problem, label)
+            seconds, size = cpu_s_of_filter(job, label, self._options, tries)
+            known_seconds, known_size = self._tried[label]
+            if isfinite(seconds):
+                self._tried[label] = (known_seconds + seconds, known_size + size)
+            elif not tries and known_size:
+                seconds = known_seconds * size / known_size
+            else:
+                self.unknown = [*dict.fromkeys([*self.unknown, label])]
+                continue
+            if shown != label:
+                seconds *= 1.0 + _trials_per_run(job)
+            total += seconds
+        return total
+
+
+def _trials_per_run(job: Job) -> float:
+    """Return how many times the work of its runs a filter does if it is tuned, at most."""
+    settings = job.experiment.settings
+    tuning = settings.tuning
+    return tuning.evaluations * (tuning.runs or settings.runs) / settings.runs
 
 
 _REPORT_S = 1.3
@@ -236,8 +323,8 @@ def run_suite(
             title=group.title,
             scores=scores[name],
             runs=runs[name],
-            is_tuned=bool(group.tune),
-            added=suite.added,
+            tuned={p.name: p.tuned for p in suite.problems if p.group == name},
+            added=_own_in_group(suite, name),
             not_computed=tuple(not_computed[name]),
         )
         for name, group in suite.settings.groups.items()
@@ -246,6 +333,13 @@ def run_suite(
     result = SuiteReport(suite=suite, folder=folder, groups=groups, failed=failed)
     ensure_folder(folder)
     write_scores(folder, groups)
+    earlier = earlier_problems(folder, groups)
+    if earlier:
+        say(
+            f"note: {folder} also has {joined(earlier)} of earlier commands; scores.csv and suite.html "
+            "have the problems of this one only: name all of them, or write with --out elsewhere",
+            options,
+        )
     figures = draw_figures(folder, groups, style.forms(options.formats))
     write_suite_page(
         folder / "suite.html",
@@ -259,6 +353,15 @@ def run_suite(
         left_out=_left_out_lines(suite),
     )
     return result
+
+
+def _own_in_group(suite: Suite, name: str) -> tuple[str, ...]:
+    """Return the labels of the user's own filters in the roster of a group."""
+    group = suite.settings.groups[name]
+    labels = {*suite.added, *group.filters}
+    for problem in group.problems.values():
+        labels |= problem.filters.keys()
+    return tuple(label for label in suite.own if label in labels)
 
 
 def _options_of_jobs(suite: Suite, options: Options) -> Options:
@@ -369,7 +472,7 @@ def _failures(suite: Suite, name: str, report: Report) -> list[str]:
     """
     lines = list(report.results.unmade_lines)
     for line in report.failed_filters:
-        is_added = any(line.startswith(f"{label} ") for label in suite.added)
+        is_added = any(line.startswith(f"{label} ") for label in suite.own)
         if is_added:
             lines.append(line)
     return [f"{name}: {line}" for line in lines]

@@ -28,6 +28,7 @@ from trackbench.config.shipped_experiments import located, suite_file
 from trackbench.config.tuning import tuned_label
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.evaluation.metric_expression import measured
+from trackbench.extension_points import foreign_parts
 from trackbench.field_types import Count, Natural
 from trackbench.filters.external_process import NO_FIRST_ANSWER
 from trackbench.yaml_source import (
@@ -139,7 +140,9 @@ class Suite:
     settings: SuiteSettings
     problems: list[FittedProblem]
     added: tuple[str, ...]
-    """labels of the user's own filters"""
+    """labels of the filters of --filter, which join every roster"""
+    own: tuple[str, ...]
+    """labels of all of the user's own filters: those added, and programs and plugins of the rosters"""
     programs: tuple[str, ...]
     """labels of those that are programs"""
     file: str
@@ -242,6 +245,9 @@ def load_suite(
     problems += _idle_overrides(filter_overrides, fitted)
     if problems:
         raise UserError(*dict.fromkeys(problems))
+    own_of_rosters = _own_of_rosters(fitted, _labels_of(settings))
+    programs = [file.stem for file in filter_files if file.suffix != ".py"]
+    programs += [label for label, is_program in own_of_rosters.items() if is_program]
     computed = fitted
     without_added = []
     if added and not chosen_problems:
@@ -251,7 +257,8 @@ def load_suite(
         settings=settings,
         problems=computed,
         added=tuple(added),
-        programs=tuple(file.stem for file in filter_files if file.suffix != ".py"),
+        own=tuple(dict.fromkeys([*added, *own_of_rosters])),
+        programs=tuple(programs),
         file=str(file),
         is_part=bool(chosen_problems),
         too_long=tuple(too_long),
@@ -282,6 +289,19 @@ def _labels_of(settings: SuiteSettings) -> list[str]:
         for problem in group.problems.values():
             labels += problem.filters
     return labels
+
+
+def _own_of_rosters(
+    fitted: Sequence[FittedProblem], roster_labels: Sequence[str]
+) -> dict[str, bool]:
+    """Return the labels of rosters' filters that are programs or plugins, True for a program."""
+    own = {}
+    for problem in fitted:
+        for label, tracker in problem.experiment.points[0].filters.items():
+            is_own = tracker.runs_program or bool(foreign_parts(tracker))
+            if is_own and label in roster_labels:
+                own[label] = tracker.runs_program
+    return own
 
 
 def _check_scores(source: Source, settings: SuiteSettings) -> None:

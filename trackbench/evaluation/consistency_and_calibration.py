@@ -22,8 +22,9 @@ from typing import Literal
 
 import numpy as np
 
+from trackbench.core import linalg
 from trackbench.core.angles import near
-from trackbench.core.arrays import Array, as_slice, with_trailing
+from trackbench.core.arrays import Array, Mask, as_slice, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import exp, log
 from trackbench.core.posterior_scores import (
@@ -64,6 +65,8 @@ class ConsistencySeries:
         """number of steps scored so far"""
         self._series = {name: np.empty(mean.shape[1:]) for name in self._rows}
         self._unused: dict[str, Array] = {}
+        self.indefinite: Mask | None = None
+        """covariances (T, M) that are not positive definite; None if there is none so far"""
 
     def add(self, cov: Array) -> None:
         """Add the covariance (n, n) or (n, n, M) of the next step, which is copied."""
@@ -102,6 +105,8 @@ class ConsistencySeries:
         for name, rows in self._rows.items():
             n = len(error[rows])
             squared, rank = distance_in_range(error[rows], cov[rows][:, rows], truth[rows])
+            if name == "nees" and rank is not None:
+                self._mark_indefinite(cov, steps)
             if rank is not None and not (rank == n).all():
                 # A NEES of rank r is stored times n / r, so that its mean is n.
                 unused = self._unused.setdefault(f"unused_{name}", np.zeros(self._mean.shape[1:]))
@@ -109,6 +114,15 @@ class ConsistencySeries:
                 squared = np.where(rank == 0, np.nan, squared * (n / np.maximum(rank, 1)))
             self._series[name][steps] = squared
         self._scored = steps.stop
+
+    def _mark_indefinite(self, cov: Array, steps: slice) -> None:
+        """Mark the covariances (n, n, S, M) of some steps that are not positive definite."""
+        marks = linalg.is_indefinite(cov)
+        if not marks.any():
+            return
+        if self.indefinite is None:
+            self.indefinite = np.zeros(self._mean.shape[1:], dtype=np.bool_)
+        self.indefinite[steps] = marks
 
 
 def side_by_side(covs: Sequence[Array]) -> Array:

@@ -25,7 +25,7 @@ from trackbench.core.sums import WindowSums, dot, total, total_of_known
 from trackbench.evaluation.innovations import innovation_metrics
 from trackbench.evaluation.validate_output import checked_metrics
 from trackbench.filters.base import WrongReturnError
-from trackbench.metrics import in_window, is_reserved, joined, metrics_of
+from trackbench.metrics import FIRST_INDEFINITE, in_window, is_reserved, joined, metrics_of
 from trackbench.scenarios.base import Scenario
 
 _ERROR_OF_TRUTH = re.compile(r"squared(?!_(?:predicted|held)_)")
@@ -152,6 +152,19 @@ def per_run_metrics(
     for name, numbers in metrics.items():
         without_lost_runs[name] = np.where(lost == NOT_LOST, numbers, np.nan)
     return without_lost_runs | {"lost": lost}
+
+
+def first_indefinite_steps(scenario: Scenario, indefinite: Mask, lost: Array) -> dict[str, Array]:
+    """Return the number of the first step (M,) of each run whose covariance is not positive definite.
+
+    It is NaN for a run without such a step, and for a lost run. The result is empty unless a run has
+    one. ``indefinite`` (T + 1, M) marks the covariances, and ``lost`` (M,) has the runs' reasons.
+    """
+    marked = indefinite.any(axis=0) & (lost == NOT_LOST)
+    if not marked.any():
+        return {}
+    first = np.asarray(scenario.steps)[indefinite.argmax(axis=0)]
+    return {FIRST_INDEFINITE: np.where(marked, first, np.nan)}
 
 
 def rejections(z: Array, twin: Array, diagnostics: Mapping[str, Array]) -> dict[str, Array]:

@@ -14,6 +14,7 @@ from trackbench.evaluation.error_series import (
     NOT_LOST,
     SeriesSums,
     StepSums,
+    first_indefinite_steps,
     per_run_metrics,
     rejections,
     sensor_rejections,
@@ -169,6 +170,7 @@ def _cut_output(output: FilterOutput, first: int, width: int) -> FilterOutput:
         },
         cpu_s=output.cpu_s * share,
         refused=_view_runs(output.refused, first, width),
+        indefinite=_view_runs(output.indefinite, first, width),
     )
 
 
@@ -222,6 +224,8 @@ def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int
             bad_truth |= np.isnan(data.truth)
         finite_truth = ~np.asarray(bad_truth.any(axis=(0, 1)))
     per_run = per_run_metrics(task.scenario, values, sums, finite, finite_truth, weights)
+    if output.indefinite is not None:
+        per_run |= first_indefinite_steps(task.scenario, output.indefinite, per_run["lost"])
     # Without lost runs the sums over all runs at each step are known already.
     sums_of_width: dict[int, dict[str, StepSums]] = {}
     if not (per_run["lost"] != NOT_LOST).any():

@@ -60,6 +60,8 @@ class FilterOutput(NamedTuple):
     """CPU seconds of the filter"""
     refused: Mask | None = None
     """refused components (n_z, T, M), if several sensors have a gate each"""
+    indefinite: Mask | None = None
+    """covariances (T + 1, M) that are not positive definite; None if all are"""
 
 
 @explain_read_only_errors()
@@ -387,6 +389,7 @@ class _Recorder:
             diagnostics=diagnostics | series | (self._observables or {}) | predictive,
             cpu_s=cpu_s,
             refused=refused,
+            indefinite=self._consistency.indefinite,
         )
 
     def _filled(self, series: Series, steps: int | slice, rows: dict[str, Array]) -> Series:

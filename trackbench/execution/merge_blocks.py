@@ -17,18 +17,29 @@ _AT_A_TIME = 64
 
 def merge(blocks: Iterable[PackedBlock]) -> FilterResult:
     """Join the values per run and add up the sums per step, block by block in the given order."""
-    parts: dict[ArrayPath, list[Array]] = {}
+    parts: dict[ArrayPath, list[tuple[int, Array]]] = {}  # pieces after the first run of each
+    first_run = 0
     sums: dict[ArrayPath, Array] = {}
     timing: list[Timing] = []
     for group in _groups_alike(blocks):
         layout = group[0].layout
         rows = np.stack([block.numbers for block in group])
         _add_sums(sums, layout, rows)
+        runs = 0
         for array in layout:
             if array.path not in sums:
-                parts.setdefault(array.path, []).append(_join_runs(rows, array))
+                piece = _join_runs(rows, array)
+                parts.setdefault(array.path, []).append((first_run, piece))
+                if array.path[0] == "per_run":
+                    runs = piece.shape[-1]
+        first_run += runs
         timing += [Timing(cpu_s=block.cpu_s, runs=block.width) for block in group]
-    joined = {path: np.concatenate(pieces, axis=-1) for path, pieces in parts.items()}
+    joined = {}
+    for path, pieces in parts.items():
+        if path[0] == "per_run":
+            joined[path] = _with_gaps(pieces, first_run)
+        else:
+            joined[path] = np.concatenate([piece for _, piece in pieces], axis=-1)
     return FilterResult(
         per_run=_named(joined, "per_run"),
         steps=_step_sums(sums),
@@ -36,6 +47,17 @@ def merge(blocks: Iterable[PackedBlock]) -> FilterResult:
         tracks=_tracks(_named(joined, "tracks")),
         timing=timing,
     )
+
+
+def _with_gaps(pieces: Sequence[tuple[int, Array]], runs: int) -> Array:
+    """Join a metric's values per run (M,); NaN in the blocks that lack it, as where it did not occur.
+
+    ``pieces`` are values after the number of their first run, and ``runs`` is M.
+    """
+    joined = np.full(runs, np.nan)
+    for first, piece in pieces:
+        joined[first : first + len(piece)] = piece
+    return joined
 
 
 def _groups_alike(blocks: Iterable[PackedBlock]) -> Iterator[list[PackedBlock]]:

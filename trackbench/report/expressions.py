@@ -15,7 +15,7 @@ from trackbench.core.sums import total
 from trackbench.evaluation.metric_expression import Measure, exact_label, measured
 from trackbench.evaluation.summary import statistic_of
 from trackbench.field_types import is_number
-from trackbench.metrics import in_window
+from trackbench.metrics import FIRST_INDEFINITE, in_window
 from trackbench.report.results import Results
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import intervals as inference
@@ -111,7 +111,8 @@ class Evaluator:
     def collapse_words(self, m: Measure) -> str:
         """Return ``collapsed in 3 of 40 runs``; empty unless collapsed runs decide the measure.
 
-        Only the mean of a NEES or NIS is decided by runs in which the covariance collapsed.
+        Only the mean of a NEES or NIS is decided by runs in which the covariance collapsed, or is not
+        positive definite.
         """
         definition = m.definition
         quantity = m.quantity
@@ -128,7 +129,7 @@ class Evaluator:
             components = len(facts.measured)
         else:
             components = facts.sizes.get(quantity, 1)
-        return collapsed_in_words(values / components)
+        return collapsed_in_words(values / components, self.runs.get((m.filter, FIRST_INDEFINITE)))
 
     def per_run(self, m: Measure) -> tuple[str, Array] | None:
         """Return the values of the runs from which a measure is computed.

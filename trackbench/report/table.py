@@ -14,7 +14,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.errors import counted
-from trackbench.statistics.collapsed_runs import COLLAPSED_NOTE
+from trackbench.statistics.collapsed_runs import COLLAPSED_NOTE, INDEFINITE_NOTE, NOT_DEFINITE
 from trackbench.statistics.estimates import RunEstimate, Share, in_words
 from trackbench.statistics.sample_statistics import Estimate, paired_difference
 
@@ -385,9 +385,10 @@ class Table:
         """
         self.keys.append(keys)
         self.cells.append(cells)
-        has_collapsed = any(cell.words.startswith("collapsed") for cell in cells)
-        if has_collapsed and COLLAPSED_NOTE not in self.notes:
-            self.notes.append(COLLAPSED_NOTE)
+        for word, note in (("collapsed", COLLAPSED_NOTE), (NOT_DEFINITE, INDEFINITE_NOTE)):
+            has_word = any(cell.words.startswith(word) for cell in cells)
+            if has_word and note not in self.notes:
+                self.notes.append(note)
 
     @property
     def csv_header(self) -> list[str]:

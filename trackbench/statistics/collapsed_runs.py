@@ -1,14 +1,25 @@
-"""Collapsed runs: their limit, their number, and the note below a table that counts them."""
+"""Runs whose covariance has collapsed or is none: their limit, their number, and notes below tables.
+
+A covariance is too small, or has no spread (all particles at one point), or is not positive definite.
+"""
 
 import numpy as np
 
-from trackbench.core.arrays import Array
+from trackbench.core.arrays import Array, Mask
+from trackbench.errors import counted
 
 _COLLAPSED_ANEES = 1e4
 COLLAPSED_NOTE = (
     f"A collapsed run has a mean squared error of more than {_COLLAPSED_ANEES:g} times what its "
     "covariance says. One alone decides the mean, so their number is shown."
 )
+NOT_DEFINITE = "not positive definite"
+INDEFINITE_NOTE = (
+    f"A covariance that is {NOT_DEFINITE} has a direction of negative variance, and no ANEES. Usual "
+    "causes are float32 and the update P - K H P: make P symmetric after each step, use the Joseph form "
+    "(I - K H) P (I - K H)' + K R K' or a square root of P, or compute in double precision."
+)
+"""Note below a table that counts such runs."""
 
 
 def collapsed_runs(anees: Array) -> int:
@@ -16,11 +27,28 @@ def collapsed_runs(anees: Array) -> int:
     return int(np.sum(anees[~np.isnan(anees)] > _COLLAPSED_ANEES))
 
 
-def collapsed_in_words(anees: Array) -> str:
+def indefinite_runs(anees: Array, first_indefinite: Array | None) -> Mask:
+    """Mark the runs (M,) whose covariance is not positive definite at some step.
+
+    ``anees`` (M,) is each run's ANEES, which is infinite in such a run, and ``first_indefinite`` (M,)
+    the step from which on it is so, NaN in other runs; None if there is no such run.
+    """
+    if first_indefinite is None:
+        return np.zeros(len(anees), dtype=np.bool_)
+    return np.isinf(anees) & np.isfinite(first_indefinite)
+
+
+def collapsed_in_words(anees: Array, first_indefinite: Array | None = None) -> str:
     """Return ``collapsed in 3 of 40 runs`` from each run's ANEES or ANIS (M,).
 
+    If a run's covariance is not positive definite, return ``not positive definite in 2 of 40 runs``.
     Empty if no run collapsed, or if there is only one run, whose ANEES itself shows the collapse.
+    ``first_indefinite`` is that of `indefinite_runs`.
     """
+    indefinite = indefinite_runs(anees, first_indefinite)
+    if indefinite.any():
+        number = int(np.sum(~np.isnan(anees)))
+        return f"{NOT_DEFINITE} in {int(indefinite.sum())} of {counted(number, 'run')}"
     runs = anees[~np.isnan(anees)]
     collapsed = collapsed_runs(runs)
     if not collapsed or len(runs) == 1:

@@ -14,6 +14,7 @@ from trackbench.core.arrays import Array
 from trackbench.durations import cpu_time_in_words
 from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import Measure
+from trackbench.metrics import FIRST_INDEFINITE
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import head_of, metric_words, named, statistic_words
 from trackbench.report.findings.ranking import Candidate, Ranking, best_settings, rankings
@@ -22,7 +23,12 @@ from trackbench.report.results import Results
 from trackbench.report.table import Text, TextTable, rounded
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import rules
-from trackbench.statistics.collapsed_runs import COLLAPSED_NOTE, collapsed_in_words
+from trackbench.statistics.collapsed_runs import (
+    COLLAPSED_NOTE,
+    INDEFINITE_NOTE,
+    NOT_DEFINITE,
+    collapsed_in_words,
+)
 from trackbench.statistics.comparison import Comparison
 from trackbench.statistics.intervals import studentized
 from trackbench.statistics.sample_statistics import influence, interval, mean, rms
@@ -134,6 +140,11 @@ def _ranking_table(results: Results, ranking: Ranking, of_settings: bool) -> Tex
         table.notes.append(f"tiny: significant, but at most {phrases.percent(matters)}.")
     if any("collapsed" in row[4].text for row in table.rows):
         table.notes.append(COLLAPSED_NOTE)
+    ranked = [*candidates, *references]
+    indefinite_texts = [text for c in ranked if (text := indefinite_text(results, c))]
+    if indefinite_texts:
+        texts = phrases.listed(indefinite_texts)
+        table.notes.append(f"Covariance {NOT_DEFINITE}: {texts}. {INDEFINITE_NOTE}")
     diverged_texts = _diverged_runs(results, candidates, consistency_words)
     if diverged_texts:
         table.notes.append(
@@ -160,6 +171,29 @@ def _ranking_table(results: Results, ranking: Ranking, of_settings: bool) -> Tex
     # A title that says "no lost runs" would mislead where filters are far from the target.
     names_losses = not far_labels and not diverged_texts
     return _finish_table(results, table, names_losses=names_losses)
+
+
+def first_indefinite_steps(results: Results, candidate: Candidate) -> Array | None:
+    """Return the first step (M,) of each run at which a filter's covariance is not positive definite.
+
+    NaN in runs without such a step; None if no run has one.
+    """
+    return results.runs(candidate.point).get((candidate.label, FIRST_INDEFINITE))
+
+
+def indefinite_text(results: Results, candidate: Candidate) -> str:
+    """Return ``EKF in 4 of 8 runs, first at step 63``, where its covariance is not positive definite.
+
+    Empty without such runs.
+    """
+    first = first_indefinite_steps(results, candidate)
+    if first is None:
+        return ""
+    number = int(np.isfinite(first).sum())
+    return (
+        f"{candidate.name} in {number} of {counted(len(first), 'run')}, "
+        f"first at step {np.nanmin(first):.0f}"
+    )
 
 
 def _diverged_runs(
@@ -463,8 +497,18 @@ def consistency(results: Results, candidates: Sequence[Candidate]) -> dict[Candi
     means = [_mean_if_consistent(results, candidate) for candidate in family]
     zs = list(map(_z_of_mean, values, means))
     signs = rules.signs(zs)
-    words = map(_consistency_word, values, signs, means)
-    return dict(zip(family, words, strict=True))
+    # A few runs may decide the mean, and with it the standard error. A bet on the mean may yet decide.
+    for i, (squares, (_, largest)) in enumerate(zip(values, means, strict=True)):
+        is_open = signs[i] == 0 and len(squares) > 1
+        if is_open and rules.exceeds_by_betting(squares, largest, tests=len(family)):
+            signs[i] = 1
+    words = {}
+    for candidate, squares, sign, least_and_largest in zip(
+        family, values, signs, means, strict=True
+    ):
+        first_indefinite = _first_indefinite_of_squares(results, candidate)
+        words[candidate] = _consistency_word(squares, sign, least_and_largest, first_indefinite)
+    return words
 
 
 def _normalized_squares(results: Results, candidate: Candidate) -> Array:
@@ -481,6 +525,17 @@ def _normalized_squares(results: Results, candidate: Candidate) -> Array:
     if name == "nees":
         components = results.facts(candidate.point).sizes[""]  # the nameless size: the whole state
     return values[~np.isnan(values)] / components
+
+
+def _first_indefinite_of_squares(results: Results, candidate: Candidate) -> Array | None:
+    """Return the `first_indefinite_steps` (M',) of the runs that `_normalized_squares` has."""
+    first = first_indefinite_steps(results, candidate)
+    if first is None:
+        return None
+    squares = results.runs(candidate.point)[
+        candidate.label, _consistency_metric(results, candidate)
+    ]
+    return first[~np.isnan(squares)]
 
 
 def _consistency_metric(results: Results, candidate: Candidate) -> str:
@@ -518,20 +573,26 @@ def _z_of_mean(values: Array, mean_if_consistent: tuple[float, float]) -> float:
     return studentized(measured_mean - nearest_mean, influence("mean", values))
 
 
-def _consistency_word(values: Array, sign: int, mean_if_consistent: tuple[float, float]) -> str:
+def _consistency_word(
+    values: Array,
+    sign: int,
+    mean_if_consistent: tuple[float, float],
+    first_indefinite: Array | None = None,
+) -> str:
     """Return the word on a filter's consistency by the normalized squares (M,) of its runs.
 
     ``sign`` is +1 if their mean is significantly above that of a consistent filter, -1 if below, else 0.
-    ``mean_if_consistent`` is the least and the largest mean of a consistent filter.
+    ``mean_if_consistent`` is the least and the largest mean of a consistent filter. ``first_indefinite``
+    (M,) is the step from which on a run's covariance is not positive definite.
     """
     if not len(values):
         return ""
     # Such as "collapsed in 3 of 40 runs"; empty unless these runs decide the mean.
-    collapsed = collapsed_in_words(values)
+    collapsed = collapsed_in_words(values, first_indefinite)
     if collapsed:
         every_run = f"{len(values)} of {len(values)} runs"
         if collapsed.endswith(f" {every_run}"):
-            return "collapsed in all"
+            return f"{collapsed.removesuffix(f' in {every_run}')} in all"
         return collapsed.removesuffix(" runs")
     if isinf(mean(values).value):
         return "overconfident"

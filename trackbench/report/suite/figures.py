@@ -26,6 +26,7 @@ from trackbench.report.suite.scores import (
     relative_costs,
     typical_ratios,
 )
+from trackbench.statistics.collapsed_runs import NOT_DEFINITE
 from trackbench.statistics.rules import ALIKE
 
 _CELL_IN = 0.21
@@ -204,7 +205,7 @@ def cell_text(score: Score) -> str:
     if score.failed or score.word == LOSES_MORE:
         return _LOSES
     text = _ratio_text(score.ratio_to_best.value)
-    if score.collapsed:
+    if score.collapsed or score.indefinite:
         return text + _COLLAPSES
     if score.consistency == "overconfident":
         return text + _OVERCONFIDENT
@@ -283,15 +284,18 @@ def _draw_legend(ax: Axes, group: SuiteScores, palette: Any) -> None:
     if any(score.is_left_out for score in scores):
         handles.append(Patch(facecolor=_NOT_RUN, label="cannot be run"))
     texts = [cell_text(score) for score in scores if not score.is_left_out]
+    collapse_meaning = "some runs collapse"
+    if any(score.indefinite for score in scores):
+        collapse_meaning += f", or the covariance is {NOT_DEFINITE}"
     marks = (
         (_LOSES, "loses all runs, or more than another"),
-        (_COLLAPSES, "some runs collapse"),
+        (_COLLAPSES, collapse_meaning),
         (_OVERCONFIDENT, "overconfident"),
     )
     for mark, meaning in marks:
         if any(text.endswith(mark) for text in texts):
             handles.append(Patch(facecolor="none", edgecolor="none", label=f"{mark}  {meaning}"))
-    undecided = "1.20  may be as good as the best"
+    undecided = "1.20  undecided by these runs"
     if any(map(_is_undecided, scores)):
         handles.append(Patch(facecolor="none", edgecolor="none", label=undecided))
     legend = ax.legend(
@@ -311,14 +315,17 @@ def _draw_legend(ax: Axes, group: SuiteScores, palette: Any) -> None:
 
 def matrix_caption(group: SuiteScores) -> str:
     """Return how to read the matrix."""
+    indefinite = ""
+    if any(score.indefinite for score in group.of_role(FILTER)):
+        indefinite = f", or the covariance is {NOT_DEFINITE}"
     return (
         f"{group.title}: error of each filter (column) over that of the best filter of the problem "
         f"(row). {_LOSES}: loses all runs, or significantly more than another filter. "
-        f"{_COLLAPSES}: in some runs the error is far beyond what the covariance says. "
-        f"{_OVERCONFIDENT}: overconfident. Italic: no significant difference from the best filter. "
-        "999+: 1000 times or more. Gray: cannot be run on this problem; scores.csv has the reason. "
-        "Filters are sorted by their typical ratio, the geometric mean of the column, in which a number "
-        f"counts as {WORST:g} at most, and a cross or a gray cell as {WORST:g}."
+        f"{_COLLAPSES}: in some runs the error is far beyond what the covariance says{indefinite}. "
+        f"{_OVERCONFIDENT}: overconfident. Italic: the runs do not decide whether the filter is worse "
+        "than the best. 999+: 1000 times or more. Gray: cannot be run on this problem; scores.csv has "
+        "the reason. Filters are sorted by their typical ratio, the geometric mean of the column, in "
+        f"which a number counts as {WORST:g} at most, and a cross or a gray cell as {WORST:g}."
     )
 
 

@@ -29,10 +29,14 @@ from trackbench.report.findings.ranking import (
     leading_metric,
     ranking_of,
 )
-from trackbench.report.findings.ranking_table import consistency, cpu_seconds
+from trackbench.report.findings.ranking_table import (
+    consistency,
+    cpu_seconds,
+    first_indefinite_steps,
+)
 from trackbench.report.paired import compared_statistic
 from trackbench.report.results import Results
-from trackbench.statistics.collapsed_runs import collapsed_runs
+from trackbench.statistics.collapsed_runs import collapsed_runs, indefinite_runs
 from trackbench.statistics.comparison import Comparison, compare
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.rules import ALIKE, UNTESTED, WORSE
@@ -94,6 +98,13 @@ class Score:
     runs: int = 0
     lost: int = 0
     collapsed: int = 0
+    """runs with a mean squared error far beyond what the covariance says"""
+    without_spread: int = 0
+    """those of them whose covariance has no spread at some step, as of particles at one point"""
+    indefinite: int = 0
+    """runs whose covariance is not positive definite at some step; they do not count as collapsed"""
+    first_indefinite_step: float = nan
+    """first of these steps in any run"""
     consistency: str = ""
     anees: float = nan
     """mean over the runs of the NEES per component of the state, 1 for a consistent filter"""
@@ -144,8 +155,8 @@ class SuiteScores:
     scores: list[Score]
     runs: Mapping[str, ProblemRuns]
     """errors of each run, by problem"""
-    is_tuned: bool = False
-    """True if the filters of the roster are tuned on each problem"""
+    tuned: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    """labels of the filters that are tuned on a problem, by problem"""
     added: tuple[str, ...] = ()
     """labels of the user's own filters"""
     not_computed: tuple[Score, ...] = ()
@@ -304,6 +315,12 @@ def _score_candidate(
     # The nameless size is the number of components of the whole state.
     size = results.facts(candidate.point).sizes.get("", 1)
     anees = mean(nees[~np.isnan(nees)] / size)
+    first_indefinite = first_indefinite_steps(results, candidate)
+    is_indefinite = indefinite_runs(nees, first_indefinite)
+    first_step = nan
+    if is_indefinite.any() and first_indefinite is not None:
+        first_step = float(np.nanmin(first_indefinite))
+    definite_nees = nees[~is_indefinite]
     reason = ""
     if not isfinite(overall.value):
         if candidate.losses == len(candidate.lost):
@@ -321,7 +338,10 @@ def _score_candidate(
         word=_word(ranking, candidate),
         runs=len(candidate.lost),
         lost=candidate.losses,
-        collapsed=collapsed_runs(nees / size),
+        collapsed=collapsed_runs(definite_nees / size),
+        without_spread=int(np.isinf(definite_nees).sum()),
+        indefinite=int(is_indefinite.sum()),
+        first_indefinite_step=first_step,
         consistency=consistency_word,
         anees=anees.value,
         anees_stderr=anees.stderr,

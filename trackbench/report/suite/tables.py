@@ -24,13 +24,17 @@ from trackbench.report.suite.scores import (
     typical_ratios,
 )
 from trackbench.report.table import Text, TextTable, rounded
-from trackbench.statistics.collapsed_runs import COLLAPSED_NOTE
+from trackbench.statistics.collapsed_runs import (
+    COLLAPSED_NOTE,
+    INDEFINITE_NOTE,
+    NOT_DEFINITE,
+)
 from trackbench.statistics.rules import ALIKE, FEWEST_RUNS, UNTESTED
 
 NEAR = 1.1
 """Factor within which a filter is near the best."""
-_FEW_PROBLEMS = 0.5
-"""Share of a group's problems up to which a filter is said to run on few."""
+_ALIKE = 0.25
+"""Largest relative difference of a run's errors, typical of the problems, of filters that are alike."""
 _FEW_RUNS = 20
 """Runs below which a sentence is called preliminary."""
 
@@ -57,7 +61,7 @@ def roster_table(group: SuiteScores) -> TextTable:
         within = sum(score.limited_ratio <= 2.0 for score in with_error)
         first = sum(is_best(score) for score in with_error)
         failing = sum(fails(score) for score in scores)
-        overconfident = sum(is_overconfident(score) for score in with_error)
+        overconfident = sum(is_overconfident(score) or score.indefinite > 0 for score in with_error)
         cost = costs.get(label)
         where_run = typical_ratio_where_run(group, label)
         table.rows.append(
@@ -74,6 +78,9 @@ def roster_table(group: SuiteScores) -> TextTable:
                 Text("–" if cost is None else f"{cost:.3g} x", cost),
             ]
         )
+    definite = ""
+    if any(score.indefinite for score in group.of_role(FILTER)):
+        definite = f", or {NOT_DEFINITE} in some"
     table.notes = [
         "Typical ratio: geometric mean over the problems of the error over that of the problem's best "
         "filter. A ratio counts as 10 at most, and a filter that cannot be run, or loses significantly "
@@ -83,8 +90,8 @@ def roster_table(group: SuiteScores) -> TextTable:
         f"Fails: {WORST:g} times the error of the best filter or more, or all runs lost, or "
         "significantly more than another filter loses.",
         "Overconfident: its covariance is too small, in all runs together, or in some by far (collapsed "
-        "runs). CPU time: median of its ratio to the fastest filter. That of a program includes the "
-        "exchange of lines with it, some microseconds a step.",
+        f"runs){definite}. CPU time: median of its ratio to the fastest filter. That of a program "
+        "includes the exchange of lines with it, some microseconds a step.",
     ]
     return table
 
@@ -101,6 +108,19 @@ def fails(score: Score) -> bool:
     more runs than another filter.
     """
     return not score.is_left_out and score.limited_ratio >= WORST
+
+
+def is_open(score: Score) -> bool:
+    """Test whether the runs do not decide about a filter that is not near the best."""
+    return score.word == ALIKE and score.ratio_to_best.value > NEAR
+
+
+def _open_words(scores: Sequence[Score]) -> str:
+    """Return ``undecided (8 runs)`` with the number of runs, or ``undecided (N runs)`` of several."""
+    numbers = {score.runs for score in scores if score.has_error and is_open(score)}
+    if len(numbers) == 1:
+        return f"undecided ({counted(numbers.pop(), 'run')})"
+    return "undecided (N runs)"
 
 
 def is_overconfident(score: Score) -> bool:
@@ -146,6 +166,13 @@ def filter_table(groups: Sequence[SuiteScores], label: str) -> TextTable:
     words_on_consistency = " ".join(score.consistency for score in scores)
     if "n.s." in ratios:
         table.notes.append("n.s.: no significant difference from the best filter of the problem.")
+    if "undecided" in ratios:
+        table.notes.append(
+            f"{_open_words(scores)}: the ratio is above 1.1, but the runs do not decide by the test "
+            "over all pairs of filters whether the filter is worse than the best. More runs may: leave "
+            "out --quick, or raise --runs. An interval is of its pair alone, and left out where it "
+            "excludes 1."
+        )
     if "untested" in ratios:
         table.notes.append(
             f"untested: with fewer than {FEWEST_RUNS} runs no difference from the best filter is tested."
@@ -154,11 +181,37 @@ def filter_table(groups: Sequence[SuiteScores], label: str) -> TextTable:
     if "undecided" in words_on_consistency:
         table.notes.append(
             "undecided: these few runs do not show by a test that the ANEES differs from 1, nor that it "
-            "is near 1. Even a large ANEES may be undecided: look at it."
+            "is near 1. A large ANEES is undecided only if very few runs make it large."
         )
     if "collapsed" in words_on_consistency:
-        table.notes.append(COLLAPSED_NOTE)
+        table.notes.append(_collapsed_note(scores))
+    indefinite = [_indefinite_text(score) for score in scores if score.indefinite]
+    if indefinite:
+        table.notes.append(f"Covariance {NOT_DEFINITE}: {'; '.join(indefinite)}. {INDEFINITE_NOTE}")
     return table
+
+
+def _collapsed_note(scores: Sequence[Score]) -> str:
+    """Return what a collapsed run is, and of which problems the covariance has no spread at all."""
+    without_spread = [
+        f"{score.problem} in {score.without_spread} of {counted(score.runs, 'run')}"
+        for score in scores
+        if score.without_spread
+    ]
+    if not without_spread:
+        return f"{COLLAPSED_NOTE} Here the covariance is far too small, but has some spread."
+    return (
+        f"{COLLAPSED_NOTE} Some covariances have no spread in a direction, as if all particles were at "
+        f"one point: on {joined(without_spread)}."
+    )
+
+
+def _indefinite_text(score: Score) -> str:
+    """Return on which problem and from which step on a covariance is not positive definite."""
+    return (
+        f"on {score.problem} in {score.indefinite} of {counted(score.runs, 'run')}, "
+        f"first at step {score.first_indefinite_step:.0f}"
+    )
 
 
 def _score_row(score: Score) -> list[Text]:
@@ -189,8 +242,9 @@ def _score_row(score: Score) -> list[Text]:
 def ratio_in_words(score: Score) -> str:
     """Write the ratio to the best with its interval, ``1.2 x (1.1 to 1.4)``, and the rule's word.
 
-    The word is ``n.s.``, ``untested`` or ``loses more runs``; a filter that is worse has none. The best
-    filter is ``best``, without a ratio, and another with the same errors ``equal to the best``.
+    The word is ``n.s.``, ``undecided (8 runs)`` (also not significant, at a ratio above `NEAR`),
+    ``untested`` or ``loses more runs``; a filter that is worse has none. The best filter is ``best``,
+    without a ratio, and another with the same errors ``equal to the best``.
     """
     ratio = score.ratio_to_best
     width = ratio.high - ratio.low
@@ -208,7 +262,8 @@ def ratio_in_words(score: Score) -> str:
         low = phrases.multiple(ratio.low, width)
         high = phrases.multiple(ratio.high, width)
         text += f" ({low} to {high})"
-    words = {ALIKE: " n.s.", LOSES_MORE: ", loses more runs", UNTESTED: " untested"}
+    alike = " n.s." if not is_open(score) else f", undecided ({counted(score.runs, 'run')})"
+    words = {ALIKE: alike, LOSES_MORE: ", loses more runs", UNTESTED: " untested"}
     return text + words.get(score.word, "")
 
 
@@ -228,44 +283,62 @@ def filter_sentences(group: SuiteScores, label: str) -> list[str]:
             lines.append(f"It has the smallest error on {joined(first)}.")
     failing = [score.problem for score in run if fails(score)]
     if failing:
-        lines.append(
+        text = (
             f"It fails on {joined(failing)}: its error is {WORST:g} times that of the best filter or "
-            "more, or it loses all runs or significantly more than another filter."
+            "more, or it loses all runs or significantly more than another filter"
         )
+        undecided = [score.problem for score in run if fails(score) and is_open(score)]
+        if undecided:
+            text += f"; on {joined(undecided)} the runs do not yet decide this by a test"
+        lines.append(f"{text}.")
     overconfident = [score.problem for score in run if is_overconfident(score)]
     if overconfident:
         lines.append(f"It is overconfident on {joined(overconfident)}.")
-    if group.is_tuned and len(group.labels(FILTER)) > 1:
-        lines.append("The filters of the roster are tuned on each problem, and yours is not.")
+    indefinite = [_indefinite_text(score) for score in run if score.indefinite]
+    if indefinite:
+        lines.append(f"Its covariance is {NOT_DEFINITE} {'; '.join(indefinite)}.")
+    lines += _tuning_sentences(group, label, [score.problem for score in run])
     likeness = nearest_filter(group, label)
     if likeness is not None:
         lines.append(_likeness_sentence(likeness))
     return lines
 
 
-def few_problems_sentence(groups: Sequence[SuiteScores], label: str, is_program: bool) -> str:
-    """Return how a filter of the user may run on more problems; empty if it runs on most."""
-    scores = []
-    for group in groups:
-        scores += [*group.of_role(FILTER), *group.not_computed]
-    scores = [score for score in scores if score.label == label]
-    run = sum(not score.is_left_out for score in scores)
-    if run > _FEW_PROBLEMS * len(scores):
-        return ""
-    reason = (
-        f"{label} runs on {run} of {counted(len(scores), 'problem')}. The others measure something "
-        "else, or have another state."
-    )
-    if is_program:
-        return (
-            f"{reason} A program that takes F, Q, H and R from its first line runs on every linear "
-            "problem: `trackbench new filter NAME --language c` writes one. `motion` and `sensors` on "
-            "that line have the model of every problem: docs/any-language.md."
+def _tuning_sentences(group: SuiteScores, label: str, problems: Sequence[str]) -> list[str]:
+    """Return a sentence where either the filters of the roster are tuned, or the user's own filter.
+
+    ``problems`` are those that the user's own filter ran on.
+    """
+    roster = [other for other in group.labels(FILTER) if other not in group.added]
+    if not roster:
+        return []
+    unfair_to_own = []
+    unfair_to_roster = []
+    for problem in problems:
+        tuned = group.tuned.get(problem, ())
+        is_roster_tuned = any(other in tuned for other in roster)
+        if is_roster_tuned and label not in tuned:
+            unfair_to_own.append(problem)
+        if label in tuned and not is_roster_tuned:
+            unfair_to_roster.append(problem)
+    lines = []
+    if unfair_to_own:
+        place = _on_problems(unfair_to_own, problems)
+        lines.append(
+            f"The filters of the roster are tuned {place}, and yours is not: --set "
+            f"'groups.{group.group}.tune.{label}={{KEY: log:LOW..HIGH}}' tunes a key of it."
         )
-    return (
-        f"{reason} A filter that takes its model as functions runs on nearly all: `trackbench new "
-        "filter NAME --per-run --nonlinear` writes one."
-    )
+    if unfair_to_roster:
+        place = _on_problems(unfair_to_roster, problems)
+        lines.append(f"Your filter is tuned {place}, and those of the roster are not.")
+    return lines
+
+
+def _on_problems(part: Sequence[str], problems: Sequence[str]) -> str:
+    """Return ``on each problem``, or the names if ``part`` is not all of the ``problems``."""
+    if len(part) == len(problems):
+        return "on each problem"
+    return f"on {joined(part)}"
 
 
 def _typical_ratio_sentence(group: SuiteScores, label: str, run: int, number: int) -> str:
@@ -285,7 +358,7 @@ def _typical_ratio_sentence(group: SuiteScores, label: str, run: int, number: in
 def _likeness_sentence(likeness: Likeness) -> str:
     """Return the sentence on the filter of the roster that a filter equals, or is nearest to."""
     number = len(likeness.differences)
-    # Case 1: equal on all problems.
+    # Step 1: equal on all problems.
     if not likeness.others:
         name = likeness.label
         if likeness.also:
@@ -294,18 +367,25 @@ def _likeness_sentence(likeness: Likeness) -> str:
             f"It is the {name}: the errors of every run agree to 1e-6 on all problems "
             f"that both ran on ({number})."
         )
-    # Case 2: equal on most problems. A difference is infinite if only one of the two lost a run.
+    # Step 2: equal on some problems. A difference is infinite if only one of the two lost a run.
     largest = max(likeness.differences.values())
     apart = f"by up to {100.0 * largest:.2g} %" if isfinite(largest) else "in which runs are lost"
-    if len(likeness.same) > len(likeness.others):
+    if likeness.same:
         return (
             f"On {len(likeness.same)} of {number} problems it is the {likeness.label}: the errors of "
             f"every run agree to 1e-6. On {joined(likeness.others)} they differ {apart}. Where a "
             "filter diverges, or the system is chaotic, rounding alone can grow so much."
         )
+    # Step 3: near, or like no filter.
+    place = "on half of the problems" if number > 1 else f"on {likeness.others[0]}"
+    if likeness.typical_difference <= _ALIKE:
+        return (
+            f"The nearest filter is {likeness.label}: the errors of a run differ by up to "
+            f"{100.0 * likeness.typical_difference:.2g} % {place}."
+        )
     return (
-        f"The nearest filter is {likeness.label}: the errors of a run differ by up to "
-        f"{100.0 * likeness.typical_difference:.2g} % on half of the problems."
+        f"No filter of the roster resembles it: {place} the error of some run differs by more than "
+        f"{100.0 * _ALIKE:.0f} % from that of each of them, or only one of the two loses the run."
     )
 
 
@@ -318,6 +398,7 @@ def leader_sentence(group: SuiteScores) -> str:
         return ""
     number = len({score.problem for score in group.of_role(FILTER)})
     runs = max(score.runs for score in group.scores)
+    these_problems = f"these {number} problems" if number > 1 else "this problem"
     few = ""
     if runs < _FEW_RUNS:
         few = f" Preliminary: {runs} runs."
@@ -327,7 +408,7 @@ def leader_sentence(group: SuiteScores) -> str:
     )
     if leader.is_robust:
         return (
-            f"{group.title}: over these {number} problems {leader.label} comes first with the {ratio}. "
+            f"{group.title}: over {these_problems} {leader.label} comes first with the {ratio}. "
             f"It is first in {100.0 * leader.share_first:.0f} % of the resampled runs, and without any "
             f"one of the {leader.classes} classes of problems. Other problems may decide otherwise.{few}"
         )
@@ -342,6 +423,6 @@ def leader_sentence(group: SuiteScores) -> str:
     if leader.classes < 2:
         reasons.append("all problems are of one class")
     return (
-        f"{group.title}: no filter is the best over these {number} problems. {leader.label} has the "
+        f"{group.title}: no filter is the best over {these_problems}. {leader.label} has the "
         f"{ratio}; {'; '.join(reasons)}.{few}"
     )

@@ -1,0 +1,109 @@
+"""Reach of a filter: which problems of a suite it takes, and what others nearest to it differ in."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from trackbench.errors import counted, few_names
+from trackbench.report.findings.phrases import joined
+from trackbench.report.suite.scores import FILTER, SuiteScores
+
+_FEW_PROBLEMS = 0.5
+"""Share of the problems up to which a filter is said to run on few."""
+_MOST_NAMED = 3
+"""States or measurements that a sentence names."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProblemModel:
+    """State and measurement of a problem."""
+
+    state: tuple[str, ...]
+    measurement: tuple[str, ...]
+    is_linear: bool
+
+
+def reach_sentence(
+    groups: Sequence[SuiteScores],
+    label: str,
+    is_program: bool,
+    models: Mapping[str, ProblemModel],
+) -> str:
+    """Return what a filter takes, and how it may run on more problems; empty if it runs on most.
+
+    ``models`` are those of all problems by name.
+    """
+    scores = []
+    for group in groups:
+        scores += [*group.of_role(FILTER), *group.not_computed]
+    scores = [score for score in scores if score.label == label]
+    fitted = [models[score.problem] for score in scores if not score.is_left_out]
+    others = [models[score.problem] for score in scores if score.is_left_out]
+    if len(fitted) > _FEW_PROBLEMS * len(scores):
+        return ""
+    lines = [f"{label} runs on {len(fitted)} of {counted(len(scores), 'problem')}."]
+    lines += _neighbor_sentences(fitted, others)
+    if not is_program:
+        lines.append(
+            "A filter that takes its model as functions runs on nearly all: `trackbench new filter NAME "
+            "--per-run --nonlinear` writes one."
+        )
+    elif any(model.is_linear for model in fitted) or not fitted:
+        lines.append(
+            "A program that takes F, Q, H and R from its first line runs on every linear problem: "
+            "`trackbench new filter NAME --language c` writes one."
+        )
+    else:
+        lines.append(
+            "The first line of the protocol has the components, `motion` and `sensors` of every "
+            "problem. A program that finds its own components there by name may run on problems with "
+            "further ones: docs/any-language.md. docs/suites.md lists states and measurements."
+        )
+    return " ".join(lines)
+
+
+def _neighbor_sentences(
+    fitted: Sequence[ProblemModel], others: Sequence[ProblemModel]
+) -> list[str]:
+    """Return sentences on the problems that have the state or the measurement of the fitted ones."""
+    states = {model.state for model in fitted}
+    measurements = {model.measurement for model in fitted}
+    other_states = Counter(
+        few_names(model.state) for model in others if model.measurement in measurements
+    )
+    other_measurements = Counter(
+        few_names(model.measurement)
+        for model in others
+        if model.state in states and model.measurement not in measurements
+    )
+    lines = []
+    if len(states) == 1 and len(measurements) == 1:
+        lines.append(
+            f"It takes the state {few_names(*states)} and the measurement {few_names(*measurements)}."
+        )
+    if other_states:
+        number = other_states.total()
+        lines.append(
+            f"With such a measurement {counted(number, 'problem')} {_have(number)} another state: "
+            f"{_most_frequent(other_states)}."
+        )
+    if other_measurements:
+        number = other_measurements.total()
+        lines.append(
+            f"With such a state {counted(number, 'problem')} {_have(number)} another measurement: "
+            f"{_most_frequent(other_measurements)}."
+        )
+    return lines
+
+
+def _have(number: int) -> str:
+    return "has" if number == 1 else "have"
+
+
+def _most_frequent(names: Counter[str]) -> str:
+    """Return the most frequent names with the number of their problems: ``x y (7) and bearing (1)``."""
+    texts = [f"{name} ({number})" for name, number in names.most_common(_MOST_NAMED)]
+    rest = len(names) - len(texts)
+    if rest:
+        texts.append(f"{rest} more")
+    return joined(texts)
