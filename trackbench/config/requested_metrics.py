@@ -145,7 +145,10 @@ def check_trained_metrics(source: Source, settings: Settings, training: Point | 
     if trained_scenario.has_truth and not is_measured_in(trained_scenario):
         for request in _requests_of_tuning(settings):
             if needs_truth(request.measure):
-                message = "no step of the training has a truth; tune by log_score, or train on other steps"
+                message = (
+                    "no step of the training has a truth; "
+                    "tune by log_score, or train on other steps"
+                )
                 source.add_problem(request.keys, message)
     if settings.tuning.scenario is None:
         return
