@@ -17,13 +17,8 @@ from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.random_streams import NoiseGenerator
 from trackbench.extension_points import field_values
 from trackbench.filters.base import Filter, WrongReturnError
-from trackbench.models.base import (
-    Model,
-    Scene,
-    WithJacobian,
-    central_differences,
-    jacobian_at,
-)
+from trackbench.models.base import Model, Scene, WithJacobian
+from trackbench.models.derivatives import central_differences, jacobian_at
 from trackbench.models.inputs import inputs_of
 from trackbench.models.motions.irregular import step_length
 from trackbench.registry import register
@@ -153,7 +148,7 @@ class RunObjects(NamedTuple):
 class LoopFilter(Filter[RunObjects]):
     """Base of the filters that `loop_over_runs` makes."""
 
-    one: ClassVar["type[PerRun]"]
+    run_class: ClassVar["type[PerRun]"]
     """the class of one run"""
     loops_over_runs: ClassVar[bool] = True
 
@@ -161,18 +156,18 @@ class LoopFilter(Filter[RunObjects]):
         self._make()  # the class's own checks of its keys
 
     def __reduce__(self) -> tuple[object, ...]:
-        return _restore, (self.one, self._keys)
+        return _restore, (self.run_class, self._keys)
 
     @cached_property
     def _keys(self) -> dict[str, object]:
         return field_values(self)
 
     def _make(self) -> "PerRun":
-        return self.one(**self._keys)
+        return self.run_class(**self._keys)
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Reject components that differ from the scenario's."""
-        run_class = self.one
+        run_class = self.run_class
         why = component_mismatch(
             scenario.model, run_class.state, run_class.measured, run_class.extra_std
         )
@@ -182,8 +177,8 @@ class LoopFilter(Filter[RunObjects]):
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> RunObjects:
         """Make an object per run, and start it from the moments of its run's prior."""
-        run_class = self.one
-        order = Order.of(model, run_class.state, run_class.measured, run_class.extra_std)
+        run_class = self.run_class
+        order = Order.from_model(model, run_class.state, run_class.measured, run_class.extra_std)
         prior_cov = np.asarray(with_trailing(prior.cov, 1, leading=2))
         # The prior's moments in the order of the filter's own components, in arrays of all runs.
         n = len(order.first_cov)
@@ -231,8 +226,8 @@ class LoopFilter(Filter[RunObjects]):
         """Return the objects' diagnostics."""
         rows = [run.diagnostics() for run in state.objects]
         if any(row.keys() != rows[0].keys() for row in rows):
-            what = "the names of the diagnostics differ between runs"
-            raise WrongReturnError("diagnostics", what)
+            message = "the names of the diagnostics differ between runs"
+            raise WrongReturnError("diagnostics", message)
         return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
@@ -248,7 +243,7 @@ def loop_over_runs(run_class: "type[PerRun]") -> type[LoopFilter]:
     """Make the filter of a class of one run, with its keys, its name and its docstring."""
     keys = [(field.name, field.type, _copy_field(field)) for field in fields(run_class)]
     attributes: dict[str, object] = {
-        "one": run_class,
+        "run_class": run_class,
         "contract_exemptions": {
             "purity": "keeps its state in an object per run",
             **run_class.contract_exemptions,
@@ -292,10 +287,10 @@ def _checked_moments(returned: object, n: int, run_class: type) -> tuple[Array, 
     # The method that the class defines: the step of PerRun returns the value of `update`.
     method = "step" if "step" in vars(run_class) else "update"
     if not isinstance(returned, tuple | list) or len(returned) != 2:
-        what = (
+        message = (
             f"{run_class.__name__} gives a {type(returned).__name__}, not a mean and a covariance"
         )
-        raise WrongReturnError(method, what)
+        raise WrongReturnError(method, message)
     returned_mean, returned_cov = returned
     mean = _checked_array(method, "mean", returned_mean, (n,))
     cov = _checked_array(method, "covariance", returned_cov, (n, n))
@@ -313,8 +308,8 @@ def _checked_array(method: str, name: str, value: ArrayLike, shape: tuple[int, .
         value_shape = getattr(value, "shape", None)
         if value_shape is not None:
             description = f"an array {value_shape} of {getattr(value, 'dtype', '')}"
-        what = f"the {name} of a run is {description}, not {shape} real numbers"
-        raise WrongReturnError(method, what)
+        message = f"the {name} of a run is {description}, not {shape} real numbers"
+        raise WrongReturnError(method, message)
     return array
 
 
@@ -401,10 +396,10 @@ class PerRun:
         # Mistakes in the class that would surface late, in the middle of a run.
         for field in fields(cls):
             if field.name in _SET_BY_THE_LOOP or hasattr(PerRun, field.name):
-                what = (
+                message = (
                     f"a key cannot be called {field.name!r}: PerRun has an attribute of that name"
                 )
-                raise TypeError(what)
+                raise TypeError(message)
         if kind is not None:
             if cls.step is PerRun.step and cls.predict is PerRun.predict:
                 raise TypeError(f"{cls.__name__} has no step(z, dt), and no predict(dt)")

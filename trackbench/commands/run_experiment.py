@@ -33,7 +33,7 @@ from trackbench.commands.stored_results import Report
 from trackbench.config.experiment import Experiment
 from trackbench.config.python_tables import without_folders
 from trackbench.config.requested_metrics import takes_times
-from trackbench.config.tuned_entries import held_out_data, training_cautions
+from trackbench.config.training import held_out_data, training_cautions
 from trackbench.core.random_streams import RunStreams
 from trackbench.errors import Mark, Problem, UserError, WriteError, counted, in_line
 from trackbench.evaluation.block import BlockTask
@@ -41,7 +41,8 @@ from trackbench.evaluation.timing import REPEATS, Measured, measure
 from trackbench.execution.cache import BlockStore, block_key, cache_folder, times_folder
 from trackbench.execution.engines import OpenEngine, begin, engine
 from trackbench.execution.plan import Key, Plan, cautions
-from trackbench.execution.runner import Outcome, execute, next_batch, stop_reason
+from trackbench.execution.runner import Outcome, execute
+from trackbench.execution.stop_when_precise import next_batch, stop_reason
 from trackbench.field_types import require_regular_file
 from trackbench.filters.external import PRINT_ALL_DIGITS, External
 from trackbench.plugins.errors import guarded
@@ -375,8 +376,10 @@ def run_shard(jobs: Sequence[Job], options: Options, open_engine: OpenEngine, wo
     shard, number_of_shards = _parse_shard(options.shard)
     for job in jobs:
         if job.experiment.tuned:
-            what = "the blocks of tuned filters follow from tuning; run this config without --shard"
-            raise UserError(job.experiment.source.problem(("tune",), what))
+            message = (
+                "the blocks of tuned filters follow from tuning; run this config without --shard"
+            )
+            raise UserError(job.experiment.source.problem(("tune",), message))
     plans = [job.plan.of_shard(shard, number_of_shards) for job in jobs]
     store = BlockStore(cache_folder())
     outcomes = execute(
@@ -394,6 +397,6 @@ def _parse_shard(text: str) -> tuple[int, int]:
     """Parse ``i/n``, the number of a shard and of all shards; raises UserError."""
     match = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text)
     if match is None or not 1 <= int(match[1]) <= int(match[2]):
-        what = f"{text!r} is no shard; allowed: 1/8 to 8/8 of eight shards"
-        raise UserError(Problem(Mark("--shard"), "", what))
+        message = f"{text!r} is no shard; allowed: 1/8 to 8/8 of eight shards"
+        raise UserError(Problem(Mark("--shard"), "", message))
     return int(match[1]), int(match[2])

@@ -73,14 +73,21 @@ def hints_of(cls: type) -> dict[str, object]:
 @_cached
 def file_keys(cls: type) -> frozenset[str]:
     """Return the keys of a dataclass that may hold paths of files or names of environment variables."""
-    names = set()
-    for name, hint in hints_of(cls).items():
-        # The annotation stands on the key's type, or on an option or item of it.
-        for annotated_type in (hint, *get_args(hint)):
-            annotations = annotations_of(annotated_type)
-            if any(mark in (IS_FILE, IS_WORD, IS_VARIABLE) for mark in annotations):
-                names.add(name)
-    return frozenset(names)
+    return frozenset(name for name, hint in hints_of(cls).items() if _file_annotations(hint))
+
+
+def _file_annotations(hint: object) -> set[object]:
+    """Return which of `IS_FILE`, `IS_WORD` and `IS_VARIABLE` a key's type has.
+
+    The annotation stands on the type itself, as in ``DataFile``, or on an option or item of it, as in
+    ``tuple[DataFile, ...] | None``.
+    """
+    annotations: set[object] = {
+        mark for mark in annotations_of(hint) if mark in (IS_FILE, IS_WORD, IS_VARIABLE)
+    }
+    for inner in get_args(hint):
+        annotations |= _file_annotations(inner)
+    return annotations
 
 
 def _set_pydantic_config(hint: object, config: ConfigDict, configured: set[type]) -> None:
@@ -105,7 +112,7 @@ def build(
     ``data`` replaces that mapping. ``also`` names keys that stand beside those of the dataclass.
     """
     if data is None:
-        data = source.at(keys)
+        data = source.value_at(keys)
     if not isinstance(data, dict):
         source.add_problem(keys, f"{shown(data)} is not a mapping")
         return None
@@ -128,7 +135,7 @@ def build_kind(group: Group, source: Source, keys: Keys) -> Any:
 
     Returns None, with its mistakes in ``source``, if it cannot be built.
     """
-    return _build_component(group, source.at(keys), source, keys)
+    return _build_component(group, source.value_at(keys), source, keys)
 
 
 def _build_component(group: Group, data: object, source: Source, keys: Keys) -> Part | None:
@@ -157,13 +164,13 @@ def _build_component(group: Group, data: object, source: Source, keys: Keys) -> 
         values = {key: value for key, value in values.items() if key not in ENTRY_KEYS}
         also += ENTRY_KEYS
         if isinstance(values.get("start"), dict):
-            what = "the prior of one filter is `assume: {start: {kind: ...}}`"
-            source.add_key_problem((*keys, "start"), what)
+            message = "the prior of one filter is `assume: {start: {kind: ...}}`"
+            source.add_key_problem((*keys, "start"), message)
             return None
         for key in ("motion", "sensor"):
             if key in values and key not in hints_of(cls):
-                what = f"the {key} that one filter assumes is `assume: {{{key}: {{kind: ...}}}}`"
-                source.add_key_problem((*keys, key), what)
+                message = f"the {key} that one filter assumes is `assume: {{{key}: {{kind: ...}}}}`"
+                source.add_key_problem((*keys, key), message)
                 return None
     return build(cls, source, keys, values, also)
 
@@ -173,17 +180,17 @@ def _describe_missing_kind(group: Group, data: object, source: Source, keys: Key
 
     ``data`` is the value that the config has at ``keys`` in place of the component.
     """
-    what = "needs a kind" if isinstance(data, dict) else "is not a mapping with a kind"
+    message = "needs a kind" if isinstance(data, dict) else "is not a mapping with a kind"
     example = min(kinds(group), key=len)
-    what += f", as {{kind: {example}}}; see `trackbench list {group}`"
+    message += f", as {{kind: {example}}}; see `trackbench list {group}`"
     # A filter's own model, at ("filters", LABEL, "assume", ...), replaces that of the scenario; nothing
     # is inherited.
     scenario_model = ("scenario", "assume", *keys[3:])
     is_filter_model = keys[2:3] == ("assume",)
     if is_filter_model and source.has((*scenario_model, "kind")):
-        model = shown(source.at(scenario_model))
-        what += f"; a filter's own model has all of its keys, those of the scenario are {model}"
-    return what
+        model = shown(source.value_at(scenario_model))
+        message += f"; a filter's own model has all of its keys, those of the scenario are {model}"
+    return message
 
 
 def _find_class(group: Group, kind: object, source: Source, keys: Keys) -> type[Part] | None:
@@ -193,13 +200,15 @@ def _find_class(group: Group, kind: object, source: Source, keys: Keys) -> type[
     """
     cls = None
     if kind is None:
-        what = f"has no value; {unknown('', list(kinds(group)))}"
+        message = f"has no value; {unknown('', list(kinds(group)))}"
     else:
         if isinstance(kind, str):
             cls = of_kind(group, kind)
-        what = f"{kind!r} is not a kind of {group[:-1]}; {unknown(str(kind), list(kinds(group)))}"
+        message = (
+            f"{kind!r} is not a kind of {group[:-1]}; {unknown(str(kind), list(kinds(group)))}"
+        )
     if cls is None:
-        source.add_problem((*keys, "kind"), what)
+        source.add_problem((*keys, "kind"), message)
     return cls
 
 
@@ -283,7 +292,7 @@ class _Reader(NamedTuple):
             # The config gets the mapping, too, so that later mistakes find their keys in it.
             if self.source.has(keys):
                 mark = self.source.mark(keys)
-                put(self.source.at(keys[:-1]), keys[-1], marked(value, mark), mark)
+                put(self.source.value_at(keys[:-1]), keys[-1], marked(value, mark), mark)
         return _build_component(group, value, self.source, keys)
 
 
@@ -293,15 +302,13 @@ def _allows_type(hint: object, cls: type) -> bool:
 
 
 def _make_paths_absolute(cls: type, source: Source, keys: Keys, values: dict[str, object]) -> None:
-    """Make the paths of files in ``values`` absolute.
+    """Make the paths of files in ``values`` absolute, in place.
 
-    They count from the folder of the YAML file that names them. ``cls`` is the class of the values,
-    which the config has at ``keys``.
+    A relative path counts from the folder of the YAML file that names it. ``cls`` is the dataclass that
+    is built from the values. The config has them at ``keys``.
     """
     for key in file_keys(cls) & values.keys():
-        annotations: set[object] = set()
-        for annotated_type in get_args(hints_of(cls)[key]):
-            annotations |= set(annotations_of(annotated_type))
+        annotations = _file_annotations(hints_of(cls)[key])
         if IS_VARIABLE in annotations:  # names of environment variables are no paths
             continue
         folder = _folder_of(source.mark((*keys, key)))
@@ -346,6 +353,6 @@ def _with_preset(
         return values
     # A preset is a mistake if all keys that any preset sets are given beside it.
     if any(presets.values()) and all(deep_merge(p, values) == values for p in presets.values()):
-        what = f"no preset of {cls.kind} changes anything: all that they set is given"
-        source.add_problem(where, what)
+        message = f"no preset of {cls.kind} changes anything: all that they set is given"
+        source.add_problem(where, message)
     return deep_merge(presets[name], values)

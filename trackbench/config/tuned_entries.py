@@ -1,27 +1,22 @@
-"""Filters beside their originals in a config: tuned ones with their training scenario, smoothed ones."""
+"""Filters beside their originals in a config: tuned ones and smoothed ones."""
 
 import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 
-import numpy as np
-
 from trackbench.atomic_files import free_name
 from trackbench.config.build import build_kind
 from trackbench.config.checks import add_label_problem, check_assumed, check_fit
-from trackbench.config.dump import as_config
-from trackbench.config.experiment import Experiment, Point, Settings
+from trackbench.config.experiment import Point, Settings
 from trackbench.config.filter_model import check_late, read_assumed
-from trackbench.config.includes import deep_merge, override, split_path
+from trackbench.config.includes import override, split_path
 from trackbench.config.requested_truth import is_measured_in
+from trackbench.config.training import same_recordings
 from trackbench.config.tuning import Axis, bad_terms, default_metric, read_axis, tuned_label
 from trackbench.errors import Mark, Problem, UserError
-from trackbench.evaluation.block import simulate
 from trackbench.extension_points import Part
 from trackbench.filters.base import AnyFilter
 from trackbench.models.sensors.base import Assume, SensorBase
-from trackbench.plugins.checks import check_scenario
-from trackbench.plugins.errors import PluginError
 from trackbench.registry import of_kind
 from trackbench.yaml_source import Keys, Source, put
 
@@ -84,8 +79,8 @@ def add_smoothed(source: Source) -> None:
         original = {**filters[label], "smooth": None}
         smoothed = {**filters[smoothed_label], "smooth": None}
         if original != smoothed or not filters[smoothed_label].get("smooth"):
-            what = f"there is another filter {smoothed_label!r}: give it another label"
-            source.add_problem(("smoothed", i), what)
+            message = f"there is another filter {smoothed_label!r}: give it another label"
+            source.add_problem(("smoothed", i), message)
     if copies:
         _put_after_originals(source, copies)
 
@@ -95,27 +90,27 @@ def _check_tuned_label(source: Source, label: str) -> None:
 
     The two entries may differ in the tuned keys only.
     """
-    keys = source.at(("tune", label))
+    keys = source.value_at(("tune", label))
     if not isinstance(keys, dict) or not _is_entry(source, tuned_label(label)):
         return
     entries = []
     for filter_label in (label, tuned_label(label)):
         without_values = with_values(source, filter_label, dict.fromkeys(keys))
-        entry = without_values.at(("filters", filter_label))
+        entry = without_values.value_at(("filters", filter_label))
         # A copy of the true sensor lacks these keys, and a config of results has their defaults.
         if isinstance(entry.get("assume"), dict):
             _drop_true_keys(entry["assume"].get("sensor"))
         entries.append(entry)
     original, tuned = entries
     if original != tuned:
-        what = f"tuning gives this label to the tuned {label}: give this filter another label"
-        source.add_key_problem(("filters", tuned_label(label)), what)
+        message = f"tuning gives this label to the tuned {label}: give this filter another label"
+        source.add_key_problem(("filters", tuned_label(label)), message)
 
 
 def with_values(source: Source, label: str, values: Chosen) -> Source:
     """Return a config in which the filter ``label`` has these values; other parts are not copied."""
     keys = ("filters", label)
-    changed = source.replaced(keys, copy.deepcopy(source.at(keys)))
+    changed = source.replaced(keys, copy.deepcopy(source.value_at(keys)))
     _set_values(changed, label, label, values)
     return changed
 
@@ -131,10 +126,10 @@ def _set_values(source: Source, label: str, original_label: str, values: Chosen)
         except UserError:
             # A key of a list is that of one of its items, which the path names by number.
             place = ("tune", original_label, path)
-            what = "part of the path is a list: name one of its items by number, from 0"
+            message = "part of the path is a list: name one of its items by number, from 0"
             if path.startswith("assume.sensor."):
-                what += f", as assume.sensor.0.{path.rpartition('.')[2]}"
-            raise UserError(source.problem(place, what)) from None
+                message += f", as assume.sensor.0.{path.rpartition('.')[2]}"
+            raise UserError(source.problem(place, message)) from None
         override(source, keys, value, mark)
 
 
@@ -171,9 +166,9 @@ def _copy_model(source: Source, label: str, path: str) -> None:
         return
     filter_model, *places = places_of_model(label, component)
     for place in (filter_model, *places):
-        if not source.has(place) or source.at(place) is None:
+        if not source.has(place) or source.value_at(place) is None:
             continue
-        model = copy.deepcopy(source.at(place))
+        model = copy.deepcopy(source.value_at(place))
         if place == filter_model or not isinstance(model, dict | list):
             return
         if place == _TRUE_COMPONENTS["sensor"]:
@@ -186,7 +181,7 @@ def _write_default_kind(source: Source, label: str, path: str) -> None:
     """Write the default component of a filter's entry if a key within it is set: ``filter.gate``."""
     name, _, inner_path = path.partition(".")
     place = ("filters", label, name)
-    kind = source.at(("filters", label)).get("kind")
+    kind = source.value_at(("filters", label)).get("kind")
     cls = of_kind("filters", kind) if isinstance(kind, str) else None
     if not inner_path or cls is None or source.has(place):
         return
@@ -206,7 +201,7 @@ def _drop_true_keys(sensors: object) -> None:
 def _is_entry(source: Source, label: str) -> bool:
     """Test whether the config has a filter of this label, written as a mapping."""
     keys = ("filters", label)
-    return source.has(keys) and isinstance(source.at(keys), dict)
+    return source.has(keys) and isinstance(source.value_at(keys), dict)
 
 
 def _put_after_originals(source: Source, copies: Mapping[str, str]) -> None:
@@ -339,9 +334,9 @@ def tuned_axes(
         if label not in settings.filters and label != "scenario":
             add_label_problem(source, settings, ("tune", label), label)
             continue
-        what = _why_not_tunable(settings, label, len(keys))
-        if what:
-            source.add_key_problem(("tune", label), what)
+        message = _why_not_tunable(settings, label, len(keys))
+        if message:
+            source.add_key_problem(("tune", label), message)
             continue
         axes = _read_axes(source, label, keys)
         # The values of the axes are tried on the filter only if nothing else is mistaken.
@@ -382,13 +377,13 @@ def _check_tuning(
     tuning = settings.tuning
     # Step 1: the grid and the terms of the objective.
     if settings.grid:
-        what = "each point of a grid has values of its own: tune one experiment per point"
-        source.add_key_problem(("tune",), what)
-    for word, what in bad_terms(tuning.metric):
+        message = "each point of a grid has values of its own: tune one experiment per point"
+        source.add_key_problem(("tune",), message)
+    for word, message in bad_terms(tuning.metric):
         place = (
             ("tuning", "metric") if isinstance(tuning.metric, str) else ("tuning", "metric", word)
         )
-        source.add_problem(place, what)
+        source.add_problem(place, message)
     # Step 2: the number of recorded runs.
     if training is None or not training.scenario.recorded_runs:
         return
@@ -397,15 +392,15 @@ def _check_tuning(
     if not trains_on_time_share and same_recordings(points[0], training):
         # Results and training take different runs of the same recordings.
         if settings.runs + tuning.runs > recorded_runs:
-            what = (
+            message = (
                 f"{tuning.runs} training runs beside {settings.runs} of the results are more than "
                 f"the {recorded_runs} recorded ones: ask for fewer `runs`, or fewer here, or share "
                 "out their time (the scenario's `score: {train: 0.5}`)"
             )
-            source.add_problem(("tuning", "runs"), what)
+            source.add_problem(("tuning", "runs"), message)
     elif tuning.runs > recorded_runs:
-        what = f"{tuning.runs} is more than the {recorded_runs} recorded runs"
-        source.add_problem(("tuning", "runs"), what)
+        message = f"{tuning.runs} is more than the {recorded_runs} recorded runs"
+        source.add_problem(("tuning", "runs"), message)
 
 
 def _try_axes(source: Source, point: Point, label: str, axes: list[Axis]) -> tuple[Axis, ...]:
@@ -434,79 +429,6 @@ def _try_axes(source: Source, point: Point, label: str, axes: list[Axis]) -> tup
                 continue
             for problem in trial:
                 path = problem.path.removeprefix(f"filters.{label}").removeprefix(".")
-                what = f"{path}: {problem.what}" if path else problem.what
-                source.add_problem(("tune", label, axis.key), f"at {value}: {what}")
+                message = f"{path}: {problem.what}" if path else problem.what
+                source.add_problem(("tune", label, axis.key), f"at {value}: {message}")
     return tuple(tried_axes)
-
-
-TRAINING_SCENARIO = ("tuning", "scenario")
-"""Keys of the training scenario in a config."""
-NOISE = "noise"
-PATH = "noise and path"
-RUNS = "recordings"
-TIME = "time"
-"""Names, in the manifest, of the judged data that is held out of training."""
-
-
-def training_point(source: Source, point: Point) -> Point | None:
-    """Build the point with the scenario that training simulates; None if its keys are mistaken.
-
-    Without such a scenario in the config it is ``point`` itself, the first of the experiment.
-    """
-    if not source.has(TRAINING_SCENARIO) or source.at(TRAINING_SCENARIO) is None:
-        return point
-    changes = source.at(TRAINING_SCENARIO)
-    if not isinstance(changes, dict):  # reported with the other settings
-        return None
-    whole = deep_merge(source.data["scenario"], changes, by_kind=True)
-    changed = source.replaced(TRAINING_SCENARIO, copy.deepcopy(whole))
-    scenario = build_kind("scenarios", changed, TRAINING_SCENARIO)
-    if scenario is not None:
-        try:
-            check_scenario(scenario, bounded=False)
-        except PluginError as error:
-            changed.add_problem(TRAINING_SCENARIO, str(error))
-    source.problems += changed.problems
-    if changed.problems:
-        return None
-    return replace(point, scenario=scenario)
-
-
-def same_recordings(a: Point, b: Point) -> bool:
-    """Test whether two points take their runs from the same recorded data."""
-    if a.scenario.recorded_runs is None:
-        return False
-    return as_config(a.scenario).get("target") == as_config(b.scenario).get("target")
-
-
-def held_out_data(experiment: Experiment) -> str:
-    """Name in what the judged data differ from the training data: noise, path, recordings or time."""
-    judged = experiment.points[0]
-    training = experiment.training
-    assert training is not None
-    # Of the same recordings either other runs are for training, or the first part of each.
-    if same_recordings(judged, training):
-        return RUNS if training.scenario.training is None else TIME
-    if judged.scenario.recorded_runs or training.scenario.recorded_runs:
-        return PATH
-    # Simulated data: compare the path of the first judged run with that of the first training run.
-    # Training runs count down from -1.
-    seed = experiment.settings.seed
-    judged_path = simulate(judged.scenario, seed, 0, 1).truth
-    training_path = simulate(training.scenario, seed, -1, 1).truth
-    # The two scenarios may differ in components and steps: compare those of both.
-    n, steps = np.minimum(judged_path.shape[:2], training_path.shape[:2])
-    is_same_path = np.array_equal(
-        judged_path[:n, :steps], training_path[:n, :steps], equal_nan=True
-    )
-    return NOISE if is_same_path else PATH
-
-
-def training_cautions(experiment: Experiment) -> list[str]:
-    """Warn of filters that are tuned on the very path that judges them; empty without such filters."""
-    if not experiment.tuned or held_out_data(experiment) != NOISE:
-        return []
-    return [
-        "filters are tuned on the path that judges them, and only the noise is held out; to train on "
-        "other paths: `tuning: {scenario: {target: {kind: random-legs, ...}}}` (docs/tuning.md)"
-    ]

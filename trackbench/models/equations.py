@@ -11,8 +11,8 @@ import numpy as np
 from trackbench.core.arrays import Array, fixed
 from trackbench.field_types import Finite, InvalidKeyError
 from trackbench.models.expressions import (
-    FUNCTIONS,
     OPERATIONS,
+    RESERVED_NAMES,
     UFUNCS,
     ZERO,
     ExpressionError,
@@ -135,7 +135,6 @@ Term: TypeAlias = Finite | str
 """A number or an expression."""
 Covariance: TypeAlias = Term | dict[str, Term] | tuple[Term | tuple[Term, ...], ...]
 """One variance for every component, variances by component or in order, or a matrix."""
-_RESERVED = ("k", "t", "T", "pi", *FUNCTIONS)
 _ROUNDING = 1e-12  # of a covariance's eigenvalues, relative to the largest one
 
 
@@ -192,7 +191,7 @@ class Equations:
         """Add a name for expressions; raises InvalidKeyError at this key."""
         if not name.isidentifier() or keyword.iskeyword(name):
             raise InvalidKeyError(f"{name!r} cannot be a name in an expression", *path)
-        if name in self.names or name in _RESERVED:
+        if name in self.names or name in RESERVED_NAMES:
             raise InvalidKeyError(f"the name {name!r} is taken", *path)
         self.names[name] = node
 
@@ -233,14 +232,14 @@ class Equations:
                 below, _ = rows[i][j]
                 above, _ = rows[j][i]
                 if below != above:
-                    what = f"not symmetric: row {i + 1}, column {j + 1} and the reverse differ"
-                    raise InvalidKeyError(what, *path)
+                    message = f"not symmetric: row {i + 1}, column {j + 1} and the reverse differ"
+                    raise InvalidKeyError(message, *path)
         program = CovarianceProgram(self, nodes, components, path)
         if program.constant is not None:
             least, largest = np.linalg.eigvalsh(program.constant)[[0, -1]]
             if least < -_ROUNDING * largest or np.isnan(least):
-                what = f"has the eigenvalue {least:.3g}, and a covariance has none below 0"
-                raise InvalidKeyError(what, *path)
+                message = f"has the eigenvalue {least:.3g}, and a covariance has none below 0"
+                raise InvalidKeyError(message, *path)
         return program
 
 
@@ -374,8 +373,8 @@ class CovarianceProgram(ArrayProgram):
             state = x.reshape(len(x), -1)[:, place].tolist()
             values = zip(self._equations.components, state, strict=False)
             where = ", ".join(f"{component} = {value:.4g}" for component, value in values)
-            what = (
+            message = (
                 f"step {scalars[0]:g}: the variance of {name} is {variances[place]:.4g} at {where}; "
                 "write it so that it is never negative, as `max(0, ...)`"
             )
-            raise InvalidKeyError(what, *self._path)
+            raise InvalidKeyError(message, *self._path)

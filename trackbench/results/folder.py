@@ -305,8 +305,8 @@ class ResultsFolder:
         if isinstance(steps, list) and i < len(steps):
             number = steps[i]
         if not isinstance(number, int) or number < 1:
-            what = "does not say how many steps a run has"
-            raise UserError(f"{self.folder / 'manifest.json'}: {what}: {RUN_AGAIN}")
+            message = "does not say how many steps a run has"
+            raise UserError(f"{self.folder / 'manifest.json'}: {message}: {RUN_AGAIN}")
         return number
 
     def runs(self, point: GridPoint) -> Runs:
@@ -361,7 +361,7 @@ class ResultsFolder:
         """Return rows of `summary`, `per_step` or `timing`, at one grid point or at all."""
         if name not in self._columns:
             self._columns[name] = self._read(name)
-        return self._columns[name].at(point)
+        return self._columns[name].rows_with(point)
 
     def _read(self, name: str) -> Columns:
         """Read a table of rows by its name, ``per_run``, ``per_step``, ``summary`` or ``timing``."""

@@ -10,7 +10,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import InvalidKeyError, Positive, Unit
-from trackbench.models.base import position_velocity_names
+from trackbench.models.components import position_velocity_names
 from trackbench.models.priors import TwoPoint, two_point_difference
 from trackbench.models.sensors.base import Sensors
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
@@ -29,10 +29,10 @@ class _FromScans(Start):
             raise InvalidKeyError("no sensor here tells a position in one scan", "start")
         locating_sensor, _ = sensor_and_rows
         if 2 * locating_sensor.axes != len(components):
-            what = (
+            message = (
                 f"the sensor sees {locating_sensor.axes} axes of a target in {len(components) // 2}"
             )
-            raise InvalidKeyError(what, "start")
+            raise InvalidKeyError(message, "start")
 
     def located(self, opening: InitialScans, sensor: Sensors, scan: int) -> Gaussian:
         """Return the position (axes, M) measured by scan ``scan``, counted from 0, with covariance."""

@@ -17,7 +17,8 @@ from trackbench.field_types import (
     Unit,
     freeze_mappings,
 )
-from trackbench.models.base import Motion, append_noise, by_component, extra_std
+from trackbench.models.base import Motion, append_noise, extra_std
+from trackbench.models.components import by_component
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.sensors.base import Sensors
 from trackbench.registry import register
@@ -79,8 +80,8 @@ class Driven(Target):
         if self.initial is not None:
             by_component(self.initial, self.components, "initial")
         if self.motion.input_names:
-            what = "a simulation has no recorded inputs: write them as expressions of k and t"
-            raise InvalidKeyError(what, "motion", "input")
+            message = "a simulation has no recorded inputs: write them as expressions of k and t"
+            raise InvalidKeyError(message, "motion", "input")
 
     @property
     def _first(self) -> Launch | PolarLaunch:
