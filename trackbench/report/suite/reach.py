@@ -51,7 +51,8 @@ def reach_sentence(
     elif any(model.is_linear for model in fitted) or not fitted:
         lines.append(
             "A program that takes F, Q, H and R from its first line runs on every linear problem: "
-            "`trackbench new filter NAME --language c` writes one."
+            "`trackbench new filter NAME --language c` writes one. `motion` and `sensors` on that "
+            "line have the model of every problem: docs/any-language.md."
         )
     else:
         lines.append(
