@@ -12,14 +12,12 @@ docs/statistics.md has error rates and power of both.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from math import copysign, exp, floor, inf, isfinite, isnan, log, log10, nan, sqrt
+from math import copysign, floor, inf, isfinite, isnan, log, log10, nan, sqrt
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from trackbench.core import elementary
 from trackbench.core.arrays import Array
-from trackbench.core.sums import total
 from trackbench.field_types import Count, Finite, Natural, NonNegative, Positive
 from trackbench.statistics.estimates import OfSteps, RunEstimate
 from trackbench.statistics.intervals import deviations, holm, normal_of_t, sign_test, two_sided
@@ -29,8 +27,6 @@ LEVEL = 0.01
 """Probability that any of the filters of a family without a difference are called different."""
 FEWEST_RUNS = 5
 """Runs from which on a difference of filters is tested."""
-BETTING_LEVEL = 0.001
-"""Probability that `exceeds_by_betting` calls any exact filter of a table overconfident."""
 LOSSES_LEVEL = 0.05
 """Probability that chance alone makes any filter of an experiment lose more runs than another."""
 TINY = 0.01
@@ -194,36 +190,6 @@ def credibility(low: float, high: float, sign: int, mean: tuple[float, float] = 
     if low >= least * (1.0 - NEAR) and high <= largest * (1.0 + NEAR):
         return "calibrated"
     return {1: "overconfident", -1: "underconfident"}.get(sign, "")
-
-
-_STAKES = tuple(2.0**-k for k in range(1, 11))
-"""Shares of the capital that are staked on each run, each of them with a tenth of the capital."""
-
-
-def exceeds_by_betting(values: Array, largest_mean: float, tests: int) -> bool:
-    """Test whether runs show that the mean of positive numbers is above ``largest_mean``.
-
-    The test is valid for any law of the numbers and any number of runs, also where a few runs decide the
-    mean and its standard error, so that the studentized test cannot reject. A bet multiplies a capital
-    of 1 by ``1 - stake + stake * value / largest_mean`` for each run. If the mean of the values is at
-    most the largest mean, the expected capital is at most 1, so that it exceeds ``1 / level`` with at
-    most the probability ``level`` (Markov's inequality; Waudby-Smith & Ramdas 2024). The capital here
-    is the average over the `_STAKES`, and the level is `BETTING_LEVEL` divided by the number of
-    ``tests``.
-
-    Parameters
-    ----------
-    values : array (M,) of numbers of independent runs, none negative
-    """
-    log_capitals = []
-    for stake in _STAKES:
-        factors = 1.0 - stake + stake * (values / largest_mean)
-        log_capitals.append(float(total(elementary.log(factors))))
-    largest = max(log_capitals)
-    if not isfinite(largest):
-        return largest == inf
-    share = sum(exp(log_capital - largest) for log_capital in log_capitals) / len(_STAKES)
-    return largest + log(share) > log(tests / BETTING_LEVEL)
 
 
 def share_that_matters(share: float | str | None) -> float:

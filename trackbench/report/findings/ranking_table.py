@@ -497,11 +497,6 @@ def consistency(results: Results, candidates: Sequence[Candidate]) -> dict[Candi
     means = [_mean_if_consistent(results, candidate) for candidate in family]
     zs = list(map(_z_of_mean, values, means))
     signs = rules.signs(zs)
-    # A few runs may decide the mean, and with it the standard error. A bet on the mean may yet decide.
-    for i, (squares, (_, largest)) in enumerate(zip(values, means, strict=True)):
-        is_open = signs[i] == 0 and len(squares) > 1
-        if is_open and rules.exceeds_by_betting(squares, largest, tests=len(family)):
-            signs[i] = 1
     words = {}
     for candidate, squares, sign, least_and_largest in zip(
         family, values, signs, means, strict=True
