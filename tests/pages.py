@@ -283,5 +283,5 @@ def _exit_code(words: list[str]) -> int:
 
 def _file(title: str) -> str | None:
     """The file that a block's title names."""
-    found = re.match(r"[\w-]+\.(yaml|csv|py)\b", title)
+    found = re.match(r"[\w-]+\.(yaml|csv|py|c)\b", title)
     return found[0] if found else None

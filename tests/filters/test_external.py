@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from tests.commands import trackbench
-from tests.conftest import forget_facts, make_filter, track
+from tests.conftest import ROOT, forget_facts, make_filter, track
 from trackbench import api
 from trackbench.contract import check_file, check_filter
 from trackbench.contract.problems import UNEQUAL, ModelDraws, new_rng, planar, radar, simulate
@@ -31,8 +31,10 @@ from trackbench.filters.external import External, ProgramRunError
 from trackbench.filters.external_process import programs_cpu_s
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.sensors.base import Outliers
+from trackbench.models.sensors.landmark import Landmark
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import PolarPosition, RangeAzimuth
+from trackbench.registry import kinds
 from trackbench.scaffold import write_new
 from trackbench.scenarios.starts.without_scans import GaussianStart
 from trackbench.scenarios.targets.base import Launch
@@ -146,6 +148,35 @@ def test_a_program_that_reads_the_sensors_passes_the_contract(radar_ekf: Path) -
     assert "needs the state px vx py vy" in tracker.conflicts(planar())[""]
     bearings = replace(radar(), sensor=PolarPosition(sigma_range=1.0, sigma_azimuth_mrad=1.0))
     assert "needs the state" in tracker.conflicts(bearings)[""]
+
+
+def test_the_page_lists_the_components_of_every_sensor() -> None:
+    page = (ROOT / "docs" / "any-language.md").read_text(encoding="utf-8")
+    table = page.partition("| `kind` | `components` |")[2].partition("\n\n")[0]
+    listed = {}
+    for row in table.splitlines()[2:]:
+        sensors, names = row.strip("| ").split(" | ")
+        for kind in sensors.split(", "):
+            listed[kind.strip("`")] = names
+    own = {k: c for k, c in kinds("sensors").items() if c.__module__.startswith("trackbench.")}
+    assert listed.keys() == own.keys()
+    for kind, cls in own.items():
+        if cls.components:
+            assert listed[kind] == f"`{' '.join(cls.components)}`"
+    landmark = Landmark(at=(0.0, 0.0), sigma_range=1.0, sigma_bearing_mrad=1.0)
+    assert listed["landmark"].startswith(f"`{' '.join(landmark.components)}`")
+
+
+def test_a_step_without_a_measurement_has_a_line(tmp_path: Path) -> None:
+    tracker = script(tmp_path, f"open({str(tmp_path / 'lines')!r}, 'a').write(line); print(good)")
+    tracker = replace(tracker, command=(sys.executable, "-u", tracker.command[1]))
+    data = simulate(planar(), 1)
+    data.measurements[:, 1] = math.nan
+    state = tracker.init(planar().model, data.prior, new_rng())
+    tracker.all_steps(planar().model, state, data.measurements, 1)
+    lines = (tmp_path / "lines").read_text().splitlines()
+    assert len([line for line in lines if line.startswith("step")]) == data.measurements.shape[1]
+    assert "step 4 nan nan" in lines
 
 
 FIXED_GAIN = """name: steady

@@ -23,7 +23,8 @@ static double covariance(int i, int j) {
     return i % 2 == j % 2 ? P[i / 2][j / 2] : 0;
 }
 
-/* Write to place[i] where the i-th name of the filter stands in the list after the key; 0 if one is missing. */
+/* Find the i-th name of the filter in the list after the key, and write its number there, from 0, to place[i].
+ * Return 1 if the list has all names of the filter and no other name, and 0 otherwise. */
 static int find_places(const char *json, const char *key, const char **names, int n, int place[]) {
     int found = 0, number = 0;
     const char *at = strstr(json, key);

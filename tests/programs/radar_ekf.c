@@ -22,7 +22,8 @@ static int read_key(const char *json, const char *key, int count, double numbers
     return 1;
 }
 
-/* Read the model of the problem; return why the filter does not fit it, or NULL. */
+/* Read the model of the problem; return why the filter does not fit it, or NULL.
+ * With two sensors the list "measurement" is longer, so the filter refuses them. */
 static const char *read_model(const char *json) {
     const char *motion = strstr(json, "\"motion\":{"), *sensors = strstr(json, "\"sensors\":[");
     if (!strstr(json, "\"components\": [\"px\", \"vx\", \"py\", \"vy\"], \"measurement\": [\"range\", \"azimuth\"]"))
