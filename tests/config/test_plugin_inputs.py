@@ -584,3 +584,29 @@ def test_a_plugin_that_changes_the_working_folder_moves_no_results(
     assert Path.cwd() == home
     assert sorted(file.name for file in home.iterdir()) == ["cache", "results"]
     assert (home / "results" / "own" / "per_run.csv").is_file()
+
+
+def test_paths_in_keys_of_any_type_count_from_the_config(
+    tmp_path: Path, written: Callable[..., None]
+) -> None:
+    """A bare word or variable, and files in an optional list, as a list of each."""
+    imports = (
+        "from trackbench.field_types import DataFile, ProgramWord, VariableName\n"
+        "NAMES = (DataFile, ProgramWord, VariableName)"
+    )
+    written(imports, "1.0")
+    plugin = tmp_path / "half.py"
+    keys = (
+        "    table: DataFile\n    tables: tuple[DataFile, ...] | None = None\n"
+        "    word: ProgramWord\n    variable: VariableName\n\n    def init"
+    )
+    plugin.write_text(plugin.read_text().replace("    def init", keys, 1))
+    config = tmp_path / "own.yaml"
+    values = "{kind: half, table: a.csv, tables: [b.csv], word: --fast, variable: GAIN}"
+    config.write_text(config.read_text().replace("{kind: half}", values))
+    experiment = api.prepare(config, api.Options(allow_plugins=True))
+    half = experiment.points[0].filters["Half"]
+    assert half.table == str(tmp_path / "a.csv")
+    assert half.tables == (str(tmp_path / "b.csv"),)
+    assert half.word == "--fast"
+    assert half.variable == "GAIN"

@@ -73,14 +73,19 @@ def hints_of(cls: type) -> dict[str, object]:
 @_cached
 def file_keys(cls: type) -> frozenset[str]:
     """Return the keys of a dataclass that may hold paths of files or names of environment variables."""
-    names = set()
-    for name, hint in hints_of(cls).items():
-        # The annotation stands on the key's type, or on an option or item of it.
-        for annotated_type in (hint, *get_args(hint)):
-            annotations = annotations_of(annotated_type)
-            if any(mark in (IS_FILE, IS_WORD, IS_VARIABLE) for mark in annotations):
-                names.add(name)
-    return frozenset(names)
+    return frozenset(name for name, hint in hints_of(cls).items() if _file_annotations(hint))
+
+
+def _file_annotations(hint: object) -> set[object]:
+    """Return which of `IS_FILE`, `IS_WORD` and `IS_VARIABLE` a key's type has.
+
+    The annotation stands on the type itself, as in ``DataFile``, or on an option or item of it, as in
+    ``tuple[DataFile, ...] | None``.
+    """
+    annotations = {mark for mark in annotations_of(hint) if mark in (IS_FILE, IS_WORD, IS_VARIABLE)}
+    for inner in get_args(hint):
+        annotations |= _file_annotations(inner)
+    return annotations
 
 
 def _set_pydantic_config(hint: object, config: ConfigDict, configured: set[type]) -> None:
@@ -293,15 +298,13 @@ def _allows_type(hint: object, cls: type) -> bool:
 
 
 def _make_paths_absolute(cls: type, source: Source, keys: Keys, values: dict[str, object]) -> None:
-    """Make the paths of files in ``values`` absolute.
+    """Make the paths of files in ``values`` absolute, in place.
 
-    They count from the folder of the YAML file that names them. ``cls`` is the class of the values,
-    which the config has at ``keys``.
+    A relative path counts from the folder of the YAML file that names it. ``cls`` is the dataclass that
+    is built from the values. The config has them at ``keys``.
     """
     for key in file_keys(cls) & values.keys():
-        annotations: set[object] = set()
-        for annotated_type in get_args(hints_of(cls)[key]):
-            annotations |= set(annotations_of(annotated_type))
+        annotations = _file_annotations(hints_of(cls)[key])
         if IS_VARIABLE in annotations:  # names of environment variables are no paths
             continue
         folder = _folder_of(source.mark((*keys, key)))

@@ -215,6 +215,25 @@ def _guess_cause(estimates: Estimates, path: Array, differences: dict[str, float
     the scores by their names: the filter's mean score minus a reference's. The text is empty if only the
     distance from the reference differs.
     """
+    cause = _guess_cause_of_errors(estimates, path, is_far=differences.get("error", 0.0) > _LOST)
+    if cause:
+        return cause
+    # A covariance that is too large makes the ANEES too small.
+    excess_of_covariance = differences.get("spread", -differences.get("anees", 0.0))
+    if excess_of_covariance > 0.0:
+        return "; the covariance is too large: does the update reduce it by the gain, is R sigma^2?"
+    if excess_of_covariance < 0.0:
+        return "; the covariance is too small: sigma for sigma^2, or a noise or dt forgotten?"
+    if "squared_distance" in differences:
+        return ""
+    return "; are the innovation and S those before the update?"
+
+
+def _guess_cause_of_errors(estimates: Estimates, path: Array, is_far: bool) -> str:
+    """Guess why estimated states miss ``path`` (n, T + 1, M), as a text; empty if they do not.
+
+    ``is_far`` is true if most of them are so far away that the runs are lost.
+    """
     mean = estimates.mean[: len(path)]
 
     def mean_square_from(other_path: Array) -> float:
@@ -229,17 +248,9 @@ def _guess_cause(estimates: Estimates, path: Array, differences: dict[str, float
     # A state of four components is (x, vx, y, vy).
     if len(path) == 4 and mean_square_from(path[[2, 3, 0, 1]]) < 0.1 * mean_square_from(path):
         return "; estimates fit the truth with x and y exchanged"
-    if differences.get("error", 0.0) > _LOST:
+    if is_far:
         return "; an axis, a unit (degrees), a sign, dt or a gap is taken wrongly?"
-    # A covariance that is too large makes the ANEES too small.
-    excess_of_covariance = differences.get("spread", -differences.get("anees", 0.0))
-    if excess_of_covariance > 0.0:
-        return "; the covariance is too large: does the update reduce it by the gain, is R sigma^2?"
-    if excess_of_covariance < 0.0:
-        return "; the covariance is too small: sigma for sigma^2, or a noise or dt forgotten?"
-    if "squared_distance" in differences:
-        return ""
-    return "; are the innovation and S those before the update?"
+    return ""
 
 
 def mistaken_track(tracker: AnyFilter, problem: Tracking) -> str:
@@ -281,4 +292,4 @@ def mistaken_track(tracker: AnyFilter, problem: Tracking) -> str:
         return ""
     measured_error = rms_error(measured)
     text = f"estimated positions are off by {error:.3g} m, measured ones by {measured_error:.3g} m"
-    return text + _guess_cause(estimates, data.truth, {"squared_distance": np.inf, "error": np.inf})
+    return text + _guess_cause_of_errors(estimates, data.truth, is_far=True)

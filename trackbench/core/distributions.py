@@ -251,8 +251,11 @@ class Gamma:
         return x
 
     def density(self, v: Array) -> Array:
-        """Evaluate the density at v; for v <= 0 zero, or its formula's value if ``smooth``."""
-        base = v if self.smooth else np.maximum(v, 0.0)
+        """Evaluate the density at v.
+
+        For v <= 0 it is zero, or the value of its formula if ``has_integer_shape``.
+        """
+        base = v if self.has_integer_shape else np.maximum(v, 0.0)
         # p(v) = exp(log_norm - rate v) v^(shape - 1)
         density = base * -self.rate
         density += self._log_norm
@@ -261,8 +264,8 @@ class Gamma:
         return density
 
     @property
-    def smooth(self) -> bool:
-        """True if the density's formula is smooth across zero: the shape is an integer."""
+    def has_integer_shape(self) -> bool:
+        """True if the shape is an integer, so that the density's formula is smooth across zero."""
         return self.shape == int(self.shape)
 
     def log_density(self, v: Array) -> Array:

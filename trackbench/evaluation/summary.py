@@ -309,16 +309,21 @@ def _spread(total: Array, squares: Array, number: Array) -> Estimates:
 def series_of(m: Measure) -> str | None:
     """Return the name of the series from which the runs' shares of the measure m are computed.
 
-    A share is what one run contributes to a number over steps. None if the measure has no shares.
+    A share is what one run contributes to a number over steps. None if the measure has no shares. Two
+    forms of expression have them: ``time-mean(rmse_x)``, and a metric at a step, ``rmse_x@20``.
     """
     definition = m.definition
     quantity = m.quantity
-    if m.statistic == TIME_MEAN and not m.steps:
+    is_at_step = m.steps is not None
+    if m.statistic == TIME_MEAN and not is_at_step:
         if definition.name != "rmse":
             return None
         return joined(definition.series, quantity)
-    # Only a number at a step of one filter has shares besides a time mean.
-    if m.statistic or not m.steps or definition.name == "efficiency":
+    # Any other statistic is computed from one value per run, which is in per_run.csv as it is.
+    if m.statistic or not is_at_step:
+        return None
+    # An efficiency relates two filters.
+    if definition.name == "efficiency":
         return None
     if definition.series:
         return joined(definition.series, quantity)

@@ -125,13 +125,15 @@ def compare_folders(a: Results, b: Results) -> tuple[list[Row], str]:
     points = [point for point in a.points() if point in b.points()]
     statistics = partial(compared_statistic, a.config)
     why_unpaired = _why_unpaired(a, b, points)
-    stored = all(results.has_runs for results in (a, b))
+    both_have_runs = a.has_runs and b.has_runs
     # Filters whose numbers have no randomness.
     exact = set(a.deterministic) & set(b.deterministic)
-    # A folder of an older version has fewer digits of filters without random numbers.
-    rounded_labels = set()
-    if stored:
-        rounded_labels = {label for label in exact if a.digits_of(label) != b.digits_of(label)}
+    # One per_run.csv may have 15 digits of such a filter and the other, of an older version, only 7.
+    # Then `_numbers` rounds the values of both to 7 digits. Without values per run the rows of
+    # summary.csv are compared, which have 7 digits in all versions.
+    labels_to_round = set()
+    if both_have_runs:
+        labels_to_round = {label for label in exact if a.digits_of(label) != b.digits_of(label)}
     rows: list[Row] = []
     for point in points:
         # Paired runs are those that both folders have: the first ``runs`` of each.
@@ -139,8 +141,8 @@ def compare_folders(a: Results, b: Results) -> tuple[list[Row], str]:
         if not why_unpaired:
             columns = [*a.runs(point).values(), *b.runs(point).values()]
             runs = min(map(len, columns), default=None)
-        first = _numbers(a, point, stored, runs, statistics, rounded_labels)
-        second = _numbers(b, point, stored, runs, statistics, rounded_labels)
+        first = _numbers(a, point, both_have_runs, runs, statistics, labels_to_round)
+        second = _numbers(b, point, both_have_runs, runs, statistics, labels_to_round)
         for (label, metric), number in first.items():
             other = second.get((label, metric))
             if other is not None:
@@ -241,24 +243,24 @@ def _agree(a: Any, b: Any, folder_a: Path, folder_b: Path) -> bool:
 def _numbers(
     results: Results,
     point: GridPoint,
-    stored: bool,
+    from_runs: bool,
     runs: int | None,
     statistics: Callable[[str], str],
-    rounded_labels: Collection[str],
+    labels_to_round: Collection[str],
 ) -> dict[tuple[str, str], Sample | RunEstimate]:
     """Return the metrics of each filter, ``anees`` in place of ``nees``, by filter and name.
 
-    If the values per run are ``stored``, they are samples of the first ``runs`` values, of all if None.
+    With ``from_runs`` they are samples of the first ``runs`` values of per_run.csv, of all if None.
     Otherwise they are the rows of summary.csv. ``statistics`` returns the statistic by which a metric is
-    compared. Values of the filters ``rounded_labels`` are rounded to the usual digits.
+    compared. Values per run of the filters ``labels_to_round`` are rounded to the usual digits.
     """
     sizes = results.facts(point).sizes
-    if not stored:
+    if not from_runs:
         return {**_summary_rows(results, point, statistics)}
     samples: dict[tuple[str, str], Sample | RunEstimate] = {}
     for (label, metric), stored_values in results.runs(point).items():
         values = stored_values
-        if label in rounded_labels:
+        if label in labels_to_round:
             digits = DIGITS["per_run.csv"]
             values = np.array([float(f"{value:.{digits}g}") for value in stored_values])
         # A lost run counts as 1, another as 0, so that the mean is the share of lost runs.

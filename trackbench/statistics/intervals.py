@@ -264,21 +264,25 @@ def studentized_rows(values: Array, influences: Array) -> Array:
     influences are all zero or not finite; `studentized` may return a z for such a number.
     """
     M = influences.shape[1]
-    # Step 1: as `spread`, the standard error, Hall's a and the degrees of freedom.
+    # Step 1: the standard errors of the numbers.
     stderr = np.sqrt(total(np.square(influences)) / (M * (M - 1.0)))
-    # The square and root of `spread` without another error; they round, so that the bits need them.
-    whole = np.sqrt(stderr * stderr)
+    # `spread` adds the error of what a number is compared with: sqrt(stderr^2 + other^2). Here there is
+    # no other error, but the square and the root round, so that equal bits need them.
+    total_stderr = np.sqrt(stderr * stderr)
+    # Step 2: Hall's a, and the degrees of freedom from the kurtosis.
     unit = influences / (stderr * np.sqrt(M - 1.0))[:, None]
     squares = np.square(unit)
-    # This share of the error is 1 but for rounding. The powers are Python's, as those of `spread`.
-    share = (stderr / whole).tolist()
-    third = np.array([x**3 for x in share])
-    fourth = np.array([x**4 for x in share])
+    a = total(squares * unit) / M / np.sqrt(M)
     kurtosis = total(np.square(squares)) / M
-    a = total(squares * unit) / M / np.sqrt(M) * third
-    freedom = np.minimum(M - 1.0, 2.0 * M / np.maximum(kurtosis - 1.0, 1e-9)) / fourth
-    # Step 2: g(T), and the normal z of Student's t.
-    T = values / whole
+    freedom = np.minimum(M - 1.0, 2.0 * M / np.maximum(kurtosis - 1.0, 1e-9))
+    # `spread` multiplies a by the third power of the runs' share of the error, and divides the degrees
+    # of freedom by its fourth power. Here the share is 1 but for rounding. The powers are Python's,
+    # which have other last bits than numpy's.
+    shares = (stderr / total_stderr).tolist()
+    a = a * np.array([share**3 for share in shares])
+    freedom = freedom / np.array([share**4 for share in shares])
+    # Step 3: g(T), and the normal z of Student's t.
+    T = values / total_stderr
     T = np.where(a != 0.0, T + _skewness_term(T, a), T)
     z = np.copysign(normals_of_t(np.abs(T), freedom), T)
     is_known = (stderr > 0.0) & np.isfinite(freedom) & np.isfinite(T)

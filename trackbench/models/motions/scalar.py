@@ -107,14 +107,16 @@ class MerweMotion:
         return np.minimum(from_low, from_high), np.maximum(from_low, from_high) + longest
 
     def origins(self, x: Array, k: int) -> Interval:
-        """Return the interval of x_{k-1} from which x_k = x can be reached with positive noise.
+        """Return the interval of x_{k-1} over which the density of x_k = x is to be integrated.
 
-        It has no ends if phi1 is zero, and if the noise's shape is no integer: the density that is then
-        computed is zero by itself where x cannot be reached.
+        If the noise's shape is an integer, `Gamma.density` evaluates its formula also for v <= 0, where
+        x cannot be reached. The interval then leaves out the x_{k-1} that need such noise. Otherwise
+        the computed density is zero there, and the interval has no ends. It has none either if phi1 is
+        zero, as x_{k-1} then has no effect.
         """
         lowest = np.full_like(x, -np.inf)
         highest = np.full_like(x, np.inf)
-        if self.phi1 == 0.0 or not self.noise.smooth:
+        if self.phi1 == 0.0 or not self.noise.has_integer_shape:
             return lowest, highest
         # v = x_k - f(0) - phi1 x_{k-1} > 0 bounds x_{k-1} on one side.
         edge = (x - self.transition(np.zeros_like(x), k).loc) / self.phi1

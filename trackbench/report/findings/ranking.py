@@ -165,25 +165,30 @@ class Ranking(NamedTuple):
 
     @property
     def marked(self) -> list[Candidate]:
-        """Filters that a table marks: the best, and ties up to the first that is not near it.
+        """Filters that a table marks: the best, and those of the `ties` that are near it.
+
+        The ties are sorted, the best mean first. Those behind the first that is not near the best are
+        not marked either.
 
         The list is empty where nothing is decided: if a filter is untested, or if one is not near the
-        best and none is worse.
+        best and none is significantly worse.
         """
+        if self.best is None:
+            return []
         for rival in self.rivals:
             if not (rival.comparison.is_tested or rival.comparison.is_equal):
                 return []
         is_score = self.metric.definition.is_score
-        near: list[Rival] = []
+        near_filters: list[Candidate] = []
         for tie in self.ties:
             is_near = tie.is_near_score if is_score else tie.is_near
             if not is_near:
                 break
-            near.append(tie)
-        if not self.worse and len(near) < len(self.not_worse):
+            near_filters.append(tie.filter)
+        all_are_near = len(near_filters) == len(self.ties) and not self.undecided
+        if not self.worse and not all_are_near:
             return []
-        # The best is the first of them.
-        return self.among_the_best[: len(near) + 1]
+        return [self.best, *near_filters]
 
     @property
     def rivals(self) -> list[Rival]:

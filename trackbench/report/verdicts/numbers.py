@@ -140,12 +140,14 @@ def compare(results: Results) -> Verdicts:
             rows += _compare_readings(number, evidence_of(number.point))
         else:
             left_out.append(number)
-    # Step 2: claims, numbers of searched papers, orders of the filters.
+    # Step 2: claims, and the published against the measured order of the filters.
     claims = [judge(claim, evidence_of(claim.point)) for claim in published.claims]
-    searched = list(_best_of_searches(results))
     ranks = list(rank_agreement(rows))
+    # Step 3: numbers of papers that leave open how they were computed. A `readings` table measures each
+    # under many readings, and the best one gives the number its row.
+    rows_of_searches = list(_best_rows_of_searches(results))
     return Verdicts(
-        rows=[*rows, *searched],
+        rows=[*rows, *rows_of_searches],
         claims=claims,
         ranks=ranks,
         left_out=left_out,
@@ -153,7 +155,7 @@ def compare(results: Results) -> Verdicts:
     )
 
 
-def _best_of_searches(results: Results) -> Iterator[Compared]:
+def _best_rows_of_searches(results: Results) -> Iterator[Compared]:
     """Yield each printed number that a `readings` table searches, compared under its best reading.
 
     A number that no reading measures is left out.
