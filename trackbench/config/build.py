@@ -82,7 +82,9 @@ def _file_annotations(hint: object) -> set[object]:
     The annotation stands on the type itself, as in ``DataFile``, or on an option or item of it, as in
     ``tuple[DataFile, ...] | None``.
     """
-    annotations = {mark for mark in annotations_of(hint) if mark in (IS_FILE, IS_WORD, IS_VARIABLE)}
+    annotations: set[object] = {
+        mark for mark in annotations_of(hint) if mark in (IS_FILE, IS_WORD, IS_VARIABLE)
+    }
     for inner in get_args(hint):
         annotations |= _file_annotations(inner)
     return annotations
