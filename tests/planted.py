@@ -18,7 +18,7 @@ from trackbench.contract.problems import ModelDraws
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian, per_run_moments
 from trackbench.filters.base import Filter
-from trackbench.models.base import log_likelihood
+from trackbench.models.likelihood import log_likelihood
 
 OWN = """
 name: own

@@ -7,7 +7,7 @@ from tests.conftest import make_filter, per_run, track
 from tests.papers import merwe
 from trackbench.core.quadrature import weights_up_to
 from trackbench.evaluation.block import simulate
-from trackbench.models.base import log_likelihood
+from trackbench.models.likelihood import log_likelihood
 from trackbench.scenarios.tracking import Tracking
 
 EXACT = make_filter("grid", nodes=64)

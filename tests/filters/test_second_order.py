@@ -11,7 +11,8 @@ from tests.conftest import PLANE, make_filter
 from trackbench.config.load import load
 from trackbench.core.distributions import Gaussian
 from trackbench.errors import UserError
-from trackbench.models.base import Model, hessian_by_differences
+from trackbench.models.base import Model
+from trackbench.models.derivatives import hessian_by_differences
 from trackbench.models.motions.nonlinear import MapMotion, NonlinearMotion, OdeMotion
 from trackbench.models.motions.turn import UnknownTurn
 from trackbench.models.sensors.function import FunctionSensor

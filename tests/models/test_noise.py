@@ -14,7 +14,7 @@ from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.run_filter import FilterOutput, run_filter
 from trackbench.field_types import InvalidKeyError
-from trackbench.models.base import log_likelihood
+from trackbench.models.likelihood import log_likelihood
 from trackbench.models.sensors.base import StackedSensor
 from trackbench.models.sensors.function import FunctionSensor, Noise, draw_poisson, log_poisson
 from trackbench.plugins.errors import message_of

@@ -8,7 +8,7 @@ import pytest
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import RunStreams
 from trackbench.field_types import InvalidKeyError
-from trackbench.models.base import log_likelihood
+from trackbench.models.likelihood import log_likelihood
 from trackbench.models.sensors.angular import Bearing, Platform, Range
 from trackbench.models.sensors.base import Outliers, SensorBase, StackedSensor
 from trackbench.models.sensors.function import FunctionSensor

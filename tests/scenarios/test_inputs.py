@@ -11,7 +11,7 @@ from trackbench import api
 from trackbench.config.load import load
 from trackbench.core.arrays import Array
 from trackbench.errors import UserError
-from trackbench.models.base import central_differences
+from trackbench.models.derivatives import central_differences
 from trackbench.models.inputs import KnownInputs
 from trackbench.models.motions.nonlinear import MapMotion, OdeMotion
 

@@ -17,13 +17,8 @@ from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.random_streams import NoiseGenerator
 from trackbench.extension_points import field_values
 from trackbench.filters.base import Filter, WrongReturnError
-from trackbench.models.base import (
-    Model,
-    Scene,
-    WithJacobian,
-    central_differences,
-    jacobian_at,
-)
+from trackbench.models.base import Model, Scene, WithJacobian
+from trackbench.models.derivatives import central_differences, jacobian_at
 from trackbench.models.inputs import inputs_of
 from trackbench.models.motions.irregular import step_length
 from trackbench.registry import register

@@ -91,7 +91,7 @@ def _check_config(config: Path, options: "Options", json: bool, picture: Path | 
     """Validate a config, print a summary, and draw its scene to the file ``picture``."""
     from trackbench import api
     from trackbench.atomic_files import atomic_write
-    from trackbench.config.tuned_entries import training_cautions
+    from trackbench.config.training import training_cautions
     from trackbench.errors import counted
     from trackbench.execution.plan import cautions, check_memory
 

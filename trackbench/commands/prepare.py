@@ -29,7 +29,7 @@ from trackbench.evaluation.trial import estimate_cpu_s
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.engines import Engine, cpu_count, engine
 from trackbench.execution.plan import Key, Plan, announced, check_memory, make_plan
-from trackbench.execution.runner import first_batch
+from trackbench.execution.stop_when_precise import first_batch
 from trackbench.models.description import sensor_places
 from trackbench.plugins.errors import guarded
 from trackbench.report.sweep import as_sweep

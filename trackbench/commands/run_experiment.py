@@ -33,7 +33,7 @@ from trackbench.commands.stored_results import Report
 from trackbench.config.experiment import Experiment
 from trackbench.config.python_tables import without_folders
 from trackbench.config.requested_metrics import takes_times
-from trackbench.config.tuned_entries import held_out_data, training_cautions
+from trackbench.config.training import held_out_data, training_cautions
 from trackbench.core.random_streams import RunStreams
 from trackbench.errors import Mark, Problem, UserError, WriteError, counted, in_line
 from trackbench.evaluation.block import BlockTask
@@ -41,7 +41,8 @@ from trackbench.evaluation.timing import REPEATS, Measured, measure
 from trackbench.execution.cache import BlockStore, block_key, cache_folder, times_folder
 from trackbench.execution.engines import OpenEngine, begin, engine
 from trackbench.execution.plan import Key, Plan, cautions
-from trackbench.execution.runner import Outcome, execute, next_batch, stop_reason
+from trackbench.execution.runner import Outcome, execute
+from trackbench.execution.stop_when_precise import next_batch, stop_reason
 from trackbench.field_types import require_regular_file
 from trackbench.filters.external import PRINT_ALL_DIGITS, External
 from trackbench.plugins.errors import guarded

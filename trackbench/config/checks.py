@@ -16,13 +16,13 @@ from trackbench.config.mistakes import unknown
 from trackbench.config.plugin_checks import exhibit_conflicts
 from trackbench.errors import Problem
 from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.exact_errors import why_not_exact
+from trackbench.evaluation.exact_errors import is_exact, why_not_exact
 from trackbench.evaluation.metric_expression import Measure, exact_label
-from trackbench.evaluation.summary import is_exact
 from trackbench.extension_points import field_values, is_foreign, walk_parts
 from trackbench.field_types import InvalidKeyError
 from trackbench.filters.base import AnyFilter, Filter
-from trackbench.models.base import has_own_density, position_velocity_names
+from trackbench.models.components import position_velocity_names
+from trackbench.models.likelihood import has_own_density
 from trackbench.models.sensors.base import ScaledNoise, SensorBase
 from trackbench.plugins.checks import call_hook, filter_conflicts
 from trackbench.plugins.errors import PluginError, plugin_code

@@ -37,18 +37,18 @@ from trackbench.config.plugin_checks import add_filters, load_plugins, show_filt
 from trackbench.config.published import Published, read_published
 from trackbench.config.python_tables import put_tables
 from trackbench.config.requested_metrics import check_metrics, check_trained_metrics
+from trackbench.config.training import training_point
 from trackbench.config.tuned_entries import (
     Chosen,
     add_smoothed,
     add_tuned,
-    training_point,
     tuned_axes,
     with_defaults,
 )
 from trackbench.errors import Mark, Problem, RunError, UserError
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.filters.base import AnyFilter
-from trackbench.models.base import rows_in_plane
+from trackbench.models.components import rows_in_plane
 from trackbench.plugins.checks import check_scenario
 from trackbench.plugins.errors import PluginError, foreign_line, guarded
 from trackbench.plugins.load import Plugin

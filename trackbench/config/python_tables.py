@@ -15,7 +15,7 @@ import numpy as np
 from trackbench.config.build import build_kind
 from trackbench.config.includes import override
 from trackbench.errors import Mark, Problem, UserError
-from trackbench.models.base import position_velocity_names
+from trackbench.models.components import position_velocity_names
 from trackbench.models.sensors.base import stack
 from trackbench.yaml_source import Keys, Source
 

@@ -1,27 +1,22 @@
-"""Filters beside their originals in a config: tuned ones with their training scenario, smoothed ones."""
+"""Filters beside their originals in a config: tuned ones and smoothed ones."""
 
 import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 
-import numpy as np
-
 from trackbench.atomic_files import free_name
 from trackbench.config.build import build_kind
 from trackbench.config.checks import add_label_problem, check_assumed, check_fit
-from trackbench.config.dump import as_config
-from trackbench.config.experiment import Experiment, Point, Settings
+from trackbench.config.experiment import Point, Settings
 from trackbench.config.filter_model import check_late, read_assumed
-from trackbench.config.includes import deep_merge, override, split_path
+from trackbench.config.includes import override, split_path
 from trackbench.config.requested_truth import is_measured_in
+from trackbench.config.training import same_recordings
 from trackbench.config.tuning import Axis, bad_terms, default_metric, read_axis, tuned_label
 from trackbench.errors import Mark, Problem, UserError
-from trackbench.evaluation.block import simulate
 from trackbench.extension_points import Part
 from trackbench.filters.base import AnyFilter
 from trackbench.models.sensors.base import Assume, SensorBase
-from trackbench.plugins.checks import check_scenario
-from trackbench.plugins.errors import PluginError
 from trackbench.registry import of_kind
 from trackbench.yaml_source import Keys, Source, put
 
@@ -437,76 +432,3 @@ def _try_axes(source: Source, point: Point, label: str, axes: list[Axis]) -> tup
                 what = f"{path}: {problem.what}" if path else problem.what
                 source.add_problem(("tune", label, axis.key), f"at {value}: {what}")
     return tuple(tried_axes)
-
-
-TRAINING_SCENARIO = ("tuning", "scenario")
-"""Keys of the training scenario in a config."""
-NOISE = "noise"
-PATH = "noise and path"
-RUNS = "recordings"
-TIME = "time"
-"""Names, in the manifest, of the judged data that is held out of training."""
-
-
-def training_point(source: Source, point: Point) -> Point | None:
-    """Build the point with the scenario that training simulates; None if its keys are mistaken.
-
-    Without such a scenario in the config it is ``point`` itself, the first of the experiment.
-    """
-    if not source.has(TRAINING_SCENARIO) or source.at(TRAINING_SCENARIO) is None:
-        return point
-    changes = source.at(TRAINING_SCENARIO)
-    if not isinstance(changes, dict):  # reported with the other settings
-        return None
-    whole = deep_merge(source.data["scenario"], changes, by_kind=True)
-    changed = source.replaced(TRAINING_SCENARIO, copy.deepcopy(whole))
-    scenario = build_kind("scenarios", changed, TRAINING_SCENARIO)
-    if scenario is not None:
-        try:
-            check_scenario(scenario, bounded=False)
-        except PluginError as error:
-            changed.add_problem(TRAINING_SCENARIO, str(error))
-    source.problems += changed.problems
-    if changed.problems:
-        return None
-    return replace(point, scenario=scenario)
-
-
-def same_recordings(a: Point, b: Point) -> bool:
-    """Test whether two points take their runs from the same recorded data."""
-    if a.scenario.recorded_runs is None:
-        return False
-    return as_config(a.scenario).get("target") == as_config(b.scenario).get("target")
-
-
-def held_out_data(experiment: Experiment) -> str:
-    """Name in what the judged data differ from the training data: noise, path, recordings or time."""
-    judged = experiment.points[0]
-    training = experiment.training
-    assert training is not None
-    # Of the same recordings either other runs are for training, or the first part of each.
-    if same_recordings(judged, training):
-        return RUNS if training.scenario.training is None else TIME
-    if judged.scenario.recorded_runs or training.scenario.recorded_runs:
-        return PATH
-    # Simulated data: compare the path of the first judged run with that of the first training run.
-    # Training runs count down from -1.
-    seed = experiment.settings.seed
-    judged_path = simulate(judged.scenario, seed, 0, 1).truth
-    training_path = simulate(training.scenario, seed, -1, 1).truth
-    # The two scenarios may differ in components and steps: compare those of both.
-    n, steps = np.minimum(judged_path.shape[:2], training_path.shape[:2])
-    is_same_path = np.array_equal(
-        judged_path[:n, :steps], training_path[:n, :steps], equal_nan=True
-    )
-    return NOISE if is_same_path else PATH
-
-
-def training_cautions(experiment: Experiment) -> list[str]:
-    """Warn of filters that are tuned on the very path that judges them; empty without such filters."""
-    if not experiment.tuned or held_out_data(experiment) != NOISE:
-        return []
-    return [
-        "filters are tuned on the path that judges them, and only the noise is held out; to train on "
-        "other paths: `tuning: {scenario: {target: {kind: random-legs, ...}}}` (docs/tuning.md)"
-    ]

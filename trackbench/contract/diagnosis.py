@@ -24,7 +24,8 @@ from trackbench.filters.ekf import EKF
 from trackbench.filters.external import PRINT_ALL_DIGITS, External, digits_of
 from trackbench.filters.particle_filters import PF
 from trackbench.filters.ukf import UKF
-from trackbench.models.base import LocatingSensor, has_own_density
+from trackbench.models.base import LocatingSensor
+from trackbench.models.likelihood import has_own_density
 from trackbench.scenarios.base import Scenario, Simulation
 from trackbench.scenarios.tracking import Tracking
 

@@ -9,7 +9,7 @@ q(0) is the squared bias, and the sum is the trace of the errors' covariance (Ku
 2511.22034). Scenario and filter are run as they are, on streams that return these vectors.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from math import prod
@@ -17,17 +17,26 @@ from typing import cast
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Index, freeze
+from trackbench.core.arrays import Array, Index, Mask, freeze
 from trackbench.core.random_streams import RunStreams
 from trackbench.core.sums import total
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.consistency_and_calibration import rank_of
-from trackbench.evaluation.error_series import series
+from trackbench.evaluation.error_series import StepSums, over_windows, series
+from trackbench.evaluation.metric_expression import TIME_MEAN, Measure, measured
 from trackbench.evaluation.run_filter import FilterOutput, run_filter
+from trackbench.evaluation.summary import (
+    FilterResult,
+    StepColumns,
+    SummaryRow,
+    step_columns,
+    summary_rows,
+)
 from trackbench.filters.gaussian import GaussianFilter
 from trackbench.scenarios.base import Simulation
+from trackbench.statistics.sample_statistics import Estimates
 
-QUADRATIC = ("squared", "error", "nees", "nis")  # series of degree two at most in the errors
+_QUADRATIC = ("squared", "error", "nees", "nis")  # series of degree two at most in the errors
 _UNITS = 256  # unit vectors that are filtered together
 
 
@@ -135,7 +144,7 @@ def exact_series(task: BlockTask) -> dict[str, Array]:
         # Run 0 has u = 0, the runs 1, 3, ... have a u_j each, and the runs 2, 4, ... its negative. The
         # u_j beyond the last row of noise change nothing: their terms are zero.
         for name, q in (values | output.diagnostics).items():
-            if name.partition("_")[0] not in QUADRATIC:
+            if name.partition("_")[0] not in _QUADRATIC:
                 continue
             at_zero = q[:, :1]
             at_unit = q[:, 1::2]
@@ -157,3 +166,50 @@ def _unit_vectors(first: int) -> _FixedNormals:
     row_of_run = np.append(-1, np.arange(first, first + _UNITS).repeat(2))
     value_of_run = np.array([0.0, *([1.0, -1.0] * _UNITS)])
     return _FixedNormals(lambda rows: np.where(rows[:, None] == row_of_run, value_of_run, 0.0))
+
+
+def exact_rows(
+    means: Mapping[str, Array], sizes: Mapping[str, int], windows: Mapping[str, Mask]
+) -> tuple[list[SummaryRow], list[StepColumns]]:
+    """Return the rows of the summary and of every step that follow from exact means of series.
+
+    Exact numbers have no standard errors (NaN), and their number of runs is 0.
+
+    ``means`` (T + 1,) are those over all possible runs, ``sizes`` are the numbers of components of each
+    NEES, and ``windows`` the masks (T + 1,) of the steps.
+    """
+    # The means stand for the values of one run.
+    one_run = {name: values[:, None] for name, values in means.items()}
+    per_run = {"lost": np.zeros(1)} | over_windows(one_run, windows, ())
+    steps = {}
+    for name, values in means.items():
+        # Sums over two runs that are both the mean: a standard deviation needs two. The mean square of a
+        # signed error gives its standard deviation.
+        squares = means.get(name.replace("error", "squared", 1), values)
+        known = ~np.isnan(values)
+        steps[name] = StepSums(
+            total=2.0 * np.where(known, values, 0.0), squares=2.0 * squares, number=2.0 * known
+        )
+    result = FilterResult(per_run=per_run, steps=steps, run_series={}, tracks=None, timing=[])
+    rows = []
+    for row in summary_rows(result, sizes, windows):
+        if is_exact(measured(row.metric)):
+            rows.append(row._replace(stderr=np.nan, runs=0))
+    columns_of_steps = [_without_runs(columns) for columns in step_columns(result, sizes)]
+    return rows, columns_of_steps
+
+
+def is_exact(m: Measure) -> bool:
+    """Test whether a measure follows from exact mean squares, unlike ``mean(rmse)``, a mean of roots."""
+    metric = m.definition
+    is_quadratic = (metric.series or metric.name) in _QUADRATIC
+    return is_quadratic and m.statistic in ("", TIME_MEAN, metric.over_steps)
+
+
+def _without_runs(columns: StepColumns) -> StepColumns:
+    """Return the columns of exact numbers, with NaN for standard errors and 0 for runs."""
+    metrics = {}
+    for name, estimates in columns.metrics.items():
+        unknown = np.full_like(estimates.stderr, np.nan)
+        metrics[name] = Estimates(value=estimates.value, stderr=unknown)
+    return columns._replace(metrics=metrics, runs=np.zeros_like(columns.runs))

@@ -51,7 +51,7 @@ class PrecisionTarget(NamedTuple):
 class PrecisionCheck(NamedTuple):
     """A number of the summary, and its standard error as a share of the target."""
 
-    wanted: PrecisionTarget
+    target: PrecisionTarget
     row: SummaryRow
     share: float
 
@@ -59,6 +59,26 @@ class PrecisionCheck(NamedTuple):
     def enough(self) -> bool:
         """True if the target is met, or every run is lost."""
         return self.share <= 1.0 or self.row.runs == 0
+
+    @property
+    def progress_text(self) -> str:
+        """Text for the progress bar: ``position: 1.3 x the error wanted``."""
+        return f"{self.target.metric}: {self.share:.2g} x the error wanted"
+
+    def text_of_failure(self, runs: int) -> str:
+        """Describe by how much the target is missed after all ``runs`` runs."""
+        error = f"{self.target.error:.3g}"
+        if self.target.relative:
+            error = f"{100 * self.target.error:g} %"
+        return (
+            f"after all {runs} runs the standard error of {self.target.metric} is "
+            f"{self.share:.3g} times the {error} that `until` asks"
+        )
+
+
+def text_of_success(runs: int, most: int) -> str:
+    """Describe that all targets are met after ``runs`` of at most ``most`` runs."""
+    return f"{runs} of at most {most} runs: every number is as exact as `until` asks"
 
 
 def checkpoints(least: int, most: int) -> Iterator[int]:
@@ -92,7 +112,7 @@ def precise_after(stops: Sequence[int], precise: Sequence[bool]) -> int | None:
 
 
 def check_precision(
-    wanted: Sequence[PrecisionTarget],
+    targets: Sequence[PrecisionTarget],
     result: FilterResult,
     sizes: Mapping[str, int],
     windows: Mapping[str, Mask],
@@ -104,7 +124,7 @@ def check_precision(
     target whose number the filter has not is left out.
     """
     # Only the metrics behind the requested numbers, and only the first ``runs`` runs; None takes all.
-    names = {target.metric for target in wanted}
+    names = {target.metric for target in targets}
     needed = {_per_run_values(name) for name in names}
     needed.add(_per_run_values("lost"))
     per_run: dict[str, Array] = {
@@ -116,10 +136,10 @@ def check_precision(
     rows = summary_rows(result._replace(per_run=per_run, steps={}), sizes, windows)
     by_metric = {row.metric: row for row in rows if row.metric in names}
     checks = []
-    for target in wanted:
+    for target in targets:
         if target.metric in by_metric:
             row = by_metric[target.metric]
-            checks.append(PrecisionCheck(wanted=target, row=row, share=target.share(row)))
+            checks.append(PrecisionCheck(target=target, row=row, share=target.share(row)))
     return checks
 
 

@@ -12,14 +12,14 @@ from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.sums import mean as average
 from trackbench.core.sums import total
 from trackbench.evaluation.block import Tracks
-from trackbench.evaluation.error_series import NOT_LOST, StepSums, over_windows
-from trackbench.evaluation.exact_errors import QUADRATIC
+from trackbench.evaluation.error_series import NOT_LOST, StepSums
 from trackbench.evaluation.metric_expression import TIME_MEAN, Measure, measured
 from trackbench.evaluation.timing import Measured
 from trackbench.metrics import in_window, joined, metric_of, metrics_of
 from trackbench.statistics.sample_statistics import (
     STATISTICS,
     Estimates,
+    deviation_from_sums,
     mean,
     mean_from_sums,
     median,
@@ -231,37 +231,6 @@ def _jackknife(without: Sequence[Array]) -> Array:
     return np.sqrt((B - 1) / B * total(np.square(b - average(b, 0)), 0))
 
 
-def exact_rows(
-    means: Mapping[str, Array], sizes: Mapping[str, int], windows: Mapping[str, Mask]
-) -> tuple[list[SummaryRow], list[StepColumns]]:
-    """Return the rows of the summary and of every step that follow from exact means of series.
-
-    ``means`` (T + 1,) are those over all possible runs, ``sizes`` are the numbers of components of each
-    NEES, and ``windows`` the masks (T + 1,) of the steps.
-    """
-    columns = {name: values[:, None] for name, values in means.items()}
-    per_run = {"lost": np.zeros(1)} | over_windows(columns, windows, ())
-    steps = {}
-    for name, values in means.items():
-        # Sums over two runs that are both the mean: a standard deviation needs two. The mean square of a
-        # signed error gives its standard deviation.
-        squares = means.get(name.replace("error", "squared", 1), values)
-        known = ~np.isnan(values)
-        steps[name] = StepSums(
-            total=2.0 * np.where(known, values, 0.0), squares=2.0 * squares, number=2.0 * known
-        )
-    result = FilterResult(per_run=per_run, steps=steps, run_series={}, tracks=None, timing=[])
-    rows = [row for row in summary_rows(result, sizes, windows) if is_exact(measured(row.metric))]
-    return rows, list(step_columns(result, sizes))
-
-
-def is_exact(m: Measure) -> bool:
-    """Test whether a measure follows from exact mean squares, unlike ``mean(rmse)``, a mean of roots."""
-    metric = m.definition
-    is_quadratic = (metric.series or metric.name) in QUADRATIC
-    return is_quadratic and m.statistic in ("", TIME_MEAN, metric.over_steps)
-
-
 def _step_metrics(
     series: str, sums: StepSums, sizes: Mapping[str, int]
 ) -> Iterator[tuple[str, Estimates]]:
@@ -273,7 +242,7 @@ def _step_metrics(
         if metric.over_runs == "rms":
             yield name, rooted(mean_over_runs)
         elif metric.over_runs == "std":
-            yield name, _spread(sums.total, sums.squares, sums.number)
+            yield name, deviation_from_sums(sums.total, sums.squares, sums.number)
         elif metric.over_runs:
             n = 1
             if metric.per_component:
@@ -281,19 +250,6 @@ def _step_metrics(
                 n = sizes[quantity]
             stderr = mean_over_runs.stderr / n
             yield name, Estimates(value=mean_over_runs.value / n, stderr=stderr)
-
-
-def _spread(total: Array, squares: Array, number: Array) -> Estimates:
-    """Return standard deviations over the runs from sums per step; NaN for fewer than two runs.
-
-    ``squares`` are sums of squares, ``number`` the numbers of values. The standard errors are those of
-    normal values.
-    """
-    with np.errstate(all="ignore"):
-        # s = sqrt(E x^2 - (E x)^2), and its standard error s / sqrt(2 M)
-        std = np.sqrt(np.maximum(squares / number - np.square(total / number), 0.0))
-        std = np.where(number < 2.0, np.nan, std)
-        return Estimates(std, std / np.sqrt(2.0 * number))
 
 
 # Contributions of runs: numbers over steps as values per run. Their average is the number, and their

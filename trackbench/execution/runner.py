@@ -3,20 +3,11 @@
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass, field, replace
-from math import inf, isfinite
-from typing import Any, NamedTuple, TypeAlias
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
 
-from trackbench.config.experiment import Experiment
 from trackbench.errors import counted
 from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.consistency_and_calibration import sizes
-from trackbench.evaluation.precision_check import (
-    PrecisionCheck,
-    PrecisionTarget,
-    check_precision,
-    checkpoints,
-)
 from trackbench.evaluation.run_block import run_whole_block
 from trackbench.evaluation.summary import FilterResult
 from trackbench.execution.block_file import PackedBlock, pack
@@ -192,85 +183,3 @@ def _progress_bar(outcome: Outcome, progress: bool) -> Any:
     total = len(outcome.plan.unique)
     begun = total - len(outcome.missing)
     return progress_bar(total, "block", progress, initial=begun, desc=outcome.plan.name)
-
-
-def with_runs(experiment: Experiment, runs: int) -> Experiment:
-    """Return the experiment with another number of runs."""
-    return replace(experiment, settings=replace(experiment.settings, runs=runs))
-
-
-def first_batch(experiment: Experiment) -> Experiment:
-    """Return the experiment with the runs of the first checkpoint; itself without the key `until`."""
-    settings = experiment.settings
-    if not settings.until:
-        return experiment
-    return with_runs(experiment, next(checkpoints(settings.min_runs, settings.runs)))
-
-
-class NextBatch(NamedTuple):
-    """Experiment with the runs of the next checkpoint."""
-
-    experiment: Experiment
-    least_precise: str
-    """the number that is farthest from its requested error, for the progress bar"""
-
-
-def next_batch(experiment: Experiment, most: int, outcome: Outcome) -> NextBatch | None:
-    """Return the experiment with the runs of the next checkpoint.
-
-    Returns None after two good checkpoints in a row, or after the last. ``experiment`` has the runs made
-    so far, which are at least those of the first checkpoint. ``most`` is the largest number of runs.
-    """
-    settings = experiment.settings
-    if not settings.until:
-        return None
-    stops = list(checkpoints(settings.min_runs, most))
-    passed = [runs for runs in stops if runs <= settings.runs]
-    if len(passed) == len(stops):
-        return None
-    # Stop if no number was imprecise at the last checkpoint, nor at the one before.
-    last = [check for _, check in imprecise(experiment, outcome, passed[-1])]
-    if not last and len(passed) > 1:
-        before_last = list(imprecise(experiment, outcome, passed[-2]))
-        if not before_last:
-            return None
-    least_precise = ""
-    if last:
-        worst = max(last, key=lambda check: check.share if isfinite(check.share) else inf)
-        least_precise = f"{worst.wanted.metric}: {worst.share:.2g} x the error wanted"
-    bigger = with_runs(experiment, stops[len(passed)])
-    return NextBatch(experiment=bigger, least_precise=least_precise)
-
-
-def imprecise(
-    experiment: Experiment, outcome: Outcome, runs: int | None = None
-) -> Iterator[tuple[Key, PrecisionCheck]]:
-    """Yield the numbers whose standard error exceeds that of `until` after ``runs``, or all, runs."""
-    targets = []
-    for metric, error in experiment.settings.until.items():
-        targets.append(PrecisionTarget.read(metric, error))
-    for key, result in outcome.results():
-        point, _ = key
-        scenario = experiment.points[point].scenario
-        for check in check_precision(targets, result, sizes(scenario), scenario.windows, runs):
-            if not check.enough:
-                yield key, check
-
-
-def stop_reason(experiment: Experiment, most: int, outcome: Outcome) -> Iterator[str]:
-    """Yield why the runs ended, if the config has `until`; ``most`` is the largest number of runs."""
-    if not experiment.settings.until:
-        return
-    runs = experiment.settings.runs
-    checks = list(imprecise(experiment, outcome))
-    if not checks:
-        yield f"{runs} of at most {most} runs: every number is as exact as `until` asks"
-    for key, check in checks:
-        target = check.wanted
-        error = f"{target.error:.3g}"
-        if target.relative:
-            error = f"{100 * target.error:g} %"
-        yield (
-            f"note: {experiment.title_of(key)}: after all {runs} runs the standard error of "
-            f"{target.metric} is {check.share:.3g} times the {error} that `until` asks"
-        )

@@ -38,7 +38,8 @@ from trackbench.filters.ukf import (
     point_transition,
     relative_measurements,
 )
-from trackbench.models.base import Differentiable, DifferentiableSensor, Model, Scene, jacobian_at
+from trackbench.models.base import Differentiable, DifferentiableSensor, Model, Scene
+from trackbench.models.derivatives import jacobian_at
 from trackbench.models.sensors.position import LinearSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
 from trackbench.registry import register

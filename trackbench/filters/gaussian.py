@@ -43,9 +43,9 @@ from trackbench.models.base import (
     Scene,
     Sensor,
     angle_rows,
-    has_own_density,
-    jacobian_at,
 )
+from trackbench.models.derivatives import jacobian_at
+from trackbench.models.likelihood import has_own_density
 from trackbench.models.motions.irregular import matrices_of_steps
 from trackbench.models.priors import Convertible
 from trackbench.models.sensors.many_steps import measured_by_kernel

@@ -17,15 +17,8 @@ from trackbench.core.particles import Particles
 from trackbench.core.posterior_scores import LinePosterior, ParticlePosterior, Posterior
 from trackbench.core.sums import dot
 from trackbench.filters.base import Filter, WrongReturnError
-from trackbench.models.base import (
-    GammaMotion,
-    Model,
-    SampledMotion,
-    Scene,
-    Sensor,
-    angle_rows,
-    log_likelihood,
-)
+from trackbench.models.base import GammaMotion, Model, SampledMotion, Scene, Sensor, angle_rows
+from trackbench.models.likelihood import log_likelihood
 from trackbench.registry import register
 
 _MAX_GAMMA_SHAPE = 20

@@ -28,7 +28,8 @@ from trackbench.filters.base import Filter
 from trackbench.filters.gaussian import AssumedNoise, idle_noise_mean
 from trackbench.filters.particle_base import PFState
 from trackbench.filters.ukf import augmented_step, spread_conflicts
-from trackbench.models.base import GammaMotion, Model, NormalMotion, Scene, log_likelihood
+from trackbench.models.base import GammaMotion, Model, NormalMotion, Scene
+from trackbench.models.likelihood import log_likelihood
 
 TransitionReading = Literal["model", "increment"]
 

@@ -11,7 +11,8 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.kalman import Innovation, Updated
 from trackbench.filters.base import Steps
 from trackbench.filters.gaussian import GaussianFilter, Tracked
-from trackbench.models.base import Differentiable, Model, jacobian_at
+from trackbench.models.base import Differentiable, Model
+from trackbench.models.derivatives import jacobian_at
 from trackbench.models.motions.irregular import matrices_of_steps
 from trackbench.models.sensors.position import LinearSensor
 from trackbench.registry import register

@@ -17,7 +17,8 @@ from trackbench.core.random_streams import Streams
 from trackbench.core.resampling import Scheme, ancestors, select
 from trackbench.field_types import Count, Natural
 from trackbench.filters.base import Filter
-from trackbench.models.base import Model, Scene, log_likelihood
+from trackbench.models.base import Model, Scene
+from trackbench.models.likelihood import log_likelihood
 
 
 class PFState(NamedTuple):

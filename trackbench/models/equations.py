@@ -11,8 +11,8 @@ import numpy as np
 from trackbench.core.arrays import Array, fixed
 from trackbench.field_types import Finite, InvalidKeyError
 from trackbench.models.expressions import (
-    FUNCTIONS,
     OPERATIONS,
+    RESERVED_NAMES,
     UFUNCS,
     ZERO,
     ExpressionError,
@@ -135,7 +135,6 @@ Term: TypeAlias = Finite | str
 """A number or an expression."""
 Covariance: TypeAlias = Term | dict[str, Term] | tuple[Term | tuple[Term, ...], ...]
 """One variance for every component, variances by component or in order, or a matrix."""
-_RESERVED = ("k", "t", "T", "pi", *FUNCTIONS)
 _ROUNDING = 1e-12  # of a covariance's eigenvalues, relative to the largest one
 
 
@@ -192,7 +191,7 @@ class Equations:
         """Add a name for expressions; raises InvalidKeyError at this key."""
         if not name.isidentifier() or keyword.iskeyword(name):
             raise InvalidKeyError(f"{name!r} cannot be a name in an expression", *path)
-        if name in self.names or name in _RESERVED:
+        if name in self.names or name in RESERVED_NAMES:
             raise InvalidKeyError(f"the name {name!r} is taken", *path)
         self.names[name] = node
 

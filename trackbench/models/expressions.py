@@ -95,6 +95,8 @@ FUNCTIONS = {
     "sin": 1, "cos": 1, "tan": 1, "exp": 1, "log": 1, "sqrt": 1, "abs": 1, "atan2": 2, "min": 2, "max": 2
 }  # fmt: skip
 """Functions of an expression, with their number of arguments."""
+RESERVED_NAMES = ("k", "t", "T", "pi", *FUNCTIONS)
+"""Names that users cannot give to components, parameters, inputs and parts of expressions."""
 
 _BINARY: dict[type[ast.operator], str] = {
     ast.Add: "+",

@@ -33,7 +33,7 @@ from trackbench.core.sums import total
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.consistency_and_calibration import sizes
 from trackbench.evaluation.error_series import LOST_BECAUSE, NO_TRUTH, NOT_FINITE
-from trackbench.evaluation.exact_errors import exact_series
+from trackbench.evaluation.exact_errors import exact_rows, exact_series
 from trackbench.evaluation.metric_expression import exact_label, measured
 from trackbench.evaluation.summary import (
     FilterResult,
@@ -41,7 +41,6 @@ from trackbench.evaluation.summary import (
     SummaryRow,
     bound_steps,
     bound_summary,
-    exact_rows,
     step_columns,
     summary_rows,
     with_shares,
@@ -71,7 +70,7 @@ from trackbench.results.number_arrays import (
 from trackbench.results.point_facts import POINTS_FILE, points_text
 from trackbench.results.run_facts import facts_of_run
 from trackbench.results.tracks import FigureTracks, TrackFile
-from trackbench.statistics.sample_statistics import Estimate, Estimates, median
+from trackbench.statistics.sample_statistics import Estimate, median
 
 _LARGEST_ROUNDING = 0.05
 """Share of the shortest interval by which usual digits may round a time in per_step.csv"""
@@ -276,9 +275,8 @@ class CsvFiles:
                 )
                 summary, steps = exact_rows(exact_series(task), sizes(scenario), scenario.windows)
                 label = exact_label(name)
-                without_stderr = [row._replace(stderr=np.nan, runs=0) for row in summary]
-                self._add_summary(i, label, without_stderr)
-                self._add_steps(i, label, map(_without_runs, steps))
+                self._add_summary(i, label, summary)
+                self._add_steps(i, label, steps)
 
     def _add_runs(self, point: int, label: str, per_run: dict[str, Array], digits: int) -> None:
         """Add rows of per_run.csv, a metric at a time.
@@ -421,15 +419,6 @@ def _texts(values: Array | Index, digits: int) -> list[str]:
     if values.dtype.kind != "f":
         return [str(x) for x in values.tolist()]
     return shortened(values.tolist(), digits)
-
-
-def _without_runs(columns: StepColumns) -> StepColumns:
-    """Return the columns of exact numbers, with NaN for standard errors and 0 for runs."""
-    metrics = {}
-    for name, estimates in columns.metrics.items():
-        unknown = np.full_like(estimates.stderr, np.nan)
-        metrics[name] = Estimates(value=estimates.value, stderr=unknown)
-    return columns._replace(metrics=metrics, runs=np.zeros_like(columns.runs))
 
 
 def _timing_cells(result: FilterResult) -> Row:

@@ -22,7 +22,7 @@ from trackbench.field_types import (
     Share,
     freeze_mappings,
 )
-from trackbench.models.base import by_component
+from trackbench.models.components import by_component
 
 _TICK = 1e-6  # s, by which times may differ from those of steps
 

@@ -17,7 +17,8 @@ from trackbench.core.sums import total
 from trackbench.durations import time_text
 from trackbench.field_types import InvalidKeyError
 from trackbench.metrics import in_window
-from trackbench.models.base import Sensor, has_own_density
+from trackbench.models.base import Sensor
+from trackbench.models.likelihood import has_own_density
 from trackbench.models.sensors.base import (
     ScaledNoise,
     SensorBase,

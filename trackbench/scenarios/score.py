@@ -10,7 +10,7 @@ from pydantic import StringConstraints
 
 from trackbench.core.arrays import Array, Index, Mask, as_slice
 from trackbench.field_types import ONE_LINE, InvalidKeyError, Natural, Positive, freeze_mappings
-from trackbench.models.base import position_velocity_names
+from trackbench.models.components import position_velocity_names
 from trackbench.models.sensors.base import SensorBase, Sensors
 
 _IN_A_ROW = 10  # steps at the end of a run

@@ -158,6 +158,18 @@ def mean_from_sums(total: Array, squares: Array, count: Array) -> Estimates:
 
 
 @_quietly
+def deviation_from_sums(total: Array, squares: Array, count: Array) -> Estimates:
+    """Return standard deviations from sums, sums of squares and numbers of values, each (n,).
+
+    The standard errors are those of normal values. Both are NaN for fewer than two values.
+    """
+    # s = sqrt(E x^2 - (E x)^2), and its standard error s / sqrt(2 M)
+    std = np.sqrt(np.maximum(squares / count - np.square(total / count), 0.0))
+    std = np.where(count < 2.0, np.nan, std)
+    return Estimates(std, std / np.sqrt(2.0 * count))
+
+
+@_quietly
 def rooted(estimates: Estimates) -> Estimates:
     """Return square roots of estimates; delta method."""
     value = np.sqrt(estimates.value)

@@ -15,7 +15,8 @@ from trackbench.core import linalg
 from trackbench.core.arrays import Array, fixed
 from trackbench.core.distributions import Gaussian
 from trackbench.field_types import NonNegative, Positive, Unit, UnitIf
-from trackbench.models.base import AXES, Motion, position_velocity_names
+from trackbench.models.base import Motion
+from trackbench.models.components import AXES, position_velocity_names
 from trackbench.models.inputs import KnownInputs
 from trackbench.registry import register
 

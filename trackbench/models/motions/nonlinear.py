@@ -15,11 +15,8 @@ from trackbench.core.angles import near
 from trackbench.core.arrays import Array, fixed
 from trackbench.core.distributions import Gaussian
 from trackbench.field_types import Finite, InvalidKeyError, freeze_mappings
-from trackbench.models.base import (
-    Motion,
-    SampledMotion,
-    central_differences,
-)
+from trackbench.models.base import Motion, SampledMotion
+from trackbench.models.derivatives import central_differences
 from trackbench.models.equations import ArrayProgram, Covariance, Equations, Term
 from trackbench.models.inputs import KnownInputs
 from trackbench.models.motions.kinematic import Linear

@@ -4,7 +4,7 @@ import numpy as np
 
 from trackbench.core import linalg
 from trackbench.core.arrays import Array, with_trailing
-from trackbench.models.base import hessian_by_differences
+from trackbench.models.derivatives import hessian_by_differences
 from trackbench.models.equations import ArrayProgram
 from trackbench.models.motions.steps import Step
 

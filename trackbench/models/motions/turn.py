@@ -10,7 +10,8 @@ from trackbench.core.arrays import Array, fixed
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import cos_sin
 from trackbench.field_types import Finite, NonNegative, Positive, Unit
-from trackbench.models.base import Motion, position_velocity_names
+from trackbench.models.base import Motion
+from trackbench.models.components import position_velocity_names
 from trackbench.models.inputs import KnownInputs
 from trackbench.models.motions.kinematic import ConstantVelocity, Linear
 from trackbench.registry import register

@@ -32,11 +32,10 @@ from trackbench.models.base import (
     LocatingSensor,
     Motion,
     NearSensor,
-    central_differences,
-    has_own_density,
-    log_likelihood,
 )
 from trackbench.models.delays import AnyDelay, Late, Treatment
+from trackbench.models.derivatives import central_differences
+from trackbench.models.likelihood import has_own_density, log_likelihood
 
 
 @dataclass(frozen=True, kw_only=True)

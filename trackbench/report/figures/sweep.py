@@ -253,8 +253,6 @@ _MOST_TEXT = 8
 """Values along an axis up to which a heat map shows its numbers."""
 _MOST_LEVEL_PANELS = 6
 """Values of a second path up to which each has a panel; two paths with more have a heat map."""
-_WIDE = 10.0
-"""Ratio of the largest to the least number from which on an axis is logarithmic."""
 _MOST_LEVELS = 3
 """Filters that are not varied and are all drawn; of more only the best is drawn."""
 _WITHOUT_NUMBER = "No finite value"
@@ -442,7 +440,7 @@ class SweepFigure(FigureKind):
         across = max(1, min(len(panels), style.MOSAIC))
         panel_in = sheet().width_in / across - _AXIS_IN
         for place, (ax, panel) in enumerate(zip(axes, panels, strict=False)):
-            if is_numeric and scales.spans(x_values, _WIDE):
+            if is_numeric and scales.are_wide(x_values):
                 ax.set_xscale("log")
             _set_limits(ax, places)
             if is_numeric:
@@ -450,7 +448,7 @@ class SweepFigure(FigureKind):
                 scales.set_ticks_at_values(ax, places, texts, panel_in)
             else:
                 ax.set_xticks(places, [str(value) for value in x_values])
-            if scales.spans(heights[place], _WIDE):
+            if scales.are_wide(heights[place]):
                 scales.set_plain_log_scale(ax.yaxis, most=np.inf)
             ax.set_xlabel(results.axis(x_path))
             is_first_of_row = place % across == 0

@@ -11,7 +11,7 @@ from trackbench.core.arrays import Array
 from trackbench.durations import time_text
 from trackbench.evaluation.block import simulate
 from trackbench.field_types import Count, Natural
-from trackbench.models.base import position_velocity_names, rows_in_plane
+from trackbench.models.components import position_velocity_names, rows_in_plane
 from trackbench.registry import register
 from trackbench.report.figures import captions
 from trackbench.report.findings import phrases

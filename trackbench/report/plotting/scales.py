@@ -33,6 +33,8 @@ _PLAIN_POWERS = 3.0
 """Span, as a power of ten, up to which powers of ten are plain numbers."""
 _DIGIT_IN = 0.085
 """Width of a digit of a tick's label."""
+_WIDE = 10.0
+"""Ratio of the largest to the least number from which on an axis is logarithmic."""
 DWARFED = 20.0
 """Ratio of the largest curve's maximum to that of the median curve."""
 
@@ -58,9 +60,9 @@ def has_logarithm(values: Array) -> bool:
     return bool((finite > 0.0).any() and not (finite < 0.0).any())
 
 
-def spans(values: Sequence[float], factor: float) -> bool:
-    """Return whether all numbers are positive and the largest is at least ``factor`` times the least."""
-    return len(values) > 0 and 0.0 < factor * min(values) <= max(values)
+def are_wide(values: Sequence[float]) -> bool:
+    """Return whether positive numbers are spread so widely that their axis is logarithmic."""
+    return len(values) > 0 and 0.0 < _WIDE * min(values) <= max(values)
 
 
 def one_dwarfs(curves: Sequence[Array]) -> bool:

@@ -10,7 +10,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import InvalidKeyError, Positive, Unit
-from trackbench.models.base import position_velocity_names
+from trackbench.models.components import position_velocity_names
 from trackbench.models.priors import TwoPoint, two_point_difference
 from trackbench.models.sensors.base import Sensors
 from trackbench.models.sensors.range_azimuth import RangeAzimuth

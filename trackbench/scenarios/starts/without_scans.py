@@ -17,7 +17,7 @@ from trackbench.field_types import (
     Positive,
     freeze_mappings,
 )
-from trackbench.models.base import by_component
+from trackbench.models.components import by_component
 from trackbench.models.sensors.base import Sensors
 from trackbench.registry import register
 from trackbench.scenarios.starts.base import FixedStart, InitialScans, Start, repeated

@@ -12,7 +12,8 @@ from trackbench.core.random_streams import RunStreams, Streams
 from trackbench.extension_points import Part
 from trackbench.field_types import MOST_STEPS, Finite, InvalidKeyError
 from trackbench.metrics import in_window
-from trackbench.models.base import Motion, SampledMotion, position_velocity_names
+from trackbench.models.base import Motion, SampledMotion
+from trackbench.models.components import position_velocity_names
 from trackbench.models.inputs import KnownInputs
 from trackbench.models.motions.irregular import (
     Irregular,

@@ -17,7 +17,8 @@ from trackbench.field_types import (
     Unit,
     freeze_mappings,
 )
-from trackbench.models.base import Motion, append_noise, by_component, extra_std
+from trackbench.models.base import Motion, append_noise, extra_std
+from trackbench.models.components import by_component
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.sensors.base import Sensors
 from trackbench.registry import register

@@ -16,7 +16,8 @@ from trackbench.field_types import (
     Positive,
     freeze_mappings,
 )
-from trackbench.models.base import measured_angle_rows, position_velocity_names
+from trackbench.models.base import measured_angle_rows
+from trackbench.models.components import position_velocity_names
 from trackbench.models.inputs import KnownInputs
 from trackbench.models.priors import TwoPoint
 from trackbench.models.sensors.base import Sensors, rows_of, sensors_of
