@@ -22,7 +22,7 @@ def ctrv(tmp_path: Path) -> type:
         if block.title in ("ctrv.py", "my_ctrv.py"):
             (tmp_path / block.title).write_text(block.text)
     load_file(tmp_path / "my_ctrv.py")
-    return kinds("filters")["my-ctrv"].one
+    return kinds("filters")["my-ctrv"].run_class
 
 
 @pytest.mark.parametrize("velocity", [(3.0, 4.0), (-15.0, 2.0), (0.5, -7.0)])

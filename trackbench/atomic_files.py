@@ -73,7 +73,7 @@ def atomic_write(path: Path) -> Iterator[IO[bytes]]:
         partial.replace(path)
         note(path)
     except OSError as error:
-        raise WriteError.of(path, error) from error
+        raise WriteError.from_os_error(path, error) from error
     finally:
         with suppress(OSError):  # the cause of the failed writing may prevent this, too
             partial.unlink(missing_ok=True)
@@ -84,7 +84,7 @@ def ensure_folder(folder: Path) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise WriteError.of(folder, error) from error
+        raise WriteError.from_os_error(folder, error) from error
     return folder
 
 
@@ -98,7 +98,7 @@ def within(folder: Path, name: str) -> Path:
         path = path / part
         if path.is_symlink():
             what = "is a link, and results stay inside their folder; remove the link"
-            raise WriteError.of(path, OSError(errno.ELOOP, what))
+            raise WriteError.from_os_error(path, OSError(errno.ELOOP, what))
     return path
 
 
@@ -107,7 +107,7 @@ def remove(path: Path) -> None:
     try:
         path.unlink(missing_ok=True)
     except OSError as error:
-        raise WriteError.of(path, error) from error
+        raise WriteError.from_os_error(path, error) from error
     note(path)
 
 

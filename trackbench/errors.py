@@ -68,7 +68,7 @@ class WriteError(RunError):
     """A file could not be written."""
 
     @classmethod
-    def of(cls, path: Path, error: OSError) -> "WriteError":
+    def from_os_error(cls, path: Path, error: OSError) -> "WriteError":
         """Return the error of a path."""
         return cls(f"cannot write {path}: {reason(error)}")
 

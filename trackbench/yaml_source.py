@@ -103,7 +103,7 @@ class Source:
     problems: list[Problem] = field(default_factory=list)
     programs: set[str] | None = field(default_factory=set)  # that the user allows; None: all
 
-    def at(self, keys: Keys) -> Any:
+    def value_at(self, keys: Keys) -> Any:
         """Return the value at ``keys``."""
         value = self.data
         for key in keys:
@@ -134,7 +134,7 @@ class Source:
         if not keys:
             return self.start
         if self.has(keys[:-1]):
-            parent = self.at(keys[:-1])
+            parent = self.value_at(keys[:-1])
             if isinstance(parent, MarkedMapping | MarkedList) and keys[-1] in parent.key_marks:
                 return parent.key_marks[keys[-1]]
         return self.mark(keys)

@@ -97,7 +97,7 @@ def test_a_full_cache_that_may_only_be_read_serves(
     (folder / ".trackbench-cache").unlink()
 
     def refused(path: Path, text: str) -> None:
-        raise WriteError.of(path, OSError(30, "read-only file system"))
+        raise WriteError.from_os_error(path, OSError(30, "read-only file system"))
 
     monkeypatch.setattr(cache, "write_text", refused)
     monkeypatch.setattr(prepare, "_may_write", lambda path: path != folder)

@@ -204,8 +204,8 @@ def test_evidence_of_the_second_decision_is_the_summed_log_likelihood_ratio() ->
         _, quiet = axis_step(before.nmf, CV.axis(1.0), z, R)
         _, turning = axis_step(before.mf, CA.axis(1.0), z, R)
         ratio = (turning.log_likelihood - quiet.log_likelihood).sum(axis=0)
-        expected += np.where(before.mode.on == BOTH, ratio, 0.0)
-    assert (state.mode.on == BOTH).any()
+        expected += np.where(before.mode.active == BOTH, ratio, 0.0)
+    assert (state.mode.active == BOTH).any()
     np.testing.assert_allclose(state.mode.evidence, expected, rtol=1e-9, atol=1e-9)
 
 

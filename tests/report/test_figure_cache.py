@@ -53,7 +53,7 @@ def test_what_was_drawn_is_not_drawn_again(
 def keys(folder: Path) -> dict[str, Path]:
     """Where each figure would be kept."""
     results = Results(folder)
-    kept = FigureCache.of(results)
+    kept = FigureCache.from_results(results)
     assert kept is not None
     return {n: kept._path(spec, "svg") for n, spec in results.parts("figures").items()}
 
@@ -119,7 +119,7 @@ def test_what_no_figure_shows_is_not(folder: Path) -> None:
 def test_a_look_of_the_users_own_is_drawn_anew(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "matplotlib").mkdir()
     (tmp_path / "matplotlib" / "matplotlibrc").write_text("font.size: 20\n")
-    assert FigureCache.of(api.load(folder).results) is None
+    assert FigureCache.from_results(api.load(folder).results) is None
 
 
 def test_settings_of_matplotlib_that_a_plugin_changed_are_part_of_a_figure(folder: Path) -> None:

@@ -167,8 +167,8 @@ def test_a_ratio_of_one_recording_has_the_interval_of_its_logarithm() -> None:
         shared = rng.standard_normal(T)
         a = 9.0 * np.square(0.6 * shared + 0.8 * rng.standard_normal(T))
         b = np.square(0.6 * shared + 0.8 * rng.standard_normal(T))
-        first = OfSteps.of(float(a.mean()), a)
-        second = OfSteps.of(float(b.mean()), b)
+        first = OfSteps.from_contributions(float(a.mean()), a)
+        second = OfSteps.from_contributions(float(b.mean()), b)
         low, high = ratio_interval(first, second)
         assert 0.0 < low < first.value / second.value < high
         assert ratio_interval(second, first) == pytest.approx((1.0 / high, 1.0 / low), rel=1e-9)

@@ -101,7 +101,7 @@ class Order:
     """position of each component of the filter's measurement in the scenario's (n_z,)"""
 
     @classmethod
-    def of(
+    def from_model(
         cls, model: Model, state: Sequence[str], measured: Sequence[str], std: Mapping[str, float]
     ) -> "Order":
         """Return the order of a filter's components.

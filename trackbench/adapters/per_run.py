@@ -148,7 +148,7 @@ class RunObjects(NamedTuple):
 class LoopFilter(Filter[RunObjects]):
     """Base of the filters that `loop_over_runs` makes."""
 
-    one: ClassVar["type[PerRun]"]
+    run_class: ClassVar["type[PerRun]"]
     """the class of one run"""
     loops_over_runs: ClassVar[bool] = True
 
@@ -156,18 +156,18 @@ class LoopFilter(Filter[RunObjects]):
         self._make()  # the class's own checks of its keys
 
     def __reduce__(self) -> tuple[object, ...]:
-        return _restore, (self.one, self._keys)
+        return _restore, (self.run_class, self._keys)
 
     @cached_property
     def _keys(self) -> dict[str, object]:
         return field_values(self)
 
     def _make(self) -> "PerRun":
-        return self.one(**self._keys)
+        return self.run_class(**self._keys)
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Reject components that differ from the scenario's."""
-        run_class = self.one
+        run_class = self.run_class
         why = component_mismatch(
             scenario.model, run_class.state, run_class.measured, run_class.extra_std
         )
@@ -177,8 +177,8 @@ class LoopFilter(Filter[RunObjects]):
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> RunObjects:
         """Make an object per run, and start it from the moments of its run's prior."""
-        run_class = self.one
-        order = Order.of(model, run_class.state, run_class.measured, run_class.extra_std)
+        run_class = self.run_class
+        order = Order.from_model(model, run_class.state, run_class.measured, run_class.extra_std)
         prior_cov = np.asarray(with_trailing(prior.cov, 1, leading=2))
         # The prior's moments in the order of the filter's own components, in arrays of all runs.
         n = len(order.first_cov)

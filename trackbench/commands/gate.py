@@ -214,8 +214,8 @@ def _run_git(ref: str, repository: Path, home: Path, *words: str) -> None:
         raise _ref_error(ref, lines[-1].removeprefix("fatal: "))
 
 
-def _ref_error(ref: str, what: str) -> UserError:
-    return UserError(Problem(Mark(f"--against-ref {ref}"), "", what))
+def _ref_error(ref: str, message: str) -> UserError:
+    return UserError(Problem(Mark(f"--against-ref {ref}"), "", message))
 
 
 def _compare_results(stored: Results, new: Results, limit: Limit, largest_ratio: float) -> Verdict:

@@ -112,7 +112,7 @@ def build(
     ``data`` replaces that mapping. ``also`` names keys that stand beside those of the dataclass.
     """
     if data is None:
-        data = source.at(keys)
+        data = source.value_at(keys)
     if not isinstance(data, dict):
         source.add_problem(keys, f"{shown(data)} is not a mapping")
         return None
@@ -135,7 +135,7 @@ def build_kind(group: Group, source: Source, keys: Keys) -> Any:
 
     Returns None, with its mistakes in ``source``, if it cannot be built.
     """
-    return _build_component(group, source.at(keys), source, keys)
+    return _build_component(group, source.value_at(keys), source, keys)
 
 
 def _build_component(group: Group, data: object, source: Source, keys: Keys) -> Part | None:
@@ -188,7 +188,7 @@ def _describe_missing_kind(group: Group, data: object, source: Source, keys: Key
     scenario_model = ("scenario", "assume", *keys[3:])
     is_filter_model = keys[2:3] == ("assume",)
     if is_filter_model and source.has((*scenario_model, "kind")):
-        model = shown(source.at(scenario_model))
+        model = shown(source.value_at(scenario_model))
         what += f"; a filter's own model has all of its keys, those of the scenario are {model}"
     return what
 
@@ -290,7 +290,7 @@ class _Reader(NamedTuple):
             # The config gets the mapping, too, so that later mistakes find their keys in it.
             if self.source.has(keys):
                 mark = self.source.mark(keys)
-                put(self.source.at(keys[:-1]), keys[-1], marked(value, mark), mark)
+                put(self.source.value_at(keys[:-1]), keys[-1], marked(value, mark), mark)
         return _build_component(group, value, self.source, keys)
 
 

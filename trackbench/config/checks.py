@@ -188,7 +188,7 @@ def check_idle(source: Source, points: list[Point]) -> None:
         for key, why in idle_keys[0].items():
             path = key.split(".")
             keys = ("filters", label, *path)
-            is_set = source.has(keys) and source.at(keys) is not None
+            is_set = source.has(keys) and source.value_at(keys) is not None
             is_idle_everywhere = all(key in idle for idle in idle_keys)
             if not is_set or not is_idle_everywhere:
                 continue

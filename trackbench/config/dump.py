@@ -54,7 +54,7 @@ def resolved(experiment: Experiment, folder: Path) -> PlainData:
         """Write a component, with its defaults unless these vary."""
         full = as_config(component, relative)
         if keys in without_defaults:
-            return _keep_set_keys(full, experiment.source.at(keys))
+            return _keep_set_keys(full, experiment.source.value_at(keys))
         return full
 
     # Step 1: files and scenario.
@@ -87,7 +87,7 @@ def resolved(experiment: Experiment, folder: Path) -> PlainData:
     for label, assume in first.assumed.items():
         assumed: object = entry_keys(assume, relative)
         if ("filters", label) in without_defaults:
-            entry = experiment.source.at(("filters", label))
+            entry = experiment.source.value_at(("filters", label))
             set_keys = {key: entry[key] for key in ENTRY_KEYS if key in entry}
             assumed = _keep_set_keys(assumed, set_keys)
         config["filters"][label] |= assumed

@@ -52,12 +52,12 @@ def inline_parts(source: Source, folder: Path) -> dict[str, list[Problem]]:
     for keys in places:
         try:
             _inline(source, keys, folder, depth=0)
-            if isinstance(source.at(keys), dict):
+            if isinstance(source.value_at(keys), dict):
                 _include_nested(source, keys, depth=0)
         except UserError as error:
             problems = [p for p in error.problems if isinstance(p, Problem)]
             unread[dotted(keys)] = [replace(p, path=p.path or dotted(keys)) for p in problems]
-            source.at(keys[:-1])[keys[-1]] = MarkedMapping()  # to check the rest, too
+            source.value_at(keys[:-1])[keys[-1]] = MarkedMapping()  # to check the rest, too
     return unread
 
 
@@ -67,7 +67,7 @@ def _include_nested(source: Source, keys: Keys, depth: int) -> None:
     Paths are relative to the file that names them. ``depth`` is the number of files that use one another
     down to this component.
     """
-    data = source.at(keys)
+    data = source.value_at(keys)
     inner_keys: list[str | int] = list(data) if isinstance(data, dict) else [*range(len(data))]
     for key in inner_keys:
         value = data[key]
@@ -192,7 +192,7 @@ def _inline(source: Source, keys: Keys, folder: Path, depth: int) -> None:
     ``folder``. ``depth`` is the number of files that use one another down to this one.
     """
     # Step 1: the path, and the keys beside `use`.
-    parent = source.at(keys[:-1])
+    parent = source.value_at(keys[:-1])
     name = parent[keys[-1]]
     changes = MarkedMapping()
     mark = source.mark(keys)

@@ -81,7 +81,7 @@ class Names:
         """Metrics without statistic, window and step; to be read once every filter is added."""
         return {measured(name).base for name in self.per_run | self.per_step}
 
-    def of(self, role: str) -> set[str]:
+    def names_of_role(self, role: str) -> set[str]:
         """Name the metrics that a key of this role may use."""
         return {
             "base": self.bases,

@@ -34,7 +34,7 @@ def put_tables(source: Source, tables: Mapping[str, object]) -> None:
     """
     target: object = {"kind": "measured"}
     if source.has(_TARGET):
-        target = source.at(_TARGET)
+        target = source.value_at(_TARGET)
     for key, value in tables.items():
         mark = Mark(f"{key}=")
         if not isinstance(target, dict) or target.get("kind") != "measured":
@@ -74,8 +74,8 @@ def _table_components(
     # Step 1: build the sensors.
     place = ("scenario", "sensor")
     sensor_places: list[Keys] = [place]
-    if source.has(place) and isinstance(source.at(place), list):
-        sensor_places = [(*place, i) for i in range(len(source.at(place)))]
+    if source.has(place) and isinstance(source.value_at(place), list):
+        sensor_places = [(*place, i) for i in range(len(source.value_at(place)))]
     sensors = [build_kind("sensors", source, keys) for keys in sensor_places if source.has(keys)]
     if not sensors or None in sensors:  # the validation reports it
         return []

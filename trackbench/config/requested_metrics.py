@@ -240,7 +240,7 @@ def _why_unknown(request: MetricRequest, names: Names, settings: Settings) -> st
     if role == "efficiency" and settings.reference is None:
         return f"{word!r} compares with the reference filter; name one under `reference`"
     # Step 1: metrics that cannot exist here, with the reason.
-    known = names.of(role)
+    known = names.names_of_role(role)
     measure = request.measure
     metric = measure.definition
     quantity = measure.quantity
@@ -300,7 +300,7 @@ def _why_not_stored(request: MetricRequest, names: Names, settings: Settings) ->
     if word in names.filter_numbers:
         return None
     # A metric that a kind always shows may be none of this experiment.
-    if not request.named and word not in names.of(role):
+    if not request.named and word not in names.names_of_role(role):
         return None
     key = "per_step" if role == "per_step" and settings.per_step is not None else "metrics"
     return f"{word!r} is not stored; add it to `{key}`"
@@ -408,7 +408,7 @@ class Contributions:
         names = [series_of(measure) for measure in measures]
         return list(dict.fromkeys(name for name in names if name is not None))
 
-    def of(self, label: str, steps: Sequence[int]) -> list[Measure]:
+    def measures_of_filter(self, label: str, steps: Sequence[int]) -> list[Measure]:
         """Return a filter's contributions, each at one step, for a scenario with these steps."""
         measures = list(self.everywhere)
         for measure in self.of_steps.get(label, ()):

@@ -557,7 +557,7 @@ def _idle_keys(assembled: _AssembledProblem, error: UserError) -> list[Keys]:
 
 def _remove_key(source: Source, keys: Keys) -> None:
     """Remove a key that exists from the config."""
-    owner = source.at(keys[:-1])
+    owner = source.value_at(keys[:-1])
     assert isinstance(owner, dict)
     del owner[keys[-1]]
 

@@ -28,9 +28,9 @@ def training_point(source: Source, point: Point) -> Point | None:
 
     Without such a scenario in the config it is ``point`` itself, the first of the experiment.
     """
-    if not source.has(TRAINING_SCENARIO) or source.at(TRAINING_SCENARIO) is None:
+    if not source.has(TRAINING_SCENARIO) or source.value_at(TRAINING_SCENARIO) is None:
         return point
-    changes = source.at(TRAINING_SCENARIO)
+    changes = source.value_at(TRAINING_SCENARIO)
     if not isinstance(changes, dict):  # reported with the other settings
         return None
     whole = deep_merge(source.data["scenario"], changes, by_kind=True)

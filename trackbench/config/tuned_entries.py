@@ -90,13 +90,13 @@ def _check_tuned_label(source: Source, label: str) -> None:
 
     The two entries may differ in the tuned keys only.
     """
-    keys = source.at(("tune", label))
+    keys = source.value_at(("tune", label))
     if not isinstance(keys, dict) or not _is_entry(source, tuned_label(label)):
         return
     entries = []
     for filter_label in (label, tuned_label(label)):
         without_values = with_values(source, filter_label, dict.fromkeys(keys))
-        entry = without_values.at(("filters", filter_label))
+        entry = without_values.value_at(("filters", filter_label))
         # A copy of the true sensor lacks these keys, and a config of results has their defaults.
         if isinstance(entry.get("assume"), dict):
             _drop_true_keys(entry["assume"].get("sensor"))
@@ -110,7 +110,7 @@ def _check_tuned_label(source: Source, label: str) -> None:
 def with_values(source: Source, label: str, values: Chosen) -> Source:
     """Return a config in which the filter ``label`` has these values; other parts are not copied."""
     keys = ("filters", label)
-    changed = source.replaced(keys, copy.deepcopy(source.at(keys)))
+    changed = source.replaced(keys, copy.deepcopy(source.value_at(keys)))
     _set_values(changed, label, label, values)
     return changed
 
@@ -166,9 +166,9 @@ def _copy_model(source: Source, label: str, path: str) -> None:
         return
     filter_model, *places = places_of_model(label, component)
     for place in (filter_model, *places):
-        if not source.has(place) or source.at(place) is None:
+        if not source.has(place) or source.value_at(place) is None:
             continue
-        model = copy.deepcopy(source.at(place))
+        model = copy.deepcopy(source.value_at(place))
         if place == filter_model or not isinstance(model, dict | list):
             return
         if place == _TRUE_COMPONENTS["sensor"]:
@@ -181,7 +181,7 @@ def _write_default_kind(source: Source, label: str, path: str) -> None:
     """Write the default component of a filter's entry if a key within it is set: ``filter.gate``."""
     name, _, inner_path = path.partition(".")
     place = ("filters", label, name)
-    kind = source.at(("filters", label)).get("kind")
+    kind = source.value_at(("filters", label)).get("kind")
     cls = of_kind("filters", kind) if isinstance(kind, str) else None
     if not inner_path or cls is None or source.has(place):
         return
@@ -201,7 +201,7 @@ def _drop_true_keys(sensors: object) -> None:
 def _is_entry(source: Source, label: str) -> bool:
     """Test whether the config has a filter of this label, written as a mapping."""
     keys = ("filters", label)
-    return source.has(keys) and isinstance(source.at(keys), dict)
+    return source.has(keys) and isinstance(source.value_at(keys), dict)
 
 
 def _put_after_originals(source: Source, copies: Mapping[str, str]) -> None:

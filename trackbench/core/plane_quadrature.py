@@ -78,7 +78,7 @@ class Box:
         v = linalg.matvec(_inverse(self.basis), x)
         return np.asarray((v - self.low[:, None]) / self.step[:, None] - 0.5)
 
-    def part(self, first: Array, last: Array, n: int) -> "Box":
+    def cut_out(self, first: Array, last: Array, n: int) -> "Box":
         """Cut a box of n by n nodes out of the cells from first to last of each axis."""
         high = self.low + (last + 1) * self.step
         low = self.low + first * self.step
@@ -163,7 +163,7 @@ def condition(
         # Another search is worth it if less than 80 % of the nodes along an axis are left.
         is_small = ((last - first + 1) < 0.8 * np.array(box.shape)).any()
         searches_on = is_small and search < _SEARCHES - 1
-        box = box.part(first, last, n // 2 if searches_on else n)
+        box = box.cut_out(first, last, n // 2 if searches_on else n)
         if not is_small:
             break
     # Step 3: the posterior there, p(z | x) p(x) / p(z).

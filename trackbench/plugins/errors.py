@@ -142,7 +142,7 @@ def _plugin_classes(component: object) -> list[type]:
     ``component`` is an object or its class.
     """
     cls = component if isinstance(component, type) else type(component)
-    # `LoopFilter.one` is the plugin's class of one run; the LoopFilter itself is trackbench's.
+    # `LoopFilter.run_class` is the plugin's class of one run; the LoopFilter itself is trackbench's.
     plugin_cls = getattr(cls, "one", cls)
     plugin_classes = []
     for base_cls in plugin_cls.__mro__:

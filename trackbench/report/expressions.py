@@ -99,7 +99,7 @@ class Evaluator:
             return None
         # Over one run its value is the mean as well as the rms.
         value_of_run = float(self.runs[key][0])
-        return OfSteps.of(value_of_run, self._steps[key])
+        return OfSteps.from_contributions(value_of_run, self._steps[key])
 
     @cached_property
     def _steps(self) -> dict[tuple[str, str], Array]:

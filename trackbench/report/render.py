@@ -70,7 +70,7 @@ class FigureCache:
     """digest of all that any figure may show, beside its own keys"""
 
     @classmethod
-    def of(cls, results: Results) -> "FigureCache | None":
+    def from_results(cls, results: Results) -> "FigureCache | None":
         """Return the cache of these results; None if a settings file sets up matplotlib.
 
         Figures under such settings are not cached, as the digest does not cover the file.
@@ -191,7 +191,7 @@ def drawing_pool(
             cacheable[name] = spec
     figure_cache = None
     if cacheable and not fresh:
-        figure_cache = FigureCache.of(results)
+        figure_cache = FigureCache.from_results(results)
     cached: dict[str, Files] = {}
     if figure_cache is not None:
         for name, spec in cacheable.items():

@@ -302,7 +302,7 @@ class Results(ResultsFolder):
                 for label in self.labels:
                     key = (label, metric)
                     if key in runs:
-                        samples[label] = Sample.of(runs[key], statistic, steps.get(key))
+                        samples[label] = Sample.from_values(runs[key], statistic, steps.get(key))
                 pairs += pairs_of(metric, samples)
             pairs_by_point.append((point, pairs))
         return pairs_by_point

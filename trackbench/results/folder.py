@@ -361,7 +361,7 @@ class ResultsFolder:
         """Return rows of `summary`, `per_step` or `timing`, at one grid point or at all."""
         if name not in self._columns:
             self._columns[name] = self._read(name)
-        return self._columns[name].at(point)
+        return self._columns[name].rows_with(point)
 
     def _read(self, name: str) -> Columns:
         """Read a table of rows by its name, ``per_run``, ``per_step``, ``summary`` or ``timing``."""

@@ -269,7 +269,7 @@ def locked(folder: Path, say: Callable[[str], None]) -> Iterator[None]:
         folder.mkdir(parents=True, exist_ok=True)
         descriptor = _acquire(path, say)
     except OSError as error:
-        raise WriteError.of(path, error) from error
+        raise WriteError.from_os_error(path, error) from error
     try:
         yield
     finally:

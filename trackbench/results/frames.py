@@ -48,9 +48,9 @@ class Columns:
 
     def where(self, **values: Any) -> "Columns":
         """Select the rows that have these values in these columns."""
-        return self.at(values)
+        return self.rows_with(values)
 
-    def at(self, values: Mapping[str, Any]) -> "Columns":
+    def rows_with(self, values: Mapping[str, Any]) -> "Columns":
         """Return the rows that have these values in these columns.
 
         Unlike in `where`, a column's name need not be an identifier of Python.

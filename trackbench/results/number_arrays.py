@@ -184,7 +184,7 @@ class SeriesColumns(Columns):
             arrays[name] = fixed(np.concatenate(parts) if parts else np.empty(0))
         return arrays
 
-    def at(self, values: Mapping[str, Any]) -> Columns:
+    def rows_with(self, values: Mapping[str, Any]) -> Columns:
         """Return the rows that have these values, by names of columns."""
         # Constants, such as the filter's label, choose whole series; numbers choose rows of them.
         constant_columns = set(self._names).difference(_NUMBERS)
@@ -198,7 +198,7 @@ class SeriesColumns(Columns):
         numbers = {name: value for name, value in values.items() if name not in constant_columns}
         if not numbers:
             return columns
-        return Columns(columns.arrays).at(numbers)
+        return Columns(columns.arrays).rows_with(numbers)
 
 
 _NUMBERS = ("run", "step", "time", "value", "stderr", "runs")

@@ -173,7 +173,7 @@ def write_results(
             scenario = experiment.points[point].scenario
             steps = scenario.steps.tolist()
             # Add each run's share in the requested measures; drop the series that only they need.
-            shares = requested.of(label, steps)
+            shares = requested.measures_of_filter(label, steps)
             result = with_shares(outcome_result, shares, scenario.windows, steps, sizes(scenario))
             run_series = {
                 name: rows

@@ -51,14 +51,14 @@ class Sample:
     """the metric of the only run with its steps, if that is a recording"""
 
     @classmethod
-    def of(cls, values: Array, statistic: str, steps: Array | None = None) -> "Sample":
+    def from_values(cls, values: Array, statistic: str, steps: Array | None = None) -> "Sample":
         """Return the sample of values per run (M,).
 
         ``steps`` (T,) is given for the only run of a recording: what each step contributes to its value.
         """
         if steps is None:
             return cls(values, statistic)
-        return cls(values, statistic, OfSteps.of(float(values[0]), steps))
+        return cls(values, statistic, OfSteps.from_contributions(float(values[0]), steps))
 
     def over(self, runs: Mask) -> "Sample":
         """Return the sample of some of the runs (M,); itself if these are all."""
@@ -178,7 +178,7 @@ def compare(a: Sample, b: Sample) -> Comparison | None:
         step_difference = a_steps.minus(b_steps)
         # Series that are equal but for rounding have no difference; steps that one lacks are NaN.
         if not np.nan_to_num(without_rounding(a_steps.series, b_steps.series)).any():
-            step_difference = OfSteps.of(0.0, np.zeros(len(a_steps.series)))
+            step_difference = OfSteps.from_contributions(0.0, np.zeros(len(a_steps.series)))
         return Comparison(a_steps, b_steps, step_difference, step_difference.z())
     both = np.isfinite(a.values) & np.isfinite(b.values)
     if not both.any():

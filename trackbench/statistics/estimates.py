@@ -220,7 +220,7 @@ class OfSteps(RunEstimate):
     __slots__ = ()
 
     @classmethod
-    def of(cls, value: float, steps: Array) -> "OfSteps":
+    def from_contributions(cls, value: float, steps: Array) -> "OfSteps":
         """Return the number ``value`` from what each step (T,) contributes to it; NaN where none."""
         return cls(value, series_mean(steps).stderr, steps - value, 1)
 
@@ -245,7 +245,7 @@ class OfSteps(RunEstimate):
             return self
         series = np.where(steps, self.series, np.nan)
         value = series_mean(series).value if (self.has_value & steps).any() else np.nan
-        return OfSteps.of(value, series)
+        return OfSteps.from_contributions(value, series)
 
     def minus(self, other: "OfSteps", factor: float = 1.0) -> "OfSteps":
         """Return the difference ``self - factor other`` over the steps of both, step by step."""
@@ -255,7 +255,7 @@ class OfSteps(RunEstimate):
         assert b.influences is not None
         value = a.value - factor * b.value
         influences = a.influences - factor * b.influences
-        return OfSteps.of(value, influences + value)
+        return OfSteps.from_contributions(value, influences + value)
 
     @property
     def why(self) -> str:
@@ -266,7 +266,7 @@ class OfSteps(RunEstimate):
     def over(self, value: float, divisor: float) -> "OfSteps":
         """Return an estimate of ``value`` with the influences of this one divided by ``divisor``."""
         assert self.influences is not None
-        return OfSteps.of(value, self.influences / divisor + value)
+        return OfSteps.from_contributions(value, self.influences / divisor + value)
 
     @property
     def is_exact(self) -> bool:
@@ -367,7 +367,7 @@ def _ratio_interval_of_steps(a: OfSteps, b: OfSteps, level: float) -> tuple[floa
     # log(a / b) changes by (a_t - a) / a - (b_t - b) / b per step, to first order.
     log_ratio = float(np.log(a.value / b.value))
     steps = a.influences / a.value - b.influences / b.value
-    low, high = OfSteps.of(log_ratio, steps + log_ratio).interval(level)
+    low, high = OfSteps.from_contributions(log_ratio, steps + log_ratio).interval(level)
     return float(np.exp(low)), float(np.exp(high))
 
 

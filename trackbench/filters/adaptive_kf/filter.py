@@ -69,14 +69,14 @@ class Parameters(NamedTuple):
 class Mode(NamedTuple):
     """Filters that are on in each run (M,), the step since when, and the second decision's evidence."""
 
-    on: Index
+    active: Index
     since: Index
     evidence: Array
     """log-likelihood of the MF over that of the NMF, summed while both are on"""
 
-    def switch(self, on: Index, k: int) -> "Mode":
-        """Return the mode with the filters ``on`` (M,) switched on; runs that change do so at step k."""
-        return self._replace(on=on, since=np.where(on != self.on, k, self.since))
+    def switch(self, active: Index, k: int) -> "Mode":
+        """Return the mode with the ``active`` filters (M,) switched on; runs that change do so at step k."""
+        return self._replace(active=active, since=np.where(active != self.active, k, self.since))
 
 
 class DetectorState(NamedTuple):
@@ -160,7 +160,7 @@ class VariableDimension(Filter[AdaptiveState]):
         return AdaptiveState(
             nmf=nmf,
             mf=Gaussian(np.zeros((3, 2, runs)), identity),
-            mode=Mode(on=np.full(runs, NMF), since=np.zeros(runs, dtype=np.intp), evidence=zero),
+            mode=Mode(active=np.full(runs, NMF), since=np.zeros(runs, dtype=np.intp), evidence=zero),
             detector=DetectorState(
                 rho=zero,
                 inputs=empty_hypotheses(window, axes, runs),
@@ -191,11 +191,11 @@ class VariableDimension(Filter[AdaptiveState]):
         over = _exit_test(p, state, k, sampling)
         if (alarm | decided | over).any():
             # Both are on after an alarm; the MF goes on alone if it is confirmed, else the NMF.
-            on = np.where(alarm, BOTH, np.where(decided | over, NMF, state.mode.on))
+            active = np.where(alarm, BOTH, np.where(decided | over, NMF, state.mode.active))
             # The exit test of a confirmed MF waits for p samples of its own.
             significance = np.where(confirmed, np.inf, state.detector.significance)
             state = state._replace(
-                mode=state.mode.switch(np.where(confirmed, MF, on), k),
+                mode=state.mode.switch(np.where(confirmed, MF, active), k),
                 detector=state.detector._replace(significance=significance),
             )
             state = _return_to_nmf(state, over, k)
@@ -204,7 +204,7 @@ class VariableDimension(Filter[AdaptiveState]):
     def estimate(self, state: AdaptiveState) -> Gaussian:
         """Return position and velocity of the MF where it is on alone, else of the NMF."""
         mf = first_components(state.mf, 2)
-        return both_axes(where_runs(state.mode.on == MF, mf, state.nmf))
+        return both_axes(where_runs(state.mode.active == MF, mf, state.nmf))
 
     def log_likelihood(self, state: AdaptiveState) -> Array:
         """Evaluate log N(innovation; 0, S) (M,) of the filter that was reported before the step.
@@ -244,7 +244,7 @@ class VariableDimension(Filter[AdaptiveState]):
         record = state.record
         values = {
             "nis": record.nis,
-            "mode": (state.mode.on == MF).astype(float),
+            "mode": (state.mode.active == MF).astype(float),
             "alarm": record.alarm.astype(float),
             "alarm_age_s": record.age,
         }
@@ -263,23 +263,23 @@ def _run_filters(
     and the NIS (M,) of the NMF, which is zero without a measurement.
     """
     T, R = sampling
-    on = state.mode.on
+    active = state.mode.active
     # The NMF in every run, the MF if any run has it on.
     nmf, of_nmf = axis_step(state.nmf, p.nmf.axis(T), z, R)
     mf = state.mf
     of_mf = None
     nis = nmf_nis = sum_over_axes(of_nmf.nis)
     evidence = np.zeros_like(state.mode.evidence)
-    if (on != NMF).any():
+    if (active != NMF).any():
         mf, of_mf = axis_step(state.mf, p.mf.axis(T), z, R)
         # The NIS of the MF is reported where it is on alone.
-        nis = np.where(on == MF, sum_over_axes(of_mf.nis), nis)
+        nis = np.where(active == MF, sum_over_axes(of_mf.nis), nis)
         # Evidence of the second decision: sum of log p(z | MF) - log p(z | NMF) while both are on.
-        if (on == BOTH).any():
+        if (active == BOTH).any():
             ratio = sum_over_axes(of_mf.log_likelihood) - sum_over_axes(of_nmf.log_likelihood)
-            evidence = np.where(on == BOTH, state.mode.evidence + ratio, 0.0)
+            evidence = np.where(active == BOTH, state.mode.evidence + ratio, 0.0)
     nis = np.where(is_missing(of_nmf), np.nan, nis)
-    record = state.record._replace(nis=nis, nmf=of_nmf, mf=of_mf, reports_mf=on == MF)
+    record = state.record._replace(nis=nis, nmf=of_nmf, mf=of_mf, reports_mf=active == MF)
     mode = state.mode._replace(evidence=evidence)
     return state._replace(nmf=nmf, mf=mf, mode=mode, record=record), nmf_nis
 
@@ -337,7 +337,7 @@ def _first_decision(
             statistic = inputs.significance().max(axis=0)
     onset = inputs.onset(slot, k)
     # Alarm: the statistic exceeds eta while the NMF (filter of straight flight) is on alone.
-    alarm = (statistic > detector.threshold) & (state.mode.on == NMF) & (k >= detector.start)
+    alarm = (statistic > detector.threshold) & (state.mode.active == NMF) & (k >= detector.start)
     # An onset within the minimum window xi_min postpones the decision.
     alarm &= k - onset >= detector.min_window(sampling.T)
     if past is not None:
@@ -383,7 +383,7 @@ def _second_decision(p: Parameters, mode: Mode, alarm: Mask, k: int) -> tuple[Ma
     """
     n = p.dlw.n
     # Decide n samples after the alarm; the MF wins with positive evidence (n = 0: at once).
-    decided = (mode.on == BOTH) & (k - mode.since >= n)
+    decided = (mode.active == BOTH) & (k - mode.since >= n)
     confirmed = decided & (mode.evidence > 0.0) | alarm & (n == 0)
     return confirmed, decided
 
@@ -394,7 +394,7 @@ def _exit_test(p: Parameters, state: AdaptiveState, k: int, sampling: Sampling) 
     long_enough = (k - state.mode.since) * sampling.T >= p.exit.hold_s
     # The sum of the significances of the last p samples is below Ta.
     insignificant = total(state.detector.significance, axis=0) < p.exit.Ta
-    return (state.mode.on == MF) & long_enough & insignificant
+    return (state.mode.active == MF) & long_enough & insignificant
 
 
 def _return_to_nmf(state: AdaptiveState, over: Mask, k: int) -> AdaptiveState:

@@ -432,7 +432,7 @@ def candidates_of(
                 label=label,
                 point=point,
                 lost=lost,
-                sample=Sample.of(values, statistic, steps),
+                sample=Sample.from_values(values, statistic, steps),
                 varied=varied,
             )
 

@@ -205,7 +205,7 @@ def _compare_by_steps(results: Results, objective: Objective) -> dict[str, Compa
         samples = []
         for key in ((label, metric), (tuned_label(label), metric)):
             if key in steps:
-                samples.append(Sample.of(sign * runs[key], "mean", sign * steps[key]))
+                samples.append(Sample.from_values(sign * runs[key], "mean", sign * steps[key]))
         if len(samples) == 2:
             comparison = compare(*samples)
             if comparison is not None:
