@@ -243,7 +243,7 @@ def loop_over_runs(run_class: "type[PerRun]") -> type[LoopFilter]:
     """Make the filter of a class of one run, with its keys, its name and its docstring."""
     keys = [(field.name, field.type, _copy_field(field)) for field in fields(run_class)]
     attributes: dict[str, object] = {
-        "one": run_class,
+        "run_class": run_class,
         "contract_exemptions": {
             "purity": "keeps its state in an object per run",
             **run_class.contract_exemptions,
