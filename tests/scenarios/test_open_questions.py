@@ -67,6 +67,17 @@ def test_units_that_no_recording_has_are_asked_for(tmp_path: Path) -> None:
     written(path, "units.range=ft")
 
 
+@pytest.mark.parametrize(
+    ("names", "example"),
+    [("t,x_m,y_m,speed_yd,course_deg", "speed=m/s"), ("t,x_m,y_m,vx_yd,vy_yd", "vx=m/s")],
+)
+def test_the_example_of_a_known_unit_is_one_of_the_quantity(
+    tmp_path: Path, names: str, example: str
+) -> None:
+    path = table(tmp_path / "m.csv", names, T, X, Y, 10.0 + 0.0 * T, 90.0 + 0.0 * T)
+    assert f"such as --set units.{example}" in asked(path)
+
+
 def test_every_column_in_an_unknown_unit_is_named_in_order(tmp_path: Path) -> None:
     path = table(tmp_path / "m.csv", "t,y_yd,x_yd", T, Y / 0.9144, X / 0.9144)
     lines = asked(path).splitlines()

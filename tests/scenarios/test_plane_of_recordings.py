@@ -253,6 +253,11 @@ def test_hemispheres(tmp_path: Path) -> None:
     path = config(tmp_path, {"measurements": "m.csv", "columns": columns})
     (tmp_path / "m.csv").write_text(table(names, [0, 1], [-5, 5], "NN", [1, 1], "EE"))
     assert "m.csv:2:1: scenario: latitude: -5 beside N in column ns: correct one" in refused(path)
+    # Nor may the sign and the letter differ in a column that the config does not name.
+    unnamed = config(tmp_path, {"measurements": "m.csv"})
+    line = refused(unnamed)
+    assert "m.csv:2:1: scenario: ns: N beside a latitude of -5: correct one of them, or say" in line
+    path = config(tmp_path, {"measurements": "m.csv", "columns": columns})
     (tmp_path / "m.csv").write_text(table(names, [0, 1], [5, 5], "NO", [1, 1], "EE"))
     assert "m.csv:3:1: scenario: ns: 'O' is no hemisphere; allowed: N and S" in refused(path)
 

@@ -73,10 +73,15 @@ _POOLS = 4  # filters whose programs stay ready in a thread
 
 
 class _Line:
-    """A line of each run, after those of the steps before."""
+    """A line of each run, after those of the steps before.
 
-    def __init__(self, of_runs: Sequence[str], number: int, time: float, before: "_Line | None"):
-        self.of_runs = of_runs
+    ``before`` is the line of the step before; None for the first one, ``init``.
+    """
+
+    def __init__(
+        self, text_by_run: Sequence[str], number: int, time: float, before: "_Line | None"
+    ):
+        self.text_by_run = text_by_run
         self.number = number
         self.time = time
         self.before = before
@@ -84,12 +89,12 @@ class _Line:
     def __deepcopy__(self, memo: dict[int, Any]) -> "_Line":
         return self  # is never changed
 
-    def of_run(self, run: int) -> list[str]:
-        """List the lines of a run, from its first to this one."""
-        lines = [self.of_runs[run]]
+    def lines_from_start(self, run: int) -> list[str]:
+        """List the lines of a run, from its first, ``init``, to this one."""
+        lines = [self.text_by_run[run]]
         line = self.before
         while line is not None:
-            lines.append(line.of_runs[run])
+            lines.append(line.text_by_run[run])
             line = line.before
         return lines[::-1]
 
@@ -263,7 +268,7 @@ class External(Filter[ProgramState]):
 
         ``state`` is that before the lines. A covariance is NaN if a program answers only means.
         """
-        runs = len(lines[0].of_runs)
+        runs = len(lines[0].text_by_run)
         n = len(state.mean)
         pool = _pool(self, state.hello)
         mean = np.empty((n, len(lines), runs))
@@ -578,13 +583,14 @@ class _Copy:
     ) -> tuple[list[str], list[str]]:
         """Send a run's lines, which follow the line ``before``, to the program; return the answers.
 
-        If the program was last sent another line, the run is begun anew: all its earlier lines are sent
-        first. The second result are the answers to these.
+        If the program was last sent another line, or a line of another run, its state is that of other
+        measurements. The run then begins anew: all its lines up to ``before`` are sent first. The first
+        of them, ``init``, resets the program. The second result are the answers to these lines.
         """
         earlier: list[str] = []
         if before is not None and self.last_sent != (before, run):
-            earlier = before.of_run(run)
-        new = [line.of_runs[run] for line in lines]
+            earlier = before.lines_from_start(run)
+        new = [line.text_by_run[run] for line in lines]
         try:
             answers = self.program.exchange(earlier + new)
         except ProgramError as error:

@@ -432,6 +432,14 @@ def is_unit_of(quantity: str, unit: str) -> bool:
     return unit in _DIMENSIONS.get(_DIMENSION_OF.get(plain_name(quantity), ""), ())
 
 
+def usual_unit(quantity: str) -> str:
+    """Return a common unit of the quantity: deg of an angle, else that of the SI."""
+    dimension = _DIMENSION_OF.get(plain_name(quantity), "length")
+    if dimension == "angle":
+        return "deg"
+    return next(iter(_DIMENSIONS[dimension]))
+
+
 def have_one_dimension(unit: str, other: str) -> bool:
     """Test whether two units are of one dimension, such as km and ft."""
     return any(unit in units and other in units for units in _DIMENSIONS.values())
@@ -923,7 +931,8 @@ class Columns:
     def _apply_hemisphere(self, table: Table, quantity: str) -> None:
         """Give a coordinate in the table, in place, the sign of its hemisphere.
 
-        Raises DataError if the sign and the hemisphere of a row contradict each other.
+        ``quantity`` is latitude or longitude. Raises DataError if the sign and the hemisphere of a row
+        contradict each other.
         """
         key, positive, negative = HEMISPHERES[quantity]
         column, is_named = self._hemispheres[quantity]
@@ -935,14 +944,20 @@ class Columns:
         unknown = [i for i, word in enumerate(words) if word and word not in positive + negative]
         is_negative = np.isin(codes, [i for i, word in enumerate(words) if word in negative])
         is_positive = np.isin(codes, [i for i, word in enumerate(words) if word in positive])
-        # Step 1: a column that the config does not name must agree with the signs.
+        # Step 1: a column that the config does not name must agree with the signs. South or west beside
+        # a positive number may be its sign, north or east beside a negative one is a mistake. If the
+        # column also has other words, it is none of hemispheres.
         ignore = f'`columns: {{{key}: ""}}` to ignore it'
         if not is_named:
-            contrary = np.flatnonzero(is_negative & (values > 0.0))
+            contrary = np.flatnonzero(
+                (is_negative & (values > 0.0)) | (is_positive & (values < 0.0))
+            )
             if len(contrary) and not unknown:
                 row = int(contrary[0])
                 what = f"{table.words[column][codes[row]]} beside a {quantity} of {values[row]:.9g}"
                 way = f"say `columns: {{{key}: {column}}}`, or {ignore}"
+                if values[row] < 0.0:
+                    way = f"correct one of them, or say {ignore}"
                 place = Place(self.path, int(table.lines[row]), 1, f"{column}: {what}: {way}")
                 raise DataError(place)
             return

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
+from itertools import product
 
 import numpy as np
 
@@ -21,6 +22,40 @@ _DIGITS_OF_CLOCKS = {"%H%M": 4, "%M%S": 4, "%M%S.%f": 4, "%H%M%S": 6, "%H%M%S.%f
 _HALVES_OF_DAY = re.compile(r"\b([ap])\. ?m\.", re.IGNORECASE)
 _MICROSECOND = timedelta(microseconds=1)
 _MANY = 1000  # rows, from which on pandas is faster than strptime
+
+_DAY_FORMS = (
+    "%d/%m/%Y", "%m/%d/%Y", "%d.%m.%Y", "%d-%m-%Y", "%m-%d-%Y", "%Y/%m/%d", "%Y.%m.%d",
+    "%Y%m%d", "%d/%m/%y", "%m/%d/%y", "%d.%m.%y", "%d-%b-%Y", "%d-%b-%y", "%d %b %Y",
+    "%b %d %Y", "%b %d, %Y", "%Y-%m-%d", "%d%m%y", "%y%m%d", "%m%d%y", "%d%m%Y", "%m%d%Y",
+)  # fmt: skip
+"""Forms of a day, for strptime."""
+_TIME_FORMS = (
+    "%H:%M:%S", "%H:%M:%S.%f", "%H:%M:%S,%f", "%I:%M:%S %p", "%I:%M:%S.%f %p", "%H:%M",
+    "%I:%M %p", "%H%M%S", "%H%M%S.%f", "%H:%M:%S:%f", "%H.%M.%S", "%H%M",
+)  # fmt: skip
+"""Forms of a time of day."""
+STAMP_FORMS = (
+    "%Y%m%d%H%M%S", "%Y%m%d%H%M%S%f", "%Y%m%d%H%M%S.%f", "%Y%m%d%H%M", "%y%m%d%H%M%S",
+    "%d%m%y%H%M%S", "%d%m%Y%H%M%S", "%Y%m%d_%H%M%S",
+)  # fmt: skip
+"""Forms of a day and a time of day in one number."""
+_WORDED_FORMS = (
+    "%a %b %d %H:%M:%S %Y", "%a %b %d %H:%M:%S %Z %Y", "%a %b %d %H:%M:%S GMT%z %Y",
+    "%a, %d %b %Y %H:%M:%S %z", "%a, %d %b %Y %H:%M:%S %Z", "%d/%b/%Y:%H:%M:%S",
+    "%d/%b/%Y:%H:%M:%S %z",
+)  # fmt: skip
+"""Forms of a day and a time of day with the names of months, as in mails and logs."""
+_MINUTE_FORMS = ("%M:%S", "%M:%S.%f")
+KNOWN_FORMS = (
+    *_TIME_FORMS,
+    *_MINUTE_FORMS,
+    *_DAY_FORMS,
+    *STAMP_FORMS,
+    *_WORDED_FORMS,
+    *map(" ".join, product(_DAY_FORMS, _TIME_FORMS)),
+    *map("T".join, product(_DAY_FORMS, _TIME_FORMS[:3])),
+)
+"""Forms of dates and times that are found out without a form in the config."""
 
 
 def moment(cell: str, form: str = "") -> datetime:

@@ -535,7 +535,7 @@ def _used_columns(guess: Guess) -> dict[str, str]:
     read |= STAMP_PARTS.keys()
     read |= {"north_south", "east_west"}
     read |= guess.inputs.keys()
-    if guess.moves:
+    if guess.measures_velocity:
         read |= {"vx", "vy", "speed", "course"}
     for sensor in guess.sensors:
         read.update(sensor.quantities)
@@ -679,7 +679,7 @@ def _sensor_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
     has_azimuth = any("azimuth" in sensor.quantities for sensor in guess.sensors)
     if has_azimuth and not guess.files and not guess.naming.clockwise:
         yield "# azimuth counts from x to y; from north clockwise: `clockwise: [azimuth]` above"
-    if guess.moves:
+    if guess.measures_velocity:
         velocity = float(f"{max(0.05 * guess.speed, 0.05):.1g}")
         yield f"- {{kind: velocity, sigma: {velocity:g}}}  # guess: 5 % of the usual speed"
 

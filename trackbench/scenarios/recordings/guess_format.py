@@ -24,6 +24,7 @@ from trackbench.scenarios.recordings.column_mapping import (
     Naming,
     no_fix,
     outlying,
+    usual_unit,
 )
 from trackbench.scenarios.recordings.column_names import (
     columns_of,
@@ -245,8 +246,8 @@ class Guess:
         return self.files or (self,)
 
     @property
-    def moves(self) -> bool:
-        """True if velocities are measured, too."""
+    def measures_velocity(self) -> bool:
+        """True if velocities are measured beside positions."""
         is_one = [sensor.quantities for sensor in self.sensors] == [_PLACE]
         return is_one and _has_velocity(self.naming.columns)
 
@@ -989,7 +990,9 @@ def _check_named_units(
 ) -> None:
     """Raise DataError for each column with a unit that no recording may have.
 
-    The unit stands in the column's name or in a line of units.
+    The unit stands in the column's name or in a line of units. ``columns`` and ``units`` are by
+    quantity. Only columns that are read count: those of the ``measured`` quantities, of velocities, of
+    a robot's inputs and of times.
     """
     read = {*measured, *_VELOCITY, *COURSE, *_ODOMETRY, "time"}
     if not {*_PLACE} <= columns.keys():
@@ -1001,13 +1004,10 @@ def _check_named_units(
         other = other_unit_of(column) or sample.other_unit(column)
         if other is not None:
             what = f"{column}: the unit {other.replace('*', ' ')} is unknown here"
-            way = f"write the numbers in a known unit, and say it, such as --set units.{name}="
-            usual = "m"
-            if name in (*ANGLES, *GEODETIC, "course"):
-                usual = "deg"
-            elif name == "time":
-                usual = "s"
-            mistakes.append(Place(sample.path, 1, 1, f"{what}: {way}{usual}"))
+            unit = _UNITS_OF_ROBOT[name][0] if name in _ODOMETRY else usual_unit(name)
+            example = f"--set units.{name}={unit}"
+            way = f"write the numbers in a known unit, and say it, such as {example}"
+            mistakes.append(Place(sample.path, 1, 1, f"{what}: {way}"))
     if mistakes:
         raise DataError(*mistakes)
 

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Collection, Sequence
 from functools import partial
-from itertools import pairwise, product
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -11,40 +11,9 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.csv_tables import number, parse_cells
-from trackbench.scenarios.recordings.dates import instant, is_instant
+from trackbench.scenarios.recordings.dates import KNOWN_FORMS, STAMP_FORMS, instant, is_instant
 from trackbench.scenarios.recordings.rows import usual_interval
 
-_DAY_FORMS = (
-    "%d/%m/%Y|%m/%d/%Y|%d.%m.%Y|%d-%m-%Y|%m-%d-%Y|%Y/%m/%d|%Y.%m.%d|%Y%m%d|%d/%m/%y|%m/%d/%y|"
-    "%d.%m.%y|%d-%b-%Y|%d-%b-%y|%d %b %Y|%b %d %Y|%b %d, %Y|%Y-%m-%d|%d%m%y|%y%m%d|%m%d%y|"
-    "%d%m%Y|%m%d%Y"
-)
-_TIME_FORMS = (
-    "%H:%M:%S|%H:%M:%S.%f|%H:%M:%S,%f|%I:%M:%S %p|%I:%M:%S.%f %p|%H:%M|%I:%M %p|"
-    "%H%M%S|%H%M%S.%f|%H:%M:%S:%f|%H.%M.%S|%H%M"
-)
-_STAMPS = (
-    *("%Y%m%d%H%M%S", "%Y%m%d%H%M%S%f", "%Y%m%d%H%M%S.%f", "%Y%m%d%H%M", "%y%m%d%H%M%S"),
-    *("%d%m%y%H%M%S", "%d%m%Y%H%M%S", "%Y%m%d_%H%M%S"),
-)
-"""Date and time of day in one number."""
-_WORDED = (
-    *("%a %b %d %H:%M:%S %Y", "%a %b %d %H:%M:%S %Z %Y", "%a %b %d %H:%M:%S GMT%z %Y"),
-    *("%a, %d %b %Y %H:%M:%S %z", "%a, %d %b %Y %H:%M:%S %Z"),
-    *("%d/%b/%Y:%H:%M:%S", "%d/%b/%Y:%H:%M:%S %z"),
-)
-_MINUTES = ("%M:%S", "%M:%S.%f")
-_DAYS = _DAY_FORMS.split("|")
-_TIMES = _TIME_FORMS.split("|")
-_FORMS = [
-    *_TIMES,
-    *_MINUTES,
-    *_DAYS,
-    *_STAMPS,
-    *_WORDED,
-    *map(" ".join, product(_DAYS, _TIMES)),
-    *map("T".join, product(_DAYS, _TIMES[:3])),
-]
 _NAMED_CLOCKS = {"hhmm": "%H%M", "hhmmss": "%H%M%S", "mmss": "%M%S"}
 """Words in the name of a column that say how its numbers are times."""
 _DOTTED_CLOCK = re.compile(r"\d{1,2}[.,][0-5]\d")
@@ -304,7 +273,7 @@ def _explain_form(form: str) -> str:
 def _fitting_forms(cells: Sequence[str]) -> dict[str, Array]:
     """Return the forms that fit all cells, each with the times (R,), in microseconds, that it gives."""
     found: dict[str, Array] = {}
-    for form in _FORMS:
+    for form in KNOWN_FORMS:
         if form.endswith("%f") and form[:-3] in found:
             continue  # no cell has digits behind its seconds
         # Most forms do not fit the first cell.
@@ -316,7 +285,7 @@ def _fitting_forms(cells: Sequence[str]) -> dict[str, Array]:
         if not mistakes and all(_has_digits_of(form, cell) for cell in cells):
             found[form] = values
     # A count of microseconds may look like a stamp, whose seconds then all are 00.
-    short = [form for form in _STAMPS if form.startswith(("%y", "%d%m%y")) and form in found]
+    short = [form for form in STAMP_FORMS if form.startswith(("%y", "%d%m%y")) and form in found]
     for form in short:
         if len({cell[-2:] for cell in cells}) == 1:
             found.pop(form)

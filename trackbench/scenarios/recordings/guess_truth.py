@@ -56,7 +56,7 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
     is_geodetic = not {"x", "y"} <= columns.keys()
     kept = {"time", "date", "step", "week", "subsecond", "run", "north_south", "east_west"}
     kept |= {*GEODETIC[:2]} if is_geodetic else {"x", "y"}
-    has_velocity = found.moves and not guess.inputs
+    has_velocity = found.measures_velocity and not guess.inputs
     if has_velocity:
         kept |= {"vx", "vy", "speed", "course"}
     heading = heading_of(found.names)
@@ -78,6 +78,7 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
             columns["run"] = ""
     return TruthGuess(
         path=path,
+        # No azimuth is kept, so that none counts clockwise from north.
         naming=replace(found.naming, columns=columns, units=units, clockwise=()),
         why=why,
         gap=float(f"{_MOST_INTERVALS * found.interval:.3g}"),
