@@ -84,10 +84,10 @@ def tune(config: Config, options: Options | None = None, **changes: Any) -> Repo
 def check_has_report(options: Options) -> None:
     """Raise UserError for a shard, which writes no results that a report could have."""
     if options.shard:
-        what = (
+        message = (
             f'a shard has no report: compute it by list(run_all([config], shard="{options.shard}"))'
         )
-        raise UserError(Problem(Mark("shard="), "", what))
+        raise UserError(Problem(Mark("shard="), "", message))
 
 
 def check_tuned(configs: Sequence[Config], options: Options) -> None:
@@ -95,5 +95,5 @@ def check_tuned(configs: Sequence[Config], options: Options) -> None:
     for config in configs:
         experiment = prepare(config, options)
         if not experiment.tuned:
-            what = "names no filter to be tuned: tune: {LABEL: {KEY: log:1e-6..10}}"
-            raise UserError(experiment.source.problem(("tune",), what))
+            message = "names no filter to be tuned: tune: {LABEL: {KEY: log:1e-6..10}}"
+            raise UserError(experiment.source.problem(("tune",), message))

@@ -97,8 +97,8 @@ def within(folder: Path, name: str) -> Path:
     for part in Path(name).parts:
         path = path / part
         if path.is_symlink():
-            what = "is a link, and results stay inside their folder; remove the link"
-            raise WriteError.from_os_error(path, OSError(errno.ELOOP, what))
+            message = "is a link, and results stay inside their folder; remove the link"
+            raise WriteError.from_os_error(path, OSError(errno.ELOOP, message))
     return path
 
 

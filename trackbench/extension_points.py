@@ -111,7 +111,7 @@ def rebase(cls: type[Any], base: type[Part]) -> type[Part]:
         body |= {f.name: None for f in fields(cls) if not hasattr(cls, f.name)}
         cls = new_class(cls.__name__, (cls, base), {}, lambda namespace: namespace.update(body))
     if not cls.__module__.startswith("trackbench."):
-        lines = [f"{file}:{line}: {what}" for file, line, what in sorted(mistakes(cls, base))]
+        lines = [f"{file}:{line}: {message}" for file, line, message in sorted(mistakes(cls, base))]
         if lines:
             raise InvalidHookError(*lines)
     return cast(type[Part], cls)

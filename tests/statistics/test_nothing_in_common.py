@@ -28,7 +28,7 @@ NOTHING = np.full(STEPS, nan)
 
 def recorded(steps: np.ndarray) -> Sample:
     value = np.nanmean(steps) if np.isfinite(steps).any() else nan
-    return Sample.of(np.array([value]), "mean", steps)
+    return Sample.from_values(np.array([value]), "mean", steps)
 
 
 def halves() -> tuple[Sample, Sample]:

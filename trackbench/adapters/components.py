@@ -61,8 +61,8 @@ def component_mismatch(
     for name in state:
         if name not in scenario_state and name not in extra_std:
             scenario_names = ", ".join(scenario_state)
-            what = f"its {name} is not a component of this scenario ({scenario_names})"
-            return f"{what}; give its initial standard deviation in `extra_std`"
+            message = f"its {name} is not a component of this scenario ({scenario_names})"
+            return f"{message}; give its initial standard deviation in `extra_std`"
     return None
 
 

@@ -48,8 +48,10 @@ class FilterPy(PerRun):
         self._is_measured: Mask | None = None
         for part in (*_imm_filters(self._object), self._object):
             if np.size(part.x) != len(mean):
-                what = f"make(dt) gives a filter of {np.size(part.x)} components, not {len(mean)}"
-                raise WrongReturnError("make", f"{what}: name them in `state`")
+                message = (
+                    f"make(dt) gives a filter of {np.size(part.x)} components, not {len(mean)}"
+                )
+                raise WrongReturnError("make", f"{message}: name them in `state`")
             # In the object's own form: a column for some, a vector for others.
             part.x = mean.reshape(np.shape(part.x)).copy()
             part.P = cov.copy()
@@ -128,8 +130,8 @@ class FilterPy(PerRun):
         target, keywords = returned if isinstance(returned, tuple) else (returned, {})
         for name in ("x", "P", "predict", "update"):
             if not hasattr(target, name):
-                what = f"make(dt) gives a {type(target).__name__}, which has no {name}"
-                raise WrongReturnError("make", what)
+                message = f"make(dt) gives a {type(target).__name__}, which has no {name}"
+                raise WrongReturnError("make", message)
         return target, keywords
 
 

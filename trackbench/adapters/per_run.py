@@ -226,8 +226,8 @@ class LoopFilter(Filter[RunObjects]):
         """Return the objects' diagnostics."""
         rows = [run.diagnostics() for run in state.objects]
         if any(row.keys() != rows[0].keys() for row in rows):
-            what = "the names of the diagnostics differ between runs"
-            raise WrongReturnError("diagnostics", what)
+            message = "the names of the diagnostics differ between runs"
+            raise WrongReturnError("diagnostics", message)
         return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
@@ -287,10 +287,10 @@ def _checked_moments(returned: object, n: int, run_class: type) -> tuple[Array, 
     # The method that the class defines: the step of PerRun returns the value of `update`.
     method = "step" if "step" in vars(run_class) else "update"
     if not isinstance(returned, tuple | list) or len(returned) != 2:
-        what = (
+        message = (
             f"{run_class.__name__} gives a {type(returned).__name__}, not a mean and a covariance"
         )
-        raise WrongReturnError(method, what)
+        raise WrongReturnError(method, message)
     returned_mean, returned_cov = returned
     mean = _checked_array(method, "mean", returned_mean, (n,))
     cov = _checked_array(method, "covariance", returned_cov, (n, n))
@@ -308,8 +308,8 @@ def _checked_array(method: str, name: str, value: ArrayLike, shape: tuple[int, .
         value_shape = getattr(value, "shape", None)
         if value_shape is not None:
             description = f"an array {value_shape} of {getattr(value, 'dtype', '')}"
-        what = f"the {name} of a run is {description}, not {shape} real numbers"
-        raise WrongReturnError(method, what)
+        message = f"the {name} of a run is {description}, not {shape} real numbers"
+        raise WrongReturnError(method, message)
     return array
 
 
@@ -396,10 +396,10 @@ class PerRun:
         # Mistakes in the class that would surface late, in the middle of a run.
         for field in fields(cls):
             if field.name in _SET_BY_THE_LOOP or hasattr(PerRun, field.name):
-                what = (
+                message = (
                     f"a key cannot be called {field.name!r}: PerRun has an attribute of that name"
                 )
-                raise TypeError(what)
+                raise TypeError(message)
         if kind is not None:
             if cls.step is PerRun.step and cls.predict is PerRun.predict:
                 raise TypeError(f"{cls.__name__} has no step(z, dt), and no predict(dt)")

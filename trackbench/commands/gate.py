@@ -95,8 +95,8 @@ def limit_of(text: str) -> Limit:
     """Parse ``3sigma`` or ``3sigma,1%``; raises UserError."""
     match = _LIMIT.fullmatch(text.replace(" ", ""))
     if match is None:
-        what = "is no limit such as 3sigma, or 3sigma,1% (both must be exceeded)"
-        raise UserError(Problem(Mark(f"--worse {text}"), "", what))
+        message = "is no limit such as 3sigma, or 3sigma,1% (both must be exceeded)"
+        raise UserError(Problem(Mark(f"--worse {text}"), "", message))
     sigmas, percent = match.groups(default=_DEFAULT_PERCENT)  # only the percent may be missing
     return Limit(sigmas=float(sigmas), share=float(percent) / 100.0)
 

@@ -176,12 +176,12 @@ def jobs_of(
             continue
         if job.folder in [other.folder for other in jobs]:
             mark = job.experiment.source.mark(("name",))
-            what = f"another config of this command writes into {job.folder}/, too"
-            problems[Problem(mark, "name", what)] = None
+            message = f"another config of this command writes into {job.folder}/, too"
+            problems[Problem(mark, "name", message)] = None
         jobs.append(job)
     if not _may_write(cache_folder()) and _has_blocks_to_store(jobs, options):
-        what = "may not be written in; finished blocks are kept where TRACKBENCH_CACHE says"
-        problems[Problem(Mark(f"{cache_folder()}/"), "", what)] = None
+        message = "may not be written in; finished blocks are kept where TRACKBENCH_CACHE says"
+        problems[Problem(Mark(f"{cache_folder()}/"), "", message)] = None
     if problems:
         raise UserError(*problems)
     return jobs
@@ -527,24 +527,24 @@ def _check_out(folder: Path, data: Collection[str]) -> None:
     ``data`` names the data files that the run writes.
     """
     for path in (folder, *folder.parents):
-        what = ""
+        message = ""
         try:
             if not stat.S_ISDIR(path.stat().st_mode):
-                what = f"{path} is a file, not a folder"
+                message = f"{path} is a file, not a folder"
         except (FileNotFoundError, NotADirectoryError):
             if path.is_symlink():
-                what = f"{path} is a link to nothing"
+                message = f"{path} is a link to nothing"
         except OSError as error:
-            what = f"{path}: {reason(error)}"
-        if what:
-            raise UserError(Problem(Mark(f"--out {folder}"), "", what))
+            message = f"{path}: {reason(error)}"
+        if message:
+            raise UserError(Problem(Mark(f"--out {folder}"), "", message))
     foreign_file = _foreign_file(folder, data)
     if foreign_file is not None:
-        what = "no run wrote this file, and this run would replace it; choose another --out"
-        raise UserError(Problem(Mark(str(foreign_file)), "", what))
+        message = "no run wrote this file, and this run would replace it; choose another --out"
+        raise UserError(Problem(Mark(str(foreign_file)), "", message))
     if not _may_write(folder):
-        what = "may not be written in; another folder: --out DIR"
-        raise UserError(Problem(Mark(f"{folder}/"), "", what))
+        message = "may not be written in; another folder: --out DIR"
+        raise UserError(Problem(Mark(f"{folder}/"), "", message))
 
 
 def _stored_runs(folder: Path) -> int:

@@ -376,8 +376,10 @@ def run_shard(jobs: Sequence[Job], options: Options, open_engine: OpenEngine, wo
     shard, number_of_shards = _parse_shard(options.shard)
     for job in jobs:
         if job.experiment.tuned:
-            what = "the blocks of tuned filters follow from tuning; run this config without --shard"
-            raise UserError(job.experiment.source.problem(("tune",), what))
+            message = (
+                "the blocks of tuned filters follow from tuning; run this config without --shard"
+            )
+            raise UserError(job.experiment.source.problem(("tune",), message))
     plans = [job.plan.of_shard(shard, number_of_shards) for job in jobs]
     store = BlockStore(cache_folder())
     outcomes = execute(
@@ -395,6 +397,6 @@ def _parse_shard(text: str) -> tuple[int, int]:
     """Parse ``i/n``, the number of a shard and of all shards; raises UserError."""
     match = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text)
     if match is None or not 1 <= int(match[1]) <= int(match[2]):
-        what = f"{text!r} is no shard; allowed: 1/8 to 8/8 of eight shards"
-        raise UserError(Problem(Mark("--shard"), "", what))
+        message = f"{text!r} is no shard; allowed: 1/8 to 8/8 of eight shards"
+        raise UserError(Problem(Mark("--shard"), "", message))
     return int(match[1]), int(match[2])

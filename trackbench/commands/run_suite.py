@@ -94,8 +94,8 @@ def prepare_suite(file: Path, options: Options, problems: Sequence[str] = ()) ->
     """Read and validate a suite with the options' overrides; ``problems`` names those to run."""
     for name in _UNUSED:
         if getattr(options, name):
-            what = "`trackbench suite` has no such option; use `trackbench run`"
-            raise UserError(Problem(Mark(f"--{name}"), "", what))
+            message = "`trackbench suite` has no such option; use `trackbench run`"
+            raise UserError(Problem(Mark(f"--{name}"), "", message))
     return load_suite(
         file,
         overrides=[text for text in options.set if text != FIT],  # --quick sets it in each problem
@@ -207,10 +207,10 @@ def run_suite(
     folder = suite_folder(suite, options)
     if suite.too_long:
         names = ", ".join(suite.too_long)
-        what = "which takes long; --problem NAME runs it"
+        message = "which takes long; --problem NAME runs it"
         if len(suite.too_long) > 1:
-            what = "which take long; --problem NAME runs one of them"
-        say(f"note: --quick leaves out {names}, {what}", options)
+            message = "which take long; --problem NAME runs one of them"
+        say(f"note: --quick leaves out {names}, {message}", options)
     for line in _left_out_notes(suite):
         say(f"note: {line}", options)
     scores: dict[str, list[Score]] = {name: [] for name in suite.settings.groups}

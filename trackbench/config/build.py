@@ -164,13 +164,13 @@ def _build_component(group: Group, data: object, source: Source, keys: Keys) -> 
         values = {key: value for key, value in values.items() if key not in ENTRY_KEYS}
         also += ENTRY_KEYS
         if isinstance(values.get("start"), dict):
-            what = "the prior of one filter is `assume: {start: {kind: ...}}`"
-            source.add_key_problem((*keys, "start"), what)
+            message = "the prior of one filter is `assume: {start: {kind: ...}}`"
+            source.add_key_problem((*keys, "start"), message)
             return None
         for key in ("motion", "sensor"):
             if key in values and key not in hints_of(cls):
-                what = f"the {key} that one filter assumes is `assume: {{{key}: {{kind: ...}}}}`"
-                source.add_key_problem((*keys, key), what)
+                message = f"the {key} that one filter assumes is `assume: {{{key}: {{kind: ...}}}}`"
+                source.add_key_problem((*keys, key), message)
                 return None
     return build(cls, source, keys, values, also)
 
@@ -180,17 +180,17 @@ def _describe_missing_kind(group: Group, data: object, source: Source, keys: Key
 
     ``data`` is the value that the config has at ``keys`` in place of the component.
     """
-    what = "needs a kind" if isinstance(data, dict) else "is not a mapping with a kind"
+    message = "needs a kind" if isinstance(data, dict) else "is not a mapping with a kind"
     example = min(kinds(group), key=len)
-    what += f", as {{kind: {example}}}; see `trackbench list {group}`"
+    message += f", as {{kind: {example}}}; see `trackbench list {group}`"
     # A filter's own model, at ("filters", LABEL, "assume", ...), replaces that of the scenario; nothing
     # is inherited.
     scenario_model = ("scenario", "assume", *keys[3:])
     is_filter_model = keys[2:3] == ("assume",)
     if is_filter_model and source.has((*scenario_model, "kind")):
         model = shown(source.value_at(scenario_model))
-        what += f"; a filter's own model has all of its keys, those of the scenario are {model}"
-    return what
+        message += f"; a filter's own model has all of its keys, those of the scenario are {model}"
+    return message
 
 
 def _find_class(group: Group, kind: object, source: Source, keys: Keys) -> type[Part] | None:
@@ -200,13 +200,15 @@ def _find_class(group: Group, kind: object, source: Source, keys: Keys) -> type[
     """
     cls = None
     if kind is None:
-        what = f"has no value; {unknown('', list(kinds(group)))}"
+        message = f"has no value; {unknown('', list(kinds(group)))}"
     else:
         if isinstance(kind, str):
             cls = of_kind(group, kind)
-        what = f"{kind!r} is not a kind of {group[:-1]}; {unknown(str(kind), list(kinds(group)))}"
+        message = (
+            f"{kind!r} is not a kind of {group[:-1]}; {unknown(str(kind), list(kinds(group)))}"
+        )
     if cls is None:
-        source.add_problem((*keys, "kind"), what)
+        source.add_problem((*keys, "kind"), message)
     return cls
 
 
@@ -351,6 +353,6 @@ def _with_preset(
         return values
     # A preset is a mistake if all keys that any preset sets are given beside it.
     if any(presets.values()) and all(deep_merge(p, values) == values for p in presets.values()):
-        what = f"no preset of {cls.kind} changes anything: all that they set is given"
-        source.add_problem(where, what)
+        message = f"no preset of {cls.kind} changes anything: all that they set is given"
+        source.add_problem(where, message)
     return deep_merge(presets[name], values)

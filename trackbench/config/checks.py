@@ -112,18 +112,18 @@ def check_fit(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenario
             continue
         meets_all = False
         if requirement.startswith("sensor.") and isinstance(sensor, ScaledNoise):
-            what = f"`{tracker.kind}` cannot know a fault that multiplies noise"
-            what += "; leave out `assume: {faults: known}`, or take ekf or ukf"
+            message = f"`{tracker.kind}` cannot know a fault that multiplies noise"
+            message += "; leave out `assume: {faults: known}`, or take ekf or ukf"
         else:
             needed = _REQUIREMENTS.get(requirement, requirement)
-            what = f"`{tracker.kind}` works only with {needed}; {_remedy(scenario, requirement)}"
-        source.problems.append(Problem(kind_mark, dotted(keys), what))
+            message = f"`{tracker.kind}` works only with {needed}; {_remedy(scenario, requirement)}"
+        source.problems.append(Problem(kind_mark, dotted(keys), message))
     # Step 2: measurements without mean and covariance.
     why = sensor.why_no_moments() if has_own_density(sensor) else ""
     if why and not tracker.density_only:
-        what = f"`{tracker.kind}` uses mean and covariance of a measurement: {why}"
-        what += "; take a particle filter (pf, rpf, apf) or `grid`"
-        source.problems.append(Problem(kind_mark, dotted(keys), what))
+        message = f"`{tracker.kind}` uses mean and covariance of a measurement: {why}"
+        message += "; take a particle filter (pf, rpf, apf) or `grid`"
+        source.problems.append(Problem(kind_mark, dotted(keys), message))
     # Step 3: the filter's own checks, which may use what it requires of the scenario.
     if meets_all:
         _add_conflicts(source, keys, filter_conflicts(tracker, scenario))
@@ -219,10 +219,10 @@ def check_bound(source: Source, scenario: Scenario) -> None:
         return
     why = scenario.why_no_bound
     if why is not None:
-        what = f"scenario {scenario.kind} has no lower bounds"
+        message = f"scenario {scenario.kind} has no lower bounds"
         if why:
-            what += f": {why}"
-        source.add_problem(("bound",), what)
+            message += f": {why}"
+        source.add_problem(("bound",), message)
 
 
 def check_exact(source: Source, settings: Settings, point: Point) -> None:
@@ -250,17 +250,17 @@ def check_exact(source: Source, settings: Settings, point: Point) -> None:
 
 def _add_conflicts(source: Source, keys: Keys, conflicts: dict[str, str]) -> None:
     """Add the problems that a component reports by key; an empty key means the component."""
-    for key, what in conflicts.items():
+    for key, message in conflicts.items():
         place = (*keys, *key.split(".")) if key else keys
-        source.add_problem(place, what)
+        source.add_problem(place, message)
 
 
 def check_idle_settings(source: Source, settings: Settings, points: list[Point]) -> None:
     """Reject settings that have no effect, mostly as they need another key that is not set."""
     steps = max((len(point.scenario.steps) - 1 for point in points), default=0)
     if points and settings.hold_out is not None and settings.hold_out > steps:
-        what = f"holds out none of {steps} measurements: give a number from 2 to {max(steps, 2)}"
-        source.add_problem(("hold_out",), what)
+        message = f"holds out none of {steps} measurements: give a number from 2 to {max(steps, 2)}"
+        source.add_problem(("hold_out",), message)
     if settings.min_runs != Settings.min_runs and "until" not in source.data:
         source.add_key_problem(("min_runs",), "has no effect without `until`; leave it out")
     if settings.tuning != Settings.tuning and "tune" not in source.data:
@@ -268,8 +268,8 @@ def check_idle_settings(source: Source, settings: Settings, points: list[Point])
     has_program = any(_runs_program(entry) for entry in settings.filters.values())
     for key in ("files", "environment"):
         if getattr(settings, key) and not (settings.plugins or has_program):
-            what = "is what plugins and programs read, and there are no `plugins`; leave it out"
-            source.add_key_problem((key,), what)
+            message = "is what plugins and programs read, and there are no `plugins`; leave it out"
+            source.add_key_problem((key,), message)
 
 
 def _runs_program(entry: object) -> bool:
@@ -328,13 +328,13 @@ def check_named_filters(
                 named_labels.append((where, leaf.other))
                 has_exact_value = leaf.other in settings.exact and is_exact(leaf)
                 if leaf.relation == "controlled" and not has_exact_value:
-                    what = f"'{leaf}' needs a filter of `exact` and a mean of squares"
-                    source.add_problem(where, f"{what}, such as rms(rmse) or anees")
+                    message = f"'{leaf}' needs a filter of `exact` and a mean of squares"
+                    source.add_problem(where, f"{message}, such as rms(rmse) or anees")
         # Step 3: the filter whose tuning is shown.
         shown_filter = getattr(part, "filter", first_tuned)
         if part.kind == "tuning" and shown_filter not in settings.tune:
-            what = f"{shown_filter!r} is not tuned" if shown_filter else "no filter is tuned"
-            source.add_problem((group, name), f"{what}; name its keys under `tune`")
+            message = f"{shown_filter!r} is not tuned" if shown_filter else "no filter is tuned"
+            source.add_problem((group, name), f"{message}; name its keys under `tune`")
         for where, label in named_labels:
             if label not in known_labels:
                 add_label_problem(source, settings, where, label)
@@ -396,8 +396,8 @@ def check_figures(
             most = limits[key]
             if number > most:
                 verb = "are" if most > 1 else "is"
-                what = f"{number} is more than the {most} there {verb}"
-                source.add_problem(("figures", name, key), what)
+                message = f"{number} is more than the {most} there {verb}"
+                source.add_problem(("figures", name, key), message)
 
 
 def with_recorded_runs(source: Source, settings: Settings, points: list[Point]) -> Settings:
@@ -413,8 +413,8 @@ def with_recorded_runs(source: Source, settings: Settings, points: list[Point]) 
     if "runs" in source.data and settings.runs <= recorded_runs:
         runs = settings.runs
     elif "runs" in source.data and source.mark(("runs",)).file != QUICK:  # that of --quick is cut
-        what = f"{settings.runs} is more than the {recorded_runs} recorded runs"
-        source.add_problem(("runs",), what)
+        message = f"{settings.runs} is more than the {recorded_runs} recorded runs"
+        source.add_problem(("runs",), message)
     block = settings.block
     if block is None and not settings.until:
         # There will never be more runs, and a wider block would filter runs that do not exist.

@@ -27,8 +27,8 @@ def read_assumed(source: Source, label: str) -> Assume | None:
         is_mapping = isinstance(entry["assume"], dict)
         is_true_model = is_mapping and set(entry["assume"]) <= _KEYS_WITH_TRUE_MODEL
         if label == source.data.get("reference") and not is_true_model:
-            what = "the reference filter uses the true model; leave this key out"
-            source.add_key_problem(keys, what)
+            message = "the reference filter uses the true model; leave this key out"
+            source.add_key_problem(keys, message)
         if not is_mapping:
             source.add_problem(keys, "is not a mapping")
             return None
@@ -59,15 +59,15 @@ def check_late(source: Source, keys: Keys, tracker: AnyFilter, scenario: Scenari
     try:
         late = scenario.late
     except InvalidKeyError as error:
-        what = str(error)
+        message = str(error)
         is_added = not source.mark(keys).line
         if is_added:  # the entry of a filter of --filter stands in no file
-            what += f"; write --set {dotted(keys)}.late=drop"
-        source.add_problem(keys, what)
+            message += f"; write --set {dotted(keys)}.late=drop"
+        source.add_problem(keys, message)
         return
     if late is not None and late.kind == "refilter" and tracker.smooths:
-        what = "a smoother goes back through all states at the end; take `drop` or `apply`"
-        source.add_problem((*keys, "late"), f"{what}, or a filter without `smooth`")
+        message = "a smoother goes back through all states at the end; take `drop` or `apply`"
+        source.add_problem((*keys, "late"), f"{message}, or a filter without `smooth`")
 
 
 def check_idle_late(source: Source, points: list[Point]) -> None:
@@ -83,5 +83,5 @@ def check_idle_late(source: Source, points: list[Point]) -> None:
     # Step 2: keys that are set there.
     for keys in places:
         if source.has(keys) and source.value_at(keys) is not None:
-            what = "has no effect: all measurements arrive on time; add a `delay` to a sensor"
-            source.add_key_problem(keys, what)
+            message = "has no effect: all measurements arrive on time; add a `delay` to a sensor"
+            source.add_key_problem(keys, message)

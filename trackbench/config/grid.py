@@ -211,8 +211,8 @@ def _has_overlaps(source: Source, grid: dict[str, list[object]]) -> bool:
                 # The keys agree as far as both go: the longer path leads into the shorter one's value.
                 if all(a == b for a, b in zip(keys, earlier_keys, strict=False)):
                     inner_keys = max(keys, earlier_keys, key=len)
-                    what = f"{dotted(inner_keys)} is varied by {axis!r}, too"
-                    source.add_key_problem(("grid", path), what)
+                    message = f"{dotted(inner_keys)} is varied by {axis!r}, too"
+                    source.add_key_problem(("grid", path), message)
                     has_overlaps = True
             axis_by_keys[keys] = path
     return has_overlaps
@@ -239,8 +239,8 @@ def axis_values(text: str, mark: Mark) -> Sequence[object]:
     match = _RANGE.fullmatch(text)
     if match is None:
         if ".." in text:
-            what = f"{text!r}: a range is a..b:n or log:a..b:n"
-            raise UserError(Problem(mark, "", what))
+            message = f"{text!r}: a range is a..b:n or log:a..b:n"
+            raise UserError(Problem(mark, "", message))
         return [scalar(part.strip()) for part in text.split(",")]
     # a..b:n, or log:a..b:n
     log, first, last, number = match.groups()

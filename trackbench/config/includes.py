@@ -133,8 +133,8 @@ def check_single_value(texts_by_keys: dict[Keys, str], keys: Keys, text: str, ma
     """Raise UserError if the path of an assignment has another value already; record its text."""
     other = texts_by_keys.setdefault(keys, text)
     if other != text:
-        what = f"has another value in --set {other}: leave one of them out"
-        raise UserError(Problem(mark, dotted(keys), what))
+        message = f"has another value in --set {other}: leave one of them out"
+        raise UserError(Problem(mark, dotted(keys), message))
 
 
 def split_assignment(source: Source, text: str, option: str) -> tuple[Keys, str, Mark]:
@@ -204,8 +204,8 @@ def _inline(source: Source, keys: Keys, folder: Path, depth: int) -> None:
         name = changes.pop("use")
         changes.marks.pop("use", None)
     if not isinstance(name, str):
-        what = "is neither a mapping nor a path; write {kind: ...} or the path of a YAML file"
-        raise UserError(Problem(mark, dotted(keys), what))
+        message = "is neither a mapping nor a path; write {kind: ...} or the path of a YAML file"
+        raise UserError(Problem(mark, dotted(keys), message))
     if depth > _MOST_NESTED_FILES:
         raise UserError(Problem(mark, dotted(keys), "use: files that use each other in a circle"))
     # Step 2: read the file, and lay the keys over its mapping.
@@ -213,16 +213,16 @@ def _inline(source: Source, keys: Keys, folder: Path, depth: int) -> None:
     try:
         require_regular_file(path)
     except OSError as error:
-        what = f"cannot read {path}: {reason(error)}"
+        message = f"cannot read {path}: {reason(error)}"
         group = _GROUPS.get(str(keys[0]))
         is_word = isinstance(parent[keys[-1]], str) and not name.endswith((".yaml", ".yml"))
         if group is not None and is_word and depth == 0:
             if of_kind(group, name) is not None:
-                what = f"{name!r} is a kind, and not the path of a file; write {{kind: {name}}}"
+                message = f"{name!r} is a kind, and not the path of a file; write {{kind: {name}}}"
             else:
                 hint = unknown(name, list(kinds(group)))
-                what += f"; a component is written {{kind: ...}}, {hint}"
-        raise UserError(Problem(mark, dotted(keys), what)) from None
+                message += f"; a component is written {{kind: ...}}, {hint}"
+        raise UserError(Problem(mark, dotted(keys), message)) from None
     file_source = read(path)
     if not isinstance(file_source.data, dict):
         raise UserError(Problem(file_source.start, dotted(keys), "is not a mapping with a kind"))

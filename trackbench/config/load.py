@@ -217,9 +217,9 @@ def _set_runs(source: Source, runs: int | None, seed: int | None, quick: bool) -
 def _set_only(source: Source, labels: Sequence[str]) -> None:
     """Override the labels of the filters to run; each keeps its own option as its position."""
     for label in labels:
-        what = unprintable_reason(label)
-        if what:
-            raise UserError(Problem(Mark(f"--only {label}"), "", what))
+        message = unprintable_reason(label)
+        if message:
+            raise UserError(Problem(Mark(f"--only {label}"), "", message))
     if labels:
         override(source, ("only",), list(labels), Mark(f"--only {labels[0]}"))
     for i, label in enumerate(labels):
@@ -236,13 +236,13 @@ def _validate_with_plugin_errors(
     except UserError:
         raise
     except Exception as error:
-        what = foreign_line(error)
-        if not what:
+        message = foreign_line(error)
+        if not message:
             # Without a line of a plugin only a RunError, which has its own message, is a mistake.
             if not isinstance(error, RunError):
                 raise
-            what = str(error)
-        raise UserError(Problem(Mark(source.mark(()).file), "", what)) from None
+            message = str(error)
+        raise UserError(Problem(Mark(source.mark(()).file), "", message)) from None
 
 
 def _validate(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) -> Experiment:

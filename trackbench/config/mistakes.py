@@ -194,19 +194,19 @@ def _problems_of(
     if error_type in ("unexpected_keyword_argument", "extra_forbidden"):
         keys_of_owner = where[len(keys) : -1]  # below the mapping that was read as ``cls``
         owner = _find_dataclass(cls, keys_of_owner, location)
-        what = _describe_unknown_key(str(location[-1]), owner, also if owner is cls else ())
-        return [Problem(source.key_mark(where), dotted(where), what)]
+        message = _describe_unknown_key(str(location[-1]), owner, also if owner is cls else ())
+        return [Problem(source.key_mark(where), dotted(where), message)]
     if error_type == "missing" and isinstance(location[-1], int):
-        what = (
+        message = (
             f"{shown(details['input'])} has too few values; at least {location[-1] + 1} are needed"
         )
-        return [source.problem(where, what)]
+        return [source.problem(where, message)]
     if error_type in ("missing", "missing_argument", "missing_keyword_only_argument"):
         path = dotted((*where, location[-1]))
         return [Problem(source.key_mark(where), path, "this key is required")]
     # Step 3: any other mistake is one in the value.
-    what = _describe_value(error_type, context, details["input"], details["msg"])
-    return [source.problem(where, what)]
+    message = _describe_value(error_type, context, details["input"], details["msg"])
+    return [source.problem(where, message)]
 
 
 def _describe_unknown_key(key: str, owner: type[Any] | None, also: Sequence[str]) -> str:

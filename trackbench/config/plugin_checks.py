@@ -60,7 +60,7 @@ def _add_plugin(source: Source, file: Path, mark: Mark) -> list[str]:
     try:
         plugin = load_file(file)
     except PluginError as error:
-        raise UserError(*(Problem(mark, "", what) for what in error.args)) from None
+        raise UserError(*(Problem(mark, "", message) for message in error.args)) from None
     filter_kinds = [kind for group, kind, _ in registered(plugin.module) if group == "filters"]
     if not filter_kinds:
         raise UserError(Problem(mark, "", f"registers no filter; {advice}"))
@@ -84,10 +84,10 @@ def is_program(path: Path) -> bool:
 def _add_filter(source: Source, label: str, entry: dict[str, object], mark: Mark) -> None:
     """Add a filter's entry to the config; raises UserError if the label is taken."""
     if label in source.data["filters"]:
-        what = (
+        message = (
             f"{label!r} is already the label of a filter; give this one another kind or file name"
         )
-        raise UserError(Problem(mark, "", what))
+        raise UserError(Problem(mark, "", message))
     override(source, ("filters", label), entry, mark)
 
 
@@ -143,7 +143,7 @@ def load_plugins(
                 raise PluginError(f"the code in {name} is run only with --allow-plugins")
             read[i] = _read_file(folder / name, files, environment)
         except PluginError as error:
-            problems += [source.problem(("plugins", i), what) for what in error.args]
+            problems += [source.problem(("plugins", i), message) for message in error.args]
     forget_outdated(list(read.values()), as_now=True)
     # Step 3: run their code.
     plugins = []
@@ -151,7 +151,7 @@ def load_plugins(
         try:
             plugins.append(load_plugin(plugin, check_kind))
         except PluginError as error:
-            problems += [source.problem(("plugins", i), what) for what in error.args]
+            problems += [source.problem(("plugins", i), message) for message in error.args]
     if problems:
         raise UserError(*problems)
     _reject_repeated_kinds(plugins, source)
@@ -182,8 +182,8 @@ def _digest_declared_files(
             if may_run:
                 digests.append((str(file.absolute()), digest_of_all(file)))
         except FileNotFoundError:
-            what = "no such file or folder; write its path from the config's folder"
-            problems.append(source.problem(("files", i), f"{file}: {what}"))
+            message = "no such file or folder; write its path from the config's folder"
+            problems.append(source.problem(("files", i), f"{file}: {message}"))
         except OSError as error:
             problems.append(source.problem(("files", i), f"{file}: {reason(error)}"))
         except PluginError as error:
@@ -198,8 +198,8 @@ def _reject_repeated_kinds(plugins: list[Plugin], source: Source) -> None:
         for group, kind, _ in registered(plugin.module):
             owner = owners.setdefault((group, kind), plugin)
             if owner is not plugin and owner.module != plugin.module:
-                what = f"{plugin.path}: the kind {kind!r} is registered by {owner.path}, too"
-                raise UserError(source.problem(("plugins", i), what))
+                message = f"{plugin.path}: the kind {kind!r} is registered by {owner.path}, too"
+                raise UserError(source.problem(("plugins", i), message))
 
 
 def load_file(path: Path) -> Plugin:
@@ -325,5 +325,5 @@ def _check_shown(exhibit: DrawnExhibit) -> None:
     if not isinstance(runs, int):
         raise WrongReturnError("shown_runs", f"shown_runs is {runs!r}, no whole number")
     if components is not None and not isinstance(components, tuple):
-        what = f"shown_components is {components!r}, neither a tuple of numbers nor None"
-        raise WrongReturnError("shown_components", what)
+        message = f"shown_components is {components!r}, neither a tuple of numbers nor None"
+        raise WrongReturnError("shown_components", message)

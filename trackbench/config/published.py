@@ -222,8 +222,8 @@ def read_published(
             text = text_of(folder / path)
         except OSError as error:
             where = mark or Mark(str(folder / "config.yaml"))
-            what = f"cannot read {folder / path}: {reason(error)}"
-            problems.append(Problem(where, "published", what))
+            message = f"cannot read {folder / path}: {reason(error)}"
+            problems.append(Problem(where, "published", message))
             continue
         name = Path(path).name
         if name in published.files:
@@ -241,8 +241,8 @@ def read_published(
     has_rows = published.numbers or published.claims or has_rows_of_related
     if paths and labels is not None and not problems and not has_rows:
         names = ", ".join(sorted(known.first_rows)) or "none"
-        what = f"no row is for experiment {experiment!r}; the rows are for {names}"
-        problems.append(Problem(mark or Mark("config"), "published", what))
+        message = f"no row is for experiment {experiment!r}; the rows are for {names}"
+        problems.append(Problem(mark or Mark("config"), "published", message))
     if problems:
         raise UserError(*problems)
     return published
@@ -276,8 +276,8 @@ def _misspelt_experiments(known: _Known, folders: list[Path]) -> Iterator[Proble
     for name in sorted(other_names - known_names):
         for match in get_close_matches(name, sorted(known_names), 1, 0.75):
             if _NUMBERS.sub("", name) != _NUMBERS.sub("", match):
-                what = f"there is no experiment {name!r}; did you mean {match}?"
-                yield replace(known.first_rows[name], what=what)
+                message = f"there is no experiment {name!r}; did you mean {match}?"
+                yield replace(known.first_rows[name], what=message)
 
 
 def _experiment_names(folder: Path) -> Iterator[str]:
@@ -309,8 +309,8 @@ def _add_rows(published: Published, known: _Known, file_name: str, text: str) ->
     problems = []
     for key in dict.fromkeys(header):
         if header.count(key) > 1:
-            what = "there are two columns of this name"
-            problems.append(Problem(Mark(file_name, header_line, 1), key, what))
+            message = "there are two columns of this name"
+            problems.append(Problem(Mark(file_name, header_line, 1), key, message))
     # Step 2: build each row, note the first row on another experiment, check it against this one.
     cls: type[Claim | PublishedNumber] = Claim if "claim" in header else PublishedNumber
     for line, cells in lines[1:]:
@@ -365,11 +365,11 @@ def _read_row(file_name: str, line: int, cls: type, header: list[str], cells: li
             if key == "value" and isinstance(value, float):
                 row.setdefault("digits", decimals(cell))
             # Step 2: characters that a cell must not have.
-            what = None if is_printable else unprintable_reason(cell)
-            if not what and is_text and cell[:1] in FORMULA:
-                what = formula(cell)
-            if what is not None:
-                source.add_problem((key,), what)
+            message = None if is_printable else unprintable_reason(cell)
+            if not message and is_text and cell[:1] in FORMULA:
+                message = formula(cell)
+            if message is not None:
+                source.add_problem((key,), message)
         # The next cell's column: quotes around a cell, and doubled ones in it, take their place.
         quotes = 0
         if _QUOTED.search(written):
@@ -395,8 +395,8 @@ def _check_labels(row: PublishedNumber | Claim, source: Source, labels: list[str
     for key, column_labels in named_labels.items():
         for label in column_labels:
             if label not in labels:
-                what = f"{label!r} is not a filter here; {unknown(label, labels)}"
-                source.add_problem((key,), what)
+                message = f"{label!r} is not a filter here; {unknown(label, labels)}"
+                source.add_problem((key,), message)
 
 
 def _check_steps(row: PublishedNumber | Claim, source: Source) -> None:
@@ -411,8 +411,8 @@ def _check_steps(row: PublishedNumber | Claim, source: Source) -> None:
         return
     right = row.right_expression
     if right and right.is_many and not (left and left.steps == right.steps):
-        what = f"{str(right)!r} is not at the steps of {str(left)!r}"
-        source.add_problem(("right_expression",), what)
+        message = f"{str(right)!r} is not at the steps of {str(left)!r}"
+        source.add_problem(("right_expression",), message)
 
 
 def _check_point(
@@ -435,13 +435,13 @@ def _check_repeated(row: PublishedNumber, source: Source, earlier: list[Publishe
             continue
         repeated = "an earlier row has this paper, table, row, filter, metric and point, too"
         if other.value != row.value:
-            what = f"is {row.value} here and {other.value} there: {repeated}"
-            source.add_problem(("value",), what)
+            message = f"is {row.value} here and {other.value} there: {repeated}"
+            source.add_problem(("value",), message)
             return
         have_readings = row.reading and other.reading
         if not have_readings or row.reading == other.reading:
-            what = f"{repeated}: give each a `reading` of its own, or leave one out"
-            source.add_problem(("reading",), what)
+            message = f"{repeated}: give each a `reading` of its own, or leave one out"
+            source.add_problem(("reading",), message)
             return
 
 
@@ -454,9 +454,11 @@ def _check_claim(row: Claim, source: Source) -> None:
     if row.expressions and not row.rights and "factor" not in source.data:
         source.add_problem(("factor",), "is empty, as right is: there is nothing to compare with")
     if row.rights and row.factor <= 0.0:
-        what = f"{row.factor:g} times the right side means nothing; a factor of `right` is above 0"
-        source.add_problem(("factor",), what)
+        message = (
+            f"{row.factor:g} times the right side means nothing; a factor of `right` is above 0"
+        )
+        source.add_problem(("factor",), message)
     elif row.expressions and row.relation == "~" and not (row.factor and row.tolerance):
         key = "factor" if row.factor == 0.0 else "tolerance"
-        what = "is 0, and `~` allows `tolerance` times it: nothing measured can be equal"
-        source.add_problem((key,), what)
+        message = "is 0, and `~` allows `tolerance` times it: nothing measured can be equal"
+        source.add_problem((key,), message)

@@ -39,8 +39,10 @@ def put_tables(source: Source, tables: Mapping[str, object]) -> None:
         mark = Mark(f"{key}=")
         if not isinstance(target, dict) or target.get("kind") != "measured":
             kind = target.get("kind") if isinstance(target, dict) else target
-            what = f"a target with {key} from Python is {{kind: measured}}, and this one is {kind}"
-            raise UserError(Problem(mark, ".".join(_TARGET), what))
+            message = (
+                f"a target with {key} from Python is {{kind: measured}}, and this one is {kind}"
+            )
+            raise UserError(Problem(mark, ".".join(_TARGET), message))
         # Step 1: write a file for each table.
         is_several = isinstance(value, list | tuple)
         tables_of_key = value if isinstance(value, list | tuple) else [value]
@@ -103,16 +105,16 @@ def _build_frame(value: object, components: Sequence[str], mark: Mark) -> "pd.Da
         except (ValueError, TypeError) as error:
             raise UserError(Problem(mark, "", str(error).lower())) from None
     if not isinstance(value, np.ndarray):
-        what = f"is of the type {type(value).__name__}; allowed: {_KINDS}"
-        raise UserError(Problem(mark, "", what))
+        message = f"is of the type {type(value).__name__}; allowed: {_KINDS}"
+        raise UserError(Problem(mark, "", message))
     if value.dtype.kind not in "fiu":
-        what = f"is an array of {value.dtype}; allowed: whole numbers and floats"
-        raise UserError(Problem(mark, "", what))
+        message = f"is an array of {value.dtype}; allowed: whole numbers and floats"
+        raise UserError(Problem(mark, "", message))
     n = len(components)
     if value.ndim not in (2, 3) or (n and value.shape[-1] != n):
         form = f"(steps, {n or 'n'}) or (runs, steps, {n or 'n'})"
-        what = f"has the shape {value.shape}; allowed: {form}, of {', '.join(components)}"
-        raise UserError(Problem(mark, "", what))
+        message = f"has the shape {value.shape}; allowed: {form}, of {', '.join(components)}"
+        raise UserError(Problem(mark, "", message))
     # Rows (runs * steps, n), each with the numbers of its run and step.
     values = np.ma.filled(value.astype(float), np.nan)
     if values.ndim == 2:

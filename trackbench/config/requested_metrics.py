@@ -123,14 +123,16 @@ def check_metrics(
     truth = RequestedTruth([point.scenario for point in points])
     requests_truth = shows_default_errors(settings, points)
     for request in requests:
-        what = _why_unknown(request, names, settings) or _why_not_stored(request, names, settings)
-        if what is None and truth.why_missing:
+        message = _why_unknown(request, names, settings) or _why_not_stored(
+            request, names, settings
+        )
+        if message is None and truth.why_missing:
             # This is one mistake of the experiment, and no mistake of each metric.
             requests_truth = requests_truth or needs_truth(request.measure)
-        elif what is None and request.named:
-            what = truth.why_unmeasured(request.measure)
-        if what is not None:
-            source.add_problem(request.keys, what)
+        elif message is None and request.named:
+            message = truth.why_unmeasured(request.measure)
+        if message is not None:
+            source.add_problem(request.keys, message)
     if truth.why_missing and requests_truth:
         truth.add_problem(source)
 
@@ -143,8 +145,11 @@ def check_trained_metrics(source: Source, settings: Settings, training: Point | 
     if trained_scenario.has_truth and not is_measured_in(trained_scenario):
         for request in _requests_of_tuning(settings):
             if needs_truth(request.measure):
-                what = "no step of the training has a truth; tune by log_score, or train on other steps"
-                source.add_problem(request.keys, what)
+                message = (
+                    "no step of the training has a truth; "
+                    "tune by log_score, or train on other steps"
+                )
+                source.add_problem(request.keys, message)
     if settings.tuning.scenario is None:
         return
     names = names_of(settings, [training], {}, with_diagnostics=True)
@@ -247,8 +252,8 @@ def _why_unknown(request: MetricRequest, names: Names, settings: Settings) -> st
     is_of_prediction = quantity.startswith(("predicted_", "held_"))
     is_of_error = metric.series in ("damage", *_ERROR_SERIES) and not is_of_prediction
     if measure.relation in ("gain", "ratio") and metric.is_score:
-        what = "a log score is a logarithm, and ratios of it mean nothing; take minus(...)"
-        return f"'{measure}': {what}"
+        message = "a log score is a logarithm, and ratios of it mean nothing; take minus(...)"
+        return f"'{measure}': {message}"
     lacks_truth = not names.has_truth and (is_of_error or needs_truth(measure))
     if word not in known and lacks_truth:
         # Of many similar metrics, only a few are suggested: autocorrelation_1, and not those at 2 to 10.

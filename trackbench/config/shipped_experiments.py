@@ -145,8 +145,8 @@ def located(config: Path, note: Callable[[str], None]) -> Path:
         if shipped_file is not None and word == config.stem:
             note(f"note: using the file {word}; the shipped experiment is {shipped_file}")
         if shipped_file is not None and config.suffix == ".yaml" and not config.exists():
-            what = f"no such file or directory; the shipped experiment is {shipped_file}"
-            raise UserError(Problem(Mark(word), "", what))
+            message = f"no such file or directory; the shipped experiment is {shipped_file}"
+            raise UserError(Problem(Mark(word), "", message))
         return config
     if config.exists():
         note(f"note: using the shipped experiment {word}; the folder of this name is ignored")
@@ -165,16 +165,16 @@ def find_shipped(name: str) -> Path:
         if Path(f"{name}{ending}").is_file():
             hint = f"did you mean {name}{ending}?"
     for suite, problem in _problems_of_suites(name):
-        what = (
+        message = (
             f"is a problem of the suite {suite}: `trackbench suite {suite} --problem {name}` "
             "runs it, and with --dry-run shows its state and measurement"
         )
         experiment = problem.get("use") or name
         if experiment in file_by_name:
-            what += f"; `trackbench show {experiment}` prints the experiment with its scenario"
-        raise UserError(Problem(Mark(name), "", what))
-    what = f"is neither a file nor a shipped experiment; {hint}"
-    raise UserError(Problem(Mark(name), "", what))
+            message += f"; `trackbench show {experiment}` prints the experiment with its scenario"
+        raise UserError(Problem(Mark(name), "", message))
+    message = f"is neither a file nor a shipped experiment; {hint}"
+    raise UserError(Problem(Mark(name), "", message))
 
 
 def _problems_of_suites(name: str) -> Iterator[tuple[str, dict[str, object]]]:
@@ -215,8 +215,8 @@ def copy_experiment(name: str, target: Path) -> Copied:
     problems = []
     for path in sorted(existing):
         if not path.is_file() or path.read_bytes() != content[path]:
-            what = "exists with another content; copy to another folder, or remove this file"
-            problems.append(Problem(Mark(f"copy {name}"), str(path), what))
+            message = "exists with another content; copy to another folder, or remove this file"
+            problems.append(Problem(Mark(f"copy {name}"), str(path), message))
     if problems:
         raise UserError(*problems)
     # Step 2: write the others.
@@ -241,8 +241,8 @@ def suite_file(suite: Path) -> Path:
         return folder() / _SUITES / f"{word}.yaml"
     from trackbench.config.mistakes import unknown
 
-    what = f"is neither a file nor a shipped suite; {unknown(word, suite_names())}"
-    raise UserError(Problem(Mark(word), "", what))
+    message = f"is neither a file nor a shipped suite; {unknown(word, suite_names())}"
+    raise UserError(Problem(Mark(word), "", message))
 
 
 class SuiteTime(NamedTuple):

@@ -269,8 +269,8 @@ def _unknown_words(
     problems = []
     for word in words:
         if word not in known:
-            what = f"is no {noun} of this suite; {unknown(word, list(dict.fromkeys(known)))}"
-            problems.append(Problem(Mark(f"{option} {word}"), "", what))
+            message = f"is no {noun} of this suite; {unknown(word, list(dict.fromkeys(known)))}"
+            problems.append(Problem(Mark(f"{option} {word}"), "", message))
     return problems
 
 
@@ -298,8 +298,10 @@ def _check_scores(source: Source, settings: SuiteSettings) -> None:
                 continue
             is_whole = not (score.window or score.steps or score.relation)
             if score.statistic not in ("mean", "rms") or not is_whole:
-                what = "write mean(METRIC) or rms(METRIC) over the whole run, as rms(rmse_position)"
-                source.add_problem(keys, f"filters are not ranked by {problem.score}: {what}")
+                message = (
+                    "write mean(METRIC) or rms(METRIC) over the whole run, as rms(rmse_position)"
+                )
+                source.add_problem(keys, f"filters are not ranked by {problem.score}: {message}")
     source.check()
 
 
@@ -353,11 +355,11 @@ class _Assembler:
             check_single_value(texts_by_keys, filter_keys, text, mark_of_option)
             label = filter_keys[1]  # of filters.LABEL.KEY
             if label not in added:
-                what = (
+                message = (
                     f"no filter of --filter is called {label!r}; the rosters are "
                     "`groups.GROUP.filters`"
                 )
-                raise UserError(Problem(mark_of_option, dotted(filter_keys), what))
+                raise UserError(Problem(mark_of_option, dotted(filter_keys), message))
             override(source, filter_keys, value, mark_of_option)
         config = Assembled(source=source, allowed=self.filter_files)
         return _AssembledProblem(
@@ -372,9 +374,11 @@ class _Assembler:
         try:
             return located(Path(word), lambda line: None)  # nothing is printed
         except UserError as error:
-            what = "; ".join(p.what if isinstance(p, Problem) else str(p) for p in error.problems)
+            message = "; ".join(
+                p.what if isinstance(p, Problem) else str(p) for p in error.problems
+            )
             mark = self.suite.mark(keys)
-            raise UserError(Problem(mark, dotted(keys), f"{word!r} {what}")) from None
+            raise UserError(Problem(mark, dotted(keys), f"{word!r} {message}")) from None
 
     def _scenario_and_runs(
         self, experiment: Source, file: Path, problem: SuiteProblem, name: str, keys: Keys
@@ -451,11 +455,11 @@ class _Assembler:
         known = experiment.data.get("filters") or {}
         if reference not in known:
             labels = ", ".join(map(str, known))
-            what = f"{reference!r} is neither a filter of {file.name} ({labels}) nor its bound"
-            raise UserError(Problem(mark, dotted(keys), what))
+            message = f"{reference!r} is neither a filter of {file.name} ({labels}) nor its bound"
+            raise UserError(Problem(mark, dotted(keys), message))
         if reference in filters:
-            what = f"{reference!r} is already a filter of the roster"
-            raise UserError(Problem(mark, dotted(keys), what))
+            message = f"{reference!r} is already a filter of the roster"
+            raise UserError(Problem(mark, dotted(keys), message))
         entry = copy.deepcopy(known[reference])
         put(filters, reference, entry, experiment.mark(("filters", reference)))
         put(data, "reference", reference, mark)
@@ -572,8 +576,8 @@ def _idle_overrides(overrides: Sequence[str], fitted: Sequence[FittedProblem]) -
         path = text.partition("=")[0]
         run = [problem for problem in fitted if not _leaves_out_owner(problem, path)]
         if run and all(path in problem.idle for problem in run):
-            what = "has no effect on any problem of the suite; leave it out"
-            problems.append(Problem(Mark(f"--set {text}"), path, what))
+            message = "has no effect on any problem of the suite; leave it out"
+            problems.append(Problem(Mark(f"--set {text}"), path, message))
     return problems
 
 
@@ -648,8 +652,8 @@ def _filters_without_problem(
             if None in reasons:
                 continue
             keys = ("groups", group_name, "filters", label)
-            what = f"fits no problem: {reasons[0]}"
-            problems.append(Problem(suite.mark(keys), dotted(keys), what))
+            message = f"fits no problem: {reasons[0]}"
+            problems.append(Problem(suite.mark(keys), dotted(keys), message))
     for label, mark in added.items():
         reasons = [problem.left_out.get(label) for problem in fitted]
         if fitted and None not in reasons:

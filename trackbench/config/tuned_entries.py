@@ -79,8 +79,8 @@ def add_smoothed(source: Source) -> None:
         original = {**filters[label], "smooth": None}
         smoothed = {**filters[smoothed_label], "smooth": None}
         if original != smoothed or not filters[smoothed_label].get("smooth"):
-            what = f"there is another filter {smoothed_label!r}: give it another label"
-            source.add_problem(("smoothed", i), what)
+            message = f"there is another filter {smoothed_label!r}: give it another label"
+            source.add_problem(("smoothed", i), message)
     if copies:
         _put_after_originals(source, copies)
 
@@ -103,8 +103,8 @@ def _check_tuned_label(source: Source, label: str) -> None:
         entries.append(entry)
     original, tuned = entries
     if original != tuned:
-        what = f"tuning gives this label to the tuned {label}: give this filter another label"
-        source.add_key_problem(("filters", tuned_label(label)), what)
+        message = f"tuning gives this label to the tuned {label}: give this filter another label"
+        source.add_key_problem(("filters", tuned_label(label)), message)
 
 
 def with_values(source: Source, label: str, values: Chosen) -> Source:
@@ -126,10 +126,10 @@ def _set_values(source: Source, label: str, original_label: str, values: Chosen)
         except UserError:
             # A key of a list is that of one of its items, which the path names by number.
             place = ("tune", original_label, path)
-            what = "part of the path is a list: name one of its items by number, from 0"
+            message = "part of the path is a list: name one of its items by number, from 0"
             if path.startswith("assume.sensor."):
-                what += f", as assume.sensor.0.{path.rpartition('.')[2]}"
-            raise UserError(source.problem(place, what)) from None
+                message += f", as assume.sensor.0.{path.rpartition('.')[2]}"
+            raise UserError(source.problem(place, message)) from None
         override(source, keys, value, mark)
 
 
@@ -334,9 +334,9 @@ def tuned_axes(
         if label not in settings.filters and label != "scenario":
             add_label_problem(source, settings, ("tune", label), label)
             continue
-        what = _why_not_tunable(settings, label, len(keys))
-        if what:
-            source.add_key_problem(("tune", label), what)
+        message = _why_not_tunable(settings, label, len(keys))
+        if message:
+            source.add_key_problem(("tune", label), message)
             continue
         axes = _read_axes(source, label, keys)
         # The values of the axes are tried on the filter only if nothing else is mistaken.
@@ -377,13 +377,13 @@ def _check_tuning(
     tuning = settings.tuning
     # Step 1: the grid and the terms of the objective.
     if settings.grid:
-        what = "each point of a grid has values of its own: tune one experiment per point"
-        source.add_key_problem(("tune",), what)
-    for word, what in bad_terms(tuning.metric):
+        message = "each point of a grid has values of its own: tune one experiment per point"
+        source.add_key_problem(("tune",), message)
+    for word, message in bad_terms(tuning.metric):
         place = (
             ("tuning", "metric") if isinstance(tuning.metric, str) else ("tuning", "metric", word)
         )
-        source.add_problem(place, what)
+        source.add_problem(place, message)
     # Step 2: the number of recorded runs.
     if training is None or not training.scenario.recorded_runs:
         return
@@ -392,15 +392,15 @@ def _check_tuning(
     if not trains_on_time_share and same_recordings(points[0], training):
         # Results and training take different runs of the same recordings.
         if settings.runs + tuning.runs > recorded_runs:
-            what = (
+            message = (
                 f"{tuning.runs} training runs beside {settings.runs} of the results are more than "
                 f"the {recorded_runs} recorded ones: ask for fewer `runs`, or fewer here, or share "
                 "out their time (the scenario's `score: {train: 0.5}`)"
             )
-            source.add_problem(("tuning", "runs"), what)
+            source.add_problem(("tuning", "runs"), message)
     elif tuning.runs > recorded_runs:
-        what = f"{tuning.runs} is more than the {recorded_runs} recorded runs"
-        source.add_problem(("tuning", "runs"), what)
+        message = f"{tuning.runs} is more than the {recorded_runs} recorded runs"
+        source.add_problem(("tuning", "runs"), message)
 
 
 def _try_axes(source: Source, point: Point, label: str, axes: list[Axis]) -> tuple[Axis, ...]:
@@ -429,6 +429,6 @@ def _try_axes(source: Source, point: Point, label: str, axes: list[Axis]) -> tup
                 continue
             for problem in trial:
                 path = problem.path.removeprefix(f"filters.{label}").removeprefix(".")
-                what = f"{path}: {problem.what}" if path else problem.what
-                source.add_problem(("tune", label, axis.key), f"at {value}: {what}")
+                message = f"{path}: {problem.what}" if path else problem.what
+                source.add_problem(("tune", label, axis.key), f"at {value}: {message}")
     return tuple(tried_axes)

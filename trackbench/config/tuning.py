@@ -135,8 +135,8 @@ def read_axis(key: str, written: object) -> Axis:
         if len(written) < 2:
             raise ValueError("a list of choices has at least two")
         if any(isinstance(value, dict | list) for value in written):
-            what = "a choice is a word or a number; tune keys within it"
-            raise ValueError(f"{what}, as {key}.kind: [A, B]")
+            message = "a choice is a word or a number; tune keys within it"
+            raise ValueError(f"{message}, as {key}.kind: [A, B]")
         if any(value in written[:i] for i, value in enumerate(written)):
             raise ValueError("a choice is given twice")
         return Axis(key, choices=tuple(written))

@@ -83,8 +83,8 @@ def nodes_of(posterior: Posterior) -> tuple[Array, Array]:
 
 def overlap(posterior: Posterior) -> bool:
     """Test whether two panels cover the same values in any run."""
-    for one, other in combinations(posterior, 2):
-        if (np.minimum(one.high, other.high) > np.maximum(one.low, other.low)).any():
+    for first, second in combinations(posterior, 2):
+        if (np.minimum(first.high, second.high) > np.maximum(first.low, second.low)).any():
             return True
     return False
 

@@ -88,14 +88,14 @@ def _systematic_edges(w: Array, rng: Streams, size: int) -> Index:
     # Step 1: choose a fixed point such that the sum over all runs fits 63 bits.
     runs, N = w.shape
     bits = _fraction_bits(runs, size)
-    one = float(1 << bits)
+    unit = float(1 << bits)
     u = rng.random((runs, 1))
     diverged = ~np.isfinite(w[:, -1])
     if diverged.any():
         w = np.where(diverged[:, None], 1.0 / N, w)
     # Step 2: sum size w over all runs; each run starts at m size + 1 - u.
-    edges = np.cumsum((w * (size * one)).astype(np.int64)).reshape(runs, N)
-    start = ((1.0 - u) * one).astype(np.int64)
+    edges = np.cumsum((w * (size * unit)).astype(np.int64)).reshape(runs, N)
+    start = ((1.0 - u) * unit).astype(np.int64)
     start[1:] -= edges[:-1, -1:]  # the sum of the rows before, rounding included
     start += np.arange(0, runs * size, size)[:, None] << bits
     # Step 3: floor; the last edge of a run is exact.

@@ -45,19 +45,19 @@ def backwards(
     last = len(filtered) - 1
     if lag is None:
         # All measurements: one pass from the last step back to the first.
-        out = [filtered[last]]
+        smoothed_states = [filtered[last]]
         for k in reversed(range(last)):
-            out.append(one_back(k, out[-1]))
-        return out[::-1]
-    out = []
+            smoothed_states.append(one_back(k, smoothed_states[-1]))
+        return smoothed_states[::-1]
+    smoothed_states = []
     # Fixed lag: go back from step k + lag for each step k.
     for k in range(last + 1):
         end = min(k + lag, last)
         smoothed = filtered[end]
         for j in reversed(range(k, end)):
             smoothed = one_back(j, smoothed)
-        out.append(smoothed)
-    return out
+        smoothed_states.append(smoothed)
+    return smoothed_states
 
 
 def smooth_step(posterior: Gaussian, transition: Transition, later: Gaussian) -> Gaussian:

@@ -82,18 +82,18 @@ def why_not_exact(task: BlockTask) -> str | None:
     # A gate or a robust update depends on the innovation, so that the estimate is not affine in it.
     adapts = isinstance(tracker, GaussianFilter) and (tracker.gate or tracker.robust)
     if not tracker.is_linear or adapts:
-        what = f"`{tracker.kind}` is not linear"
-        return f"{what}; take a `kf` without `gate` and `robust`, or an `alpha-beta`"
+        message = f"`{tracker.kind}` is not linear"
+        return f"{message}; take a `kf` without `gate` and `robust`, or an `alpha-beta`"
     if task.scenario.recorded_runs is not None:
         return "the measurements are recorded: nothing of them is random"
     try:
         # Four runs, one with each vector.
         data, output = _run_with_streams(task, _FixedNormals(_dense), 4)
     except NotImplementedError:
-        what = (
+        message = (
             "its scenario draws more than normal noise: `detection`, `outliers`, a random `delay`"
         )
-        return f"{what}, a random path"
+        return f"{message}, a random path"
     if not np.isfinite(output.mean).all():
         return "its estimates leave the numbers"
     numbers = {"states": data.truth, "measurements": data.measurements, "estimates": output.mean}

@@ -207,8 +207,8 @@ def _filter_many(tracker: AnyFilter, model: Model, state: Any, z: Array, k: int)
     """
     steps = tracker.all_steps(model, state, z, k)
     if steps is not None and steps.estimate.mean.shape[1:] != z.shape[1:]:
-        what = f"gives {steps.estimate.mean.shape[1]} states for {z.shape[1]} measurements"
-        raise WrongReturnError("all_steps", what)
+        message = f"gives {steps.estimate.mean.shape[1]} states for {z.shape[1]} measurements"
+        raise WrongReturnError("all_steps", message)
     return steps
 
 
@@ -227,8 +227,10 @@ def _sealed(task: BlockTask, *shared: Any) -> Iterator[None]:
         yield
     finally:
         if seal.mend():
-            what = "writes to measurements, a prior or matrices that all filters of the block share"
-            raise WrongReturnError("step", f"{what}: copy an array before you write to it")
+            message = (
+                "writes to measurements, a prior or matrices that all filters of the block share"
+            )
+            raise WrongReturnError("step", f"{message}: copy an array before you write to it")
 
 
 def prior_of(data: Simulation, model: Model) -> Distribution:

@@ -267,11 +267,11 @@ def clear_cache(root: Path, old_only: bool = False) -> None:
     if not root.is_dir():
         return
     if not mark_cache(root):
-        what = (
+        message = (
             f"has files that trackbench did not write, and no {_MARKER}; nothing was deleted; set "
             "TRACKBENCH_CACHE to a folder of its own"
         )
-        raise UserError(Problem(Mark(f"{root}/"), "", what))
+        raise UserError(Problem(Mark(f"{root}/"), "", message))
     now = code_digest()[:_CODE_DIGITS]
     # Figures and CPU times are not kept by version.
     folders = [root / "figures", root / "times"]

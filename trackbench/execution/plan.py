@@ -260,12 +260,12 @@ def check_memory(experiment: Experiment, save_tracks: bool = False) -> None:
             width = _block_width_of(settings, tracker, point.scenario)
             needed = 8 * (width * of_run + of_runs + of_tracks)  # bytes, 8 of each number
             if needed > memory():
-                what = (
+                message = (
                     f"needs at least {needed / 1e9:.1f} GB of memory and this machine has "
                     f"{memory() / 1e9:.1f} GB: use fewer particles or runs, or a smaller block"
                 )
                 mark = experiment.source.mark(("filters", label, "N"))
-                raise UserError(Problem(mark, f"filters.{label}", what))
+                raise UserError(Problem(mark, f"filters.{label}", message))
 
 
 def _kept_states(tracker: AnyFilter, point: Point, label: str) -> int:

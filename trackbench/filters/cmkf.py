@@ -110,8 +110,10 @@ class Converted(Filter[LastTwoScans]):
         """Reject a motion with further components than positions and velocities."""
         others = ", ".join(scenario.model.motion.components[4:])
         if others:
-            what = f"conversion estimates position and velocity only; its motion has {others}, too"
-            return {"": f"{what}; give it `assume: {{motion: {{kind: cv, q: 0}}}}`"}
+            message = (
+                f"conversion estimates position and velocity only; its motion has {others}, too"
+            )
+            return {"": f"{message}; give it `assume: {{motion: {{kind: cv, q: 0}}}}`"}
         return {}
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> LastTwoScans:

@@ -113,8 +113,8 @@ def gate_cautions(gate: float | None, scope: GateScope, scenario: Scene) -> list
     """Return a note if one gate judges the measurements of several sensors at a step together."""
     if gate is None or scope == "sensor" or not _measure_together(scenario):
         return []
-    what = "one gate judges all sensors of a step, so that a bad one costs the others"
-    return [f"{what}; `gate_by: sensor` gives each sensor a gate of its own"]
+    message = "one gate judges all sensors of a step, so that a bad one costs the others"
+    return [f"{message}; `gate_by: sensor` gives each sensor a gate of its own"]
 
 
 def _measure_together(scenario: Scene) -> bool:

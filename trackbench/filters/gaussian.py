@@ -339,12 +339,14 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Reject a redundant component of the measurement, and weights on noise that is not normal."""
         if name := _redundant_component(scenario):
-            what = f"`{name}` is a combination of other measured components, its noise included"
-            return {"": f"the innovation covariance is singular: {what}; leave it out"}
+            message = f"`{name}` is a combination of other measured components, its noise included"
+            return {"": f"the innovation covariance is singular: {message}; leave it out"}
         if self.robust is None or not has_own_density(scenario.model.sensor):
             return {}
-        what = "weighs normal noise of covariance R, and this sensor's noise is not normal"
-        return {"robust": f"{what}; give the filter a normal sensor by `assume: {{sensor: ...}}`"}
+        message = "weighs normal noise of covariance R, and this sensor's noise is not normal"
+        return {
+            "robust": f"{message}; give the filter a normal sensor by `assume: {{sensor: ...}}`"
+        }
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
         """Report ``gate_by`` as idle without a gate, and with one sensor."""

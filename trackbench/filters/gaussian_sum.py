@@ -69,8 +69,10 @@ class GaussianSum(Filter[Mixture]):
 
     def __post_init__(self) -> None:
         if self._width >= 1.0:
-            what = f"split = {self.split} over +-{self.span} leaves components wider than the prior"
-            raise ValueError(f"{what}; raise `split`")
+            message = (
+                f"split = {self.split} over +-{self.span} leaves components wider than the prior"
+            )
+            raise ValueError(f"{message}; raise `split`")
 
     @property
     def _width(self) -> float:

@@ -99,10 +99,10 @@ class Grid(Filter[Resolved]):
         """
         motion = scenario.model.motion
         if len(motion.components) > 1:
-            what = f"grid needs a state of one component; this one has {len(motion.components)}"
+            message = f"grid needs a state of one component; this one has {len(motion.components)}"
             if len(motion.components) == 2:
-                what += "; use grid-2d"
-            return {"": what}
+                message += "; use grid-2d"
+            return {"": message}
         if isinstance(motion, GammaMotion) and motion.noise.shape > _MAX_GAMMA_SHAPE:
             return {"": f"grid is exact for gamma noise of a shape up to {_MAX_GAMMA_SHAPE} only"}
         # Try one transition to the first step: it shows which density the motion has.
@@ -112,8 +112,8 @@ class Grid(Filter[Resolved]):
                 return {}
             return {"": "grid needs process noise, and this motion has none"}
         if not (hasattr(transition, "prob") and isinstance(motion, BoundedMotion)):
-            what = "the transition's `prob` and the motion's `support` and `origins`"
-            return {"": f"grid needs {what}, or a Gaussian transition"}
+            message = "the transition's `prob` and the motion's `support` and `origins`"
+            return {"": f"grid needs {message}, or a Gaussian transition"}
         return {}
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Resolved:
@@ -179,9 +179,9 @@ class Grid(Filter[Resolved]):
                 check=quadrature.refined(state.check, n_check),
             )
         # Step 3: reject a posterior that the nodes do not resolve.
-        what = f"grid does not resolve the posterior at step {k} with `nodes: {self.nodes}`"
+        message = f"grid does not resolve the posterior at step {k} with `nodes: {self.nodes}`"
         way_on = "" if self.reach else ", set `reach: 8`"
-        raise WrongReturnError("step", f"{what}; raise `nodes`{way_on}, or narrow the start")
+        raise WrongReturnError("step", f"{message}; raise `nodes`{way_on}, or narrow the start")
 
     def _has_dense_nodes(self, model: Model, old: quadrature.Posterior, k: int) -> bool:
         """Test whether the transitions from neighboring nodes overlap.

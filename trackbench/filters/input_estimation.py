@@ -73,7 +73,7 @@ class InputEstimation(Filter[Corrected]):
         T = sampling_of(scenario.model).T
         misfits = self.detector.conflicts(T, float(scenario.times[-1]))
         # The detector's keys are keys of this filter.
-        return {key.removeprefix("detector."): what for key, what in misfits.items()}
+        return {key.removeprefix("detector."): message for key, message in misfits.items()}
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
         """Report an assumed motion as idle: the filter's own is `motion`."""

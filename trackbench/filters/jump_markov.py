@@ -45,8 +45,8 @@ class JumpMarkov(Filter[State]):
             raise InvalidKeyError("give at least two motions", "motions")
         # The transition matrix is r x r, and each of its rows sums to one.
         if len(self.transition) != r:
-            what = f"{len(self.transition)} rows for {r} motions"
-            raise InvalidKeyError(what, "transition")
+            message = f"{len(self.transition)} rows for {r} motions"
+            raise InvalidKeyError(message, "transition")
         for i, row in enumerate(self.transition):
             if len(row) != r:
                 raise InvalidKeyError(f"{len(row)} entries for {r} motions", "transition", i)

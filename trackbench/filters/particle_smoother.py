@@ -35,8 +35,8 @@ class SimulatingSmoother(SmoothingFilter[PFState], ParticleFilter):
         x = np.linspace(0.3, 1.7, n)[:, None]
         transition = motion.transition(x, int(scenario.steps[0]) + 1)
         if isinstance(transition, Gaussian) and linalg.is_singular(transition.cov.reshape(n, n)):
-            what = "weighs by the density of the process noise, and this motion's Q is singular"
-            conflicts["smooth"] = f"{what}; give every component noise, or smooth an ekf or ukf"
+            message = "weighs by the density of the process noise, and this motion's Q is singular"
+            conflicts["smooth"] = f"{message}; give every component noise, or smooth an ekf or ukf"
         return conflicts
 
     def smoothed(

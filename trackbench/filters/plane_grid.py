@@ -115,16 +115,18 @@ class PlaneGrid(Filter[Planes]):
         for i in angle_rows(model.motion):
             if _most_beyond_half_a_turn(planes.posteriors, i) > _NEGLIGIBLE:
                 name = model.motion.components[i]
-                what = f"at step {k} the angle {name!r} may differ by more than half a turn"
+                message = f"at step {k} the angle {name!r} may differ by more than half a turn"
                 raise WrongReturnError(
-                    "step", f"{what}, and grid-2d averages it as a number; narrow the start"
+                    "step", f"{message}, and grid-2d averages it as a number; narrow the start"
                 )
         return planes
 
     def _unresolved(self, k: int, why: str) -> WrongReturnError:
         """Return the error of step k; ``why`` is a reason after a colon, or empty."""
-        what = f"grid-2d does not resolve the posterior at step {k} with `nodes: {self.nodes}`{why}"
-        return WrongReturnError("step", f"{what}; raise `nodes`, or narrow the start")
+        message = (
+            f"grid-2d does not resolve the posterior at step {k} with `nodes: {self.nodes}`{why}"
+        )
+        return WrongReturnError("step", f"{message}; raise `nodes`, or narrow the start")
 
     def estimate(self, state: Planes) -> Gaussian:
         """Return the posterior mean (2, M) and covariance (2, 2, M)."""

@@ -200,8 +200,8 @@ def _classes_of(kind: str) -> list[tuple[Group, type[Part]]]:
         for group in GROUPS:
             known_words += kinds(group)
         known_words += METRICS
-        what = f"there is no such kind; {unknown(kind, known_words)}"
-        raise UserError(Problem(Mark("describe"), kind, what))
+        message = f"there is no such kind; {unknown(kind, known_words)}"
+        raise UserError(Problem(Mark("describe"), kind, message))
     return classes
 
 

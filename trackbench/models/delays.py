@@ -86,8 +86,8 @@ class SharesDelay(Delay):
 
     def __post_init__(self) -> None:
         if abs(sum(self.shares) - 1.0) > _ONE:
-            what = f"sum to {sum(self.shares):g}; the shares of 0, 1, 2, ... steps sum to 1"
-            raise InvalidKeyError(what, "shares")
+            message = f"sum to {sum(self.shares):g}; the shares of 0, 1, 2, ... steps sum to 1"
+            raise InvalidKeyError(message, "shares")
 
     def steps(self, u: Array) -> Array:
         """Return the number of cumulative shares that are at most u."""

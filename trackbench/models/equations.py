@@ -232,14 +232,14 @@ class Equations:
                 below, _ = rows[i][j]
                 above, _ = rows[j][i]
                 if below != above:
-                    what = f"not symmetric: row {i + 1}, column {j + 1} and the reverse differ"
-                    raise InvalidKeyError(what, *path)
+                    message = f"not symmetric: row {i + 1}, column {j + 1} and the reverse differ"
+                    raise InvalidKeyError(message, *path)
         program = CovarianceProgram(self, nodes, components, path)
         if program.constant is not None:
             least, largest = np.linalg.eigvalsh(program.constant)[[0, -1]]
             if least < -_ROUNDING * largest or np.isnan(least):
-                what = f"has the eigenvalue {least:.3g}, and a covariance has none below 0"
-                raise InvalidKeyError(what, *path)
+                message = f"has the eigenvalue {least:.3g}, and a covariance has none below 0"
+                raise InvalidKeyError(message, *path)
         return program
 
 
@@ -373,8 +373,8 @@ class CovarianceProgram(ArrayProgram):
             state = x.reshape(len(x), -1)[:, place].tolist()
             values = zip(self._equations.components, state, strict=False)
             where = ", ".join(f"{component} = {value:.4g}" for component, value in values)
-            what = (
+            message = (
                 f"step {scalars[0]:g}: the variance of {name} is {variances[place]:.4g} at {where}; "
                 "write it so that it is never negative, as `max(0, ...)`"
             )
-            raise InvalidKeyError(what, *self._path)
+            raise InvalidKeyError(message, *self._path)

@@ -167,11 +167,11 @@ class _Parser:
         if name in FUNCTIONS:
             raise _mistake(tree, f"{name} is a function: write {name}(...)")
         known = ", ".join(sorted(self.names))
-        what = f"unknown name {name!r}; known: {known}"
+        message = f"unknown name {name!r}; known: {known}"
         if name in ("T", "t", "dt", "time") and "k" in self.names:
             way_to_name_T = "" if "T" in self.names else " with `parameters: {T: 2}`"
-            what += f"; at equal intervals the time is k * T{way_to_name_T}"
-        raise _mistake(tree, what)
+            message += f"; at equal intervals the time is k * T{way_to_name_T}"
+        raise _mistake(tree, message)
 
     def _call(self, tree: ast.expr, name: str, arguments: Sequence[ast.expr]) -> Node:
         """Return the node of a call of function ``name``; raises ExpressionError at ``tree``."""

@@ -28,8 +28,8 @@ class KnownInputs:
         for name in names:
             if name not in self.names:
                 known = ", ".join(self.names)
-                what = f"the target's `input` has no {name!r}; known: {known}"
-                raise InvalidKeyError(what)
+                message = f"the target's `input` has no {name!r}; known: {known}"
+                raise InvalidKeyError(message)
         rows = [self.names.index(name) for name in names]
         return replace(self, names=names, values=self.values[rows])
 

@@ -56,8 +56,8 @@ def call_hook(hook: Callable[[S], T], return_type: type, argument: S) -> T:
         value = hook(argument)
     allowed_types = (list, tuple) if return_type is list else return_type
     if not isinstance(value, allowed_types):
-        what = f"{hook.__name__} gives a {type(value).__name__}, not a {return_type.__name__}"
-        raise WrongReturnError(hook.__name__, what)
+        message = f"{hook.__name__} gives a {type(value).__name__}, not a {return_type.__name__}"
+        raise WrongReturnError(hook.__name__, message)
     return value
 
 
@@ -109,8 +109,8 @@ def _check_sensor(sensor: SensorBase, n_x: int) -> None:
     x = np.add.outer(np.arange(1.0, n_x + 1.0), np.zeros(2))
     distribution: object = sensor.measurement(x, 1)
     if not isinstance(distribution, Gaussian):
-        what = f"measurement gives a {type(distribution).__name__}, not a Gaussian"
-        raise WrongReturnError("measurement", what)
+        message = f"measurement gives a {type(distribution).__name__}, not a Gaussian"
+        raise WrongReturnError("measurement", message)
     _check_shape("measurement", "its mean", distribution.mean, (n, 2))
     _check_shape("measurement", "its covariance", distribution.cov, (n, n), (n, n, 1), (n, n, 2))
 
@@ -151,15 +151,15 @@ def _check_windows(windows: Mapping[str, object], steps: int) -> None:
     """Raise WrongReturnError unless each window is an array (steps,) of bool."""
     for name, mask in windows.items():
         if not isinstance(mask, np.ndarray) or mask.dtype != bool or mask.shape != (steps,):
-            what = f"the window {name!r} is {_describe(mask)}, not an array ({steps},) of bool"
-            raise WrongReturnError("windows", what)
+            message = f"the window {name!r} is {_describe(mask)}, not an array ({steps},) of bool"
+            raise WrongReturnError("windows", message)
 
 
 def _check_shape(method: str, name: str, value: object, *shapes: tuple[int, ...]) -> None:
     """Raise WrongReturnError unless a method's value is an array of one of the shapes."""
     if not isinstance(value, np.ndarray) or value.shape not in shapes:
-        what = f"{name} is {_describe(value)}, not an array {shapes[0]}"
-        raise WrongReturnError(method, what)
+        message = f"{name} is {_describe(value)}, not an array {shapes[0]}"
+        raise WrongReturnError(method, message)
 
 
 def _describe(value: object) -> str:

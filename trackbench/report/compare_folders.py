@@ -573,7 +573,7 @@ def save(figure: "Figure", path: Path) -> None:
     """Write a figure in the format that the path ends in; raises UserError for another ending."""
     form = path.suffix.removeprefix(".")
     if form not in ("png", "svg", "pdf"):
-        what = "is no figure's name; it must end in .png, .svg or .pdf"
-        raise UserError(Problem(Mark(f"--out {path}"), "", what))
+        message = "is no figure's name; it must end in .png, .svg or .pdf"
+        raise UserError(Problem(Mark(f"--out {path}"), "", message))
     with style.rc_context():
         write_bytes(path, style.content(figure, form))

@@ -54,8 +54,8 @@ def explain_content_errors(folder: Path | str) -> Iterator[None]:
     except Exception as error:
         if foreign_line(error):  # the code of a plugin
             raise
-        what = f"holds something that no run writes, {package_line(error)}"
-        raise UserError(f"{folder}: {what}: {RUN_AGAIN}") from error
+        message = f"holds something that no run writes, {package_line(error)}"
+        raise UserError(f"{folder}: {message}: {RUN_AGAIN}") from error
 
 
 def open_results(folder: Path) -> Results:
@@ -90,8 +90,8 @@ def open_results(folder: Path) -> Results:
             if grid_columns != results.grid:
                 source.add_problem(("grid",), "the results were computed over another grid")
             elif missing_labels:
-                what = f"{min(missing_labels)!r} has results but is not a filter here any more"
-                source.add_problem(("filters",), what)
+                message = f"{min(missing_labels)!r} has results but is not a filter here any more"
+                source.add_problem(("filters",), message)
         source.check()
         return results
 
@@ -121,8 +121,8 @@ def open_with_notes(folder: Path, allow_plugins: bool = False) -> Results:
     groups: tuple[Group, ...] = ("tables", "figures")
     for group in groups:
         for name, kind in results.unavailable_kinds(group).items():
-            what = f"{kind!r} is not a kind of {group[:-1]} without a plugin (--allow-plugins)"
-            lines.append(f"{folder}: {group}.{name} is left as it is: {what}")
+            message = f"{kind!r} is not a kind of {group[:-1]} without a plugin (--allow-plugins)"
+            lines.append(f"{folder}: {group}.{name} is left as it is: {message}")
     for line in lines:
         print(f"note: {line}", file=sys.stderr)
     return results
@@ -148,8 +148,8 @@ def _check_manifest(results: Results) -> None:
     """
     folder = results.folder
     if not (folder / "manifest.json").is_file():
-        what = "is half-written, it has no manifest.json"
-        raise IncompleteResultsError(f"{folder}: {what}: {RUN_AGAIN}")
+        message = "is half-written, it has no manifest.json"
+        raise IncompleteResultsError(f"{folder}: {message}: {RUN_AGAIN}")
     # Step 1: the types of what the report reads from it.
     try:
         manifest = results.manifest
@@ -168,8 +168,10 @@ def _check_manifest(results: Results) -> None:
     # Step 2: the format's version.
     if version > FORMAT:
         newer = manifest.get("trackbench", "of a newer version")
-        what = f"was written by trackbench {newer} in format {version}"
-        raise UserError(f"{folder}: {what}, this version reads up to {FORMAT}: update trackbench")
+        message = f"was written by trackbench {newer} in format {version}"
+        raise UserError(
+            f"{folder}: {message}, this version reads up to {FORMAT}: update trackbench"
+        )
     # Step 3: digests of the files that the run wrote.
     run_digests = {name: recorded_digests[name] for name in RUN_FILES if name in recorded_digests}
     problems = _damage_lines(folder, check_digests(folder, run_digests))

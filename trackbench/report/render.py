@@ -282,8 +282,8 @@ def render(
         number = 0
         if formats:
             number = len(results.parts("figures"))
-        what = f"{results.config['name']}: drawing"
-        with progress_bar(number, "figure", progress and number > 0, desc=what) as bar:
+        caption = f"{results.config['name']}: drawing"
+        with progress_bar(number, "figure", progress and number > 0, desc=caption) as bar:
 
             def get_files_and_count(name: str, spec: FigureKind) -> Files:
                 files = get_files(name, spec)

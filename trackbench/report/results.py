@@ -561,8 +561,8 @@ def as_table(table: object, exhibit: Any) -> Table:
     except Exception as error:
         if not is_foreign(exhibit):
             raise
-        what = f"the table cannot be written: {message_of(error)}"
-        raise WrongReturnError("table", what) from None
+        message = f"the table cannot be written: {message_of(error)}"
+        raise WrongReturnError("table", message) from None
     return table
 
 

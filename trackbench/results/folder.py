@@ -305,8 +305,8 @@ class ResultsFolder:
         if isinstance(steps, list) and i < len(steps):
             number = steps[i]
         if not isinstance(number, int) or number < 1:
-            what = "does not say how many steps a run has"
-            raise UserError(f"{self.folder / 'manifest.json'}: {what}: {RUN_AGAIN}")
+            message = "does not say how many steps a run has"
+            raise UserError(f"{self.folder / 'manifest.json'}: {message}: {RUN_AGAIN}")
         return number
 
     def runs(self, point: GridPoint) -> Runs:

@@ -50,8 +50,8 @@ def treatment(assume: Assume) -> Late | None:
     if assume.delay == "none":
         return None
     if assume.late is None:
-        what = "measurements arrive late here: add `late: drop`, `apply` or `refilter`; to get"
-        raise InvalidKeyError(f"{what} them on time, as a bound, `assume: {{delay: none}}`")
+        message = "measurements arrive late here: add `late: drop`, `apply` or `refilter`; to get"
+        raise InvalidKeyError(f"{message} them on time, as a bound, `assume: {{delay: none}}`")
     if isinstance(assume.late, str):
         return Late(kind=assume.late)
     return assume.late

@@ -69,9 +69,9 @@ class Fault:
         if self.steps is not None and self.steps[0] > self.steps[1]:
             raise InvalidKeyError(f"{[*self.steps]} ends before it begins", "steps")
         if self.from_ is not None and self.to is not None and self.from_ > self.to:
-            what = f"ends at {time_text(self.to)} s, and begins at {time_text(self.from_)} s"
-            what += "; take a later end"
-            raise InvalidKeyError(what, "to")
+            message = f"ends at {time_text(self.to)} s, and begins at {time_text(self.from_)} s"
+            message += "; take a later end"
+            raise InvalidKeyError(message, "to")
 
     @abstractmethod
     def faulty(self, stretch: Stretch) -> Array:
@@ -225,8 +225,8 @@ class Outliers(LargerNoise):
             return
         region = self.density.region
         if {*region} != {*components}:
-            what = f"needs bounds of {', '.join(components)}, and no others"
-            raise InvalidKeyError(what, "density", "region")
+            message = f"needs bounds of {', '.join(components)}, and no others"
+            raise InvalidKeyError(message, "density", "region")
         for name, (least, largest) in region.items():
             if least >= largest:
                 raise InvalidKeyError("ends before it begins", "density", "region", name)

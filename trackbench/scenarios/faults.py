@@ -83,43 +83,43 @@ class FaultContext(NamedTuple):
         """Raise InvalidKeyError, with the key in the fault; ``names`` are those that are taken."""
         number = len(sensors_of(self.sensor))
         if fault.sensor is not None and fault.sensor > number:
-            what = f"{fault.sensor} is no sensor: this scenario has {number}"
-            raise InvalidKeyError(what, "sensor")
+            message = f"{fault.sensor} is no sensor: this scenario has {number}"
+            raise InvalidKeyError(message, "sensor")
         if not self.measured(fault).any():
             # The first step has no measurement.
             first, last = self.times[[1, -1]]
-            what = (
+            message = (
                 f"no measurement is in it: they are at {time_text(first)} to {time_text(last)} s, "
             )
-            what += f"steps {self.steps[1]} to {self.steps[-1]}"
-            raise InvalidKeyError(what, self._key_of_time(fault))
+            message += f"steps {self.steps[1]} to {self.steps[-1]}"
+            raise InvalidKeyError(message, self._key_of_time(fault))
         idle = self._sensors_without_measurement(fault)
         if idle:
-            what = f"{idle} measures at no step of it, by its `period` and `offset`; "
-            what += "take other steps, or a longer fault"
-            raise InvalidKeyError(what, self._key_of_time(fault))
+            message = f"{idle} measures at no step of it, by its `period` and `offset`; "
+            message += "take other steps, or a longer fault"
+            raise InvalidKeyError(message, self._key_of_time(fault))
         for name in (fault.name, f"after {fault.name}"):
             if name in names:
-                what = f"there is a window {name!r} already: choose another name"
-                raise InvalidKeyError(what, "name")
+                message = f"there is a window {name!r} already: choose another name"
+                raise InvalidKeyError(message, "name")
         if fault.uses_noise and not has_truth:
-            what = "multiplies errors, which are known with a truth only; take bias or blackout"
-            raise InvalidKeyError(what, "kind")
+            message = "multiplies errors, which are known with a truth only; take bias or blackout"
+            raise InvalidKeyError(message, "kind")
         changes_errors = fault.uses_noise or isinstance(fault, Bias)
         if changes_errors and any(
             getattr(sensor, "is_count", False) for sensor in self.sensors(fault)
         ):
-            what = "a count (`noise: poisson`) has no such error; take blackout or freeze"
-            raise InvalidKeyError(what, "kind")
+            message = "a count (`noise: poisson`) has no such error; take blackout or freeze"
+            raise InvalidKeyError(message, "kind")
         if isinstance(fault, Freeze) and not self._measures_before(fault):
-            what = "no measurement is before this fault that a frozen sensor could repeat; "
-            what += "begin later, or take blackout"
+            message = "no measurement is before this fault that a frozen sensor could repeat; "
+            message += "begin later, or take blackout"
             key = "from"
             if fault.steps:
                 key = "steps"
             elif fault.from_ is None:
                 key = "kind"
-            raise InvalidKeyError(what, key)
+            raise InvalidKeyError(message, key)
         fault.check(self.components(fault))
 
     def _key_of_time(self, fault: Fault) -> str:
@@ -225,8 +225,8 @@ class FaultContext(NamedTuple):
         unknown = np.isnan(stretch.before).all(axis=1)
         if detects_always and (measured & unknown).any():
             name = stretch.components[int(np.argmax(measured & unknown))]
-            what = f"the fault {fault.name!r} freezes `{name}` before its first measurement"
-            raise ValueError(f"{what}; begin later, or take blackout")
+            message = f"the fault {fault.name!r} freezes `{name}` before its first measurement"
+            raise ValueError(f"{message}; begin later, or take blackout")
 
     def corrected(self, faults: Sequence[Fault], z: Array) -> Array:
         """Return measurements z (n_z, T, M) as a filter that knows of the faults corrects them."""
@@ -261,23 +261,28 @@ class FaultContext(NamedTuple):
         for i, fault in enumerate(ordered):
             later_factor = self._factor(ordered[i + 1 :])[self.rows(fault), self.measured(fault)]
             if isinstance(fault, Bias) and np.isnan(later_factor).any():
-                what = f"a later fault multiplies the bias of {fault.name!r} by a random factor, "
-                what += (
+                message = (
+                    f"a later fault multiplies the bias of {fault.name!r} by a random factor, "
+                )
+                message += (
                     "and no filter knows its law; give the later one a `factor` without a `share`"
                 )
-                raise InvalidKeyError(what, "assume", "faults")
+                raise InvalidKeyError(message, "assume", "faults")
         # Factor on the standard deviation of the noise.
         scales = np.ones((len(self.sensor.components), len(self.steps) - 1))
         for fault in faults:
             if fault.variance == np.inf:
-                what = f"the density of {fault.name!r} has no variance about the truth: it is uniform, "
-                raise InvalidKeyError(what + "or Student's t with df <= 2", "assume", "faults")
+                message = (
+                    f"the density of {fault.name!r} has no variance about the truth: it is uniform, "
+                    "or Student's t with df <= 2"
+                )
+                raise InvalidKeyError(message, "assume", "faults")
             scales[self.rows(fault), self.measured(fault)] *= np.sqrt(fault.variance)
         if (scales == 1.0).all():
             return assumed
         if has_own_density(assumed):
-            what = "noise that is not normal has no known law in a fault that multiplies it"
-            raise InvalidKeyError(what, "assume", "faults")
+            message = "noise that is not normal has no known law in a fault that multiplies it"
+            raise InvalidKeyError(message, "assume", "faults")
         first_measured_step = int(self.steps[1])
         return ScaledNoise(assumed, first_measured_step, fixed(scales))
 

@@ -29,8 +29,8 @@ class Window:
 
     def __post_init__(self) -> None:
         if self.first is not None and self.last is not None and self.first > self.last:
-            what = f"ends at step {self.last}, before its first, {self.first}: exchange them"
-            raise InvalidKeyError(what, "last")
+            message = f"ends at step {self.last}, before its first, {self.first}: exchange them"
+            raise InvalidKeyError(message, "last")
 
     def overlaps(self, first: int, last: int) -> bool:
         """Test whether a step of the window is one of ``first`` to ``last``."""
@@ -66,8 +66,8 @@ class Score:
         names = [window.name for window in self.windows]
         for i, name in enumerate(names):
             if name in names[:i]:
-                what = f"there are two windows {name!r}: give each a name of its own"
-                raise InvalidKeyError(what, "windows", i, "name")
+                message = f"there are two windows {name!r}: give each a name of its own"
+                raise InvalidKeyError(message, "windows", i, "name")
 
     def check(self, components: tuple[str, ...], steps: Index) -> None:
         """Raise InvalidKeyError for scored steps outside the run, and for unknown parts of the state."""
@@ -78,20 +78,20 @@ class Score:
         if last is None:
             last = steps[-1]
         if not max(first, steps[0]) <= last <= steps[-1]:
-            what = f"[{first}, {last}] is not within steps {steps[0]} to {steps[-1]}"
-            raise InvalidKeyError(what, "score", "steps")
+            message = f"[{first}, {last}] is not within steps {steps[0]} to {steps[-1]}"
+            raise InvalidKeyError(message, "score", "steps")
         if self.marginals and not _is_moving(components):
             # The state is not position and velocity.
             raise InvalidKeyError("the state has no such parts", "score", "marginals")
         # Further errors: a usable name, and known components.
         for name, group in self.errors.items():
             if not name.isidentifier():
-                what = f"{name!r} cannot be the name of an error: letters, digits and _"
-                raise InvalidKeyError(what, "score", "errors", name)
+                message = f"{name!r} cannot be the name of an error: letters, digits and _"
+                raise InvalidKeyError(message, "score", "errors", name)
             for i, component in enumerate(group):
                 if component not in components:
-                    what = f"{component!r} is no component; known: {', '.join(components)}"
-                    raise InvalidKeyError(what, "score", "errors", name, i)
+                    message = f"{component!r} is no component; known: {', '.join(components)}"
+                    raise InvalidKeyError(message, "score", "errors", name, i)
             if not group:
                 raise InvalidKeyError("name its components", "score", "errors", name)
 
@@ -111,8 +111,8 @@ class Score:
         prior's first. ``recorded_runs`` is None for simulated runs.
         """
         if recorded_runs is None:
-            what = "training has runs of its own: only what is recorded is shared out"
-            raise InvalidKeyError(what, "score", "train")
+            message = "training has runs of its own: only what is recorded is shared out"
+            raise InvalidKeyError(message, "score", "train")
         if not is_any_scored:
             raise InvalidKeyError("leaves no step to be scored", "score", "train")
         if trained <= steps[0]:
@@ -126,8 +126,8 @@ class Score:
         """
         first, end = self.steps
         if first is not None and first > last:
-            what = f"training sees steps up to {last}, and none is scored before {first}"
-            raise InvalidKeyError(what, "score", "steps")
+            message = f"training sees steps up to {last}, and none is scored before {first}"
+            raise InvalidKeyError(message, "score", "steps")
         end = last if end is None else min(end, last)
         # Drop windows without a step of the training.
         windows = tuple(window for window in self.windows if window.overlaps(first or 0, end))
@@ -156,11 +156,11 @@ class Score:
         for i, (name, mask) in enumerate(windows.items()):
             if not mask.any():
                 first, last = steps[scored][[0, -1]]
-                what = f"holds no scored step; steps {first} to {last} are scored"
-                raise InvalidKeyError(what, "score", "windows", i)
+                message = f"holds no scored step; steps {first} to {last} are scored"
+                raise InvalidKeyError(message, "score", "windows", i)
             if name in taken:
-                what = f"the target itself has a window {name!r}: choose another name"
-                raise InvalidKeyError(what, "score", "windows", i, "name")
+                message = f"the target itself has a window {name!r}: choose another name"
+                raise InvalidKeyError(message, "score", "windows", i, "name")
         return windows
 
     def error_vectors(

@@ -91,8 +91,8 @@ class Tracking(Scenario):
         self.target.check(self._timeline)
         # A target whose config does not say where it begins begins at zeros.
         if self._drawn_start is not None and self.target.start(self._timeline).any():
-            what = f"the start `{self.start.kind}` draws the first state"
-            raise InvalidKeyError(f"{what}; leave out where the target begins", "target")
+            message = f"the start `{self.start.kind}` draws the first state"
+            raise InvalidKeyError(f"{message}; leave out where the target begins", "target")
         self.score.check(self.components, self.steps)
         if self._trained is not None:
             self.score.check_training(
@@ -175,14 +175,14 @@ class Tracking(Scenario):
         if start is None:
             return None
         if not isinstance(start, FixedStart):
-            what = f"`{start.kind}` depends on the data of a run; take given, uniform or mixture"
-            raise InvalidKeyError(what, "assume", "start")
+            message = f"`{start.kind}` depends on the data of a run; take given, uniform or mixture"
+            raise InvalidKeyError(message, "assume", "start")
         try:
             fitted = start.for_state(self.components)
             fitted.check(self.components, self.true_sensor)
         except InvalidKeyError as error:
-            what = f"{error}{self._way_to_larger_state()}"
-            raise InvalidKeyError(what, "assume", *error.path) from None
+            message = f"{error}{self._way_to_larger_state()}"
+            raise InvalidKeyError(message, "assume", *error.path) from None
         assert isinstance(fitted, FixedStart)
         return fitted
 
@@ -238,8 +238,8 @@ class Tracking(Scenario):
         """Motion and sensor of the filter model; raises InvalidKeyError without a motion."""
         motion = self.assume.motion or self.target.own_motion
         if motion is None:
-            what = "name the motion that filters assume: the target has none of its own"
-            raise InvalidKeyError(what, "assume")
+            message = "name the motion that filters assume: the target has none of its own"
+            raise InvalidKeyError(message, "assume")
         if isinstance(motion, AngledMotion) and self.angles:
             motion = motion.with_angles(self.angles, self.target.axes)
         try:
@@ -251,12 +251,14 @@ class Tracking(Scenario):
         sampled = with_angle_names(sampled, self.angles)
         # The motion's first components must be the target's; more may follow.
         if sampled.components[: len(self.components)] != self.components:
-            what = f"a motion of {', '.join(sampled.components)} for {', '.join(self.components)}"
-            raise InvalidKeyError(what, "assume")
+            message = (
+                f"a motion of {', '.join(sampled.components)} for {', '.join(self.components)}"
+            )
+            raise InvalidKeyError(message, "assume")
         further = sampled.components[len(self.components) :]
         if len(further) != len(extra_std(sampled)):
-            what = f"nothing says where {', '.join(further)} of the motion begin"
-            raise InvalidKeyError(f"{what}{self._way_to_larger_state()}", "assume", "motion")
+            message = f"nothing says where {', '.join(further)} of the motion begin"
+            raise InvalidKeyError(f"{message}{self._way_to_larger_state()}", "assume", "motion")
         sensor = assumed_sensor(self.assume, self.true_sensor, self.components)
         description = ModelDescription(
             motion=motion,

@@ -92,13 +92,13 @@ class Detector:
         window = self.window(T) * T
         conflicts = {}
         if window > duration:
-            what = f"{window:g} s is longer than the run of {duration:g} s"
-            conflicts["detector.window_s"] = what
+            message = f"{window:g} s is longer than the run of {duration:g} s"
+            conflicts["detector.window_s"] = message
         if self.min_window(T) * T > window:
             conflicts["detector.min_window_s"] = f"{self.min_window_s:g} s exceed the window"
         elif self.onset_rule == "paper" and self.min_window(T) > 1:
-            what = "the printed onset is always the newest: no switch"
-            conflicts["detector.min_window_s"] = what
+            message = "the printed onset is always the newest: no switch"
+            conflicts["detector.min_window_s"] = message
         return conflicts
 
 

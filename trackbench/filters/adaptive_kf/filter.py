@@ -75,7 +75,10 @@ class Mode(NamedTuple):
     """log-likelihood of the MF over that of the NMF, summed while both are on"""
 
     def switch(self, active: Index, k: int) -> "Mode":
-        """Return the mode with the ``active`` filters (M,) switched on; runs that change do so at step k."""
+        """Return the mode with the ``active`` filters (M,) switched on.
+
+        Runs that change do so at step k.
+        """
         return self._replace(active=active, since=np.where(active != self.active, k, self.since))
 
 
@@ -160,7 +163,9 @@ class VariableDimension(Filter[AdaptiveState]):
         return AdaptiveState(
             nmf=nmf,
             mf=Gaussian(np.zeros((3, 2, runs)), identity),
-            mode=Mode(active=np.full(runs, NMF), since=np.zeros(runs, dtype=np.intp), evidence=zero),
+            mode=Mode(
+                active=np.full(runs, NMF), since=np.zeros(runs, dtype=np.intp), evidence=zero
+            ),
             detector=DetectorState(
                 rho=zero,
                 inputs=empty_hypotheses(window, axes, runs),

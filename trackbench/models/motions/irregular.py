@@ -180,9 +180,9 @@ def inputs_in_equations(motion: Motion, recorded: KnownInputs | None) -> KnownIn
         return None
     if recorded is None:
         names = ", ".join(motion.input_names)
-        what = f"the motion has the inputs {names}, and there are no values of them"
+        message = f"the motion has the inputs {names}, and there are no values of them"
         way = "a recording has them: target `measured`, `input: {NAME: COLUMN}`"
-        raise InvalidKeyError(f"{what}; {way}")
+        raise InvalidKeyError(f"{message}; {way}")
     return recorded.chosen(motion.input_names)
 
 

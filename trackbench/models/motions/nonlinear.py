@@ -50,8 +50,8 @@ class AngledMotion(Motion):
         """Return the rows of the angles; raises InvalidKeyError."""
         for i, name in enumerate(self.angles):
             if name not in components:
-                what = f"{name!r} is not one of {', '.join(components)}"
-                raise InvalidKeyError(what, "angles", i)
+                message = f"{name!r} is not one of {', '.join(components)}"
+                raise InvalidKeyError(message, "angles", i)
         return tuple(i for i, name in enumerate(components) if name in self.angles)
 
 
@@ -110,8 +110,8 @@ class EquationMotion(AngledMotion):
         f, _, Q = programs
         for i, name in enumerate(self.input):
             if not (f.uses(name) or Q.uses(name)):
-                what = f"no equation uses the input {name!r}: use it, or leave it out"
-                raise InvalidKeyError(what, "input", i)
+                message = f"no equation uses the input {name!r}: use it, or leave it out"
+                raise InvalidKeyError(message, "input", i)
         return programs
 
     def _compile(self, equations: Equations) -> tuple[ArrayProgram, ArrayProgram, ArrayProgram]:

@@ -119,8 +119,10 @@ class SensorBase(Part):
         """
         if not self.any_state and len(components) > 1 and components[:2] != ("px", "vx"):
             names = ", ".join(components)
-            what = f"measures positions and velocities, and the state is {names}: take `function`"
-            raise InvalidKeyError(what, "kind")
+            message = (
+                f"measures positions and velocities, and the state is {names}: take `function`"
+            )
+            raise InvalidKeyError(message, "kind")
         return self
 
     @property
@@ -554,5 +556,7 @@ def _check_assumed(sensors: SensorBase | tuple[SensorBase, ...]) -> None:
         for name in names:
             # The class's attribute is the key's default.
             if getattr(sensor, name) != getattr(SensorBase, name):
-                what = "has no effect: no filter models it; set it at the scenario's own `sensor`"
-                raise InvalidKeyError(what, "assume", "sensor", *index, name)
+                message = (
+                    "has no effect: no filter models it; set it at the scenario's own `sensor`"
+                )
+                raise InvalidKeyError(message, "assume", "sensor", *index, name)

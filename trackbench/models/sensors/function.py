@@ -226,8 +226,8 @@ class FunctionSensor(SensorBase):
             return
         self._known_noise.check_keys()
         if self.outliers is not None:
-            what = "not together with `noise`, which filters know; take one of the two"
-            raise InvalidKeyError(what, "outliers")
+            message = "not together with `noise`, which filters know; take one of the two"
+            raise InvalidKeyError(message, "outliers")
         # The variance: none of a count, required by a mixture, diagonal otherwise.
         if self.is_count:
             if self.R is not None:
@@ -239,8 +239,8 @@ class FunctionSensor(SensorBase):
         elif isinstance(self.R, tuple):
             for i, row in enumerate(self.R):
                 if isinstance(row, tuple) and any(term != 0 for term in row[:i] + row[i + 1 :]):
-                    what = "`noise` is independent by component; give a variance for each"
-                    raise InvalidKeyError(what, "R")
+                    message = "`noise` is independent by component; give a variance for each"
+                    raise InvalidKeyError(message, "R")
 
     @property
     def _known_noise(self) -> Noise:
@@ -292,9 +292,9 @@ class FunctionSensor(SensorBase):
         for name, term in self.h.items():
             turns = turns_at_cut(equations.parse(term, "h", name))
             if turns and not isclose(turns, 1.0):
-                what = f"an angle that jumps by {2.0 * pi * turns:.4g} at the cut of atan2"
+                message = f"an angle that jumps by {2.0 * pi * turns:.4g} at the cut of atan2"
                 way_on = "write it in rad, or `angles: []` if no target crosses the cut"
-                raise InvalidKeyError(f"{what}; only angles in rad wrap: {way_on}", "h", name)
+                raise InvalidKeyError(f"{message}; only angles in rad wrap: {way_on}", "h", name)
             if turns and not self.is_count:  # a count is no angle
                 names.append(name)
         return tuple(names)

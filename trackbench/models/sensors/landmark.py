@@ -59,11 +59,11 @@ class Landmark(SensorBase):
         names = ", ".join(components)
         for name in _POSITION:
             if name not in components:
-                what = f"a landmark is measured from px and py, and the state is {names}"
-                raise InvalidKeyError(f"{what}: take `function`", "kind")
+                message = f"a landmark is measured from px and py, and the state is {names}"
+                raise InvalidKeyError(f"{message}: take `function`", "kind")
         if "bearing" in self.components and self.heading not in components:
-            what = f"there is no component {self.heading!r}, from which bearings count"
-            raise InvalidKeyError(f"{what}; the state is {names}", "heading")
+            message = f"there is no component {self.heading!r}, from which bearings count"
+            raise InvalidKeyError(f"{message}; the state is {names}", "heading")
         return replace(self, state=components)
 
     @cached_property

@@ -67,9 +67,9 @@ class Anees(OverTime):
         where = phrases.at_point(point)
         labels = [label for _, label in shares]
         words = f"{captions.quantity(self.metric)} over {self.x_words}"
-        what = captions.of_curves(results, words, labels)
+        curves = captions.of_curves(results, words, labels)
         beginning = f"Of the steps{where} so many are in the {100 * self.level:g} % band: "
-        return f"{what} {beginning}{', '.join(texts)}. Above it a filter is overconfident."
+        return f"{curves} {beginning}{', '.join(texts)}. Above it a filter is overconfident."
 
     def _share_in_band(self, results: Results, point: GridPoint, series: MetricSeries) -> float:
         """Return the share of a filter's steps at which the metric is in the band."""

@@ -399,7 +399,7 @@ class OverTime(Curves):
 
 def _have_overlap(spans: Sequence[tuple[float, float] | None]) -> bool:
     """Return whether any two of the spans on an axis have more than an end in common."""
-    return any(_overlap(one, other) for one, other in combinations(spans, 2))
+    return any(_overlap(first, second) for first, second in combinations(spans, 2))
 
 
 def _overlap(span: tuple[float, float] | None, other: tuple[float, float] | None) -> bool:

@@ -64,10 +64,10 @@ class RmseVsParameter(FigureKind):
             value = point.values[path]
             # The value of linked paths is a list.
             if _common_number(value) is None:
-                what = f"{value!r} in the grid of {path} is no number"
+                message = f"{value!r} in the grid of {path} is no number"
                 if len(single_paths(path)) > 1:
-                    what += ": give the linked paths equal values, or show these in a table"
-                return {"parameter": what}
+                    message += ": give the linked paths equal values, or show these in a table"
+                return {"parameter": message}
         return {}
 
     def default_caption(self, results: Results) -> str:

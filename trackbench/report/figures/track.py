@@ -67,16 +67,16 @@ class Track(FigureKind):
         last = min(len(p.scenario.components) for p in points) - 1
         names = points[0].scenario.components
         if self.components is None and any(self._rows_of(p.scenario) is None for p in points):
-            what = f"shows positions, and the state is {', '.join(names)}"
-            return {"": f"{what}: name its two as `components`, or take `estimates`"}
+            message = f"shows positions, and the state is {', '.join(names)}"
+            return {"": f"{message}: name its two as `components`, or take `estimates`"}
         if not (self.filters or self.best) and not all(p.scenario.has_truth for p in points):
             return {"filters": "there is no truth to draw: name the filters whose tracks to draw"}
         for component in self.components or ():
             if isinstance(component, str) and component not in names:
                 return {"components": f"{component!r} is no component; known: {', '.join(names)}"}
             if not isinstance(component, str) and not 0 <= component <= last:
-                what = f"{list(self.components or ())}: the state has components 0 to {last}"
-                return {"components": what}
+                message = f"{list(self.components or ())}: the state has components 0 to {last}"
+                return {"components": message}
         return {}
 
     def _rows(

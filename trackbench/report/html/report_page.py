@@ -132,8 +132,8 @@ def _facts(results: Results) -> list[tuple[str, object]]:
     ]
     programs = results.programs
     if programs:
-        what = f"{', '.join(programs)}: the same numbers on the same machine only"
-        facts.append(("External programs", what))
+        programs_text = f"{', '.join(programs)}: the same numbers on the same machine only"
+        facts.append(("External programs", programs_text))
     paths = []
     for path in results.grid:
         together = single_paths(path)

@@ -87,8 +87,10 @@ def _check_depth(root: ET.Element, name: str) -> None:
         level = children
         depth += 1
         if depth > _MOST_NESTED:
-            what = f"has groups within groups, more than {_MOST_NESTED} deep, as no figure has"
-            raise UserError(f"figures/{name}.svg: {what}; draw it again: trackbench plot RESULTS")
+            message = f"has groups within groups, more than {_MOST_NESTED} deep, as no figure has"
+            raise UserError(
+                f"figures/{name}.svg: {message}; draw it again: trackbench plot RESULTS"
+            )
 
 
 def inline(content: bytes, name: str, title: str) -> str:

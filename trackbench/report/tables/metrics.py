@@ -273,5 +273,5 @@ def _tail_notes(
     place = evaluator.results.point_heading(evaluator.point)
     where = f" at {place}" if place else ""
     for name, text_by_label in medians.items():
-        what = f"A few runs decide the {name}{where}, so its ± may be too small"
-        yield f"{what}; medians: {listed(list(text_by_label.values()))}."
+        message = f"A few runs decide the {name}{where}, so its ± may be too small"
+        yield f"{message}; medians: {listed(list(text_by_label.values()))}."

@@ -168,8 +168,8 @@ class Readings(TableKind):
         names |= dict.fromkeys(f"{number.filter}: {number.metric}" for number in numbers)
         for key in self.chosen:
             if key not in names:
-                what = f"{key!r} is no printed number of {self.of}; {unknown(key, [*names])}"
-                raise UserError(Problem(Mark("tables"), "chosen", what))
+                message = f"{key!r} is no printed number of {self.of}; {unknown(key, [*names])}"
+                raise UserError(Problem(Mark("tables"), "chosen", message))
 
 
 def distance(numbers: list[Number]) -> Distance:

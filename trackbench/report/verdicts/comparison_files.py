@@ -248,10 +248,10 @@ def summary_lines(comparison: Verdicts) -> list[str]:
     with_readings = [number for number in comparison.numbers if number.readings > 1]
     if with_readings:
         agree = sum(number.best.verdict.word == "agrees" for number in with_readings)
-        what = (
+        remark = (
             f"{len(with_readings)} were tried under several readings, of which {agree} agree in one"
         )
-        lines[0] += f"; {what}"  # the first line is that of the numbers
+        lines[0] += f"; {remark}"  # the first line is that of the numbers
     if comparison.left_out:
         lines.append(f"{counted(len(comparison.left_out), 'printed number')} left out")
     return lines
@@ -275,8 +275,8 @@ def _add_meanings(table: TextTable, verdicts: Sequence[Verdict]) -> None:
     if words & {"differs", "holds", "fails"}:
         meanings["significant"] = HOW_DECIDED
     if any(verdict.fragile for verdict in verdicts):
-        what = "another seed, one run fewer or three far ones more could change the verdict"
-        meanings["fragile"] = what
+        meaning = "another seed, one run fewer or three far ones more could change the verdict"
+        meanings["fragile"] = meaning
     table.notes += [f"{word}: {meaning}." for word, meaning in meanings.items()]
 
 

@@ -49,8 +49,8 @@ def _reason(row: Compared | ClaimVerdict, runs: int) -> str:
         if not verdict.has_sign:
             return f"{text}; no sign of a difference"
         more = run_count(runs_that_decide(runs, z, verdict.needed))
-        what = f"{more} runs" if runs > 1 else f"a recording {more} times as long"
-        return f"{text}; a difference as large as measured needs about {what}"
+        more_data = f"{more} runs" if runs > 1 else f"a recording {more} times as long"
+        return f"{text}; a difference as large as measured needs about {more_data}"
     # Case 2: z without a batch of runs is too small.
     z_of_part = verdict.weak_part
     if z_of_part is None:

@@ -29,10 +29,10 @@ class _FromScans(Start):
             raise InvalidKeyError("no sensor here tells a position in one scan", "start")
         locating_sensor, _ = sensor_and_rows
         if 2 * locating_sensor.axes != len(components):
-            what = (
+            message = (
                 f"the sensor sees {locating_sensor.axes} axes of a target in {len(components) // 2}"
             )
-            raise InvalidKeyError(what, "start")
+            raise InvalidKeyError(message, "start")
 
     def located(self, opening: InitialScans, sensor: Sensors, scan: int) -> Gaussian:
         """Return the position (axes, M) measured by scan ``scan``, counted from 0, with covariance."""

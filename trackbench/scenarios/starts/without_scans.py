@@ -66,18 +66,18 @@ class _Spread:
         n = len(components)
         P = self._cov
         if P.shape != (n, n):
-            what = f"needs {n} rows of {n} numbers, for {', '.join(components)}"
-            raise InvalidKeyError(what, "start", "cov")
+            message = f"needs {n} rows of {n} numbers, for {', '.join(components)}"
+            raise InvalidKeyError(message, "start", "cov")
         # Symmetric, and no eigenvalue below zero but for rounding.
         differing = np.argwhere(P != P.T)
         if len(differing):
             i, j = differing[0] + 1
-            what = f"not symmetric: row {i}, column {j} and the reverse differ"
-            raise InvalidKeyError(what, "start", "cov")
+            message = f"not symmetric: row {i}, column {j} and the reverse differ"
+            raise InvalidKeyError(message, "start", "cov")
         least = np.linalg.eigvalsh(P)[0]
         if least < -1e-12 * np.abs(P).max():
-            what = f"has the eigenvalue {least:.3g}, and a covariance has none below 0"
-            raise InvalidKeyError(what, "start", "cov")
+            message = f"has the eigenvalue {least:.3g}, and a covariance has none below 0"
+            raise InvalidKeyError(message, "start", "cov")
         return self
 
     @property
@@ -185,8 +185,8 @@ class UniformStart(FixedStart):
         high = by_component(self.high, components, "start", "high").tolist()
         for name, least, largest in zip(components, low, high, strict=True):
             if least > largest:
-                what = f"{name}: {largest:g} is below `low`, {least:g}"
-                raise InvalidKeyError(what, "start", "high")
+                message = f"{name}: {largest:g} is below `low`, {least:g}"
+                raise InvalidKeyError(message, "start", "high")
         return replace(self, low=tuple(low), high=tuple(high))
 
     def prior_type(self, sensor: Sensors) -> type[Distribution]:

@@ -50,8 +50,8 @@ class Timeline(NamedTuple):
         if self.equal:
             return sample_equally(motion, self.T, axes, self.inputs)
         if motion.uses_time:
-            what = "the motion depends on the time t = k T, and these steps are not equal"
-            raise InvalidKeyError(what, "assume")
+            message = "the motion depends on the time t = k T, and these steps are not equal"
+            raise InvalidKeyError(message, "assume")
         # Check the inputs here, where a mistake is reported with its key.
         inputs_in_equations(motion, self.inputs)
         intervals = fixed(np.diff(self.times))
@@ -406,8 +406,8 @@ class Schedule(NamedTuple):
             raise InvalidKeyError(f"more than {MOST_STEPS} steps", "last")
         begun = self.first + self.skipped
         if self.last <= begun:
-            what = f"{self.last} leaves no step to measure after step {begun}"
-            raise InvalidKeyError(what, "last")
+            message = f"{self.last} leaves no step to measure after step {begun}"
+            raise InvalidKeyError(message, "last")
 
     def _check_recorded(self, recorded: Timeline) -> None:
         """Raise InvalidKeyError for keys that do not fit the recorded steps, or leave too many."""
@@ -417,14 +417,14 @@ class Schedule(NamedTuple):
         # The step of the first state is not measured, or the start uses up its scan.
         measured = recorded.steps[self.skipped + 1 :]
         if self.last is not None and not measured[0] <= self.last <= measured[-1]:
-            what = f"what is recorded is measured in steps {measured[0]} to {measured[-1]}"
-            raise InvalidKeyError(what, "last")
+            message = f"what is recorded is measured in steps {measured[0]} to {measured[-1]}"
+            raise InvalidKeyError(message, "last")
         taken = len(self.of_recorded(recorded).steps) - self.skipped
         if taken > MOST_STEPS:
             latest = int(recorded.steps[self.skipped + MOST_STEPS - 1])
-            what = f"the recording gives {taken} steps, more than {MOST_STEPS}"
+            message = f"the recording gives {taken} steps, more than {MOST_STEPS}"
             way = f"say `last: {latest}`, choose runs, or a longer `resample`"
-            raise InvalidKeyError(f"{what}: {way}")
+            raise InvalidKeyError(f"{message}: {way}")
 
     def regular(self, T: float) -> Timeline:
         """Return every step, T s apart."""

@@ -80,8 +80,8 @@ class Driven(Target):
         if self.initial is not None:
             by_component(self.initial, self.components, "initial")
         if self.motion.input_names:
-            what = "a simulation has no recorded inputs: write them as expressions of k and t"
-            raise InvalidKeyError(what, "motion", "input")
+            message = "a simulation has no recorded inputs: write them as expressions of k and t"
+            raise InvalidKeyError(message, "motion", "input")
 
     @property
     def _first(self) -> Launch | PolarLaunch:

@@ -171,12 +171,12 @@ class Legs(Flown):
             if leg.end <= leg.start:
                 raise InvalidKeyError(f"leg {n + 1} ends before it starts", *_LEGS_KEY, n, "end")
             if leg.end > end:
-                what = f"leg {n + 1} ends at {time_text(leg.end)} s, after the run's end at "
-                what += f"{time_text(end)} s"
-                raise InvalidKeyError(what, *_LEGS_KEY, n, "end")
+                message = f"leg {n + 1} ends at {time_text(leg.end)} s, after the run's end at "
+                message += f"{time_text(end)} s"
+                raise InvalidKeyError(message, *_LEGS_KEY, n, "end")
             if n and leg.start < self.legs[n - 1].end:
-                what = f"leg {n + 1} starts at {time_text(leg.start)} s, before leg {n} ends"
-                raise InvalidKeyError(what, *_LEGS_KEY, n, "start")
+                message = f"leg {n + 1} starts at {time_text(leg.start)} s, before leg {n} ends"
+                raise InvalidKeyError(message, *_LEGS_KEY, n, "start")
 
     def cautions(self, timeline: Timeline) -> list[str]:
         """Note turns by more than half a turn between two steps, and turns of a target that stands."""
@@ -190,8 +190,8 @@ class Legs(Flown):
             # (vx, vy) at the leg's start: a turn is in the plane.
             velocity = self.states(np.array([leg.start]))[1:4:2, 0]
             if not velocity.any():
-                what = f"leg {n} turns a target that stands still, which changes nothing"
-                notes.append(f"{what}: give the launch a speed")
+                message = f"leg {n} turns a target that stands still, which changes nothing"
+                notes.append(f"{message}: give the launch a speed")
         return notes
 
     def states(self, times: Array) -> Array:
