@@ -109,10 +109,10 @@ def described(metric: str, **numbers: float) -> str:
             of_steps = (
                 number**2 * (steps + place * steps[::-1]) / (steps + place * steps[::-1]).mean()
             )
-            sample = Sample.of(np.array([number]), "rms", of_steps)
+            sample = Sample.from_values(np.array([number]), "rms", of_steps)
         else:
             of_steps = number + 0.01 * (place + 1) * (steps - steps.mean())
-            sample = Sample.of(np.array([number]), "mean", of_steps)
+            sample = Sample.from_values(np.array([number]), "mean", of_steps)
         candidates.append(Candidate(label, {}, np.zeros(1), sample))
     return _explain_undecided(ranking_of(candidates, metric), is_recorded=True)
 
