@@ -23,7 +23,7 @@ static double covariance(int i, int j) {
     return i % 2 == j % 2 ? P[i / 2][j / 2] : 0;
 }
 
-/* Find the i-th name of the filter in the list after the key, and write its number there, from 0, to place[i].
+/* Find the i-th name of the filter in the list after the key. Write its place in the list, which counts from 0, to place[i].
  * Return 1 if the list has all names of the filter and no other name, and 0 otherwise. */
 static int find_places(const char *json, const char *key, const char **names, int n, int place[]) {
     int found = 0, number = 0;

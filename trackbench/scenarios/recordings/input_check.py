@@ -162,7 +162,7 @@ def _ratio_note(name: str, windows: _Changes, correlation: float) -> list[str]:
     # What the values would have to be multiplied by. The truth has the smaller errors.
     factor = float((e * e).sum() / (d * e).sum())
     size = abs(factor)
-    what = f"the truth changes as the input {name} says if its values are"
+    what = f"the input {name} fits the truth if its values are"
     if factor < 0.0:
         what += " of the other sign"
     if 1.0 / _LARGEST_RATIO < size < _LARGEST_RATIO:

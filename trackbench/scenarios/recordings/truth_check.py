@@ -125,7 +125,7 @@ def contradictions(
         median = f"median: {medians[0]:.0f}"
         if len(group) > 1:
             median = f"medians: {medians[0]:.0f} to {medians[-1]:.0f}"
-        what = f"the truth is beyond nearly every measurement of {words}"
+        what = f"nearly every measurement of {words} disagrees with the truth"
         if not is_beyond:
             what = f"the truth and the measurements of {words} disagree"
         texts.append(f"{what} ({median} standard deviations){remedy}")
