@@ -180,7 +180,9 @@ def test_angles_clockwise_from_north(tmp_path: Path) -> None:
     assert rmse(tmp_path, target | {"clockwise": ["azimuth"]}) == pytest.approx(plane, rel=1e-6)
     # Without the key truth and measurements are mirror images, and a note says so.
     (note,) = load(config(tmp_path, target, RADAR)).points[0].scenario.cautions
-    assert note.startswith("nearly every measurement of the sensor disagrees with the truth (median: ")
+    assert note.startswith(
+        "nearly every measurement of the sensor disagrees with the truth (median: "
+    )
     assert note.endswith("if its azimuth counts from north clockwise: say `clockwise: [azimuth]`")
     for bad, what in (("range", "'range' is no angle that is measured here"), ("course", "always")):
         with pytest.raises(UserError, match=what):
