@@ -124,7 +124,7 @@ def test_all_tags_off_ask_for_the_origin_too(tmp_path: Path) -> None:
 
 def test_bearings_that_count_clockwise_are_said_in_one_note(tmp_path: Path) -> None:
     (note,) = notes(tmp_path, sign=-1.0)
-    assert "of sensor 1, sensor 2 (3) and sensor 3 (4) (medians: " in note
+    assert "of sensor 1, sensor 2 (3) and sensor 3 (4) disagrees with the truth (medians: " in note
     assert note.endswith(
         "if its bearing counts from the heading clockwise: change its sign in the file"
     )
