@@ -143,7 +143,7 @@ def _plugin_classes(component: object) -> list[type]:
     """
     cls = component if isinstance(component, type) else type(component)
     # `LoopFilter.run_class` is the plugin's class of one run; the LoopFilter itself is trackbench's.
-    plugin_cls = getattr(cls, "one", cls)
+    plugin_cls = getattr(cls, "run_class", cls)
     plugin_classes = []
     for base_cls in plugin_cls.__mro__:
         # Python's own base classes are those such as `object` and `Generic`.
