@@ -7,7 +7,7 @@ import pytest
 
 from tests.papers import maneuver, seen_as
 from trackbench.core import compiled, kalman
-from trackbench.core.arrays import Array, Seal, clear_caches, fixed, once
+from trackbench.core.arrays import Array, Seal, cached_if_constant, clear_caches, fixed
 from trackbench.core.distributions import Gaussian
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.run_block import run_block
@@ -18,7 +18,7 @@ from trackbench.models.motions.kinematic import WhiteAcceleration
 def test_constant_matrices_are_computed_once_and_batches_every_time() -> None:
     calls = []
 
-    @once
+    @cached_if_constant
     def twice(A: Array) -> Array:
         calls.append(A.shape)
         return 2.0 * A
@@ -30,7 +30,7 @@ def test_constant_matrices_are_computed_once_and_batches_every_time() -> None:
 
 
 def test_fixed_matrices_are_recognized_and_others_compared() -> None:
-    @once
+    @cached_if_constant
     def twice(A: Array, B: Array) -> Array:
         return A + B
 
@@ -51,7 +51,7 @@ def test_fixed_matrices_are_recognized_and_others_compared() -> None:
 
 
 def test_results_of_changed_memory_are_dropped() -> None:
-    @once
+    @cached_if_constant
     def twice(A: Array) -> Array:
         return 2.0 * A
 

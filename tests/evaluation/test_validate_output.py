@@ -10,7 +10,7 @@ import pytest
 
 from tests.conftest import make_filter, track
 from tests.papers import banana, maneuver, merwe
-from trackbench.core.arrays import Seal, fixed, freeze, once
+from trackbench.core.arrays import Seal, cached_if_constant, fixed, freeze
 from trackbench.core.distributions import Gaussian
 from trackbench.evaluation import run_filter
 from trackbench.evaluation.block import BlockTask, simulate
@@ -198,7 +198,7 @@ class WritesMemory(UKF):
             memory[0] += 1.0
 
 
-@once
+@cached_if_constant
 def inverse(A: np.ndarray) -> np.ndarray:
     """Stand for a gain that all filters share."""
     return 1.0 / (A + 1.0)

@@ -207,7 +207,7 @@ _caches: list[dict[Any, Any]] = []
 _results_by_identity: list[dict[tuple[int, ...], tuple[tuple[Array, ...], Any]]] = []
 
 
-def once(function: F) -> F:
+def cached_if_constant(function: F) -> F:
     """Cache the results of a function of constant matrices; call it if a matrix has a batch axis.
 
     The blocks of a batch, the points of a grid and the steps of a filter in its steady state then share

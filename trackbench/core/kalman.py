@@ -15,8 +15,8 @@ from trackbench.core.arrays import (
     Mask,
     all_finite,
     any_nan,
+    cached_if_constant,
     count_operations,
-    once,
     with_axes_of,
     with_trailing,
 )
@@ -106,7 +106,7 @@ def predict(state: Gaussian, F: Array, Q: Array, mean: Array | None = None) -> G
     return Gaussian(predicted, _predicted_cov(F, state.cov, Q))
 
 
-@once
+@cached_if_constant
 def _predicted_cov(F: Array, P: Array, Q: Array) -> Array:
     FPF = linalg.sandwich(F, P)
     return FPF + with_axes_of(FPF, Q)
@@ -356,7 +356,7 @@ def _with_gain(predicted: Gaussian, nu: Array, K: Array, H: Array, R: Array) -> 
     return Gaussian(mean, _joseph(predicted.cov, K, H, R))
 
 
-@once
+@cached_if_constant
 def gain(P: Array, H: Array, R: Array) -> tuple[Array, Array]:
     """Compute ``S = H P H' + R`` and ``K = P H' S^-1``.
 
@@ -391,7 +391,7 @@ def gain(P: Array, H: Array, R: Array) -> tuple[Array, Array]:
     return S, _times_inverse(linalg.transpose(HP), S)
 
 
-@once
+@cached_if_constant
 def _joseph(P: Array, K: Array, H: Array, R: Array) -> Array:
     """Compute ``(I - K H) P (I - K H)' + K R K'``."""
     if compiled.kernels:

@@ -12,7 +12,7 @@ from math import nan, sqrt
 import numpy as np
 
 from trackbench.core import compiled
-from trackbench.core.arrays import Array, Mask, all_finite, once, with_trailing
+from trackbench.core.arrays import Array, Mask, all_finite, cached_if_constant, with_trailing
 
 SINGULAR = 1e-14
 """Share of its variance below which a pivot is rounding."""
@@ -192,7 +192,7 @@ def traces_of_products(A: Array) -> Array:
 _PRODUCTS_AT_ONCE = 65_536  # numbers of the diagonals of products, which stay in the cache
 
 
-@once
+@cached_if_constant
 def cholesky(P: Array) -> Array:
     """Factor ``P = L L'``.
 
@@ -220,7 +220,7 @@ def cholesky(P: Array) -> Array:
     return _factor(P, 0.0)
 
 
-@once
+@cached_if_constant
 def root(P: Array) -> Array:
     """Factor ``P = L L'`` of a covariance that may be singular, as ``q G G'`` is.
 
@@ -375,7 +375,10 @@ def solve_lower(L: Array, b: Array) -> Array:
 
 
 def whiten(L: Array, b: Array) -> list[Array]:
-    """Solve ``L y = b``, L a lower triangle (n, n, *batch) and b (n, *batch); return the rows of y."""
+    """Solve ``L y = b``, L a lower triangle (n, n, *batch) and b (n, *batch); return the rows of y.
+
+    The batch may be (M, 1) for L and (M, N) for b: a run then has one triangle for N columns.
+    """
     if compiled.kernels and b.ndim > 1:
         out = np.empty(b.shape)
         if compiled.kernels.whiten(L, b, out):
@@ -651,7 +654,7 @@ def beside(*blocks: Array) -> Array:
     return np.concatenate([np.broadcast_to(A, (*A.shape[:2], *batch)) for A in wide], axis=1)
 
 
-@once
+@cached_if_constant
 def triangular(A: Array) -> Array:
     """Factor ``A A' = L L'`` without forming ``A A'``.
 

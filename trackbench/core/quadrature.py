@@ -123,6 +123,7 @@ def refined(posterior: Posterior, n: int) -> Posterior:
     for panel in posterior:
         if not panel.is_point and len(panel.x) < n:
             middle = 0.5 * (panel.low + panel.high)
+            # The density (n', M) times weights (n', n), run by run: (n, M).
             weights = _interpolation(len(panel.x), n)
             panel = panel._replace(
                 x=middle + panel.half * _rule(n).nodes[:, None],

@@ -143,7 +143,8 @@ class RangeAzimuth(Radar):
         """Compute ``innovation(z, polar(x))`` (2, M, N) of particles x (n, M, N), and R."""
         nu = np.empty((2, *x.shape[1:]))
         # In coordinates along the measured azimuth, a - z_a is atan2(across, along) without wrapping.
-        # If the azimuth is missing, any direction gives the range.
+        # If the azimuth is missing, any direction gives the range. The residual of the azimuth is then a
+        # number without meaning, and the caller leaves the missing component out.
         azimuth = np.where(np.isnan(z[1]), 0.0, z[1])
         r, across, along = along_line_of_sight(azimuth, *self.relative_position(x, k))
         np.subtract(z[0][:, None], r, out=nu[0])

@@ -284,7 +284,7 @@ def _fitting_forms(cells: Sequence[str]) -> dict[str, Array]:
             values, mistakes = parse_cells(partial(instant, form=form), cells)
         if not mistakes and all(_has_digits_of(form, cell) for cell in cells):
             found[form] = values
-    # A count of microseconds may look like a stamp, whose seconds then all are 00.
+    # A count of microseconds may look like a stamp. Its last two digits are then alike in all cells.
     short = [form for form in STAMP_FORMS if form.startswith(("%y", "%d%m%y")) and form in found]
     for form in short:
         if len({cell[-2:] for cell in cells}) == 1:
