@@ -17,7 +17,7 @@ from trackbench.core import particles, resampling
 from trackbench.core.particle_moves import jitter
 from trackbench.core.random_streams import block_stream
 from trackbench.evaluation.run_block import keep_freed_memory
-from trackbench.models.base import log_likelihood
+from trackbench.models.likelihood import log_likelihood
 
 CASES = (
     ("merwe", "pf", 10, 500),

@@ -35,6 +35,7 @@ _SOURCES = (
     "filters",
     "adapters",
     "evaluation",
+    "durations.py",
     "extension_points.py",
     "field_types.py",
     "metrics.py",

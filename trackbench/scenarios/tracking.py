@@ -17,7 +17,7 @@ from trackbench.models.delays import Late
 from trackbench.models.description import ModelDescription, with_description
 from trackbench.models.motions.irregular import with_angle_names
 from trackbench.models.motions.kinematic import ConstantVelocity
-from trackbench.models.motions.nonlinear import AngledMotion
+from trackbench.models.motions.nonlinear import AngledMotion, EquationMotion, NonlinearMotion
 from trackbench.models.sensors.base import (
     Assume,
     SensorBase,
@@ -188,8 +188,10 @@ class Tracking(Scenario):
 
     def _way_to_larger_state(self) -> str:
         """Return the advice on an assumed motion with further components; empty if it has none."""
-        names = getattr(self.assume.motion, "components", ())
-        further = [name for name in names if name not in self.components]
+        motion = self.assume.motion
+        if not isinstance(motion, EquationMotion | NonlinearMotion):
+            return ""
+        further = [name for name in motion.components if name not in self.components]
         if not further or not hasattr(self.target, "state"):
             return ""
         state = ", ".join([*self.components, *further])
