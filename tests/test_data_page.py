@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from docs.site.blocks import blocks
 from tests.commands import trackbench
@@ -49,6 +50,11 @@ def test_the_plane_shortens_speeds_and_distances_as_the_table_says() -> None:
         speed = 100.0 * (1.0 - (north[i + 1] - north[i]) / step[i])
         way = 100.0 * (1.0 - north[i] / distance[i])
         assert f"| {kilometers} km | {_rounded(speed)} % | {_rounded(way)} % |" in PAGE
+
+
+def test_a_slant_range_is_longer_as_the_page_says() -> None:
+    longer = 100.0 * (1.0 / np.cos(np.deg2rad(10.0)) - 1.0)
+    assert f"At an elevation of 10 degrees it is {longer:.1f} % longer" in PAGE
 
 
 def _on_the_ground(latitude: Array) -> Geodetic:
@@ -115,8 +121,16 @@ def test_several_files_and_a_truth_are_given_in_one_command(
     (origin,) = (line for line in lines if line.startswith("origin:"))
     assert f"\n{origin}\n" in PAGE
     first = lines.index('truth: "rtk_truth.csv"')
+    filters = yaml.safe_load(text)["filters"]
+    words = [f"`{label}`" for label in filters]
+    assert f"compares four filters: {', '.join(words[:-1])} and {words[-1]}" in PAGE
     keys = "\n".join(lines[first : first + 3]).replace('"rtk_truth.csv"', "rtk_truth.csv")
     assert f"\n{keys}\n" in PAGE
+    # Without the place of the radar it does not run.
+    undecided = trackbench("run", "radar_log_gps_logger.yaml", cwd=tmp_path)
+    assert undecided.returncode == 2
+    assert "'LATITUDE' is not a number" in undecided.stderr
+    assert "`'LATITUDE' is not a number`" in PAGE
     # With the place of the radar there is nothing left to write.
     (tmp_path / "radar_log_gps_logger.yaml").unlink()
     assert "`--set 'origin=[48.2651, 11.6689]'`" in PAGE

@@ -382,6 +382,22 @@ def test_times_of_gps_beside_dates_are_a_question(tmp_path: Path) -> None:
     np.testing.assert_array_equal(answered["mean/EKF"], alike["mean/EKF"])
 
 
+def test_weeks_of_gps_beside_unix_times_have_no_zone_to_say(tmp_path: Path) -> None:
+    """Weeks never count from 1970, so that a `zone` would only be the next mistake."""
+    late = T[:-1] + 0.05
+    seconds = [f"{207060 + t:.2f}" for t in late]
+    unix = [f"{BEGIN + t:.2f}" for t in T]
+    two_clocks(tmp_path, seconds, unix, ("stamp", "tow"))
+    rows = (tmp_path / "r.csv").read_text().splitlines()
+    weeks = ["week,tow,d,a", *(f"2314,{row}" for row in rows[1:])]
+    (tmp_path / "r.csv").write_text("\n".join(weeks) + "\n")
+    own: dict[str, Any] = {"columns": {"time": "tow", "week": "week"}}
+    what = r"GPS is ahead of UTC by leap seconds, 18 s since 2017: write UNIX times into .*r\.csv$"
+    with pytest.raises(UserError, match=what) as caught:
+        with_two_clocks(tmp_path, own, columns={"time": "stamp"})
+    assert "zone" not in str(caught.value)
+
+
 def test_the_truth_is_interpolated_within_its_gap_only(tmp_path: Path) -> None:
     (tmp_path / "m.csv").write_text(table("time,x,y", T, *X))
     at = np.array([-1.0, 2.0, 4.0, 9.0, 15.0, 20.1])

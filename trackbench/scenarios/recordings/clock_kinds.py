@@ -49,6 +49,8 @@ class FileClock(NamedTuple):
     """first and last time, s since 1970 of UNIX times and dates"""
     lacks_zone: bool = False
     """True if its dates have no zone of their own"""
+    counts_weeks: bool = False
+    """True if a column has the GPS weeks of its times"""
 
     @property
     def is_absolute(self) -> bool:
@@ -108,7 +110,14 @@ def clock_of_file(columns: Columns, table: Table, column: str, parts: Sequence[s
         # Times of GPS are ahead of UTC by its leap seconds.
         if not _GPS.isdisjoint(words) and _UNIX.isdisjoint(words) and naming.zone != "UTC":
             kind = "gps"
-    return FileClock(column=column, path=columns.path, kind=kind, unit=unit, span=span)
+    return FileClock(
+        column=column,
+        path=columns.path,
+        kind=kind,
+        unit=unit,
+        span=span,
+        counts_weeks="week" in parts,
+    )
 
 
 def _span(time: Array) -> tuple[float, float]:
@@ -144,7 +153,11 @@ def reason_against(first: FileClock, other: FileClock) -> str:
         return f'{what} Say `zone: UTC`, or their offset from UTC, such as `zone: "+02:00"`'
     if "gps" in kinds and kinds & {*_ABSOLUTE}:
         gps = first if first.kind == "gps" else other
-        what += ": GPS is ahead of UTC by leap seconds, 18 s since 2017;"
+        what += ": GPS is ahead of UTC by leap seconds, 18 s since 2017"
+        if gps.counts_weeks:
+            # Weeks of GPS cannot count from 1970.
+            return f"{what}: write UNIX times into the file {gps.path}"
+        what += ";"
         what += f" if {gps.column} of {gps.path} counts from 1970 in UTC, say `zone: UTC`,"
         return f"{what} or else write UNIX times into the file"
     if "number" in kinds and len(kinds) == 2:
