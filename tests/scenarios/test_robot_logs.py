@@ -427,3 +427,18 @@ def test_clockwise_bearings_of_two_tables_are_a_question_and_a_note(tmp_path: Pa
     assert f"to read them as they are, say --set '{option}'" in printed
     printed = of_tables(tmp_path, *FOUR, "--set", option)
     assert "they agree if its bearing counts from the heading clockwise" in printed
+
+
+def test_detections_of_two_cameras_are_no_runs(tmp_path: Path) -> None:
+    """The rows of one of the two frames were left out without a word."""
+    four_tables(tmp_path)
+    header, *rows = (tmp_path / "seen.csv").read_text().splitlines()
+    lines = [f"{header},field.header.frame_id"]
+    for row in rows:
+        bearing = float(row.rpartition(",")[2])
+        lines.append(f"{row},{'camera_front' if abs(bearing) < 90.0 else 'camera_rear'}")
+    (tmp_path / "seen.csv").write_text("\n".join(lines) + "\n")
+    of_tables(tmp_path, *FOUR)
+    (point,) = load(tmp_path / "robot.yaml").points
+    assert "run" not in point.scenario.target.columns
+    assert not point.scenario.target.runs

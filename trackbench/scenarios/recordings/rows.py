@@ -560,6 +560,10 @@ def _check_label(
     words = table.words[label]
     if not len(runs):
         return
+    # In the header of a ROS message this is the frame of a camera, beside the names of what it sees.
+    is_frame = label.replace("_", "").lower().endswith("frameid")
+    if is_frame and columns.column("sensor") is not None:
+        return
     empty = words.index("") if "" in words else -1  # code of empty cells; none has -1
     is_longest = (runs == np.bincount(runs).argmax()) & (codes != empty)
     rows = np.flatnonzero(is_longest)
