@@ -29,6 +29,7 @@ from trackbench.evaluation.block import BlockTask
 from trackbench.models.description import sensor_places
 from trackbench.report.plotting import style
 from trackbench.report.plotting.point_labels import PointLabel, label_points
+from trackbench.report.suite import tables as suite_tables
 from trackbench.report.suite.figures import (
     cell_text,
     draw_cost,
@@ -598,6 +599,10 @@ def test_a_covariance_that_is_not_positive_definite_is_named(tmp_path: Path) -> 
     # The report of the problem has its words in the ranking.
     page = (tmp_path / "out" / "turn" / "report.html").read_text()
     assert "Covariance not positive definite: my-ekf in 6 of 6 runs, first at step 4." in page
+    # A lost run has no judged covariance.
+    with_loss = replace(score, indefinite=5, lost=1)
+    text = suite_tables._indefinite_text(with_loss)
+    assert text == "on turn in 5 of 5 runs that it did not lose, first at step 4"
 
 
 def test_a_collapsed_covariance_is_too_small_or_has_no_spread() -> None:

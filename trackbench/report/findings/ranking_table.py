@@ -190,10 +190,13 @@ def indefinite_text(results: Results, candidate: Candidate) -> str:
     if first is None:
         return ""
     number = int(np.isfinite(first).sum())
-    return (
-        f"{candidate.name} in {number} of {counted(len(first), 'run')}, "
-        f"first at step {np.nanmin(first):.0f}"
-    )
+    # The covariances of a lost run are not judged.
+    lost = results.runs(candidate.point).get((candidate.label, "lost"))
+    number_lost = 0 if lost is None else int((lost != 0.0).sum())
+    judged = counted(len(first) - number_lost, "run")
+    if number_lost:
+        judged += " that it did not lose"
+    return f"{candidate.name} in {number} of {judged}, first at step {np.nanmin(first):.0f}"
 
 
 def _diverged_runs(

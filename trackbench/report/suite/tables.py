@@ -208,8 +208,12 @@ def _collapsed_note(scores: Sequence[Score]) -> str:
 
 def _indefinite_text(score: Score) -> str:
     """Return on which problem and from which step on a covariance is not positive definite."""
+    # The covariances of a lost run are not judged.
+    judged = counted(score.runs - score.lost, "run")
+    if score.lost:
+        judged += " that it did not lose"
     return (
-        f"on {score.problem} in {score.indefinite} of {counted(score.runs, 'run')}, "
+        f"on {score.problem} in {score.indefinite} of {judged}, "
         f"first at step {score.first_indefinite_step:.0f}"
     )
 
