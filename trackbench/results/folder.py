@@ -72,6 +72,11 @@ class ResultsFolder:
         return read(self.folder / "config.yaml")
 
     @property
+    def config_text(self) -> str:
+        """Text of the resolved config, as its file has it."""
+        return (self.folder / "config.yaml").read_text(encoding="utf-8")
+
+    @property
     def config(self) -> dict[str, Any]:
         """Resolved config."""
         config = self.source.data

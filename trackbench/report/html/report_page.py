@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from trackbench.atomic_files import write_text
-from trackbench.config.dump import as_yaml
 from trackbench.config.grid import single_paths
 from trackbench.report.findings import phrases
 from trackbench.report.findings.sentences import HOW_DECIDED, unranked_count
@@ -95,7 +94,7 @@ def write_report(
         tables=tables,
         pairs=pairs if pairs.rows else None,
         rerun=_rerun(results),
-        config=as_yaml(results.config),
+        config=results.config_text,
         versions=_versions(results),
         sections=[(id_, name) for id_, name, has_content in sections if has_content],
     )
