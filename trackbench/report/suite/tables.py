@@ -28,6 +28,7 @@ from trackbench.statistics.collapsed_runs import (
     COLLAPSED_NOTE,
     INDEFINITE_NOTE,
     NOT_DEFINITE,
+    indefinite_in_words,
 )
 from trackbench.statistics.rules import ALIKE, FEWEST_RUNS, UNTESTED
 
@@ -208,14 +209,13 @@ def _collapsed_note(scores: Sequence[Score]) -> str:
 
 def _indefinite_text(score: Score) -> str:
     """Return on which problem and from which step on a covariance is not positive definite."""
-    # The covariances of a lost run are not judged.
-    judged = counted(score.runs - score.lost, "run")
-    if score.lost:
-        judged += " that it did not lose"
-    return (
-        f"on {score.problem} in {score.indefinite} of {judged}, "
-        f"first at step {score.first_indefinite_step:.0f}"
+    words = indefinite_in_words(
+        score.indefinite,
+        runs=score.runs,
+        lost=score.lost,
+        first_step=score.first_indefinite_step,
     )
+    return f"on {score.problem} {words}"
 
 
 def _score_row(score: Score) -> list[Text]:
