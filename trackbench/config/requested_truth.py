@@ -74,7 +74,7 @@ class RequestedTruth:
         has_truth = steps_with_truth(truth)
         for key in ("train", "steps"):
             place = ("scenario", "score", key)
-            if source.has(place) and source.value_at(place) is not None:
+            if source.is_set(place):
                 keys = place
                 if has_truth.any():
                     way = f"{_other_choice(key, scenario, has_truth)}, or {way}"
