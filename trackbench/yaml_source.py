@@ -148,6 +148,10 @@ class Source:
             node = node[key]
         return True
 
+    def is_set(self, keys: Keys) -> bool:
+        """Return whether there is a value at ``keys`` that is not null."""
+        return self.has(keys) and self.value_at(keys) is not None
+
     def problem(self, keys: Keys, text: str) -> Problem:
         """Return a mistake in the value at ``keys``, which ``text`` explains."""
         return Problem(self.mark(keys), dotted(keys), text)

@@ -188,9 +188,8 @@ def check_idle(source: Source, points: list[Point]) -> None:
         for key, why in idle_keys[0].items():
             path = key.split(".")
             keys = ("filters", label, *path)
-            is_set = source.has(keys) and source.value_at(keys) is not None
             is_idle_everywhere = all(key in idle for idle in idle_keys)
-            if not is_set or not is_idle_everywhere:
+            if not source.is_set(keys) or not is_idle_everywhere:
                 continue
             if not all(_has_usual_value(tracker, path) for tracker in trackers):
                 source.add_problem(keys, f"has no effect {why}; leave it out")

@@ -82,6 +82,6 @@ def check_idle_late(source: Source, points: list[Point]) -> None:
         places.append((*owner, "assume", "late"))
     # Step 2: keys that are set there.
     for keys in places:
-        if source.has(keys) and source.value_at(keys) is not None:
+        if source.is_set(keys):
             message = "has no effect: all measurements arrive on time; add a `delay` to a sensor"
             source.add_key_problem(keys, message)

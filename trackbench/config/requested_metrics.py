@@ -11,8 +11,10 @@ from trackbench.config.experiment import Exhibit, Experiment, Point, Settings
 from trackbench.config.metric_names import Names, names_of, stored_metrics
 from trackbench.config.mistakes import nearest, unknown
 from trackbench.config.requested_truth import (
+    SERIES_OF_ERRORS,
     RequestedTruth,
     is_measured_in,
+    is_of_prediction,
     needs_truth,
     shows_default_errors,
 )
@@ -30,18 +32,11 @@ from trackbench.yaml_source import Keys, Source
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-_ERROR_SERIES = (
-    "squared",
-    "error",
-    "rmsd",
-    "nees",
-    "outside_region",
-    "pit",
-    "coverage",
-    "crps",
-    "nci",
-)
-"""Series that need ground truth."""
+_ERROR_SERIES = (*SERIES_OF_ERRORS, "rmsd")
+"""Series that only a scenario with a truth has.
+
+The RMSD is one of them. It compares estimates with those of the reference, and needs no truth at a step.
+"""
 _ADDED_BY = {
     "settling_s": "`settled_error` of a target `legs`",
     "not_settled": "`settled_error` of a target `legs`",
@@ -249,8 +244,7 @@ def _why_unknown(request: MetricRequest, names: Names, settings: Settings) -> st
     measure = request.measure
     metric = measure.definition
     quantity = measure.quantity
-    is_of_prediction = quantity.startswith(("predicted_", "held_"))
-    is_of_error = metric.series in ("damage", *_ERROR_SERIES) and not is_of_prediction
+    is_of_error = metric.series in _ERROR_SERIES and not is_of_prediction(measure)
     if measure.relation in ("gain", "ratio") and metric.is_score:
         message = "a log score is a logarithm, and ratios of it mean nothing; take minus(...)"
         return f"'{measure}': {message}"
@@ -324,7 +318,7 @@ def _why_not_computable(measure: Measure, settings: Settings) -> str | None:
 
 
 def _role_and_name(request: MetricRequest, settings: Settings) -> tuple[str, str]:
-    """Return a requested metric's role in `Names.of`, such as its file, and its name there.
+    """Return a requested metric's role in `Names.names_of_role`, such as its file, and its name there.
 
     A number at a step is looked up in per_step.csv, a statistic over runs or a win rate in per_run.csv,
     and a comparison under the expression of one filter.

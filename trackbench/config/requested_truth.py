@@ -15,7 +15,7 @@ from trackbench.scenarios.scored_truth import (
 )
 from trackbench.yaml_source import Keys, Source
 
-_SERIES_OF_ERRORS = (
+SERIES_OF_ERRORS = (
     "squared",
     "error",
     "nees",
@@ -33,10 +33,15 @@ _METRICS_OF_ERRORS = ("peak", "diverged", "beyond_10_sigma", "recovery_s", "not_
 
 def needs_truth(measure: Measure) -> bool:
     """Test whether a metric compares estimates with the truth."""
-    metric = measure.definition
-    if measure.quantity.startswith(("predicted_", "held_")):
+    if is_of_prediction(measure):
         return False
-    return metric.series in _SERIES_OF_ERRORS or metric.name in _METRICS_OF_ERRORS
+    metric = measure.definition
+    return metric.series in SERIES_OF_ERRORS or metric.name in _METRICS_OF_ERRORS
+
+
+def is_of_prediction(measure: Measure) -> bool:
+    """Test whether a metric compares predictions with measurements, which needs no truth."""
+    return measure.quantity.startswith(("predicted_", "held_"))
 
 
 class RequestedTruth:
@@ -69,7 +74,7 @@ class RequestedTruth:
         has_truth = steps_with_truth(truth)
         for key in ("train", "steps"):
             place = ("scenario", "score", key)
-            if source.has(place) and source.value_at(place) is not None:
+            if source.is_set(place):
                 keys = place
                 if has_truth.any():
                     way = f"{_other_choice(key, scenario, has_truth)}, or {way}"

@@ -28,7 +28,7 @@ def training_point(source: Source, point: Point) -> Point | None:
 
     Without such a scenario in the config it is ``point`` itself, the first of the experiment.
     """
-    if not source.has(TRAINING_SCENARIO) or source.value_at(TRAINING_SCENARIO) is None:
+    if not source.is_set(TRAINING_SCENARIO):
         return point
     changes = source.value_at(TRAINING_SCENARIO)
     if not isinstance(changes, dict):  # reported with the other settings

@@ -166,7 +166,7 @@ def _copy_model(source: Source, label: str, path: str) -> None:
         return
     filter_model, *places = places_of_model(label, component)
     for place in (filter_model, *places):
-        if not source.has(place) or source.value_at(place) is None:
+        if not source.is_set(place):
             continue
         model = copy.deepcopy(source.value_at(place))
         if place == filter_model or not isinstance(model, dict | list):

@@ -51,7 +51,7 @@ PAIRED = "paired"
 INDEPENDENT = "independent"
 COST = "cost"
 EXACT = "exact"
-"""How recorded data are compared, if the filter draws no random numbers: any difference is real."""
+"""How recorded data are compared if the filter draws no random numbers. Any difference is real."""
 INFINITE = " infinite"
 """End of the name of a row: share of the runs in which the metric is infinite."""
 

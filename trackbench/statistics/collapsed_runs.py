@@ -38,6 +38,17 @@ def indefinite_runs(anees: Array, first_indefinite: Array | None) -> Mask:
     return np.isinf(anees) & np.isfinite(first_indefinite)
 
 
+def indefinite_in_words(number: int, *, runs: int, lost: int, first_step: float) -> str:
+    """Return ``in 4 of 8 runs, first at step 63``, where a covariance is not positive definite.
+
+    ``number`` is that of these runs. Covariances of the ``lost`` ones of all ``runs`` are not judged.
+    """
+    judged = counted(runs - lost, "run")
+    if lost:
+        judged += " that it did not lose"
+    return f"in {number} of {judged}, first at step {first_step:.0f}"
+
+
 def collapsed_in_words(anees: Array, first_indefinite: Array | None = None) -> str:
     """Return ``collapsed in 3 of 40 runs`` from each run's ANEES or ANIS (M,).
 

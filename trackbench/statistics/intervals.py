@@ -423,6 +423,17 @@ class AcceptedNis:
         return float(mean), float(square - mean * mean)
 
 
+def nis_band(components: float, accepted: AcceptedNis | None) -> tuple[float, float]:
+    """Return the 95 % band of a mean of a consistent filter's normalized squares, NIS or NEES.
+
+    The squares are per component, and ``components`` is the number of components in all of them.
+    ``accepted`` is the distribution of what a filter's gate accepts; None without a gate.
+    """
+    if accepted is None:
+        return anees_band(1, components)
+    return accepted.band(components)
+
+
 @np.errstate(all="ignore")
 def normal_of_t(t: float, freedom: float) -> float:
     """Return the normal z with the tail probability of Student's t (Wallace 1959, Ann. Math. Stat. 30).

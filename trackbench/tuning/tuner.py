@@ -211,8 +211,8 @@ class Training:
         """
         for name in self.objective.metrics:
             if name not in per_run:  # the metrics of recorded data are not all known beforehand
-                what = f"{self._label} has no {name!r} here"
-                raise UserError(self._experiment.source.problem(("tuning", "metric"), what))
+                message = f"{self._label} has no {name!r} here"
+                raise UserError(self._experiment.source.problem(("tuning", "metric"), message))
         return self.objective.score(per_run)
 
     def _number_of_blocks(self, trial: tuned_entries.Trial) -> int:

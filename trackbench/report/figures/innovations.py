@@ -16,7 +16,7 @@ from trackbench.report.plotting import filter_lines, style
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.results import Results
 from trackbench.report.tables.consistency import autocorrelation_band
-from trackbench.statistics.intervals import AcceptedNis, anees_band
+from trackbench.statistics.intervals import AcceptedNis, nis_band
 
 _ENOUGH = 60
 """Measured components whose average is worth a point."""
@@ -139,13 +139,10 @@ def _band_look(gate: AcceptedNis | None, filter_look: style.LineStyle) -> style.
 def _draw_band(ax: Axes, gate: AcceptedNis | None, band: _Band) -> None:
     """Draw the 95 % band of what a gate accepts; without a gate that of all measurements."""
     numbers = [round(number) for number in band.averages.components]
-    if gate is None:
-        limits = [anees_band(1, number) for number in numbers]
-        label = "95 % band"
-    else:
-        limits = [gate.band(number) for number in numbers]
-        label = f"95 % band, gate {gate.gate:g}"
-    low, high = np.array(limits).T
+    low, high = np.array([nis_band(number, gate) for number in numbers]).T
+    label = "95 % band"
+    if gate is not None:
+        label += f", gate {gate.gate:g}"
     ax.fill_between(band.averages.x, low, high, label=label, **band.look)
 
 

@@ -625,8 +625,10 @@ def _draw_scene_in_plane(scenario: Scenario, truth: Array, measurements: Array) 
         x, y = first_path[:, place]
         plane.plot(x, y, ".", color="black", markersize=5)
         text = f"{times[place]:g} s"
-        if is_late:
-            text = f"+{times[place] - times[0]:g} s" if place else f"{time_text(times[0])} s"
+        if is_late and place:
+            text = f"+{times[place] - times[0]:g} s"
+        elif is_late:
+            text = f"{time_text(times[0])} s"
         plane.annotate(text, (x, y), (4, 4), textcoords="offset points", fontsize=7)
     # Step 3: sensors, and the way of those that move.
     for number, path in sensors:

@@ -28,6 +28,7 @@ from trackbench.statistics.collapsed_runs import (
     INDEFINITE_NOTE,
     NOT_DEFINITE,
     collapsed_in_words,
+    indefinite_in_words,
 )
 from trackbench.statistics.comparison import Comparison
 from trackbench.statistics.intervals import studentized
@@ -126,10 +127,10 @@ def _ranking_table(results: Results, ranking: Ranking, of_settings: bool) -> Tex
                 "An interval is of its pair alone, and left out where it contradicts n.s."
             )
     if any(candidate.sample.steps is not None for candidate in candidates):
-        what = "score" if is_score else "error"
+        number = "score" if is_score else "error"
         table.notes.append(
-            f"One recording: a filter's own {what} has no ±, as it depends on the path that all filters "
-            "share; compare by the third column."
+            f"One recording: a filter's own {number} has no ±, as it depends on the path that all "
+            "filters share; compare by the third column."
         )
     if rules.UNTESTED in ratios:
         table.notes.append(
@@ -190,13 +191,10 @@ def indefinite_text(results: Results, candidate: Candidate) -> str:
     if first is None:
         return ""
     number = int(np.isfinite(first).sum())
-    # The covariances of a lost run are not judged.
-    lost = results.runs(candidate.point).get((candidate.label, "lost"))
-    number_lost = 0 if lost is None else int((lost != 0.0).sum())
-    judged = counted(len(first) - number_lost, "run")
-    if number_lost:
-        judged += " that it did not lose"
-    return f"{candidate.name} in {number} of {judged}, first at step {np.nanmin(first):.0f}"
+    words = indefinite_in_words(
+        number, runs=len(first), lost=candidate.losses, first_step=float(np.nanmin(first))
+    )
+    return f"{candidate.name} {words}"
 
 
 def _diverged_runs(

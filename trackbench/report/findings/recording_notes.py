@@ -11,7 +11,7 @@ from trackbench.report.findings.phrases import listed, rounded
 from trackbench.report.findings.ranking import Candidate, Ranking
 from trackbench.report.results import Results
 from trackbench.results.frames import Columns
-from trackbench.statistics.intervals import anees_band
+from trackbench.statistics.intervals import nis_band
 
 _FEWEST_STEPS = 50
 _REJECTS_MOST = 0.5
@@ -53,7 +53,7 @@ def _anis_notes(results: Results, candidates: Sequence[Candidate]) -> list[str]:
         if not (np.isfinite(anis) and number > 0.0):
             continue
         accepted = results.facts(candidate.point).accepted_nis(label)
-        low, high = anees_band(1, number) if accepted is None else accepted.band(number)
+        low, high = nis_band(number, accepted)
         if low <= anis <= high:
             continue
         side = "above" if anis > high else "below"

@@ -21,7 +21,9 @@ from trackbench.statistics import rules
 _FAR_OFF = 10.0
 """Multiple of the best error, or of the density of the best score, beyond which a filter is far off."""
 _ONE_PERCENT = 1.01
+"""Multiple of the best error up to which an error is called within 1 %."""
 _MOST_NATS = 700.0
+"""Difference of log scores whose exponential is a finite number; larger ones count as this one."""
 HOW_DECIDED = (
     f"Filters differ significantly {rules.HOW_FILTERS_DIFFER}. A ratio has its 95 % interval. A filter "
     "that loses significantly more runs than another is unranked."
@@ -97,11 +99,11 @@ def answer(results: Results) -> list[str]:
     if ranking.best is not None:
         lines += [_tuned(results, ranking), _other_metrics(results, ranking)]
         if ranking.runs == 1 and any(rival.comparison.is_tested for rival in ranking.rivals):
-            what = "by an error of their mean difference that allows for autocorrelation"
+            method = "by an error of their mean difference that allows for autocorrelation"
             if any(rival.difference.why for rival in ranking.rivals):
-                lines.append(f"The other comparisons are decided by the steps, {what}.")
+                lines.append(f"The other comparisons are decided by the steps, {method}.")
             else:
-                lines.append(f"One recording: its steps decide, {what}.")
+                lines.append(f"One recording: its steps decide, {method}.")
     if ranking.common_steps is not None:
         lines.append(_explain_common_steps(ranking.common_steps))
     return [line for line in lines if line]
@@ -124,9 +126,7 @@ def _explain_undecided(ranking: Ranking, is_recorded: bool) -> str:
     ``is_recorded`` is True if the target was recorded, not simulated.
     """
     if ranking.best is not None:
-        if ranking.runs == 1 and any(
-            rival.difference.why for rival in ranking.undecided + ranking.ties
-        ):
+        if ranking.runs == 1 and any(rival.difference.why for rival in ranking.not_worse):
             return " ".join(_on_this_recording(ranking))
         return " ".join(_undecided_pairs(ranking))
     if ranking.conflict is not None:
@@ -220,7 +220,7 @@ def _on_this_recording(ranking: Ranking) -> Iterator[str]:
 
 
 def _distance(ranking: Ranking, rival: Rival) -> float:
-    """Return how many times the error of the best a filter has; of a score, of the density."""
+    """Return a filter's error over that of the best; for a score, the best density over the filter's."""
     value = rival.difference.value
     if ranking.metric.definition.is_score:
         return exp(min(abs(value), _MOST_NATS))

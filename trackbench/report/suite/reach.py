@@ -1,4 +1,4 @@
-"""Reach of a filter: which problems of a suite it takes, and what others nearest to it differ in."""
+"""Sentences on the problems of a suite that a filter takes, and on how the nearest others differ."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -9,7 +9,7 @@ from trackbench.report.findings.phrases import joined
 from trackbench.report.suite.scores import FILTER, SuiteScores
 
 _FEW_PROBLEMS = 0.5
-"""Share of the problems up to which a filter is said to run on few."""
+"""Share of the problems up to which a filter runs on few of them."""
 _MOST_NAMED = 3
 """States or measurements that a sentence names."""
 
@@ -35,8 +35,9 @@ def reach_sentence(
     """
     scores = []
     for group in groups:
-        scores += [*group.of_role(FILTER), *group.not_computed]
-    scores = [score for score in scores if score.label == label]
+        for score in (*group.of_role(FILTER), *group.not_computed):
+            if score.label == label:
+                scores.append(score)
     fitted = [models[score.problem] for score in scores if not score.is_left_out]
     others = [models[score.problem] for score in scores if score.is_left_out]
     if len(fitted) > _FEW_PROBLEMS * len(scores):
@@ -98,6 +99,7 @@ def _neighbor_sentences(
 
 
 def _have(number: int) -> str:
+    """Return "has" for one problem and "have" for several."""
     return "has" if number == 1 else "have"
 
 

@@ -28,6 +28,7 @@ from trackbench.statistics.collapsed_runs import (
     COLLAPSED_NOTE,
     INDEFINITE_NOTE,
     NOT_DEFINITE,
+    indefinite_in_words,
 )
 from trackbench.statistics.rules import ALIKE, FEWEST_RUNS, UNTESTED
 
@@ -116,7 +117,7 @@ def is_open(score: Score) -> bool:
 
 
 def _open_words(scores: Sequence[Score]) -> str:
-    """Return ``undecided (8 runs)`` with the number of runs, or ``undecided (N runs)`` of several."""
+    """Return ``undecided (8 runs)``; ``undecided (N runs)`` if open scores differ in their runs."""
     numbers = {score.runs for score in scores if score.has_error and is_open(score)}
     if len(numbers) == 1:
         return f"undecided ({counted(numbers.pop(), 'run')})"
@@ -208,14 +209,13 @@ def _collapsed_note(scores: Sequence[Score]) -> str:
 
 def _indefinite_text(score: Score) -> str:
     """Return on which problem and from which step on a covariance is not positive definite."""
-    # The covariances of a lost run are not judged.
-    judged = counted(score.runs - score.lost, "run")
-    if score.lost:
-        judged += " that it did not lose"
-    return (
-        f"on {score.problem} in {score.indefinite} of {judged}, "
-        f"first at step {score.first_indefinite_step:.0f}"
+    words = indefinite_in_words(
+        score.indefinite,
+        runs=score.runs,
+        lost=score.lost,
+        first_step=score.first_indefinite_step,
     )
+    return f"on {score.problem} {words}"
 
 
 def _score_row(score: Score) -> list[Text]:
@@ -266,7 +266,9 @@ def ratio_in_words(score: Score) -> str:
         low = phrases.multiple(ratio.low, width)
         high = phrases.multiple(ratio.high, width)
         text += f" ({low} to {high})"
-    alike = " n.s." if not is_open(score) else f", undecided ({counted(score.runs, 'run')})"
+    alike = " n.s."
+    if is_open(score):
+        alike = f", undecided ({counted(score.runs, 'run')})"
     words = {ALIKE: alike, LOSES_MORE: ", loses more runs", UNTESTED: " untested"}
     return text + words.get(score.word, "")
 
@@ -309,7 +311,7 @@ def filter_sentences(group: SuiteScores, label: str) -> list[str]:
 
 
 def _tuning_sentences(group: SuiteScores, label: str, problems: Sequence[str]) -> list[str]:
-    """Return a sentence where either the filters of the roster are tuned, or the user's own filter.
+    """Return sentences on the problems where only the roster is tuned, or only the user's own filter.
 
     ``problems`` are those that the user's own filter ran on.
     """
@@ -338,11 +340,11 @@ def _tuning_sentences(group: SuiteScores, label: str, problems: Sequence[str]) -
     return lines
 
 
-def _on_problems(part: Sequence[str], problems: Sequence[str]) -> str:
-    """Return ``on each problem``, or the names if ``part`` is not all of the ``problems``."""
-    if len(part) == len(problems):
+def _on_problems(chosen: Sequence[str], problems: Sequence[str]) -> str:
+    """Return ``on each problem`` if all ``problems`` are chosen, or the names of the chosen ones."""
+    if len(chosen) == len(problems):
         return "on each problem"
-    return f"on {joined(part)}"
+    return f"on {joined(chosen)}"
 
 
 def _typical_ratio_sentence(group: SuiteScores, label: str, run: int, number: int) -> str:

@@ -20,7 +20,7 @@ from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
 from trackbench.results.frames import Columns
 from trackbench.statistics.estimates import MISSING
-from trackbench.statistics.intervals import AcceptedNis, anees_band
+from trackbench.statistics.intervals import AcceptedNis, nis_band
 from trackbench.statistics.sample_statistics import Estimate
 
 _DegreesOfFreedom: TypeAlias = dict[tuple[int, AcceptedNis | None], set[float]]
@@ -96,16 +96,6 @@ def degrees_of(rows: Columns, metric: str, n: int) -> Array:
     return np.asarray(chosen["runs"] * used)
 
 
-def _band(components: float, accepted: AcceptedNis | None) -> tuple[float, float]:
-    """Return the 95 % band of a mean of normalized squares over so many components.
-
-    ``accepted`` is the distribution of what a filter's gate accepts; None without a gate.
-    """
-    if accepted is None:
-        return anees_band(1, components)
-    return accepted.band(components)
-
-
 def _cells(values: Array, degrees: Array, accepted: AcceptedNis | None) -> list[Cell]:
     """Return a cell with the median of the values over the steps, and one with the share in their bands.
 
@@ -115,7 +105,7 @@ def _cells(values: Array, degrees: Array, accepted: AcceptedNis | None) -> list[
     if not len(values):
         return [Cell.missing(), Cell.missing()]
     # A band for each number of degrees of freedom that a step has.
-    bands = {number: _band(number, accepted) for number in set(degrees.tolist())}
+    bands = {number: nis_band(number, accepted) for number in set(degrees.tolist())}
     low, high = np.array([bands[number] for number in degrees.tolist()]).T
     median = float(np.median(values))
     inside = float(((values >= low) & (values <= high)).mean())
@@ -136,17 +126,15 @@ def _consistency_bands(degrees: dict[str, _DegreesOfFreedom], runs: int) -> Iter
             which = ""
             if several:
                 which = f" of {n} components"
-            if accepted is None:
-                low, high = anees_band(n, runs)
-            else:
+            if accepted is not None:
                 which += f" with gate {accepted.gate:g}"
-                low, high = accepted.band(n * runs)
+            low, high = nis_band(n * runs, accepted)
             text = (
                 f"95 % band of {name}{which} over {counted(runs, 'run')}: {low:.3f} to {high:.3f}"
             )
             fewest = min(numbers, default=n * runs)
             if fewest < n * runs:
-                low, high = _band(fewest, accepted)
+                low, high = nis_band(fewest, accepted)
                 text += f"; {low:.3f} to {high:.3f} at a step of {fewest:g} components in all runs"
             yield f"{text}."
 
@@ -172,7 +160,7 @@ def anis_band(numbers: Array, accepted: AcceptedNis | None = None) -> tuple[floa
     ``numbers`` (M,) are those of the measured components of each run. ``accepted`` is the distribution
     of what a filter's gate accepts; None without a gate.
     """
-    return _band(components(numbers), accepted)
+    return nis_band(components(numbers), accepted)
 
 
 def autocorrelation_band(numbers: Array) -> float:
