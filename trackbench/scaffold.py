@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from importlib.machinery import PathFinder
 from importlib.resources import files
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
 import yaml
@@ -48,6 +48,7 @@ from trackbench.scenarios.recordings.landmark_table import read_landmarks
 from trackbench.scenarios.targets.measured import Measured
 from trackbench.yaml_source import MarkedMapping, Source
 
+_Answers = TypeVar("_Answers")
 _TABLES_OF_PREFIXES = {
     "truth_naming.": ("truth", "--truth"),
     "input_naming.": ("file of inputs", "--input"),
@@ -147,7 +148,7 @@ def write_new(noun: str, name: str, folder: Path, form: str = "") -> list[Path]:
 
 
 class WrittenConfig(NamedTuple):
-    """Files of an experiment on recorded data, and what is left to the user.
+    """Written files, and for an experiment on recorded data what is left to the user.
 
     ``unknown`` are sensors whose place must be written, ``unused`` columns that are not read, and
     ``quantities`` what they may hold. ``left_out`` says which filters are comments only, and
@@ -155,13 +156,13 @@ class WrittenConfig(NamedTuple):
     several files need. ``notes`` are those of the config, if all places of landmarks are known.
     """
 
-    paths: list[Path]
-    unknown: list[str]
-    unused: list[str]
-    quantities: list[str]
-    left_out: list[str]
-    units: list[str]
-    notes: list[str]
+    paths: Sequence[Path]
+    unknown: Sequence[str] = ()
+    unused: Sequence[str] = ()
+    quantities: Sequence[str] = ()
+    left_out: Sequence[str] = ()
+    units: Sequence[str] = ()
+    notes: Sequence[str] = ()
     prefix: str = ""
 
 
@@ -200,25 +201,26 @@ def write_config_for(
         options = " ".join(f"--from {table}" for table in tables)
         way = f"remove it, or write another one: trackbench new experiment NAME {options}"
         raise UserError(Problem(mark, "", f"there is a file {path}: {way}"))
-    twice = [table for i, table in enumerate(tables) if table in tables[:i]]
-    if twice:
-        raise UserError(Problem(mark, "", f"--from {twice[0]} is there twice: leave one out"))
+    repeated = [table for i, table in enumerate(tables) if table in tables[:i]]
+    if repeated:
+        raise UserError(Problem(mark, "", f"--from {repeated[0]} is there twice: leave one out"))
     # Step 1: read the given keys as those of a config, and guess the others.
     paths_of_tables = {"truth_naming.": truth, "input_naming.": odometry, "landmarks.": landmarks}
     namings: dict[str, Naming] = {}
     remaining = list(changes)
     for prefix, table in paths_of_tables.items():
-        of_table = [change for change in remaining if change.startswith(prefix)]
-        if of_table and table is None:
+        table_changes = [change for change in remaining if change.startswith(prefix)]
+        if table_changes and table is None:
             noun, option = _TABLES_OF_PREFIXES[prefix]
-            what = f"{of_table[0]}: there is no {noun}; name it, {option} FILE"
-            raise UserError(Problem(mark, "", what))
-        remaining = [change for change in remaining if change not in of_table]
-        namings[prefix] = _given_naming(mark, [change.removeprefix(prefix) for change in of_table])
-    of_inputs = [
+            message = f"{table_changes[0]}: there is no {noun}; name it, {option} FILE"
+            raise UserError(Problem(mark, "", message))
+        remaining = [change for change in remaining if change not in table_changes]
+        keys = [change.removeprefix(prefix) for change in table_changes]
+        namings[prefix] = _read_naming(mark, keys)
+    input_changes = [
         change for change in remaining if change.startswith(("input_gap=", "input_holds="))
     ]
-    input_keys = _given_input_keys(mark, of_inputs)
+    input_keys = _read_input_keys(mark, input_changes)
     odometry_guess = None
     places: dict[str, tuple[float, float]] = {}
     if odometry is not None:
@@ -233,12 +235,12 @@ def write_config_for(
         names_turn_rate="w" in namings["input_naming."].columns,
     )
     if further and not robot_tables.is_empty:
-        what = (
+        message = (
             "--input and --landmarks are of one table of measurements, and there are several --from"
         )
-        raise UserError(Problem(mark, "", what))
-    of_tables = [change for change in remaining if change not in of_inputs]
-    table_guesses = _guesses_at(mark, tables, of_tables, robot_tables)
+        raise UserError(Problem(mark, "", message))
+    remaining = [change for change in remaining if change not in input_changes]
+    table_guesses = _guess_tables(mark, tables, remaining, robot_tables)
     guess = _joined(tables, [each.guess for each in table_guesses])
     if input_keys and not guess.inputs:
         raise UserError(
@@ -252,15 +254,15 @@ def write_config_for(
             truth_guess = recognized_truth(str(truth), guess, namings["truth_naming."])
     guess = _settled(mark, tables, table_guesses, truth_guess)
     # Step 2: the template's lines for the data's columns and units.
-    relative_paths = [quoted(os.path.relpath(table, folder)) for table in tables]
+    relative_paths = [_path_from(folder, table) for table in tables]
     relative = relative_paths[0]
     if further:
         relative = f"[{', '.join(relative_paths)}]"
     further_tables = FurtherTables(
         truth=truth_guess,
-        truth_path="" if truth is None else quoted(os.path.relpath(truth, folder)),
+        truth_path=_path_from(folder, truth),
         odometry=odometry_guess,
-        odometry_path="" if odometry is None else quoted(os.path.relpath(odometry, folder)),
+        odometry_path=_path_from(folder, odometry),
         places=places,
         source_of_places="" if landmarks is None else landmarks.name,
         keys=input_keys,
@@ -300,8 +302,9 @@ def write_config_for(
     for number, (file, table) in enumerate(zip(guess.each_file, tables, strict=True)):
         prefix_of_file = _prefix_of(number, tables)
         units += guessed_units(file, prefix_of_file)
-        of_file = f" of {in_line(table.name)}" if further else ""
-        names = [f"{column}{of_file}" for column in unused_columns(file)]
+        names = unused_columns(file)
+        if further:
+            names = [f"{column} of {in_line(table.name)}" for column in names]
         if names and not unused:
             prefix = prefix_of_file
             first_with_unused = file
@@ -320,6 +323,13 @@ def write_config_for(
     )
 
 
+def _path_from(folder: Path, table: Path | None) -> str:
+    """Write the path of a table from a folder in YAML; empty without a table."""
+    if table is None:
+        return ""
+    return quoted(os.path.relpath(table, folder))
+
+
 @contextmanager
 def _questions_on(prefix: str) -> Iterator[None]:
     """Report the mistakes of a table as those of the command.
@@ -332,18 +342,14 @@ def _questions_on(prefix: str) -> Iterator[None]:
         raise _questions(error, prefix) from None
 
 
-def _given_input_keys(mark: Mark, changes: Sequence[str]) -> dict[str, str]:
+def _read_input_keys(mark: Mark, changes: Sequence[str]) -> dict[str, str]:
     """Return the keys on inputs among the user's answers, as YAML."""
-    source = Source(MarkedMapping(), mark)
-    override_all(source, changes)
-    given = build(_InputKeys, source, ())
-    if given is None:
-        raise UserError(*source.problems)
+    answers = _build_answers(_InputKeys, mark, changes)
     keys = {}
-    if given.input_gap is not None:
-        keys["input_gap"] = f"{given.input_gap:g}"
-    if given.input_holds is not None:
-        keys["input_holds"] = given.input_holds
+    if answers.input_gap is not None:
+        keys["input_gap"] = f"{answers.input_gap:g}"
+    if answers.input_holds is not None:
+        keys["input_holds"] = answers.input_holds
     return keys
 
 
@@ -355,14 +361,13 @@ def _check_landmarks(
     if any(name in places for name in names) or (names == [""] and len(places) == 1):
         return
     known = ", ".join([*places][:_MOST_NAMES])
-    what = f"no column of {data} names the landmarks, which are {known}"
+    message = f"no column of {data} names the landmarks, which are {known}"
     way = "say which does, --set 'columns.sensor=ITS NAME'"
     if names != [""]:
-        what = (
-            f"has none of {', '.join(names[:_MOST_NAMES])}, which {data} names; there are {known}"
-        )
+        measured = ", ".join(names[:_MOST_NAMES])
+        message = f"has none of {measured}, which {data} names; there are {known}"
         way = "write the names alike in both files"
-    raise UserError(Problem(Mark(str(landmarks), 1, 1), "", f"{what}: {way}"))
+    raise UserError(Problem(Mark(str(landmarks), 1, 1), "", f"{message}: {way}"))
 
 
 def _first_state(scenario: Scenario, tables: FurtherTables) -> FirstState:
@@ -402,7 +407,7 @@ class _TableGuess(NamedTuple):
     columns: Mapping[str, str]
 
 
-def _guesses_at(
+def _guess_tables(
     mark: Mark, tables: Sequence[Path], changes: Sequence[str], robot_tables: RobotTables
 ) -> list[_TableGuess]:
     """Guess the columns and units of the tables, one for each sensor.
@@ -414,32 +419,32 @@ def _guesses_at(
     if len(tables) == 1:
         for change in changes:
             if change not in shared:
-                what = "there is one file alone: leave the words before columns or units out"
-                raise UserError(Problem(mark, change, what))
+                message = "there is one file alone: leave the words before columns or units out"
+                raise UserError(Problem(mark, change, message))
     else:
-        _check_files_of(mark, tables, changes, shared)
+        _check_file_numbers(mark, tables, changes, shared)
     guesses = []
     problems: list[Problem | str] = []
     for number, table in enumerate(tables):
         prefix = _prefix_of(number, tables)
-        own = list(shared)
+        table_changes = list(shared)
         if prefix:
-            own += [c.removeprefix(prefix) for c in changes if c.startswith(prefix)]
-        given = _given_naming(mark, own)
+            table_changes += [c.removeprefix(prefix) for c in changes if c.startswith(prefix)]
+        naming = _read_naming(mark, table_changes)
         # A key that is set to nothing, as clockwise=[], is an answer, too.
-        said = {change.partition("=")[0].strip() for change in own}
+        said = {change.partition("=")[0].strip() for change in table_changes}
         try:
-            guess = recognized(str(table), given, said, robot_tables)
+            guess = recognized(str(table), naming, said, robot_tables)
         except DataError as error:
             problems += _questions(error, prefix).problems
             continue
-        guesses.append(_TableGuess(guess=guess, said=said, columns=given.columns))
+        guesses.append(_TableGuess(guess=guess, said=said, columns=naming.columns))
     if problems:
         raise UserError(*problems)
     return guesses
 
 
-def _check_files_of(
+def _check_file_numbers(
     mark: Mark, tables: Sequence[Path], changes: Sequence[str], shared: Sequence[str]
 ) -> None:
     """Raise UserError for a change that names no file of several; ``shared`` ones are of all files."""
@@ -453,8 +458,8 @@ def _check_files_of(
     prefixes = tuple(_prefix_of(number, tables) for number in range(len(tables)))
     for change in changes:
         if change not in shared and not change.startswith(prefixes):
-            what = f"files have the numbers from 0 to {len(tables) - 1}: {_FILES_KEY}.0.columns"
-            raise UserError(Problem(mark, change, what))
+            message = f"files have the numbers from 0 to {len(tables) - 1}: {_FILES_KEY}.0.columns"
+            raise UserError(Problem(mark, change, message))
 
 
 def _settled(
@@ -479,8 +484,8 @@ def _settled(
             continue
         idle = idle_keys(guesses[-1], columns)
         if idle:
-            what = _why_idle(guesses[-1], idle[0])
-            problems.append(Problem(mark, f"{prefix}columns.{idle[0]}", what))
+            message = _why_idle(guesses[-1], idle[0])
+            problems.append(Problem(mark, f"{prefix}columns.{idle[0]}", message))
     if problems:
         raise UserError(*problems)
     return _joined(tables, guesses)
@@ -489,13 +494,13 @@ def _settled(
 def _why_idle(guess: Guess, quantity: str) -> str:
     """Explain that no sensor of the config would read a quantity whose column the user names."""
     kinds = dict.fromkeys(f"`{sensor.kind}`" for sensor in guess.sensors)
-    what = (
+    message = (
         f"no sensor of the config would read {quantity}: it has {' and '.join(kinds)}; leave it out"
     )
     other = {"speed": "course", "course": "speed"}.get(quantity)
     if other is None or other in guess.naming.columns:
-        return what
-    return f"{what}, or name a {other}, too: a speed and a course together measure the velocity"
+        return message
+    return f"{message}, or name a {other}, too: a speed and a course together measure the velocity"
 
 
 def _joined(tables: Sequence[Path], guesses: Sequence[Guess]) -> Guess:
@@ -512,10 +517,10 @@ def _questions(error: DataError, prefix: str) -> UserError:
     """Return the questions on a table, whose answers are keys that begin with the ``prefix``."""
     problems = []
     for place in error.places:
-        what = place.what
+        message = place.what
         if prefix:
-            what = _OPTION_OF_TABLE.sub(rf"\g<0>{prefix}", what)
-        problems.append(_problem_at(place._replace(what=what)))
+            message = _OPTION_OF_TABLE.sub(rf"\g<0>{prefix}", message)
+        problems.append(_problem_at(place._replace(what=message)))
     return UserError(*problems)
 
 
@@ -531,8 +536,8 @@ def _with_option_of_zone(
     for table, prefix in prefixes.items():
         path = os.path.abspath(table)
         if f" of {path}? Say" in problem.what or f" of {path} counts" in problem.what:
-            what = problem.what.replace("`zone: UTC`", f"--set {prefix}zone=UTC")
-            return Problem(problem.mark, problem.path, what)
+            message = problem.what.replace("`zone: UTC`", f"--set {prefix}zone=UTC")
+            return Problem(problem.mark, problem.path, message)
     return problem
 
 
@@ -541,19 +546,24 @@ def _problem_at(place: Place) -> Problem:
     return Problem(Mark(place.file, place.line, place.column), "", place.what)
 
 
-def _given_naming(mark: Mark, changes: Sequence[str]) -> Naming:
+def _read_naming(mark: Mark, changes: Sequence[str]) -> Naming:
     """Build the naming of columns and units from the user's answers."""
-    source = Source(MarkedMapping(), mark)
     for change in changes:
         key = change.partition("=")[0]
         if key in _OPTIONS_OF_KEYS:
-            what = f"this table has an option of its own, {_OPTIONS_OF_KEYS[key]}"
-            raise UserError(Problem(mark, key, what))
+            message = f"this table has an option of its own, {_OPTIONS_OF_KEYS[key]}"
+            raise UserError(Problem(mark, key, message))
+    return _build_answers(Naming, mark, changes)
+
+
+def _build_answers(cls: type[_Answers], mark: Mark, changes: Sequence[str]) -> _Answers:
+    """Build an object of a class whose keys are the user's answers; raises UserError."""
+    source = Source(MarkedMapping(), mark)
     override_all(source, changes)
-    given = build(Naming, source, ())
-    if given is None:
+    answers = build(cls, source, ())
+    if answers is None:
         raise UserError(*source.problems)
-    return given
+    return answers
 
 
 def _with_some_places(text: str, origin: Sequence[float]) -> str:

@@ -54,20 +54,20 @@ class _Tasks(TyperGroup):
 
 
 class _Command(TyperCommand):
-    """Command that takes each option with one value once: of two values only the last would count."""
+    """Command that rejects a repeated option of one value, as only its last value would count."""
 
     def parse_args(self, ctx: "Context", args: list[str]) -> list[str]:
         """Parse the words of the command line; raises UsageError for an option that is there twice."""
         if ctx.resilient_parsing:  # of a line that is being completed
             return super().parse_args(ctx, args)
         _, _, options = self.make_parser(ctx).parse_args(args=list(args))
-        given: list[object] = []
+        earlier_options: list[object] = []
         for option in options:
             if not isinstance(option, TyperOption) or option.multiple or option.is_flag:
                 continue
-            if option in given:
+            if option in earlier_options:
                 ctx.fail(f"{option.opts[0]} is there twice, and takes one value: leave one out")
-            given.append(option)
+            earlier_options.append(option)
         return super().parse_args(ctx, args)
 
 

@@ -1,6 +1,7 @@
 """Command `new`: writes starting files, and configs of recorded data."""
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -67,7 +68,13 @@ def new(
     With --language, a filter is a program that reads and writes lines, and a config runs it.
     """
     from trackbench.errors import UserError
-    from trackbench.scaffold import LANGUAGES, NOUNS, write_config_for, write_new
+    from trackbench.scaffold import (
+        LANGUAGES,
+        NOUNS,
+        WrittenConfig,
+        write_config_for,
+        write_new,
+    )
 
     # Step 1: check the options.
     one_of("new", noun, NOUNS)
@@ -94,27 +101,18 @@ def new(
     if sets and not data:
         raise typer.BadParameter("is of --from", param_hint="--set")
     # Step 2: write the files.
-    unplaced_sensors: list[str] = []
-    unused_columns: list[str] = []
-    quantities: list[str] = []
-    guessed_units: list[str] = []
-    left_out_filters: list[str] = []
-    notes: list[str] = []
-    prefix = ""
     if data:
         first, *further = data
-        data_name = name or _name_of(data)
         written = write_config_for(
-            first, data_name, Path(), sets or (), truth, further, odometry, landmarks
+            first,
+            name or _default_name(data),
+            Path(),
+            sets or (),
+            truth=truth,
+            further=further,
+            odometry=odometry,
+            landmarks=landmarks,
         )
-        prefix = written.prefix
-        paths = written.paths
-        unplaced_sensors = written.unknown
-        unused_columns = written.unused
-        quantities = written.quantities
-        guessed_units = written.units
-        left_out_filters = written.left_out
-        notes = written.notes
     elif name is None:
         raise typer.BadParameter("is required without --from", param_hint="NAME")
     else:
@@ -125,23 +123,23 @@ def new(
             form = "per_run"
         elif nonlinear:
             form = "nonlinear"
-        paths = write_new(noun, name, Path(), form)
+        written = WrittenConfig(paths=write_new(noun, name, Path(), form))
     # Step 3: print what was written, and what to do next.
-    for path in paths:
+    for path in written.paths:
         typer.echo(f"wrote {path}")
-    if unused_columns:
-        _echo_unused_columns(unused_columns, quantities, prefix)
-    for line in [*guessed_units, *left_out_filters]:
+    if written.unused:
+        _echo_unused_columns(written.unused, written.quantities, written.prefix)
+    for line in [*written.units, *written.left_out]:
         typer.echo(line)
-    for note in notes:
+    for note in written.notes:
         typer.echo(f"note: {note}", err=True)
-    config = next(path for path in paths if path.suffix == ".yaml")
+    config = next(path for path in written.paths if path.suffix == ".yaml")
     if language:
         build_command = LANGUAGES[language].build
         if build_command:
             typer.echo(f"build it: {build_command.replace('@MODULE@', config.stem)}")
-    if unplaced_sensors:
-        typer.echo(f"write into it where these are: {', '.join(unplaced_sensors)}")
+    if written.unknown:
+        typer.echo(f"write into it where these are: {', '.join(written.unknown)}")
     run_command = f"trackbench run {config}"
     if noun != "experiment":
         run_command += " --allow-plugins"
@@ -154,7 +152,7 @@ _MOST_LETTERS = 40
 """Letters of a name that is made of those of several files."""
 
 
-def _name_of(data: list[Path]) -> str:
+def _default_name(data: list[Path]) -> str:
     """Return the name of an experiment on files: their names, or that of the first one if too long."""
     names = [re.sub("[^A-Za-z0-9]+", "-", path.stem).strip("-") for path in data]
     name = "-".join(names)
@@ -163,7 +161,7 @@ def _name_of(data: list[Path]) -> str:
     return name
 
 
-def _echo_unused_columns(columns: list[str], quantities: list[str], prefix: str) -> None:
+def _echo_unused_columns(columns: Sequence[str], quantities: Sequence[str], prefix: str) -> None:
     """Print the columns that a config does not read, and the quantities that one may be used as.
 
     The key of the column begins with the ``prefix``.

@@ -258,8 +258,7 @@ def expected_time(job: Job, options: Options, tries: bool = True) -> str:
     take further time.
     """
     # Step 1: CPU time of the missing blocks.
-    store = BlockStore(cache_folder())
-    missing = [task for task in job.plan.unique if options.fresh or not store.has_file(task)]
+    missing = _missing_blocks(job.plan.unique, options)
     if not missing:
         return CACHED
     cost = _cost_in_folder(job, missing) or _cost_of_shipped(job, options, missing)
@@ -288,19 +287,15 @@ def expected_time_of_tuning(job: Job, options: Options) -> str:
     experiment = job.experiment
     if not experiment.tuned or len(experiment.tuned) > _MOST_TRIALS:
         return ""
-    store = BlockStore(cache_folder())
     workers = most_workers(options)
     all_cpu_s = 0.0
     longest_s = 0.0
     for label in experiment.tuned:
         tasks = Training(experiment, label).first_tasks
-        is_stored = not options.fresh and all(store.has_file(task) for task in tasks)
-        if not tasks or is_stored or tasks[0].filter.runs_program:
+        if not _missing_blocks(tasks, options) or tasks[0].filter.runs_program:
             continue
-        try:
-            with guarded():
-                block_s = estimate_cpu_s(tasks[0])
-        except Exception:  # of a plugin: tuning itself will report it
+        block_s = _block_s_by_trial(tasks[0])
+        if block_s is None:
             return ""
         trials = experiment.settings.tuning.evaluations
         all_cpu_s += trials * len(tasks) * block_s
@@ -452,10 +447,8 @@ def _cost_by_trial(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
     for tasks in passes.values():
         if tasks[0].filter.runs_program:
             return None
-        try:
-            with guarded():
-                block_s = estimate_cpu_s(tasks[0])
-        except Exception:  # of a plugin: the run itself will report it
+        block_s = _block_s_by_trial(tasks[0])
+        if block_s is None:
             return None
         cpu_s += block_s * len(tasks)
         longest_block_s = max(longest_block_s, block_s)
@@ -468,19 +461,37 @@ def cpu_s_of_filter(job: Job, label: str, options: Options, tries: bool) -> tupl
     The size is the number of runs times steps of the missing blocks. The seconds are found by a trial if
     ``tries``, and NaN without a trial or if the filter fails in it.
     """
-    store = BlockStore(cache_folder())
-    tasks = [task for (_, name), tasks in job.plan.tasks.items() if name == label for task in tasks]
-    missing = [task for task in tasks if options.fresh or not store.has_file(task)]
-    size = sum(task.width * len(task.scenario.steps) for task in missing)
+    tasks: list[BlockTask] = []
+    for (_, name), tasks_of_point in job.plan.tasks.items():
+        if name == label:
+            tasks += tasks_of_point
+    missing = _missing_blocks(tasks, options)
     if not missing:
         return 0.0, 0.0
-    if not tries:
+    size = sum(task.width * len(task.scenario.steps) for task in missing)
+    block_s = None
+    if tries:
+        block_s = _block_s_by_trial(missing[0])
+    if block_s is None:
         return nan, size
+    return block_s * len(missing), size
+
+
+def _missing_blocks(tasks: Sequence[BlockTask], options: Options) -> list[BlockTask]:
+    """List the blocks that a run with these options would compute."""
+    if options.fresh:
+        return list(tasks)
+    store = BlockStore(cache_folder())
+    return [task for task in tasks if not store.has_file(task)]
+
+
+def _block_s_by_trial(task: BlockTask) -> float | None:
+    """Estimate the CPU seconds of a block by a trial of its first steps; None if the filter fails."""
     try:
         with guarded():
-            return estimate_cpu_s(missing[0]) * len(missing), size
-    except Exception:  # the run itself will report it
-        return nan, size
+            return estimate_cpu_s(task)
+    except Exception:  # of a plugin: the run itself, or tuning, will report it
+        return None
 
 
 _MOST_TRIALS = 40

@@ -294,10 +294,10 @@ def run_suite(
     folder = suite_folder(suite, options)
     if suite.too_long:
         names = ", ".join(suite.too_long)
-        message = "which takes long; --problem NAME runs it"
+        reason = "which takes long; --problem NAME runs it"
         if len(suite.too_long) > 1:
-            message = "which take long; --problem NAME runs one of them"
-        say(f"note: --quick leaves out {names}, {message}", options)
+            reason = "which take long; --problem NAME runs one of them"
+        say(f"note: --quick leaves out {names}, {reason}", options)
     for line in _left_out_notes(suite):
         say(f"note: {line}", options)
     scores: dict[str, list[Score]] = {name: [] for name in suite.settings.groups}

@@ -231,20 +231,23 @@ def _check_covariance(tracker: AnyFilter, scenario: Scenario) -> str:
     Of a config's problem the runs of the experiment itself are tried, too, over its whole length: a
     covariance may become indefinite late, and off the model.
     """
-    tried = []
-    problems = [scenario]
+    tried = _try_covariances(tracker, scenario, runs=20)
     if isinstance(scenario, ModelDraws):
-        problems.append(WholeExperiment(base=scenario.base))
-    for problem in problems:
-        runs = problem.runs if isinstance(problem, WholeExperiment) else 20
-        P = run_filter(tracker, problem, simulate(problem, runs)).cov
-        runs = min(runs, problem.recorded_runs or runs)
-        text = f"{counted(runs, 'run')} of {counted(len(problem.steps) - 1, 'step')}"
-        if isinstance(problem, WholeExperiment):
-            text += " of the experiment"
-        _require_covariances(P, problem.steps, text)
-        tried.append(text)
-    return " and ".join(tried)
+        whole = WholeExperiment(base=scenario.base)
+        tried += f" and {_try_covariances(tracker, whole, whole.runs, ' of the experiment')}"
+    return tried
+
+
+def _try_covariances(tracker: AnyFilter, problem: Scenario, runs: int, source: str = "") -> str:
+    """Check the covariances of some runs of a problem; return the number of runs and steps.
+
+    ``source`` is a text after this number.
+    """
+    P = run_filter(tracker, problem, simulate(problem, runs)).cov
+    runs = min(runs, problem.recorded_runs or runs)
+    tried = f"{counted(runs, 'run')} of {counted(len(problem.steps) - 1, 'step')}{source}"
+    _require_covariances(P, problem.steps, tried)
+    return tried
 
 
 def _require_covariances(P: Array, steps: Index, tried: str) -> None:

@@ -194,13 +194,13 @@ class External(Filter[ProgramState]):
     def digits(self, model: Model, prior: Distribution, z: Array, k: int) -> "Digits":
         """Run the program on z (n_z, T, M) from step k on, and describe the digits of its answers.
 
-        A program that fails has no mistake here.
+        The digits of a program that fails count as enough.
         """
         try:
             state = self.init(model, prior, Generator(SFC64(1)))
             steps = self.all_steps(model, state, z[:, :_PROBED_STEPS], k)
         except WrongReturnError:
-            return Digits(too_few="", is_float32=False)
+            return Digits()
         return digits_of(steps.estimate.mean, steps.estimate.cov)
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
@@ -485,9 +485,9 @@ def _written_differently(a: float, b: float) -> tuple[str, str]:
 class Digits(NamedTuple):
     """Digits of estimates."""
 
-    too_few: str
+    too_few: str = ""
     """how few digits or decimals they have, such as "at most 6 digits"; empty if they have enough"""
-    is_float32: bool
+    is_float32: bool = False
     """whether they have the digits of float32, and no more"""
 
 
@@ -500,7 +500,7 @@ def digits_of(mean: Array, cov: Array) -> Digits:
     numbers = np.concatenate([mean.ravel(), np.unique(cov)])
     x = numbers[np.isfinite(numbers) & (numbers != 0.0)]
     if len(x) < _LEAST_NUMBERS:
-        return Digits(too_few="", is_float32=False)
+        return Digits()
     with np.errstate(over="ignore", under="ignore"):
         is_float32 = bool(np.array_equal(x, np.float32(x)))
     exponent = np.floor(np.log10(np.abs(x)))
@@ -509,16 +509,16 @@ def digits_of(mean: Array, cov: Array) -> Digits:
         whole = x / 10.0 ** (exponent - digits + 1)
         if (np.abs(whole - np.rint(whole)) < _NEARLY_WHOLE).all():
             if digits > _TOO_FEW_DIGITS:
-                return Digits(too_few="", is_float32=True)
-            return Digits(too_few=f"at most {counted(digits, 'digit')}", is_float32=False)
+                return Digits(is_float32=True)
+            return Digits(too_few=f"at most {counted(digits, 'digit')}")
     for decimals in range(1, _MOST_DECIMALS + 1):
         whole = x * 10.0**decimals
         # Of larger numbers the digits before the point leave none behind it.
         is_small = np.abs(whole) < 10.0**_FLOAT32_DIGITS
         is_whole = np.abs(whole - np.rint(whole)) < _NEARLY_WHOLE
         if is_small.sum() >= _LEAST_NUMBERS and is_whole[is_small].all():
-            return Digits(too_few=f"at most {counted(decimals, 'decimal')}", is_float32=False)
-    return Digits(too_few="", is_float32=is_float32)
+            return Digits(too_few=f"at most {counted(decimals, 'decimal')}")
+    return Digits(is_float32=is_float32)
 
 
 PRINT_ALL_DIGITS = "print 17 digits, as by `%.17g`, or in C++ `std::cout.precision(17)`"

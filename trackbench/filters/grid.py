@@ -112,8 +112,8 @@ class Grid(Filter[Resolved]):
                 return {}
             return {"": "grid needs process noise, and this motion has none"}
         if not (hasattr(transition, "prob") and isinstance(motion, BoundedMotion)):
-            message = "the transition's `prob` and the motion's `support` and `origins`"
-            return {"": f"grid needs {message}, or a Gaussian transition"}
+            members = "the transition's `prob` and the motion's `support` and `origins`"
+            return {"": f"grid needs {members}, or a Gaussian transition"}
         return {}
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Resolved:

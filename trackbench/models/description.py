@@ -16,7 +16,7 @@ from trackbench.extension_points import Part, field_values, key_of
 from trackbench.models.base import Model, Motion, SampledMotion, Sensor, measured_angle_rows
 from trackbench.models.motions.kinematic import Linear
 from trackbench.models.sensors.angular import AngularSensor
-from trackbench.models.sensors.base import SensorBase, StackedSensor
+from trackbench.models.sensors.base import SensorBase, StackedSensor, sensors_of
 from trackbench.models.sensors.function import FunctionSensor
 
 PlainData: TypeAlias = dict[str, Any]
@@ -88,10 +88,13 @@ def describe_model(model: Model) -> PlainData:
 def sensor_places(model: Model) -> list[tuple[float, ...]]:
     """List the places, m, of the sensors of a model that stand at one, in their order."""
     description = description_of(model)
-    sensor = model.sensor if description is None else description.sensor
-    several = sensor.sensors if isinstance(sensor, StackedSensor) else (sensor,)
+    sensor = model.sensor
+    if description is not None:
+        sensor = description.sensor
+    if not isinstance(sensor, SensorBase | StackedSensor):
+        return []
     places = []
-    for single in several:
+    for single in sensors_of(sensor):
         if isinstance(single, AngularSensor) and single.platform is None:
             places.append(single.at or (0.0,) * single.axes)
     return places
@@ -113,11 +116,9 @@ def _describe_sensors(sensor: Sensor, n: int) -> list[PlainData] | None:
 
     ``n`` is the number of components of the state.
     """
-    if isinstance(sensor, StackedSensor):
-        return [_describe_sensor(single, n) for single in sensor.sensors]
-    if isinstance(sensor, SensorBase):
-        return [_describe_sensor(sensor, n)]
-    return None
+    if not isinstance(sensor, SensorBase | StackedSensor):
+        return None
+    return [_describe_sensor(single, n) for single in sensors_of(sensor)]
 
 
 def _describe_sensor(sensor: SensorBase, n: int) -> PlainData:

@@ -91,6 +91,30 @@ def _first_measurement(rows: Rows) -> float:
     return float(rows.time[is_measured].min(initial=np.inf))
 
 
+def _before_further_file(
+    gathered: Gathered, naming: Naming, keys: NamingKeys, has_own_keys: bool
+) -> Gathered:
+    """Return the properties of a file beside the measurements, before it is read.
+
+    ``gathered`` are those of the measurements. The file has its own keys of units and zones if
+    ``has_own_keys``, and else uses those of the measurements, too.
+    """
+    further = replace(
+        gathered,
+        naming=naming,
+        keys=keys,
+        runs=[],
+        files=[],
+        notices=[],
+        unavailable=Counter(),
+        chosen=(*gathered.runs, ONE_RUN),
+    )
+    if has_own_keys:
+        further.used_keys = set()
+        further.idle_keys = {}
+    return further
+
+
 @register("targets", "measured")
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Measured(FromFiles, Naming, Target):
@@ -458,19 +482,8 @@ class Measured(FromFiles, Naming, Target):
         if self.input_file:
             clock_key = "columns" if self.input_naming is None else "input_naming.columns"
             keys = NamingKeys(quantities="input", clock=clock_key, own="input_naming")
-        gathered_inputs = replace(
-            gathered,
-            naming=naming,
-            keys=keys,
-            # A naming of its own has keys of its own.
-            used_keys=set() if self.input_naming else gathered.used_keys,
-            idle_keys={} if self.input_naming else gathered.idle_keys,
-            runs=[],
-            files=[],
-            notices=[],
-            unavailable=Counter(),
-            chosen=(*gathered.runs, ONE_RUN),
-        )
+        has_own_keys = self.input_naming is not None
+        gathered_inputs = _before_further_file(gathered, naming, keys, has_own_keys)
         names = [*self.input]
         (rows,) = read_rows(gathered_inputs, [path], [names])
         if self.input_naming:
@@ -553,19 +566,9 @@ class Measured(FromFiles, Naming, Target):
         # By default the truth has the columns and units of the measurements.
         naming: Naming = self.truth_naming or replace(self, format=None)
         columns_key = "columns" if self.truth_naming is None else "truth_naming.columns"
-        gathered_truth = replace(
-            gathered,
-            naming=naming,
-            keys=NamingKeys(quantities=columns_key, clock=columns_key, own="truth_naming"),
-            # A naming of its own has keys of its own.
-            used_keys=set() if self.truth_naming else gathered.used_keys,
-            idle_keys={} if self.truth_naming else gathered.idle_keys,
-            runs=[],
-            files=[],
-            notices=[],
-            unavailable=Counter(),
-            chosen=(*gathered.runs, ONE_RUN),
-        )
+        keys = NamingKeys(quantities=columns_key, clock=columns_key, own="truth_naming")
+        has_own_keys = self.truth_naming is not None
+        gathered_truth = _before_further_file(gathered, naming, keys, has_own_keys)
         (rows,) = read_rows(gathered_truth, [self.truth], [self.components], least=1)
         if self.truth_naming:
             gathered_truth.check_idle_keys()
