@@ -74,7 +74,7 @@ from trackbench.scenarios.recordings.guess_errors import (
     share_of_outliers,
 )
 from trackbench.scenarios.recordings.guess_jumps import unexplained_jump
-from trackbench.scenarios.recordings.guess_sample import Sample
+from trackbench.scenarios.recordings.guess_sample import Sample, in_option
 from trackbench.scenarios.recordings.guess_time import DateForm, date_form
 from trackbench.scenarios.recordings.guess_units import (
     LENGTH_UNITS,
@@ -333,15 +333,10 @@ def _check_given_keys(path: str, user_naming: Naming) -> None:
             continue
         what = f"there is no columns.{key}; known: {', '.join(_GIVEN_KEYS)}"
         if key.lower() in _SENSOR_KEYS:
-            name = _in_option(column)
+            name = in_option(column)
             what = f"there is no columns.{key}: a column that names landmarks or sensors is"
             what += f" `--set 'columns.sensor={name}'`"
         raise DataError(Place(path, 1, 1, what))
-
-
-def _in_option(name: str) -> str:
-    """Return a column's name as an option ``--set 'columns.x=NAME'`` has it: with escapes."""
-    return json.dumps(name)[1:-1]  # without the quotes
 
 
 def _found_labels(path: str, label_columns: dict[str, str]) -> list[Place]:
@@ -351,7 +346,7 @@ def _found_labels(path: str, label_columns: dict[str, str]) -> list[Place]:
     """
     places = []
     for key, column in label_columns.items():
-        name = _in_option(column)
+        name = in_option(column)
         other = "sensor" if key == "run" else "run"
         meaning = {"run": "targets", "sensor": "sensors or landmarks"}
         what = f"column {name} was taken to name {meaning[key]}, as its words split the rows"
@@ -374,7 +369,7 @@ def _key_of_labels(error: MixedRowsError) -> str:
     if error.role != "sensor":
         return "run"
     # The column's name says sensors, and the rows say targets.
-    column = _in_option(error.column)
+    column = in_option(error.column)
     what = (
         f"column {column} splits the rows into parts that lie apart: are they several targets, or"
     )
@@ -669,7 +664,7 @@ def _check_turns_of_robot(
     key = "columns.w" if table is None else "input_naming.columns.w"
     what = f"{bearing} and {turn_rate} agree only if one of them counts clockwise"
     way = "change the signs of the one that does, as both are read anticlockwise"
-    option = f"to read them as they are, say --set '{key}={_in_option(turn_rate)}'"
+    option = f"to read them as they are, say --set '{key}={in_option(turn_rate)}'"
     raise DataError(Place(guess.path, 1, 1, f"{what}: {way}; {option}"))
 
 
@@ -1033,7 +1028,7 @@ def _check_unused(
         if name in columns.values() or not has_numbers or role_of(name) == "quality":
             continue
         if looks_like(name, quantity):
-            candidates.append(_in_option(name))
+            candidates.append(in_option(name))
     if candidates:
         measured = columns[sensors[0].quantities[-1]]
         ways = " or ".join(f"--set 'columns.{quantity}={name}'" for name in candidates)
@@ -1131,7 +1126,7 @@ def _settle_landmarks(
                 "columns.azimuth: is of fixed sensors, and --input and --landmarks are of a robot"
             )
             raise DataError(Place(sample.path, 1, 1, f"{what}: leave out one of them"))
-        column = _in_option(angle)
+        column = in_option(angle)
         landmarks = f" of the landmarks ({place})" if is_split else ""
         what = f"{angle}: do the bearings{landmarks} count from the robot's heading?"
         other = "or do fixed sensors, such as radars, measure the direction to what moves, "
@@ -1169,7 +1164,7 @@ def _check_names_of_ids(sample: Sample, columns: ColumnByQuantity, user_naming: 
     """
     if not {"run", "sensor"}.isdisjoint(user_naming.columns):
         return
-    angle = _in_option(columns["azimuth"])
+    angle = in_option(columns["azimuth"])
     for name in sample.names:
         if name in columns.values() and name not in (columns.get("run"), columns.get("sensor")):
             continue
@@ -1177,7 +1172,7 @@ def _check_names_of_ids(sample: Sample, columns: ColumnByQuantity, user_naming: 
         is_id = not {*words_of(name), "".join(words_of(name))}.isdisjoint(LANDMARK_WORDS)
         if not is_id or len(words) < 2 or not is_word_column(sample.cells(name)):
             continue
-        column = _in_option(name)
+        column = in_option(name)
         azimuth = f"--set 'columns.azimuth={angle}'"
         shown = ", ".join(words[:_MOST_IDS]) + (", ..." if len(words) > _MOST_IDS else "")
         lines = [
@@ -1326,7 +1321,7 @@ def _check_one_kind(
     positions = ("x", "y") if columns.keys() >= {*_PLACE} else GEODETIC[:2]
     ways = []
     for names in (radar, positions):
-        options = (f"--set 'columns.{n}={_in_option(columns[n])}'" for n in names)
+        options = (f"--set 'columns.{n}={in_option(columns[n])}'" for n in names)
         ways.append(" ".join(options))
     what = f"the rows have {columns['range']} and {columns['azimuth']}, and also"
     what += f" {columns[positions[0]]} and {columns[positions[1]]}: which ones were measured?"
@@ -1464,9 +1459,9 @@ class _Reading:
         names = _PLACE if columns.keys() >= {*_PLACE} else GEODETIC[:2]
         places = " and ".join(columns[name] for name in names)
         what = f"{bearing} is not the direction in which {places} move: was it measured from there?"
-        way = f"Say --set 'columns.azimuth={json.dumps(bearing)[1:-1]}'"
+        way = f"Say --set 'columns.azimuth={in_option(bearing)}'"
         way += ", and give the sensor this path (`platform`)"
-        options = [f"--set 'columns.{name}={json.dumps(columns[name])[1:-1]}'" for name in names]
+        options = [f"--set 'columns.{name}={in_option(columns[name])}'" for name in names]
         option = f"if positions were measured, say {' '.join(options)}"
         raise DataError(Place(self._path, self._sample.line, 1, f"{what} {way}; {option}"))
 
@@ -1539,8 +1534,8 @@ class _Reading:
         signs = (change.sign_of_east, change.sign_of_north)
         if change.exchanged and signs == (1.0, 1.0):
             what = f"{first} and {second} agree with {measured} only if they are exchanged"
-            options = f"--set 'columns.{names[0]}={_in_option(north)}'"
-            options += f" --set 'columns.{names[1]}={_in_option(east)}'"
+            options = f"--set 'columns.{names[0]}={in_option(north)}'"
+            options += f" --set 'columns.{names[1]}={in_option(east)}'"
             way = f"say {options}"
             if names == _PLACE:
                 way = f"if {east} points north and {north} east, {way}"
@@ -1637,7 +1632,7 @@ class _Reading:
             what += f", in {units[0]} {speed * UNITS[units[0]]:.2g} m/s"
         way = f"say {options}, or with another unit: {', '.join(units[1:])}"
         if names == ["x", "y"] and look_like_degrees(numbers):
-            x, y = (json.dumps(self._columns[name])[1:-1] for name in names)
+            x, y = (in_option(self._columns[name]) for name in names)
             way += f"; or in degrees, --set 'columns.longitude={x}' --set 'columns.latitude={y}'"
         return Place(self._path, self._sample.line, 1, f"{what}: {way}")
 
@@ -2075,7 +2070,7 @@ def _check_jumps(gathered: Gathered, rows: Rows, kind: str, in_degrees: bool) ->
     )
     what += " fast as all rows before and after"
     doubt = f"does {column} {name} name another target from here on?"
-    way = f"Give it another name; if it is one target, say --set 'columns.run={_in_option(column)}'"
+    way = f"Give it another name; if it is one target, say --set 'columns.run={in_option(column)}'"
     if not column:
         doubt = "is this another target, or another recording, from here on?"
         way = "Say which column names targets, --set 'columns.run=NAME'; if all rows are those of one,"
@@ -2124,7 +2119,7 @@ def _check_daylight_saving(gathered: Gathered, rows: Rows) -> None:
         in_season = before.month in _MONTHS_OF_SPRING and before.weekday() == _SUNDAY
         if not in_season or not is_full_hour or after.hour > _LATEST_HOUR:
             continue
-        column = _in_option(gathered.naming.columns["time"])
+        column = in_option(gathered.naming.columns["time"])
         what = f"after {before:%H:%M:%S} comes {after:%H:%M:%S}, on a Sunday of {before:%B}:"
         what += " are these local times, and was the clock set forward?"
         way = "Write times in UTC, or with their zone (+01:00)"
