@@ -399,7 +399,7 @@ def _recognized_columns(
     form = _text_format(path, user_format, why)
     names = header(path, form)
     sample = Sample(path, names, form)
-    columns, units = _columns(names, sample, user_naming, why, tables, content)
+    columns, units = _columns(sample, user_naming, why, tables, content)
     if "time" not in columns and "step" not in columns:
         _find_dates(sample, columns, why)
     if "time" not in columns and "step" not in columns:
@@ -409,10 +409,10 @@ def _recognized_columns(
     # Step 2: find the sensors, and the form of dates.
     sensors = [SensorGuess(name="", kind="odometry", quantities=_ODOMETRY)]
     if content == "measurements":
-        sensors = _sensors(path, sample, columns, names, units, user_naming)
+        sensors = _sensors(sample, columns, units, user_naming)
     _check_unused(sample, columns, sensors, user_naming)
     if form.thousands and not user_format.thousands and form.decimal is None:
-        _check_thousands(path, sample, columns, form.thousands)
+        _check_thousands(sample, columns, form.thousands)
     measured = set(chain.from_iterable(sensor.quantities for sensor in sensors))
     _check_named_units(sample, columns, units, measured)
     if {*_PLACE} <= measured:
@@ -439,9 +439,9 @@ def _recognized_columns(
     missing = user_naming.missing or _missing(sample, columns, measured, user_naming.columns)
     is_one_position = sensors[0].quantities == _PLACE and len(sensors) == 1
     has_velocity = is_one_position and _has_velocity(columns)
-    reading = _Reading(path, sample, columns, units, clock, missing, why, user_naming.columns)
+    reading = _Reading(sample, columns, units, clock, missing, why, user_naming.columns)
     reading.check_azimuths(sensors)
-    clock = reading.choose_units(sensors[0], names, has_velocity)
+    clock = reading.choose_units(sensors[0], has_velocity)
     naming = replace(
         user_naming,
         columns=columns,
@@ -851,7 +851,7 @@ def _thousands(cells: list[str]) -> str:
     return ""
 
 
-def _check_thousands(path: str, sample: Sample, columns: ColumnByQuantity, mark: str) -> None:
+def _check_thousands(sample: Sample, columns: ColumnByQuantity, mark: str) -> None:
     """Raise DataError for each column in which the mark may separate thousands or decimals.
 
     All its cells then have the mark once, before three digits.
@@ -866,7 +866,7 @@ def _check_thousands(path: str, sample: Sample, columns: ColumnByQuantity, mark:
         if cells and all(re.fullmatch(once, cell) for cell in cells):
             what = f"{column}: {cells[0]} may be a thousand times as large, as other columns"
             way = "have marks between thousands: write the numbers of the file without them"
-            mistakes.append(Place(path, sample.line, 1, f"{what} {way}"))
+            mistakes.append(Place(sample.path, sample.line, 1, f"{what} {way}"))
     if mistakes:
         raise DataError(*mistakes)
 
@@ -885,7 +885,6 @@ def _lines_of_words(rows: list[list[str]]) -> int:
 
 
 def _columns(
-    names: list[str],
     sample: Sample,
     user_naming: Naming,
     why: ReasonByKey,
@@ -896,12 +895,12 @@ def _columns(
 
     Reasons are added to ``why``.
     """
-    columns = {name: named.column for name, named in columns_of(names).items()}
+    columns = {name: named.column for name, named in columns_of(sample.names).items()}
     user_columns = user_naming.columns
     columns = {n: c for n, c in columns.items() if c not in user_columns.values()} | user_columns
     # An empty name means that no column is this quantity; of runs and sensors that their rows are mixed.
     columns = {n: c for n, c in columns.items() if c or n in ("run", "sensor")}
-    for key, column in _hemispheres(names, sample, columns).items():
+    for key, column in _hemispheres(sample, columns).items():
         columns = {n: c for n, c in columns.items() if c != column} | {key: column}
     # Two components of a velocity come before speed and course, a time before numbers of steps.
     if columns.keys() >= {*_VELOCITY}:
@@ -1037,7 +1036,7 @@ def _check_unused(
         raise DataError(Place(sample.path, 1, 1, f"{what} {way}"))
 
 
-def _hemispheres(names: list[str], sample: Sample, columns: ColumnByQuantity) -> dict[str, str]:
+def _hemispheres(sample: Sample, columns: ColumnByQuantity) -> dict[str, str]:
     """Find the columns of the letters N and S, and E and W, beside latitude and longitude.
 
     Return them by their key of `columns`, ``north_south`` or ``east_west``.
@@ -1046,7 +1045,7 @@ def _hemispheres(names: list[str], sample: Sample, columns: ColumnByQuantity) ->
     for quantity, (key, positive, negative) in HEMISPHERES.items():
         if quantity not in columns or key in columns:
             continue
-        for name in names:
+        for name in sample.names:
             words = {cell.lower() for cell in sample.cells(name)} - {""}
             if name != columns[quantity] and words and words <= {*positive, *negative}:
                 hemispheres.setdefault(key, name)
@@ -1246,10 +1245,8 @@ def _no_time(names: list[str]) -> str:
 
 
 def _sensors(
-    path: str,
     sample: Sample,
     columns: ColumnByQuantity,
-    names: list[str],
     units: UnitByQuantity,
     user_naming: Naming,
 ) -> list[SensorGuess]:
@@ -1277,13 +1274,13 @@ def _sensors(
         cells = sample.cells(columns.get("sensor", ""))
         rows = np.array([cell == word or not word for cell in cells], dtype=np.bool_)
         if answered.isdisjoint((*_PLACE, "range", "azimuth", "bearing")):
-            _check_one_kind(path, columns, numbers, rows)
+            _check_one_kind(sample.path, columns, numbers, rows)
         for kind, quantities in kinds:
             if all(name in numbers and (numbers[name] & rows).any() for name in quantities):
                 sensors.append(SensorGuess(name=word, kind=kind, quantities=quantities))
                 break
     has_position = {"x", "y"} <= numbers.keys() or {"range", "azimuth"} <= numbers.keys()
-    ranges = {} if has_position else ranges_of(names)
+    ranges = {} if has_position else ranges_of(sample.names)
     if ranges and words == [""]:
         columns.pop("range", None)
         sensors = []
@@ -1301,8 +1298,8 @@ def _sensors(
                 f"{columns['sensor']}: rows of {', '.join(idle)[:80]} have no range and no bearing"
             )
             way = "leave this cell of theirs empty, as rows of odometry alone see no landmark"
-            raise DataError(Place(path, 1, 1, f"{what}; {way}"))
-        raise DataError(Place(path, 1, 1, _no_position(columns, sample, names)))
+            raise DataError(Place(sample.path, 1, 1, f"{what}; {way}"))
+        raise DataError(Place(sample.path, 1, 1, _no_position(columns, sample)))
     return sensors
 
 
@@ -1331,9 +1328,10 @@ def _check_one_kind(
     )
 
 
-def _no_position(columns: ColumnByQuantity, sample: Sample, names: list[str]) -> str:
+def _no_position(columns: ColumnByQuantity, sample: Sample) -> str:
     """Return the message and the advice for a table, or a sensor of it, without measured quantities."""
     pairs = "x and y, latitude and longitude, range and azimuth, or range"
+    names = sample.names
     known = ", ".join(names)[:200]
     # Case 1: a column has the name of a measured quantity, and no numbers.
     for name in filter(columns.get, _MEASURED):
@@ -1371,7 +1369,6 @@ class _Reading:
 
     def __init__(
         self,
-        path: str,
         sample: Sample,
         columns: ColumnByQuantity,
         units: UnitByQuantity,
@@ -1384,7 +1381,6 @@ class _Reading:
 
         ``clock`` is the form of dates, ``missing`` are numbers that stand for missing cells.
         """
-        self._path = path
         self._user_columns = user_columns
         self._sample = sample
         self._clock = clock
@@ -1395,14 +1391,13 @@ class _Reading:
         self._chosen_rows: Mask = np.array([], dtype=np.bool_)
         """rows of one target and sensor, by which units are chosen"""
 
-    def choose_units(self, sensor: SensorGuess, names: list[str], has_velocity: bool) -> DateForm:
+    def choose_units(self, sensor: SensorGuess, has_velocity: bool) -> DateForm:
         """Add the likeliest units to the known ones; return the form of dates.
 
-        ``sensor`` is the first sensor, ``names`` are all columns. The columns of a velocity that
-        disagrees with the positions are removed. Raises DataError with a line for each candidate if
-        several are equally likely.
+        ``sensor`` is the first sensor. The columns of a velocity that disagrees with the positions are
+        removed. Raises DataError with a line for each candidate if several are equally likely.
         """
-        numbers = self._numbers(sensor, names)
+        numbers = self._numbers(sensor)
         clocks: dict[str, tuple[float, float]] = {}
         if self._clock.other:
             clocks = self._clocks()
@@ -1463,7 +1458,7 @@ class _Reading:
         way += ", and give the sensor this path (`platform`)"
         options = [f"--set 'columns.{name}={in_option(columns[name])}'" for name in names]
         option = f"if positions were measured, say {' '.join(options)}"
-        raise DataError(Place(self._path, self._sample.line, 1, f"{what} {way}; {option}"))
+        raise DataError(Place(self._sample.path, self._sample.line, 1, f"{what} {way}; {option}"))
 
     def _with_north_first(
         self,
@@ -1557,7 +1552,7 @@ class _Reading:
         if names == _PLACE:
             way += f"; if {measured} counted otherwise, convert them"
         what = f"{what}: {way}, or leave {'it' if len(velocity) == 1 else 'the velocities'} out"
-        return Place(self._path, self._sample.line, 1, f"{what}, {leave_out}")
+        return Place(self._sample.path, self._sample.line, 1, f"{what}, {leave_out}")
 
     def check_azimuths(self, sensors: list[SensorGuess]) -> None:
         """Raise DataError if azimuths without a unit may be in radians as well as in degrees.
@@ -1580,7 +1575,7 @@ class _Reading:
         if across > _MOST_TANGENTIAL * along:
             what = f"{self._columns['azimuth']}: no unit is named, and its numbers may be degrees"
             way = "say --set units.azimuth=deg or --set units.azimuth=rad"
-            raise DataError(Place(self._path, 1, 1, f"{what} or radians: {way}"))
+            raise DataError(Place(self._sample.path, 1, 1, f"{what} or radians: {way}"))
         self._units["azimuth"] = "rad"
         self._why["azimuth"] = "guess: there is no angle beyond 2 pi"
 
@@ -1634,7 +1629,7 @@ class _Reading:
         if names == ["x", "y"] and look_like_degrees(numbers):
             x, y = (in_option(self._columns[name]) for name in names)
             way += f"; or in degrees, --set 'columns.longitude={x}' --set 'columns.latitude={y}'"
-        return Place(self._path, self._sample.line, 1, f"{what}: {way}")
+        return Place(self._sample.path, self._sample.line, 1, f"{what}: {way}")
 
     def _other_lengths(self, chosen: Candidate, numbers: Numbers) -> list[str]:
         """Return units that lengths without a named unit may have as well as m; empty for most tables.
@@ -1654,7 +1649,7 @@ class _Reading:
             return [unit for unit in ("mm", "cm") if is_usual_speed(speed * UNITS[unit])]
         return []
 
-    def _numbers(self, sensor: SensorGuess, all_columns: list[str]) -> Numbers:
+    def _numbers(self, sensor: SensorGuess) -> Numbers:
         """Return the numbers of the rows of one target and sensor, as `likely_units` compares them.
 
         The words in the names of all columns tell formats, such as AIS, and units.
@@ -1700,7 +1695,7 @@ class _Reading:
         velocity = None
         if columns.keys() >= {*_VELOCITY}:
             velocity = np.stack([self._values(name)[rows] for name in _VELOCITY])
-        marks = frozenset("".join(words_of(name)) for name in all_columns)
+        marks = frozenset("".join(words_of(name)) for name in sample.names)
         digits = [self._digits(columns[name]) for name in named]
         return Numbers(
             time=time[rows],
@@ -1916,7 +1911,7 @@ class _Reading:
             if np.isfinite(candidate.usual_speed):
                 what += f", with a usual speed of {candidate.usual_speed:.2g} m/s"
             what += f": say {' '.join(options)}"
-            questions.append(Place(self._path, self._sample.line, 1, what))
+            questions.append(Place(self._sample.path, self._sample.line, 1, what))
         return questions
 
 
