@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trackbench.core.angles import wrap_angle
-from trackbench.core.arrays import Array, Mask
+from trackbench.core.arrays import Array, Index, Mask
 from trackbench.field_types import DataError, Place, decimals
 from trackbench.scenarios.recordings.column_mapping import (
     COURSE,
@@ -529,7 +529,7 @@ def _measured(
     # Sort the runs by length; noise and speed are those of the longest.
     rows_of_run = [np.bincount(rows.run, minlength=len(gathered.runs)) for rows in rows_by_sensor]
     sizes = np.sum(rows_of_run, axis=0)
-    runs = sorted(zip(gathered.runs, sizes.tolist(), strict=True), key=lambda run: -run[1])
+    runs = _longest_first(gathered.runs, sizes)
     longest = []
     for sensor, rows in zip(sensors, rows_by_sensor, strict=True):
         measured = np.isfinite(rows.values[: len(sensor.quantities)]).all(axis=0)
@@ -630,10 +630,15 @@ def _odometry_rows(path: str, naming: Naming) -> tuple[Rows, list[tuple[str, int
     gathered = Gathered(without_sensor, refuses_far_rows=False)
     (rows,) = read_rows(gathered, [path], [_ODOMETRY])
     sizes = np.bincount(rows.run, minlength=len(gathered.runs))
-    runs = sorted(zip(gathered.runs, sizes.tolist(), strict=True), key=lambda run: -run[1])
+    runs = _longest_first(gathered.runs, sizes)
     is_longest_run = rows.run == sizes.argmax()
     has_all = np.isfinite(rows.values).all(axis=0)
     return in_order(gathered, rows.at(np.flatnonzero(has_all & is_longest_run))), runs
+
+
+def _longest_first(names: list[str], sizes: Index) -> list[tuple[str, int]]:
+    """Return the name and the number of rows of each run, the longest first."""
+    return sorted(zip(names, sizes.tolist(), strict=True), key=lambda run: -run[1])
 
 
 def _check_turns_of_robot(
@@ -722,9 +727,8 @@ def _settle_azimuths(guess: Guess, angles: list[Array], is_said: bool) -> Guess:
         )
         return guess
     if convention == "open":
-        first, second = question_on_azimuths(column)
-        place = Place(guess.path, 1, 1, first)
-        return replace(guess, questions=[place, place._replace(what=second)])
+        questions = [Place(guess.path, 1, 1, line) for line in question_on_azimuths(column)]
+        return replace(guess, questions=questions)
     guess.why["clockwise"] = (
         "guess: from 0 to 360 deg, as of radars; leave it out if it counts from x to y"
     )
@@ -1446,9 +1450,7 @@ class _Reading:
         if sensor.quantities != _PLACE or bearing is None or "speed" in columns or is_answered:
             return
         angles = self._values("azimuth")[self._chosen_rows]
-        unit = self._units.get("azimuth")
-        if unit is None:
-            unit = "deg" if (np.abs(angles) > _TURN).any() else "rad"
+        unit = self._unit_of_angles("azimuth", angles)
         if is_direction_of_movement(numbers, chosen, angles * UNITS[unit]):
             return
         names = _PLACE if columns.keys() >= {*_PLACE} else GEODETIC[:2]
@@ -1505,9 +1507,7 @@ class _Reading:
             return
         if not _HEADINGS.isdisjoint(words_of(column)) and not numbers.is_angle:
             return
-        unit = self._units.get("course")
-        if unit is None:
-            unit = "deg" if (np.abs(numbers.course) > _TURN).any() else "rad"
+        unit = self._unit_of_angles("course", numbers.course)
         change = reflection_of_course(numbers, chosen, numbers.course * UNITS[unit])
         if change is not None:
             raise DataError(self._question_on_axes(change, ["course"]))
@@ -1722,14 +1722,20 @@ class _Reading:
         return values
 
     def _azimuths(self) -> Array:
-        """Return the azimuths (R,) in radians; without a unit, numbers beyond a turn are degrees."""
+        """Return the azimuths (R,) in radians."""
         azimuth = self._values("azimuth")
-        unit = self._units.get("azimuth")
-        if unit is None and (np.abs(azimuth) > _TURN).any():
-            unit = "deg"
-        if unit is None:
-            return azimuth
-        return azimuth * UNITS[unit]
+        return azimuth * UNITS[self._unit_of_angles("azimuth", azimuth)]
+
+    def _unit_of_angles(self, name: str, angles: Array) -> str:
+        """Return the unit of a quantity's angles.
+
+        If none is known, numbers beyond a turn are in degrees, and others in radians.
+        """
+        if name in self._units:
+            return self._units[name]
+        if (np.abs(angles) > _TURN).any():
+            return "deg"
+        return "rad"
 
     def _times(self) -> tuple[Array, bool]:
         """Return the times (R,) of the sample, and whether they need no unit.
@@ -1998,10 +2004,9 @@ def _no_detections(
             )
             way = "empty these cells if nothing was measured"
             option = " ".join(f"--set 'columns.{name}={columns[name]}'" for name in group)
-            place = Place(sample.path, sample.line + int(rows[0]), 1, "")
-            raise DataError(
-                place._replace(what=f"{what}: {way}; if they are measured, say {option}")
-            )
+            advice = f"{way}; if they are measured, say {option}"
+            line = sample.line + int(rows[0])
+            raise DataError(Place(sample.path, line, 1, f"{what}: {advice}"))
     return []
 
 
@@ -2016,20 +2021,14 @@ def _same_time(
     twice = (np.diff(rows.ticks) == 0) & (np.diff(rows.values, axis=1) != 0.0).any(axis=0)
     if not twice.any():
         return None
-    if kind in ("position", "range-azimuth"):
-        places = rows.values[:2]
-        if kind == "range-azimuth":
-            azimuth = places[1] * (UNITS["deg"] if in_degrees else 1.0)
-            places = places[0] * np.stack([np.cos(azimuth), np.sin(azimuth)])
-        if _lie_apart(rows.ticks[:_MOST_COMPARED], places[:, :_MOST_COMPARED]):
-            what = "rows of one time are far apart, and near those of other times: are they several"
-            what += " targets, or false detections?"
-            way = "Give each target a number in a column, and say --set 'columns.run=ITS NAME'"
-            option = "if they are one target, say --set same_time=spread, or mean or last"
-            place = gathered.place(
-                rows, int(np.flatnonzero(twice)[0]) + 1, f"{what} {way}; {option}"
-            )
-            raise DataError(place)
+    places = _places(rows, kind, in_degrees)
+    if places is not None and _lie_apart(rows.ticks[:_MOST_COMPARED], places[:, :_MOST_COMPARED]):
+        what = "rows of one time are far apart, and near those of other times: are they several"
+        what += " targets, or false detections?"
+        way = "Give each target a number in a column, and say --set 'columns.run=ITS NAME'"
+        option = "if they are one target, say --set same_time=spread, or mean or last"
+        place = gathered.place(rows, int(np.flatnonzero(twice)[0]) + 1, f"{what} {way}; {option}")
+        raise DataError(place)
     seconds = len(np.unique(rows.time))
     if gathered.stepped or (rows.time % 1.0).any() or seconds < 2:
         return None
@@ -2041,6 +2040,19 @@ def _same_time(
     return "spread"
 
 
+def _places(rows: Rows, kind: str, in_degrees: bool) -> Array | None:
+    """Return the positions (2, R) of rows, m; None for a sensor that measures none.
+
+    ``kind`` is the type of the rows' sensor; ``in_degrees`` if its angles are in degrees.
+    """
+    if kind == "position":
+        return rows.values[:2]
+    if kind == "range-azimuth":
+        azimuth = rows.values[1] * (UNITS["deg"] if in_degrees else 1.0)
+        return rows.values[0] * np.stack([np.cos(azimuth), np.sin(azimuth)])
+    return None
+
+
 def _check_jumps(gathered: Gathered, rows: Rows, kind: str, in_degrees: bool) -> None:
     """Raise DataError if a run jumps to a place that no motion explains, and goes on from there.
 
@@ -2048,12 +2060,9 @@ def _check_jumps(gathered: Gathered, rows: Rows, kind: str, in_degrees: bool) ->
     stand in one table. ``kind`` is the type of the rows' sensor; ``in_degrees`` if its angles are in
     degrees.
     """
-    if kind not in ("position", "range-azimuth"):
+    places = _places(rows, kind, in_degrees)
+    if places is None:
         return
-    places = rows.values[:2]
-    if kind == "range-azimuth":
-        azimuth = places[1] * (UNITS["deg"] if in_degrees else 1.0)
-        places = places[0] * np.stack([np.cos(azimuth), np.sin(azimuth)])
     jump = unexplained_jump(rows.time, places)
     if jump is None:
         return
