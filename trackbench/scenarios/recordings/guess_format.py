@@ -221,6 +221,8 @@ class Guess:
     """different times of the longest run"""
     inputs: dict[str, float] = field(default_factory=dict)
     """standard deviations of a robot's measured speed v and turn rate w, if it is one"""
+    odometry: Rows | None = None
+    """rows of a robot's speed and turn rate in the longest run, in order of time"""
     interval: float = 0.0
     """usual interval of the longest run's rows, s, or steps"""
     origin: tuple[float, ...] = ()
@@ -477,6 +479,7 @@ def _odometry_guess(path: str, naming: Naming, why: ReasonByKey) -> Guess:
         speed=0.0,
         steps=len(np.unique(rows.ticks)),
         inputs=_sigmas_of_inputs(rows),
+        odometry=rows,
         interval=usual_interval(rows.time),
     )
 
@@ -585,11 +588,11 @@ def _measured(
     inputs: dict[str, float] = {}
     odometry: Rows | None = None
     if tables.odometry is not None:
-        odometry, _ = _odometry_rows(tables.odometry.path, tables.odometry.naming)
+        odometry = tables.odometry.odometry
+        inputs = tables.odometry.inputs
         steps += tables.odometry.steps
     elif is_robot:
         odometry, _ = _odometry_rows(path, naming)
-    if odometry is not None:
         inputs = _sigmas_of_inputs(odometry)
     guess = Guess(
         naming=naming,
