@@ -89,7 +89,12 @@ from trackbench.scenarios.recordings.guess_units import (
     reflection_of_course,
     usual_acceleration,
 )
-from trackbench.scenarios.recordings.mixtures import is_word_column, role_of
+from trackbench.scenarios.recordings.mixtures import (
+    LANDMARK_WORDS,
+    is_word_column,
+    joined_and_single_words,
+    role_of,
+)
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import (
     Gathered,
@@ -145,11 +150,6 @@ _UNITS_OF_ROBOT = {
     "w": ("rad/s", "deg/s"),
     "range": ("m", "cm", "mm", "ft"),
 }
-LANDMARK_WORDS = frozenset(
-    {"tag", "tagid", "id", "marker", "markerid", "feature", "featureid", "lm", "code", "signature"}
-    | {"subject", "target", "object"}
-)
-"""Words in the name of a column that names landmarks, if the table is the log of a robot."""
 _MOST_IDS = 6  # that are shown
 _LEAST_KNOWN = 0.5
 """share of a column's words that are known landmarks, if it names these"""
@@ -1175,7 +1175,7 @@ def _check_names_of_ids(sample: Sample, columns: ColumnByQuantity, user_naming: 
         if name in columns.values() and name not in (columns.get("run"), columns.get("sensor")):
             continue
         words = sample.words(name)
-        is_id = not {*words_of(name), "".join(words_of(name))}.isdisjoint(LANDMARK_WORDS)
+        is_id = not LANDMARK_WORDS.isdisjoint(joined_and_single_words(name))
         if not is_id or len(words) < 2 or not is_word_column(sample.cells(name)):
             continue
         column = in_option(name)
@@ -1229,8 +1229,8 @@ def _landmark_column(
         if np.array_equal(is_named, measured) and is_word_column(cells):
             fitting.append(name)
     for name in fitting:
-        words = {*words_of(name), "".join(words_of(name))}
-        if words & LANDMARK_WORDS and name not in user_naming.columns.values():
+        is_id = not LANDMARK_WORDS.isdisjoint(joined_and_single_words(name))
+        if is_id and name not in user_naming.columns.values():
             return name
     # Without such a word the empty cells must show it.
     if len(fitting) == 1 and not measured.all() and fitting[0] not in user_naming.columns.values():
