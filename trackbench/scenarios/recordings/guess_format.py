@@ -1180,7 +1180,9 @@ def _check_names_of_ids(sample: Sample, columns: ColumnByQuantity, user_naming: 
             continue
         column = in_option(name)
         azimuth = f"--set 'columns.azimuth={angle}'"
-        shown = ", ".join(words[:_MOST_IDS]) + (", ..." if len(words) > _MOST_IDS else "")
+        shown = ", ".join(words[:_MOST_IDS])
+        if len(words) > _MOST_IDS:
+            shown += ", ..."
         lines = [
             f"{name}: are {shown} landmarks that a robot sees? Say --set 'columns.bearing={angle}',"
             " and name its odometry, --input FILE",
@@ -2069,13 +2071,10 @@ def _check_jumps(gathered: Gathered, rows: Rows, kind: str, in_degrees: bool) ->
     jump = unexplained_jump(rows.time, places)
     if jump is None:
         return
-    unit = "steps" if gathered.stepped else "s"
     column = gathered.naming.columns.get("run", "")
     name = gathered.runs[rows.run[jump.row]]
-    what = (
-        f"{jump.distance:.3g} m in {jump.duration:.3g} {unit} are {jump.times_as_fast:.2g} times as"
-    )
-    what += " fast as all rows before and after"
+    what = f"{jump.distance:.3g} m in {jump.duration:.3g} {gathered.time_unit} are"
+    what += f" {jump.times_as_fast:.2g} times as fast as all rows before and after"
     doubt = f"does {column} {name} name another target from here on?"
     way = f"Give it another name; if it is one target, say --set 'columns.run={in_option(column)}'"
     if not column:
