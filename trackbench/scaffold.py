@@ -228,7 +228,7 @@ def write_config_for(
             odometry_guess = recognized_odometry(str(odometry), namings["input_naming."])
     if landmarks is not None:
         with _questions_on("landmarks."):
-            places = read_landmarks(str(landmarks), namings["landmarks."]).places
+            places = read_landmarks(str(landmarks), namings["landmarks."])
     robot_tables = RobotTables(
         odometry=odometry_guess,
         landmarks=tuple(places),

@@ -23,6 +23,8 @@ _MOST_NAMES = 7  # of further runs
 _LEAST_OUTLIERS = 0.005  # share of the rows from which on a filter with a gate is written
 _LAST = 20_000  # step of a long recording, which all filters reach within minutes
 _MOST_PARTICLE_STEPS = 20_000  # beyond which a particle filter takes longer than all other filters
+_POSE = ("X", "Y", "HEADING")
+"""Words for the unknown numbers of a pose, which the user must write."""
 _NO_WORDS = ("null", "true", "false")
 """Words that YAML reads as something else."""
 
@@ -269,8 +271,8 @@ def _robot_parts(guess: Guess, when: str, first_state: FirstState | None) -> _Mo
     """
     mean = _pose_in_words(first_state)
     start = f"{{kind: given, mean: [{', '.join(mean)}], sigma: [0.1, 0.1, 0.1]}}"
-    missing = [word.lower() for word in mean if word.isupper()]
-    if len(missing) == len(mean):
+    missing = _unknown_words(mean)
+    if len(missing) == len(_POSE):
         start += f"  # write the pose at {when}, m and rad, and how well it is known"
     elif first_state is not None:
         pose = f"the truth's pose at {when}"
@@ -296,12 +298,17 @@ def _robot_parts(guess: Guess, when: str, first_state: FirstState | None) -> _Mo
 
 def _pose_in_words(first_state: FirstState | None) -> list[str]:
     """Return the numbers of the first pose, or a word in capital letters for one that is unknown."""
-    words = ["X", "Y", "HEADING"]
+    words = list(_POSE)
     pose = () if first_state is None else first_state.pose
     for i, value in enumerate(pose):
         if math.isfinite(value):
             words[i] = f"{round(value, 4):g}"
     return words
+
+
+def _unknown_words(pose: list[str]) -> list[str]:
+    """Return the words for the unknown numbers of a pose, in small letters."""
+    return [word.lower() for word in pose if word in _POSE]
 
 
 def _gated_filter_lines(guess: Guess, kind: str) -> list[str]:
@@ -463,8 +470,8 @@ def unknown_places(
         if _lacks_place(guess, sensor) and tables.place_of(sensor.name) is None:
             names.append(sensor.name or unnamed)
     if guess.inputs:
-        missing = [word.lower() for word in _pose_in_words(first_state) if word.isupper()]
-        if len(missing) == len(("x", "y", "heading")):
+        missing = _unknown_words(_pose_in_words(first_state))
+        if len(missing) == len(_POSE):
             names.append("the start")
         else:
             names += [f"the {word} of the start" for word in missing]

@@ -3,7 +3,6 @@
 Each of these tables would be read without an error, and give wrong positions.
 """
 
-import json
 import re
 from collections.abc import Collection, Mapping
 
@@ -12,7 +11,7 @@ import numpy as np
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_mapping import UNITS
 from trackbench.scenarios.recordings.column_names import columns_of, unit_of, words_of
-from trackbench.scenarios.recordings.guess_sample import Sample
+from trackbench.scenarios.recordings.guess_sample import Sample, in_option
 
 _RADII = (6.33e6, 6.43e6)
 """m: least and largest distance from the center of the Earth near its surface"""
@@ -98,7 +97,7 @@ def check_zones(sample: Sample, columns: Mapping[str, str], user_columns: Collec
         if all(map(_ZONE.fullmatch, zones)) and (is_utm or has_letters):
             what = f"{name} has {', '.join(zones[:4])}: each zone counts from a meridian of its own"
             way = "convert all rows to one zone or to latitude and longitude"
-            option = f"--set 'columns.run={json.dumps(name)[1:-1]}' makes each zone a run"
+            option = f"--set 'columns.run={in_option(name)}' makes each zone a run"
             where = Place(sample.path, sample.line, 1, f"{what}; {way}; {option}")
             raise DataError(where)
 
@@ -130,7 +129,7 @@ def check_slant_ranges(
         share = 1.0 - float(np.cos(np.median(elevation) * UNITS[unit]))
         if not _LARGEST_SHARE < share < 1.0:
             continue
-        column = json.dumps(columns["range"])[1:-1]
+        column = in_option(columns["range"])
         what = (
             f"{name} usually is {np.median(elevation):.3g} {unit}, so that a slant range is longer"
         )

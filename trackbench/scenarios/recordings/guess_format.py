@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trackbench.core.angles import wrap_angle
-from trackbench.core.arrays import Array, Mask
+from trackbench.core.arrays import Array, Index, Mask
 from trackbench.field_types import DataError, Place, decimals
 from trackbench.scenarios.recordings.column_mapping import (
     COURSE,
@@ -74,7 +74,7 @@ from trackbench.scenarios.recordings.guess_errors import (
     share_of_outliers,
 )
 from trackbench.scenarios.recordings.guess_jumps import unexplained_jump
-from trackbench.scenarios.recordings.guess_sample import Sample
+from trackbench.scenarios.recordings.guess_sample import Sample, in_option
 from trackbench.scenarios.recordings.guess_time import DateForm, date_form
 from trackbench.scenarios.recordings.guess_units import (
     LENGTH_UNITS,
@@ -89,7 +89,12 @@ from trackbench.scenarios.recordings.guess_units import (
     reflection_of_course,
     usual_acceleration,
 )
-from trackbench.scenarios.recordings.mixtures import is_word_column, role_of
+from trackbench.scenarios.recordings.mixtures import (
+    LANDMARK_WORDS,
+    is_word_column,
+    joined_and_single_words,
+    role_of,
+)
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import (
     Gathered,
@@ -145,11 +150,6 @@ _UNITS_OF_ROBOT = {
     "w": ("rad/s", "deg/s"),
     "range": ("m", "cm", "mm", "ft"),
 }
-LANDMARK_WORDS = frozenset(
-    {"tag", "tagid", "id", "marker", "markerid", "feature", "featureid", "lm", "code", "signature"}
-    | {"subject", "target", "object"}
-)
-"""Words in the name of a column that names landmarks, if the table is the log of a robot."""
 _MOST_IDS = 6  # that are shown
 _LEAST_KNOWN = 0.5
 """share of a column's words that are known landmarks, if it names these"""
@@ -221,6 +221,8 @@ class Guess:
     """different times of the longest run"""
     inputs: dict[str, float] = field(default_factory=dict)
     """standard deviations of a robot's measured speed v and turn rate w, if it is one"""
+    odometry: Rows | None = None
+    """rows of a robot's speed and turn rate in the longest run, in order of time"""
     interval: float = 0.0
     """usual interval of the longest run's rows, s, or steps"""
     origin: tuple[float, ...] = ()
@@ -333,15 +335,10 @@ def _check_given_keys(path: str, user_naming: Naming) -> None:
             continue
         what = f"there is no columns.{key}; known: {', '.join(_GIVEN_KEYS)}"
         if key.lower() in _SENSOR_KEYS:
-            name = _in_option(column)
+            name = in_option(column)
             what = f"there is no columns.{key}: a column that names landmarks or sensors is"
             what += f" `--set 'columns.sensor={name}'`"
         raise DataError(Place(path, 1, 1, what))
-
-
-def _in_option(name: str) -> str:
-    """Return a column's name as an option ``--set 'columns.x=NAME'`` has it: with escapes."""
-    return json.dumps(name)[1:-1]  # without the quotes
 
 
 def _found_labels(path: str, label_columns: dict[str, str]) -> list[Place]:
@@ -351,7 +348,7 @@ def _found_labels(path: str, label_columns: dict[str, str]) -> list[Place]:
     """
     places = []
     for key, column in label_columns.items():
-        name = _in_option(column)
+        name = in_option(column)
         other = "sensor" if key == "run" else "run"
         meaning = {"run": "targets", "sensor": "sensors or landmarks"}
         what = f"column {name} was taken to name {meaning[key]}, as its words split the rows"
@@ -374,7 +371,7 @@ def _key_of_labels(error: MixedRowsError) -> str:
     if error.role != "sensor":
         return "run"
     # The column's name says sensors, and the rows say targets.
-    column = _in_option(error.column)
+    column = in_option(error.column)
     what = (
         f"column {column} splits the rows into parts that lie apart: are they several targets, or"
     )
@@ -404,7 +401,7 @@ def _recognized_columns(
     form = _text_format(path, user_format, why)
     names = header(path, form)
     sample = Sample(path, names, form)
-    columns, units = _columns(names, sample, user_naming, why, tables, content)
+    columns, units = _columns(sample, user_naming, why, tables, content)
     if "time" not in columns and "step" not in columns:
         _find_dates(sample, columns, why)
     if "time" not in columns and "step" not in columns:
@@ -414,10 +411,10 @@ def _recognized_columns(
     # Step 2: find the sensors, and the form of dates.
     sensors = [SensorGuess(name="", kind="odometry", quantities=_ODOMETRY)]
     if content == "measurements":
-        sensors = _sensors(path, sample, columns, names, units, user_naming)
+        sensors = _sensors(sample, columns, units, user_naming)
     _check_unused(sample, columns, sensors, user_naming)
     if form.thousands and not user_format.thousands and form.decimal is None:
-        _check_thousands(path, sample, columns, form.thousands)
+        _check_thousands(sample, columns, form.thousands)
     measured = set(chain.from_iterable(sensor.quantities for sensor in sensors))
     _check_named_units(sample, columns, units, measured)
     if {*_PLACE} <= measured:
@@ -444,9 +441,9 @@ def _recognized_columns(
     missing = user_naming.missing or _missing(sample, columns, measured, user_naming.columns)
     is_one_position = sensors[0].quantities == _PLACE and len(sensors) == 1
     has_velocity = is_one_position and _has_velocity(columns)
-    reading = _Reading(path, sample, columns, units, clock, missing, why, user_naming.columns)
+    reading = _Reading(sample, columns, units, clock, missing, why, user_naming.columns)
     reading.check_azimuths(sensors)
-    clock = reading.choose_units(sensors[0], names, has_velocity)
+    clock = reading.choose_units(sensors[0], has_velocity)
     naming = replace(
         user_naming,
         columns=columns,
@@ -482,6 +479,7 @@ def _odometry_guess(path: str, naming: Naming, why: ReasonByKey) -> Guess:
         speed=0.0,
         steps=len(np.unique(rows.ticks)),
         inputs=_sigmas_of_inputs(rows),
+        odometry=rows,
         interval=usual_interval(rows.time),
     )
 
@@ -534,7 +532,7 @@ def _measured(
     # Sort the runs by length; noise and speed are those of the longest.
     rows_of_run = [np.bincount(rows.run, minlength=len(gathered.runs)) for rows in rows_by_sensor]
     sizes = np.sum(rows_of_run, axis=0)
-    runs = sorted(zip(gathered.runs, sizes.tolist(), strict=True), key=lambda run: -run[1])
+    runs = _longest_first(gathered.runs, sizes)
     longest = []
     for sensor, rows in zip(sensors, rows_by_sensor, strict=True):
         measured = np.isfinite(rows.values[: len(sensor.quantities)]).all(axis=0)
@@ -590,11 +588,11 @@ def _measured(
     inputs: dict[str, float] = {}
     odometry: Rows | None = None
     if tables.odometry is not None:
-        odometry, _ = _odometry_rows(tables.odometry.path, tables.odometry.naming)
+        odometry = tables.odometry.odometry
+        inputs = tables.odometry.inputs
         steps += tables.odometry.steps
     elif is_robot:
         odometry, _ = _odometry_rows(path, naming)
-    if odometry is not None:
         inputs = _sigmas_of_inputs(odometry)
     guess = Guess(
         naming=naming,
@@ -635,10 +633,15 @@ def _odometry_rows(path: str, naming: Naming) -> tuple[Rows, list[tuple[str, int
     gathered = Gathered(without_sensor, refuses_far_rows=False)
     (rows,) = read_rows(gathered, [path], [_ODOMETRY])
     sizes = np.bincount(rows.run, minlength=len(gathered.runs))
-    runs = sorted(zip(gathered.runs, sizes.tolist(), strict=True), key=lambda run: -run[1])
+    runs = _longest_first(gathered.runs, sizes)
     is_longest_run = rows.run == sizes.argmax()
     has_all = np.isfinite(rows.values).all(axis=0)
     return in_order(gathered, rows.at(np.flatnonzero(has_all & is_longest_run))), runs
+
+
+def _longest_first(names: list[str], sizes: Index) -> list[tuple[str, int]]:
+    """Return the name and the number of rows of each run, the longest first."""
+    return sorted(zip(names, sizes.tolist(), strict=True), key=lambda run: -run[1])
 
 
 def _check_turns_of_robot(
@@ -669,7 +672,7 @@ def _check_turns_of_robot(
     key = "columns.w" if table is None else "input_naming.columns.w"
     what = f"{bearing} and {turn_rate} agree only if one of them counts clockwise"
     way = "change the signs of the one that does, as both are read anticlockwise"
-    option = f"to read them as they are, say --set '{key}={_in_option(turn_rate)}'"
+    option = f"to read them as they are, say --set '{key}={in_option(turn_rate)}'"
     raise DataError(Place(guess.path, 1, 1, f"{what}: {way}; {option}"))
 
 
@@ -727,9 +730,8 @@ def _settle_azimuths(guess: Guess, angles: list[Array], is_said: bool) -> Guess:
         )
         return guess
     if convention == "open":
-        first, second = question_on_azimuths(column)
-        place = Place(guess.path, 1, 1, first)
-        return replace(guess, questions=[place, place._replace(what=second)])
+        questions = [Place(guess.path, 1, 1, line) for line in question_on_azimuths(column)]
+        return replace(guess, questions=questions)
     guess.why["clockwise"] = (
         "guess: from 0 to 360 deg, as of radars; leave it out if it counts from x to y"
     )
@@ -856,7 +858,7 @@ def _thousands(cells: list[str]) -> str:
     return ""
 
 
-def _check_thousands(path: str, sample: Sample, columns: ColumnByQuantity, mark: str) -> None:
+def _check_thousands(sample: Sample, columns: ColumnByQuantity, mark: str) -> None:
     """Raise DataError for each column in which the mark may separate thousands or decimals.
 
     All its cells then have the mark once, before three digits.
@@ -871,7 +873,7 @@ def _check_thousands(path: str, sample: Sample, columns: ColumnByQuantity, mark:
         if cells and all(re.fullmatch(once, cell) for cell in cells):
             what = f"{column}: {cells[0]} may be a thousand times as large, as other columns"
             way = "have marks between thousands: write the numbers of the file without them"
-            mistakes.append(Place(path, sample.line, 1, f"{what} {way}"))
+            mistakes.append(Place(sample.path, sample.line, 1, f"{what} {way}"))
     if mistakes:
         raise DataError(*mistakes)
 
@@ -890,7 +892,6 @@ def _lines_of_words(rows: list[list[str]]) -> int:
 
 
 def _columns(
-    names: list[str],
     sample: Sample,
     user_naming: Naming,
     why: ReasonByKey,
@@ -901,12 +902,12 @@ def _columns(
 
     Reasons are added to ``why``.
     """
-    columns = {name: named.column for name, named in columns_of(names).items()}
+    columns = {name: named.column for name, named in columns_of(sample.names).items()}
     user_columns = user_naming.columns
     columns = {n: c for n, c in columns.items() if c not in user_columns.values()} | user_columns
     # An empty name means that no column is this quantity; of runs and sensors that their rows are mixed.
     columns = {n: c for n, c in columns.items() if c or n in ("run", "sensor")}
-    for key, column in _hemispheres(names, sample, columns).items():
+    for key, column in _hemispheres(sample, columns).items():
         columns = {n: c for n, c in columns.items() if c != column} | {key: column}
     # Two components of a velocity come before speed and course, a time before numbers of steps.
     if columns.keys() >= {*_VELOCITY}:
@@ -1033,7 +1034,7 @@ def _check_unused(
         if name in columns.values() or not has_numbers or role_of(name) == "quality":
             continue
         if looks_like(name, quantity):
-            candidates.append(_in_option(name))
+            candidates.append(in_option(name))
     if candidates:
         measured = columns[sensors[0].quantities[-1]]
         ways = " or ".join(f"--set 'columns.{quantity}={name}'" for name in candidates)
@@ -1042,7 +1043,7 @@ def _check_unused(
         raise DataError(Place(sample.path, 1, 1, f"{what} {way}"))
 
 
-def _hemispheres(names: list[str], sample: Sample, columns: ColumnByQuantity) -> dict[str, str]:
+def _hemispheres(sample: Sample, columns: ColumnByQuantity) -> dict[str, str]:
     """Find the columns of the letters N and S, and E and W, beside latitude and longitude.
 
     Return them by their key of `columns`, ``north_south`` or ``east_west``.
@@ -1051,7 +1052,7 @@ def _hemispheres(names: list[str], sample: Sample, columns: ColumnByQuantity) ->
     for quantity, (key, positive, negative) in HEMISPHERES.items():
         if quantity not in columns or key in columns:
             continue
-        for name in names:
+        for name in sample.names:
             words = {cell.lower() for cell in sample.cells(name)} - {""}
             if name != columns[quantity] and words and words <= {*positive, *negative}:
                 hemispheres.setdefault(key, name)
@@ -1131,7 +1132,7 @@ def _settle_landmarks(
                 "columns.azimuth: is of fixed sensors, and --input and --landmarks are of a robot"
             )
             raise DataError(Place(sample.path, 1, 1, f"{what}: leave out one of them"))
-        column = _in_option(angle)
+        column = in_option(angle)
         landmarks = f" of the landmarks ({place})" if is_split else ""
         what = f"{angle}: do the bearings{landmarks} count from the robot's heading?"
         other = "or do fixed sensors, such as radars, measure the direction to what moves, "
@@ -1169,17 +1170,19 @@ def _check_names_of_ids(sample: Sample, columns: ColumnByQuantity, user_naming: 
     """
     if not {"run", "sensor"}.isdisjoint(user_naming.columns):
         return
-    angle = _in_option(columns["azimuth"])
+    angle = in_option(columns["azimuth"])
     for name in sample.names:
         if name in columns.values() and name not in (columns.get("run"), columns.get("sensor")):
             continue
         words = sample.words(name)
-        is_id = not {*words_of(name), "".join(words_of(name))}.isdisjoint(LANDMARK_WORDS)
+        is_id = not LANDMARK_WORDS.isdisjoint(joined_and_single_words(name))
         if not is_id or len(words) < 2 or not is_word_column(sample.cells(name)):
             continue
-        column = _in_option(name)
+        column = in_option(name)
         azimuth = f"--set 'columns.azimuth={angle}'"
-        shown = ", ".join(words[:_MOST_IDS]) + (", ..." if len(words) > _MOST_IDS else "")
+        shown = ", ".join(words[:_MOST_IDS])
+        if len(words) > _MOST_IDS:
+            shown += ", ..."
         lines = [
             f"{name}: are {shown} landmarks that a robot sees? Say --set 'columns.bearing={angle}',"
             " and name its odometry, --input FILE",
@@ -1228,8 +1231,8 @@ def _landmark_column(
         if np.array_equal(is_named, measured) and is_word_column(cells):
             fitting.append(name)
     for name in fitting:
-        words = {*words_of(name), "".join(words_of(name))}
-        if words & LANDMARK_WORDS and name not in user_naming.columns.values():
+        is_id = not LANDMARK_WORDS.isdisjoint(joined_and_single_words(name))
+        if is_id and name not in user_naming.columns.values():
             return name
     # Without such a word the empty cells must show it.
     if len(fitting) == 1 and not measured.all() and fitting[0] not in user_naming.columns.values():
@@ -1251,10 +1254,8 @@ def _no_time(names: list[str]) -> str:
 
 
 def _sensors(
-    path: str,
     sample: Sample,
     columns: ColumnByQuantity,
-    names: list[str],
     units: UnitByQuantity,
     user_naming: Naming,
 ) -> list[SensorGuess]:
@@ -1282,13 +1283,13 @@ def _sensors(
         cells = sample.cells(columns.get("sensor", ""))
         rows = np.array([cell == word or not word for cell in cells], dtype=np.bool_)
         if answered.isdisjoint((*_PLACE, "range", "azimuth", "bearing")):
-            _check_one_kind(path, columns, numbers, rows)
+            _check_one_kind(sample.path, columns, numbers, rows)
         for kind, quantities in kinds:
             if all(name in numbers and (numbers[name] & rows).any() for name in quantities):
                 sensors.append(SensorGuess(name=word, kind=kind, quantities=quantities))
                 break
     has_position = {"x", "y"} <= numbers.keys() or {"range", "azimuth"} <= numbers.keys()
-    ranges = {} if has_position else ranges_of(names)
+    ranges = {} if has_position else ranges_of(sample.names)
     if ranges and words == [""]:
         columns.pop("range", None)
         sensors = []
@@ -1306,8 +1307,8 @@ def _sensors(
                 f"{columns['sensor']}: rows of {', '.join(idle)[:80]} have no range and no bearing"
             )
             way = "leave this cell of theirs empty, as rows of odometry alone see no landmark"
-            raise DataError(Place(path, 1, 1, f"{what}; {way}"))
-        raise DataError(Place(path, 1, 1, _no_position(columns, sample, names)))
+            raise DataError(Place(sample.path, 1, 1, f"{what}; {way}"))
+        raise DataError(Place(sample.path, 1, 1, _no_position(columns, sample)))
     return sensors
 
 
@@ -1326,7 +1327,7 @@ def _check_one_kind(
     positions = ("x", "y") if columns.keys() >= {*_PLACE} else GEODETIC[:2]
     ways = []
     for names in (radar, positions):
-        options = (f"--set 'columns.{n}={_in_option(columns[n])}'" for n in names)
+        options = (f"--set 'columns.{n}={in_option(columns[n])}'" for n in names)
         ways.append(" ".join(options))
     what = f"the rows have {columns['range']} and {columns['azimuth']}, and also"
     what += f" {columns[positions[0]]} and {columns[positions[1]]}: which ones were measured?"
@@ -1336,9 +1337,10 @@ def _check_one_kind(
     )
 
 
-def _no_position(columns: ColumnByQuantity, sample: Sample, names: list[str]) -> str:
+def _no_position(columns: ColumnByQuantity, sample: Sample) -> str:
     """Return the message and the advice for a table, or a sensor of it, without measured quantities."""
     pairs = "x and y, latitude and longitude, range and azimuth, or range"
+    names = sample.names
     known = ", ".join(names)[:200]
     # Case 1: a column has the name of a measured quantity, and no numbers.
     for name in filter(columns.get, _MEASURED):
@@ -1376,7 +1378,6 @@ class _Reading:
 
     def __init__(
         self,
-        path: str,
         sample: Sample,
         columns: ColumnByQuantity,
         units: UnitByQuantity,
@@ -1389,7 +1390,6 @@ class _Reading:
 
         ``clock`` is the form of dates, ``missing`` are numbers that stand for missing cells.
         """
-        self._path = path
         self._user_columns = user_columns
         self._sample = sample
         self._clock = clock
@@ -1400,14 +1400,13 @@ class _Reading:
         self._chosen_rows: Mask = np.array([], dtype=np.bool_)
         """rows of one target and sensor, by which units are chosen"""
 
-    def choose_units(self, sensor: SensorGuess, names: list[str], has_velocity: bool) -> DateForm:
+    def choose_units(self, sensor: SensorGuess, has_velocity: bool) -> DateForm:
         """Add the likeliest units to the known ones; return the form of dates.
 
-        ``sensor`` is the first sensor, ``names`` are all columns. The columns of a velocity that
-        disagrees with the positions are removed. Raises DataError with a line for each candidate if
-        several are equally likely.
+        ``sensor`` is the first sensor. The columns of a velocity that disagrees with the positions are
+        removed. Raises DataError with a line for each candidate if several are equally likely.
         """
-        numbers = self._numbers(sensor, names)
+        numbers = self._numbers(sensor)
         clocks: dict[str, tuple[float, float]] = {}
         if self._clock.other:
             clocks = self._clocks()
@@ -1456,19 +1455,17 @@ class _Reading:
         if sensor.quantities != _PLACE or bearing is None or "speed" in columns or is_answered:
             return
         angles = self._values("azimuth")[self._chosen_rows]
-        unit = self._units.get("azimuth")
-        if unit is None:
-            unit = "deg" if (np.abs(angles) > _TURN).any() else "rad"
+        unit = self._unit_of_angles("azimuth", angles)
         if is_direction_of_movement(numbers, chosen, angles * UNITS[unit]):
             return
         names = _PLACE if columns.keys() >= {*_PLACE} else GEODETIC[:2]
         places = " and ".join(columns[name] for name in names)
         what = f"{bearing} is not the direction in which {places} move: was it measured from there?"
-        way = f"Say --set 'columns.azimuth={json.dumps(bearing)[1:-1]}'"
+        way = f"Say --set 'columns.azimuth={in_option(bearing)}'"
         way += ", and give the sensor this path (`platform`)"
-        options = [f"--set 'columns.{name}={json.dumps(columns[name])[1:-1]}'" for name in names]
+        options = [f"--set 'columns.{name}={in_option(columns[name])}'" for name in names]
         option = f"if positions were measured, say {' '.join(options)}"
-        raise DataError(Place(self._path, self._sample.line, 1, f"{what} {way}; {option}"))
+        raise DataError(Place(self._sample.path, self._sample.line, 1, f"{what} {way}; {option}"))
 
     def _with_north_first(
         self,
@@ -1515,9 +1512,7 @@ class _Reading:
             return
         if not _HEADINGS.isdisjoint(words_of(column)) and not numbers.is_angle:
             return
-        unit = self._units.get("course")
-        if unit is None:
-            unit = "deg" if (np.abs(numbers.course) > _TURN).any() else "rad"
+        unit = self._unit_of_angles("course", numbers.course)
         change = reflection_of_course(numbers, chosen, numbers.course * UNITS[unit])
         if change is not None:
             raise DataError(self._question_on_axes(change, ["course"]))
@@ -1539,8 +1534,8 @@ class _Reading:
         signs = (change.sign_of_east, change.sign_of_north)
         if change.exchanged and signs == (1.0, 1.0):
             what = f"{first} and {second} agree with {measured} only if they are exchanged"
-            options = f"--set 'columns.{names[0]}={_in_option(north)}'"
-            options += f" --set 'columns.{names[1]}={_in_option(east)}'"
+            options = f"--set 'columns.{names[0]}={in_option(north)}'"
+            options += f" --set 'columns.{names[1]}={in_option(east)}'"
             way = f"say {options}"
             if names == _PLACE:
                 way = f"if {east} points north and {north} east, {way}"
@@ -1562,7 +1557,7 @@ class _Reading:
         if names == _PLACE:
             way += f"; if {measured} counted otherwise, convert them"
         what = f"{what}: {way}, or leave {'it' if len(velocity) == 1 else 'the velocities'} out"
-        return Place(self._path, self._sample.line, 1, f"{what}, {leave_out}")
+        return Place(self._sample.path, self._sample.line, 1, f"{what}, {leave_out}")
 
     def check_azimuths(self, sensors: list[SensorGuess]) -> None:
         """Raise DataError if azimuths without a unit may be in radians as well as in degrees.
@@ -1585,7 +1580,7 @@ class _Reading:
         if across > _MOST_TANGENTIAL * along:
             what = f"{self._columns['azimuth']}: no unit is named, and its numbers may be degrees"
             way = "say --set units.azimuth=deg or --set units.azimuth=rad"
-            raise DataError(Place(self._path, 1, 1, f"{what} or radians: {way}"))
+            raise DataError(Place(self._sample.path, 1, 1, f"{what} or radians: {way}"))
         self._units["azimuth"] = "rad"
         self._why["azimuth"] = "guess: there is no angle beyond 2 pi"
 
@@ -1637,9 +1632,9 @@ class _Reading:
             what += f", in {units[0]} {speed * UNITS[units[0]]:.2g} m/s"
         way = f"say {options}, or with another unit: {', '.join(units[1:])}"
         if names == ["x", "y"] and look_like_degrees(numbers):
-            x, y = (json.dumps(self._columns[name])[1:-1] for name in names)
+            x, y = (in_option(self._columns[name]) for name in names)
             way += f"; or in degrees, --set 'columns.longitude={x}' --set 'columns.latitude={y}'"
-        return Place(self._path, self._sample.line, 1, f"{what}: {way}")
+        return Place(self._sample.path, self._sample.line, 1, f"{what}: {way}")
 
     def _other_lengths(self, chosen: Candidate, numbers: Numbers) -> list[str]:
         """Return units that lengths without a named unit may have as well as m; empty for most tables.
@@ -1659,7 +1654,7 @@ class _Reading:
             return [unit for unit in ("mm", "cm") if is_usual_speed(speed * UNITS[unit])]
         return []
 
-    def _numbers(self, sensor: SensorGuess, all_columns: list[str]) -> Numbers:
+    def _numbers(self, sensor: SensorGuess) -> Numbers:
         """Return the numbers of the rows of one target and sensor, as `likely_units` compares them.
 
         The words in the names of all columns tell formats, such as AIS, and units.
@@ -1705,7 +1700,7 @@ class _Reading:
         velocity = None
         if columns.keys() >= {*_VELOCITY}:
             velocity = np.stack([self._values(name)[rows] for name in _VELOCITY])
-        marks = frozenset("".join(words_of(name)) for name in all_columns)
+        marks = frozenset("".join(words_of(name)) for name in sample.names)
         digits = [self._digits(columns[name]) for name in named]
         return Numbers(
             time=time[rows],
@@ -1732,14 +1727,20 @@ class _Reading:
         return values
 
     def _azimuths(self) -> Array:
-        """Return the azimuths (R,) in radians; without a unit, numbers beyond a turn are degrees."""
+        """Return the azimuths (R,) in radians."""
         azimuth = self._values("azimuth")
-        unit = self._units.get("azimuth")
-        if unit is None and (np.abs(azimuth) > _TURN).any():
-            unit = "deg"
-        if unit is None:
-            return azimuth
-        return azimuth * UNITS[unit]
+        return azimuth * UNITS[self._unit_of_angles("azimuth", azimuth)]
+
+    def _unit_of_angles(self, name: str, angles: Array) -> str:
+        """Return the unit of a quantity's angles.
+
+        If none is known, numbers beyond a turn are in degrees, and others in radians.
+        """
+        if name in self._units:
+            return self._units[name]
+        if (np.abs(angles) > _TURN).any():
+            return "deg"
+        return "rad"
 
     def _times(self) -> tuple[Array, bool]:
         """Return the times (R,) of the sample, and whether they need no unit.
@@ -1921,7 +1922,7 @@ class _Reading:
             if np.isfinite(candidate.usual_speed):
                 what += f", with a usual speed of {candidate.usual_speed:.2g} m/s"
             what += f": say {' '.join(options)}"
-            questions.append(Place(self._path, self._sample.line, 1, what))
+            questions.append(Place(self._sample.path, self._sample.line, 1, what))
         return questions
 
 
@@ -2008,10 +2009,9 @@ def _no_detections(
             )
             way = "empty these cells if nothing was measured"
             option = " ".join(f"--set 'columns.{name}={columns[name]}'" for name in group)
-            place = Place(sample.path, sample.line + int(rows[0]), 1, "")
-            raise DataError(
-                place._replace(what=f"{what}: {way}; if they are measured, say {option}")
-            )
+            advice = f"{way}; if they are measured, say {option}"
+            line = sample.line + int(rows[0])
+            raise DataError(Place(sample.path, line, 1, f"{what}: {advice}"))
     return []
 
 
@@ -2026,20 +2026,14 @@ def _same_time(
     twice = (np.diff(rows.ticks) == 0) & (np.diff(rows.values, axis=1) != 0.0).any(axis=0)
     if not twice.any():
         return None
-    if kind in ("position", "range-azimuth"):
-        places = rows.values[:2]
-        if kind == "range-azimuth":
-            azimuth = places[1] * (UNITS["deg"] if in_degrees else 1.0)
-            places = places[0] * np.stack([np.cos(azimuth), np.sin(azimuth)])
-        if _lie_apart(rows.ticks[:_MOST_COMPARED], places[:, :_MOST_COMPARED]):
-            what = "rows of one time are far apart, and near those of other times: are they several"
-            what += " targets, or false detections?"
-            way = "Give each target a number in a column, and say --set 'columns.run=ITS NAME'"
-            option = "if they are one target, say --set same_time=spread, or mean or last"
-            place = gathered.place(
-                rows, int(np.flatnonzero(twice)[0]) + 1, f"{what} {way}; {option}"
-            )
-            raise DataError(place)
+    places = _places(rows, kind, in_degrees)
+    if places is not None and _lie_apart(rows.ticks[:_MOST_COMPARED], places[:, :_MOST_COMPARED]):
+        what = "rows of one time are far apart, and near those of other times: are they several"
+        what += " targets, or false detections?"
+        way = "Give each target a number in a column, and say --set 'columns.run=ITS NAME'"
+        option = "if they are one target, say --set same_time=spread, or mean or last"
+        place = gathered.place(rows, int(np.flatnonzero(twice)[0]) + 1, f"{what} {way}; {option}")
+        raise DataError(place)
     seconds = len(np.unique(rows.time))
     if gathered.stepped or (rows.time % 1.0).any() or seconds < 2:
         return None
@@ -2051,6 +2045,19 @@ def _same_time(
     return "spread"
 
 
+def _places(rows: Rows, kind: str, in_degrees: bool) -> Array | None:
+    """Return the positions (2, R) of rows, m; None for a sensor that measures none.
+
+    ``kind`` is the type of the rows' sensor; ``in_degrees`` if its angles are in degrees.
+    """
+    if kind == "position":
+        return rows.values[:2]
+    if kind == "range-azimuth":
+        azimuth = rows.values[1] * (UNITS["deg"] if in_degrees else 1.0)
+        return rows.values[0] * np.stack([np.cos(azimuth), np.sin(azimuth)])
+    return None
+
+
 def _check_jumps(gathered: Gathered, rows: Rows, kind: str, in_degrees: bool) -> None:
     """Raise DataError if a run jumps to a place that no motion explains, and goes on from there.
 
@@ -2058,24 +2065,18 @@ def _check_jumps(gathered: Gathered, rows: Rows, kind: str, in_degrees: bool) ->
     stand in one table. ``kind`` is the type of the rows' sensor; ``in_degrees`` if its angles are in
     degrees.
     """
-    if kind not in ("position", "range-azimuth"):
+    places = _places(rows, kind, in_degrees)
+    if places is None:
         return
-    places = rows.values[:2]
-    if kind == "range-azimuth":
-        azimuth = places[1] * (UNITS["deg"] if in_degrees else 1.0)
-        places = places[0] * np.stack([np.cos(azimuth), np.sin(azimuth)])
     jump = unexplained_jump(rows.time, places)
     if jump is None:
         return
-    unit = "steps" if gathered.stepped else "s"
     column = gathered.naming.columns.get("run", "")
     name = gathered.runs[rows.run[jump.row]]
-    what = (
-        f"{jump.distance:.3g} m in {jump.duration:.3g} {unit} are {jump.times_as_fast:.2g} times as"
-    )
-    what += " fast as all rows before and after"
+    what = f"{jump.distance:.3g} m in {jump.duration:.3g} {gathered.time_unit} are"
+    what += f" {jump.times_as_fast:.2g} times as fast as all rows before and after"
     doubt = f"does {column} {name} name another target from here on?"
-    way = f"Give it another name; if it is one target, say --set 'columns.run={_in_option(column)}'"
+    way = f"Give it another name; if it is one target, say --set 'columns.run={in_option(column)}'"
     if not column:
         doubt = "is this another target, or another recording, from here on?"
         way = "Say which column names targets, --set 'columns.run=NAME'; if all rows are those of one,"
@@ -2124,7 +2125,7 @@ def _check_daylight_saving(gathered: Gathered, rows: Rows) -> None:
         in_season = before.month in _MONTHS_OF_SPRING and before.weekday() == _SUNDAY
         if not in_season or not is_full_hour or after.hour > _LATEST_HOUR:
             continue
-        column = _in_option(gathered.naming.columns["time"])
+        column = in_option(gathered.naming.columns["time"])
         what = f"after {before:%H:%M:%S} comes {after:%H:%M:%S}, on a Sunday of {before:%B}:"
         what += " are these local times, and was the clock set forward?"
         way = "Write times in UTC, or with their zone (+01:00)"

@@ -1,5 +1,6 @@
 """First rows of a table as text and numbers, from which a guess at its format is made."""
 
+import json
 from dataclasses import replace
 
 from trackbench.core.arrays import Array
@@ -14,6 +15,11 @@ from trackbench.scenarios.recordings.csv_tables import (
 )
 
 _SAMPLE = 10_000  # rows
+
+
+def in_option(name: str) -> str:
+    """Return a column's name as an option ``--set 'columns.x=NAME'`` has it: with escapes."""
+    return json.dumps(name)[1:-1]  # without the quotes
 
 
 class Sample:

@@ -10,22 +10,20 @@ from trackbench.errors import in_line
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_mapping import GEODETIC, Naming
 from trackbench.scenarios.recordings.column_names import heading_of
-from trackbench.scenarios.recordings.csv_tables import first_rows, number, parse_cells
+from trackbench.scenarios.recordings.csv_lines import TextFormat
 from trackbench.scenarios.recordings.guess_azimuths import Track
 from trackbench.scenarios.recordings.guess_format import Guess, recognized, with_places
+from trackbench.scenarios.recordings.guess_sample import Sample
 
 _MOST_INTERVALS = 1.5
 """usual intervals between two rows within which the truth is a straight line"""
-_SAMPLE = 10_000  # rows
 
 
 @dataclass(frozen=True)
 class TruthGuess:
     """Guess at a table with the true path."""
 
-    path: str
     naming: Naming
-    why: dict[str, str]
     gap: float
     """longest time between two rows within which the truth is interpolated, s, or steps"""
     is_geodetic: bool
@@ -52,7 +50,6 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
         raise DataError(Place(path, 1, 1, f"{what}: {way} --set 'truth_naming.columns.y=NAME'"))
     columns = dict(found.naming.columns)
     units = dict(found.naming.units)
-    why = dict(found.why)
     is_geodetic = not {"x", "y"} <= columns.keys()
     kept = {"time", "date", "step", "week", "subsecond", "run", "north_south", "east_west"}
     kept |= {*GEODETIC[:2]} if is_geodetic else {"x", "y"}
@@ -70,17 +67,14 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
     if guess.inputs and heading is not None:
         columns["heading"] = heading.column
         units["heading"] = heading.unit or _unit_of_heading(path, found, heading.column)
-        why["heading"] = "guess, anticlockwise from x"
     # A truth of one run is that of every run, so the column of its name is not read.
     if len(found.runs) == 1:
         columns.pop("run", None)
         if "run" in found.names:
             columns["run"] = ""
     return TruthGuess(
-        path=path,
         # No azimuth is kept, so that none counts clockwise from north.
         naming=replace(found.naming, columns=columns, units=units, clockwise=()),
-        why=why,
         gap=float(f"{_MOST_INTERVALS * found.interval:.3g}"),
         is_geodetic=is_geodetic,
         has_velocity=has_velocity,
@@ -120,8 +114,6 @@ def settled(
 
 def _unit_of_heading(path: str, found: Guess, column: str) -> str:
     """Return the unit of headings, degrees if one of them is beyond a turn in radians."""
-    place = found.names.index(column)
-    cells = [row[place] for row in first_rows(path, found.naming.format, _SAMPLE)]
-    values, _ = parse_cells(number, [cell.replace(",", ".") for cell in cells])
-    largest = float(np.nanmax(np.abs(values), initial=0.0))
+    sample = Sample(path, found.names, found.naming.format or TextFormat())
+    largest = float(np.nanmax(np.abs(sample.numbers(column)), initial=0.0))
     return "deg" if largest > 2.0 * np.pi else "rad"

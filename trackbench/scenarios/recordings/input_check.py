@@ -1,6 +1,5 @@
 """Check whether known inputs, such as a robot's wheels and gyro, agree with the changes of the truth."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -63,14 +62,23 @@ def input_notes(motion: SampledMotion, truth: Array, steps: Index, times: Array)
     blocks = _blocks(states, times)
     if not blocks:
         return []
+    angles = list(angle_rows(motion))
+    chosen = np.stack(blocks)
+    predicted = _predicted(motion, states, steps, chosen)
     ratio_notes = []
     delay_notes = []
     for row, name in enumerate(known.names):
-        changes = _changes(motion, known, row, states, steps, blocks)
+        # The changes by the input alone, and those of the truth.
+        without = _predicted(_without_input(motion, known, row), states, steps, chosen)
+        with np.errstate(all="ignore"):
+            of_input = predicted - without
+            of_truth = states[:, chosen] - without
+            of_input[angles] = wrap_angle(of_input[angles])
+            of_truth[angles] = wrap_angle(of_truth[angles])
         best = None
         best_correlation = 0.0
         for component in np.flatnonzero(~unknown).tolist():
-            each = _Changes(changes.of_input[component], changes.of_truth[component])
+            each = _Changes(of_input=of_input[component], of_truth=of_truth[component])
             correlation = _correlation(_over_windows(each))
             if abs(correlation) > abs(best_correlation):
                 best = each
@@ -87,52 +95,39 @@ def input_notes(motion: SampledMotion, truth: Array, steps: Index, times: Array)
 def _blocks(states: Array, times: Array) -> list[Index]:
     """Return the indices of stretches of successive steps that are spread over the run."""
     number = len(times) - 1
-    length = min(_STEPS_OF_BLOCK, number // _BLOCKS if number >= 2 * _BLOCKS * _WINDOW else number)
+    length = number
+    if number >= 2 * _BLOCKS * _WINDOW:
+        length = number // _BLOCKS
+    length = min(_STEPS_OF_BLOCK, length)
     if length < _WINDOW:
         return []
-    starts = np.linspace(1, number + 1 - length, _BLOCKS if length < number else 1).astype(int)
+    count = 1
+    if length < number:
+        count = _BLOCKS
+    starts = np.linspace(1, number + 1 - length, count).astype(int)
     return [np.arange(start, start + length) for start in dict.fromkeys(starts.tolist())]
 
 
-def _changes(
-    motion: SampledMotion,
-    known: KnownInputs,
-    row: int,
-    states: Array,
-    steps: Index,
-    blocks: Sequence[Index],
-) -> _Changes:
-    """Return the changes (n_x, blocks, K) by the input ``row`` alone, and those of the truth."""
+def _predicted(motion: SampledMotion, states: Array, steps: Index, blocks: Index) -> Array:
+    """Return the states (n_x, blocks, K) that a motion predicts from the ``states`` one step before.
+
+    ``blocks`` (blocks, K) are the indices of the predicted states.
+    """
+    means = []
+    with np.errstate(all="ignore"):
+        for i in blocks.ravel().tolist():
+            means.append(motion.transition(states[:, i - 1 : i], int(steps[i])).mean[:, 0])
+    return np.stack(means, axis=-1).reshape(len(states), *blocks.shape)
+
+
+def _without_input(motion: SampledMotion, known: KnownInputs, row: int) -> SampledMotion:
+    """Return the motion with zeros in place of the known values of the input ``row``."""
     values = known.values.copy()
     values[row] = np.where(np.isfinite(values[row]), 0.0, np.nan)
-    without = _with_inputs(motion, replace(known, values=values))
-    angles = list(angle_rows(motion))
-    of_input = []
-    of_truth = []
-    with np.errstate(all="ignore"):
-        for block in blocks:
-            for i in block.tolist():
-                k = int(steps[i])
-                before = states[:, i - 1 : i]
-                rest = without.transition(before, k).mean
-                by_input = motion.transition(before, k).mean - rest
-                by_truth = states[:, i : i + 1] - rest
-                by_input[angles] = wrap_angle(by_input[angles])
-                by_truth[angles] = wrap_angle(by_truth[angles])
-                of_input.append(by_input[:, 0])
-                of_truth.append(by_truth[:, 0])
-    shape = (len(states), len(blocks), len(blocks[0]))
-    return _Changes(
-        of_input=np.stack(of_input, axis=-1).reshape(shape),
-        of_truth=np.stack(of_truth, axis=-1).reshape(shape),
-    )
-
-
-def _with_inputs(motion: SampledMotion, known: KnownInputs) -> SampledMotion:
-    """Return the motion with other values of its inputs."""
+    without = replace(known, values=values)
     if isinstance(motion, Irregular):
-        return replace(motion, recorded_inputs=known)
-    return motion_with_inputs(motion, known)
+        return replace(motion, recorded_inputs=without)
+    return motion_with_inputs(motion, without)
 
 
 def _over_windows(changes: _Changes) -> _Changes:
@@ -166,7 +161,9 @@ def _ratio_note(name: str, windows: _Changes, correlation: float) -> list[str]:
     if factor < 0.0:
         what += " of the other sign"
     if 1.0 / _LARGEST_RATIO < size < _LARGEST_RATIO:
-        return [f"{what}: write `-{name}` in the equations"] if factor < 0.0 else []
+        if factor > 0.0:
+            return []
+        return [f"{what}: write `-{name}` in the equations"]
     if factor < 0.0:
         what += " and"
     what += f" multiplied by {size:.2g}"

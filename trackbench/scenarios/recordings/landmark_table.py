@@ -1,17 +1,20 @@
 """Table of the places of landmarks, which are written into a config."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_mapping import UNITS, Naming
-from trackbench.scenarios.recordings.column_names import columns_of, words_of
+from trackbench.scenarios.recordings.column_names import columns_of
 from trackbench.scenarios.recordings.csv_lines import TextFormat, is_value, layout_of
 from trackbench.scenarios.recordings.csv_tables import header, is_parquet
-from trackbench.scenarios.recordings.guess_format import LANDMARK_WORDS
 from trackbench.scenarios.recordings.guess_sample import Sample
-from trackbench.scenarios.recordings.mixtures import role_of
+from trackbench.scenarios.recordings.mixtures import (
+    LANDMARK_WORDS,
+    joined_and_single_words,
+    role_of,
+)
 
 _NAMELESS = ("landmark", "x", "y")
 """Columns of a table whose lines have a number and a place, and no line names them."""
@@ -20,19 +23,11 @@ _LARGEST = 100.0
 _KEYS = ("sensor", "x", "y")
 
 
-@dataclass(frozen=True)
-class LandmarkTable:
-    """Places of landmarks by their names."""
+def read_landmarks(path: str, user_naming: Naming | None = None) -> dict[str, tuple[float, float]]:
+    """Read the places of landmarks, x and y in m, by their names.
 
-    path: str
-    places: dict[str, tuple[float, float]]
-    """x and y, m"""
-
-
-def read_landmarks(path: str, user_naming: Naming | None = None) -> LandmarkTable:
-    """Read the names and places of landmarks; keys that are set in ``user_naming`` are not guessed.
-
-    Raises DataError if a column is missing, and for each row without a place.
+    Keys that are set in ``user_naming`` are not guessed. Raises DataError if a column is
+    missing, and for each row without a place.
     """
     user_naming = user_naming or Naming()
     for key in user_naming.columns:
@@ -62,7 +57,7 @@ def read_landmarks(path: str, user_naming: Naming | None = None) -> LandmarkTabl
         places[name] = place
     if mistakes:
         raise DataError(*mistakes)
-    return LandmarkTable(path=path, places=places)
+    return places
 
 
 def _text_format(path: str, form: TextFormat) -> TextFormat:
@@ -86,7 +81,7 @@ def _columns(sample: Sample, user_naming: Naming) -> dict[str, str]:
         free = [name for name in sample.names if name not in columns.values()]
         fitting = []
         for name in free:
-            words = {*words_of(name), "".join(words_of(name))}
+            words = joined_and_single_words(name)
             if role_of(name) == "place" or words & {*LANDMARK_WORDS, "name", "label"}:
                 fitting.append(name)
         candidates = fitting or free

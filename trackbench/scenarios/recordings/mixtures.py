@@ -58,11 +58,22 @@ _TARGETS = _word_set(
 )
 
 
+LANDMARK_WORDS = _word_set(
+    "tag tagid id marker markerid feature featureid lm code signature subject target object"
+)
+"""Words in the name of a column that names landmarks, if the table is the log of a robot."""
+
+
+def joined_and_single_words(name: str) -> set[str]:
+    """Return the words of a column's name, and all of them joined to one."""
+    words = words_of(name)
+    return {*words, "".join(words)}
+
+
 def role_of(name: str) -> Literal["quality", "sensor", "place", "target", ""]:
     """Return what the words of a column's name say that it names; empty if they say nothing."""
     # The words without and with their digits, and all words as one.
-    words = {word.rstrip("0123456789") for word in words_of(name)} | {*words_of(name)}
-    words.add("".join(words_of(name)))
+    words = {word.rstrip("0123456789") for word in words_of(name)} | joined_and_single_words(name)
     if words & _QUALITY:
         return "quality"
     if words & _PLACES:

@@ -191,13 +191,13 @@ class Gathered:
             self.since = 0.0
             if table.dated:
                 self.since = float(microseconds_since_1970(columns, table, own).min())
-        reason = ""
+        mistake = ""
         if not have_one_axis(self.clock, own):
-            reason = reason_against(self.clock, own)
+            mistake = reason_against(self.clock, own)
         elif self.clock.path != own.path:
-            reason = reason_against_spans(self.clock, own)
-        if reason:
-            raise columns.mistake(reason)
+            mistake = reason_against_spans(self.clock, own)
+        if mistake:
+            raise columns.mistake(mistake)
         self._note_keys(columns, own)
         # Seconds: dates after the first one, times by their unit; numbers of steps are returned as such.
         time = table.columns[clock]

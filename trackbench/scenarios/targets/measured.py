@@ -28,7 +28,7 @@ from trackbench.scenarios.recordings.column_mapping import (
     NamingKeys,
     plain_name,
 )
-from trackbench.scenarios.recordings.file_clocks import check_common_time
+from trackbench.scenarios.recordings.common_times import check_common_time
 from trackbench.scenarios.recordings.inputs import (
     InputRows,
     aligned_with,

@@ -1,4 +1,4 @@
-"""Clocks of two files: whether they have a common time, and which unit would give them one."""
+"""Check that two files have times in common, and find the unit that would give them some."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
