@@ -31,7 +31,6 @@ from trackbench.scenarios.recordings.guess_config import (
     guessed_units,
     idle_keys,
     left_out_filters,
-    quoted,
     unknown_places,
     unused_columns,
     usable_quantities,
@@ -43,6 +42,7 @@ from trackbench.scenarios.recordings.guess_format import (
     recognized,
     recognized_odometry,
 )
+from trackbench.scenarios.recordings.guess_sample import quoted
 from trackbench.scenarios.recordings.guess_truth import TruthGuess, recognized_truth, settled
 from trackbench.scenarios.recordings.landmark_table import read_landmarks
 from trackbench.scenarios.targets.measured import Measured

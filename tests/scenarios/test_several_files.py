@@ -193,3 +193,46 @@ def test_runs_of_the_files_have_the_same_names(tmp_path: Path) -> None:
     )
     with pytest.raises(UserError, match=r"c.csv has 5, 6; b.csv has 0; no run is in all files"):
         written(two, plain)
+
+
+def test_two_sensors_far_apart_in_time_are_noted(tmp_path: Path) -> None:
+    times = np.arange(60.0)
+    near = write(tmp_path / "a.csv", "time,x,y", times, 3.0 * times, 2.0 * times)
+    far = write(tmp_path / "b.csv", "time,x,y", times + 1e6, 3.0 * times, 2.0 * times)
+    later = write(tmp_path / "c.csv", "time,x,y", times + 70.0, 3.0 * times, 2.0 * times)
+    for second, is_noted in ((far, True), (later, False)):
+        (tmp_path / "both.yaml").unlink(missing_ok=True)
+        path = written(near, second).paths[0]
+        (point,) = load(path).points
+        notes = " ".join(point.scenario.cautions)
+        assert ("they have no time in common" in notes) == is_noted
+
+
+def test_a_named_column_that_is_not_there_is_one_line(tmp_path: Path) -> None:
+    """It ended in a traceback of numpy."""
+    file = write(tmp_path / "a.csv", "time,x,y", np.arange(30.0), np.arange(30.0), np.arange(30.0))
+    done = trackbench(
+        "new", "experiment", "e", "--from", file, "--set", "columns.time=nope", cwd=tmp_path
+    )
+    assert done.returncode == 2
+    assert "no column nope, which columns.time names; there are time, x, y" in done.stderr
+    assert not (tmp_path / "e.yaml").exists()
+
+
+def test_marks_of_thousands_are_no_digits_behind_the_point(tmp_path: Path) -> None:
+    """A sigma was as large as 1 because 1.003,2 had its digits counted from the mark."""
+    t = np.arange(60.0)
+    rng = np.random.default_rng(4)
+    values = 1000.0 + 3.0 * t + 0.2 * rng.standard_normal(60)
+    plain = [f"{v:.1f}".replace(".", ",") for v in values]
+    marked = [f"{v:,.1f}".replace(",", "_").replace(".", ",").replace("_", ".") for v in values]
+    sigmas = []
+    for name, cells in (("plain", plain), ("marked", marked)):
+        file = write(tmp_path / f"{name}.csv", "time;x;y", range(60), cells, cells, separator=";")
+        (tmp_path / "both.yaml").unlink(missing_ok=True)
+        sigmas.append(
+            next(
+                line for line in written(file).paths[0].read_text().splitlines() if "sigma:" in line
+            )
+        )
+    assert sigmas[0] == sigmas[1]

@@ -1,6 +1,7 @@
 """Check that two files have times in common, and find the unit that would give them some."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -9,6 +10,7 @@ from trackbench.core.arrays import Array
 from trackbench.durations import time_text
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_mapping import UNITS
+from trackbench.scenarios.recordings.guess_sample import quoted
 from trackbench.scenarios.recordings.rows import (
     TICK,
     Gathered,
@@ -65,6 +67,24 @@ def check_common_time(
     if is_apart:
         way = "give both files times of one clock"
         raise DataError(Place(other.files[0], 1, 1, f"{ends}: they have no time in common; {way}"))
+
+
+def note_files_apart(gathered: Gathered, measured_rows: Sequence[Rows]) -> None:
+    """Add a note on two sensors' files that lie further apart in time than either is long.
+
+    ``measured_rows`` are those of each sensor. A sensor may follow another, so this is no mistake.
+    """
+    spans = [(rows, _span_of(rows.time)) for rows in measured_rows if len(rows.time)]
+    spans.sort(key=lambda pair: pair[1].first)
+    for (rows, span), (next_rows, next_span) in pairwise(spans):
+        longest = max(span.last - span.first, next_span.last - next_span.first)
+        if next_span.first - span.last > max(longest, TICK):
+            unit = "" if gathered.stepped else " s"
+            gathered.notices.append(
+                f"{gathered.files[next_rows.file[0]]} begins at {time_text(next_span.first)}{unit}, and "
+                f"{gathered.files[rows.file[0]]} ends at {time_text(span.last)}{unit}: they have no "
+                "time in common; check their clocks, `zone` and `units`"
+            )
 
 
 def _span_of(times: Array) -> _Span:
@@ -135,4 +155,4 @@ def _keys_with_unit(other: Gathered, unit: str) -> str:
 
 def _in_braces(mapping: dict[str, str]) -> str:
     """Write the entries of a mapping as YAML has them."""
-    return ", ".join(f"{name}: {value}" for name, value in mapping.items())
+    return ", ".join(f"{name}: {quoted(value)}" for name, value in mapping.items())

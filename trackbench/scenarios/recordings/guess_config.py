@@ -14,6 +14,7 @@ from trackbench.scenarios.recordings.column_mapping import STAMP_PARTS, Naming
 from trackbench.scenarios.recordings.csv_lines import TextFormat
 from trackbench.scenarios.recordings.guess_errors import usual_process_noise
 from trackbench.scenarios.recordings.guess_format import Guess, SensorGuess
+from trackbench.scenarios.recordings.guess_sample import quoted
 from trackbench.scenarios.recordings.guess_truth import TruthGuess
 
 _LOCATING = {"position", "range-azimuth"}
@@ -25,8 +26,6 @@ _LAST = 20_000  # step of a long recording, which all filters reach within minut
 _MOST_PARTICLE_STEPS = 20_000  # beyond which a particle filter takes longer than all other filters
 _POSE = ("X", "Y", "HEADING")
 """Words for the unknown numbers of a pose, which the user must write."""
-_NO_WORDS = ("null", "true", "false")
-"""Words that YAML reads as something else."""
 
 
 @dataclass(frozen=True)
@@ -715,23 +714,3 @@ def _value_in_braces(value: object) -> str:
     if isinstance(value, str):
         return quoted(value)
     return json.dumps(value)
-
-
-def quoted(word: str) -> str:
-    """Return a word as YAML, in quotes if it has more than letters, digits and underscores.
-
-    Characters that cannot be printed, such as line breaks of Unicode, are escaped, so that words of an
-    unknown table cannot begin a new line of the config.
-    """
-    if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*|[1-9][0-9]*", word) and word.lower() not in _NO_WORDS:
-        return word
-    text = json.dumps(word, ensure_ascii=False)
-    return "".join(c if c.isprintable() else _escape(c) for c in text)
-
-
-def _escape(character: str) -> str:
-    """Escape a character as YAML does within double quotes."""
-    number = ord(character)
-    if number < 0x10000:
-        return f"\\u{number:04x}"
-    return f"\\U{number:08x}"

@@ -6,9 +6,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.conversions import SEMI_MAJOR_AXIS
-from trackbench.field_types import decimals
 from trackbench.scenarios.recordings.column_mapping import UNITS, Naming
-from trackbench.scenarios.recordings.csv_tables import number, parse_cells
 from trackbench.scenarios.recordings.rows import Rows
 
 SENSORS = {
@@ -75,11 +73,11 @@ def not_finer(
     sigmas: Sequence[float],
     quantities: Sequence[str],
     naming: Naming,
-    cells: Callable[[str], list[str]],
+    decimals: Callable[[str], int],
 ) -> tuple[float, ...]:
     """Return the standard deviations ``sigmas``, raised to at least the last digit of the numbers.
 
-    ``cells`` returns the cells of a column, which show the digits.
+    ``decimals`` counts the digits behind the point of a column's numbers.
     """
     raised = []
     for name, sigma in zip(quantities, sigmas, strict=True):
@@ -89,9 +87,7 @@ def not_finer(
             # Without a column of its own the quantity is computed from latitude and longitude.
             source = {"x": "longitude", "y": "latitude"}.get(name, name)
             meters_per_unit = SEMI_MAJOR_AXIS
-        texts = [cell.replace(",", ".") for cell in cells(naming.columns[source])]
-        values, _ = parse_cells(number, texts)
-        digits = max((decimals(texts[i]) for i in np.flatnonzero(np.isfinite(values))), default=0)
+        digits = decimals(naming.columns[source])
         step = 10.0**-digits * naming.scale(source) * meters_per_unit
         raised.append(max(sigma, float(f"{step:.1g}")))
     return tuple(raised)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from trackbench.core.angles import wrap_angle
 from trackbench.core.arrays import Array, Index, Mask
-from trackbench.field_types import DataError, Place, decimals
+from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_mapping import (
     COURSE,
     GEODETIC,
@@ -401,6 +401,12 @@ def _recognized_columns(
     form = _text_format(path, user_format, why)
     names = header(path, form)
     sample = Sample(path, names, form)
+    for key, column in user_naming.columns.items():
+        if column and column not in names:
+            what = (
+                f"no column {column}, which columns.{key} names; there are {', '.join(names)[:200]}"
+            )
+            raise DataError(Place(path, 1, 1, what))
     columns, units = _columns(sample, user_naming, why, tables, content)
     if "time" not in columns and "step" not in columns:
         _find_dates(sample, columns, why)
@@ -573,7 +579,7 @@ def _measured(
     steps = len(np.unique(np.concatenate([rows.ticks for rows in longest])))
     guesses = []
     for sensor, (sigmas, _) in zip(sensors, levels, strict=True):
-        sigmas = not_finer(sigmas, sensor.quantities, naming, sample.cells)
+        sigmas = not_finer(sigmas, sensor.quantities, naming, sample.decimals)
         guesses.append(sensor._replace(sigmas=sigmas))
     rounded_speed = float(f"{speed:.1g}") or 1.0
     noises = [
@@ -1701,7 +1707,7 @@ class _Reading:
         if columns.keys() >= {*_VELOCITY}:
             velocity = np.stack([self._values(name)[rows] for name in _VELOCITY])
         marks = frozenset("".join(words_of(name)) for name in sample.names)
-        digits = [self._digits(columns[name]) for name in named]
+        digits = [self._sample.decimals(columns[name]) for name in named]
         return Numbers(
             time=time[rows],
             dated=is_dated,
@@ -1713,12 +1719,6 @@ class _Reading:
             words=marks,
             least_digits=min(digits, default=0),
         )
-
-    def _digits(self, column: str) -> int:
-        """Count digits behind the point of a column's numbers."""
-        cells = [cell.replace(",", ".") for cell in self._sample.cells(column)]
-        finite = np.flatnonzero(np.isfinite(self._sample.numbers(column)))
-        return max((decimals(cells[i]) for i in finite), default=0)
 
     def _values(self, name: str) -> Array:
         """Parse a quantity's numbers, NaN where they are missing."""

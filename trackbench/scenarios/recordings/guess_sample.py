@@ -1,9 +1,13 @@
 """First rows of a table as text and numbers, from which a guess at its format is made."""
 
 import json
+import re
 from dataclasses import replace
 
+import numpy as np
+
 from trackbench.core.arrays import Array
+from trackbench.field_types import decimals
 from trackbench.scenarios.recordings.column_names import other_unit_in_line, unit_in, words_of
 from trackbench.scenarios.recordings.csv_lines import TextFormat, layout_of
 from trackbench.scenarios.recordings.csv_tables import (
@@ -15,11 +19,33 @@ from trackbench.scenarios.recordings.csv_tables import (
 )
 
 _SAMPLE = 10_000  # rows
+_NO_WORDS = ("null", "true", "false")
+"""Words that YAML reads as something else."""
 
 
 def in_option(name: str) -> str:
     """Return a column's name as an option ``--set 'columns.x=NAME'`` has it: with escapes."""
     return json.dumps(name)[1:-1]  # without the quotes
+
+
+def quoted(word: str) -> str:
+    """Return a word as YAML, in quotes if it has more than letters, digits and underscores.
+
+    Characters that cannot be printed, such as line breaks of Unicode, are escaped, so that words of an
+    unknown table cannot begin a new line of the config.
+    """
+    if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*|[1-9][0-9]*", word) and word.lower() not in _NO_WORDS:
+        return word
+    text = json.dumps(word, ensure_ascii=False)
+    return "".join(c if c.isprintable() else _escape(c) for c in text)
+
+
+def _escape(character: str) -> str:
+    """Escape a character as YAML does within double quotes."""
+    number = ord(character)
+    if number < 0x10000:
+        return f"\\u{number:04x}"
+    return f"\\U{number:08x}"
 
 
 class Sample:
@@ -56,11 +82,21 @@ class Sample:
 
     def numbers(self, column: str) -> Array:
         """Parse the numbers of a column, NaN for what is none."""
+        values, _ = parse_cells(number, self._number_texts(column))
+        return values
+
+    def decimals(self, column: str) -> int:
+        """Count the digits behind the point of a column's numbers."""
+        cells = self._number_texts(column)
+        values, _ = parse_cells(number, cells)
+        return max((decimals(cells[i]) for i in np.flatnonzero(np.isfinite(values))), default=0)
+
+    def _number_texts(self, column: str) -> list[str]:
+        """List the cells of a column as numbers are written here: with a point, in one piece."""
         cells = self.cells(column)
         if self._thousands:
             cells = [without_thousands(cell, self._thousands) for cell in cells]
-        values, _ = parse_cells(number, [cell.replace(",", ".") for cell in cells])
-        return values
+        return [cell.replace(",", ".") for cell in cells]
 
     def unit(self, column: str, quantity: str) -> str | None:
         """Return the unit of a quantity's column from the lines of units; None without one."""

@@ -28,7 +28,7 @@ from trackbench.scenarios.recordings.column_mapping import (
     NamingKeys,
     plain_name,
 )
-from trackbench.scenarios.recordings.common_times import check_common_time
+from trackbench.scenarios.recordings.common_times import check_common_time, note_files_apart
 from trackbench.scenarios.recordings.inputs import (
     InputRows,
     aligned_with,
@@ -381,6 +381,8 @@ class Measured(FromFiles, Naming, Target):
             angles = {each.components[row]: row for row in measured_angle_rows(each)}
             check_turns(gathered, rows[m], angles)
             rows[m] = in_order(gathered, rows[m], each.innovation)
+        if len(self._measurement_files) > 1:
+            note_files_apart(gathered, rows)
         # Step 2: read the inputs. Those of a file of their own may begin later or end earlier.
         inputs = None
         if self.input:
