@@ -13,7 +13,8 @@ from tests.papers import merwe_text
 from trackbench.config.load import load
 from trackbench.evaluation import run_filter
 from trackbench.evaluation.block import BlockTask
-from trackbench.execution import queue
+from trackbench.execution import queue, runner
+from trackbench.execution.block_file import PackedBlock
 from trackbench.execution.cache import BlockStore
 from trackbench.execution.engines import ClusterExecutor, SerialExecutor
 from trackbench.execution.plan import Plan, make_plan
@@ -131,3 +132,48 @@ def test_a_reference_runs_once_a_block(tmp_path: Path, ran: list[BlockTask]) -> 
     alone = results_of(text.replace("reference: EKF\n", "").replace("rmsd, ", ""), tmp_path)
     for name, values in alone[0, "EKF"].per_run.items():
         assert values.tobytes() == with_others[0, "EKF"].per_run[name].tobytes()
+
+
+TWO_FILTERS = (
+    "name: kept\nruns: 6\nblock: 2\nscenario: SCENE\n"
+    "filters: {PF: {kind: pf, N: 5}, EKF: {kind: ekf}}\n"
+)
+
+
+def merged_again(folder: Path) -> tuple[dict[Any, Any], int]:
+    """Merge the stored blocks of `TWO_FILTERS`, and count how often a block is read."""
+    config = write(folder, TWO_FILTERS.replace("SCENE", merwe_text(T=6)))
+    plan = make_plan(load(config))
+    store = CountingStore(folder / "blocks")
+    (outcome,) = execute([plan], store, SerialExecutor, 1, progress=False)
+    return dict(outcome.results()), store.reads
+
+
+class CountingStore(BlockStore):
+    """A store of blocks that counts how many it has read."""
+
+    reads = 0
+
+    def get(self, task: BlockTask) -> PackedBlock | None:
+        CountingStore.reads += 1
+        return super().get(task)
+
+
+def test_stored_blocks_are_read_once_if_there_is_room(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(CountingStore, "reads", 0)
+    first, _ = merged_again(tmp_path)
+    monkeypatch.setattr(CountingStore, "reads", 0)
+    kept, reads = merged_again(tmp_path)
+    assert reads == 6
+    # Without room each file is read when it is found, and once more when it is merged.
+    monkeypatch.setattr(CountingStore, "reads", 0)
+    monkeypatch.setattr(runner, "_KEPT_BYTES", 0)
+    not_kept, reads = merged_again(tmp_path)
+    assert reads == 12
+    for results in (kept, not_kept):
+        assert results.keys() == first.keys()
+        for key, result in results.items():
+            for name, values in result.per_run.items():
+                assert values.tobytes() == first[key].per_run[name].tobytes()

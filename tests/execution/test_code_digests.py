@@ -201,8 +201,8 @@ def test_keys_follow_numpys_arithmetic_where_it_matters(
     monkeypatch.setattr(code_digests, "numpy_arithmetic", lambda: "of another processor")
     forget_facts()
     assert (cache.block_key(task, 2) != here) == apart
-    forget_facts()
     monkeypatch.setattr(code_digests, "own_arithmetic", lambda: "of no IEEE machine")
+    forget_facts()
     assert cache.block_key(task, 2) != here
     forget_facts()
 

@@ -158,6 +158,23 @@ def test_a_ratio_leaves_one_run_out_of_both() -> None:
     np.testing.assert_allclose(found.influences, expected)
 
 
+@pytest.mark.parametrize("M", [2, 3, 4, 7, 50, 3200])
+@pytest.mark.parametrize("infinite", [0.0, 0.4])
+def test_the_median_and_its_interval_are_numpys_quantiles(M: int, infinite: float) -> None:
+    rng = np.random.default_rng(M)
+    deviations = min(1.96, np.sqrt(M))
+    share = 0.5 * deviations / np.sqrt(M)
+    for _ in range(20):
+        x = np.square(rng.standard_normal(M))
+        x[rng.random(M) < infinite] = np.inf
+        with np.errstate(invalid="ignore"):
+            quantiles = np.quantile(x, [0.5 - share, 0.5, 0.5 + share])
+            # Between two infinities numpy has NaN.
+            low, middle, high = np.where(np.isnan(quantiles), np.inf, quantiles)
+            stderr = (high - low) / (2.0 * deviations)
+        np.testing.assert_array_equal(st.median(x), (middle, stderr))
+
+
 def test_the_median_takes_196_standard_errors_of_a_rank():
     """Woodruff 1952: of evenly spaced values, so that its interval is as wide as its ranks are apart."""
     for M in (25, 101, 10_001):

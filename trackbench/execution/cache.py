@@ -30,6 +30,7 @@ from trackbench.extension_points import Part, walk_parts
 from trackbench.field_types import require_regular_file
 
 
+@lru_cache(maxsize=20_000)
 def block_key(task: BlockTask, used: int) -> str:
     """Return the key of a block of ``used`` runs, which is its file name in the cache.
 
@@ -142,15 +143,18 @@ class BlockStore:
     def get(self, task: BlockTask) -> PackedBlock | None:
         """Return the task's block, or None if it is missing or damaged."""
         key = block_key(task, task.runs_used)
+        path = self._path(key)
         try:
-            content = require_regular_file(self._file(key)).read_bytes()
+            require_regular_file(path)
+            with open(path, "rb", buffering=0) as file:
+                content = file.read()
         except OSError:
             return None
         return decode(content, key)
 
     def has_file(self, task: BlockTask) -> bool:
         """Test whether a file exists for the task, good or damaged."""
-        return self._file(block_key(task, task.runs_used)).is_file()
+        return os.path.isfile(self._path(block_key(task, task.runs_used)))
 
     def put(self, task: BlockTask, results: dict[int, BlockResult]) -> None:
         """Store a block for each number of its runs that is used; raises WriteError."""
@@ -161,7 +165,9 @@ class BlockStore:
         """Return the file of the block for each number of its runs that is used."""
         counts = {task.runs_used, task.width, *task.extra_run_counts}
         keys = {used: block_key(task, used) for used in counts}
-        return {used: BlockFile(self._file(key).absolute(), key) for used, key in keys.items()}
+        return {
+            used: BlockFile(Path(self._path(key)).absolute(), key) for used, key in keys.items()
+        }
 
     def prepare(self) -> None:
         """Create the folder with a .gitignore and its marker; raises WriteError if that fails."""
@@ -171,10 +177,10 @@ class BlockStore:
             if not (self.root / ".gitignore").exists():
                 write_text(self.root / ".gitignore", "*\n")
 
-    def _file(self, key: str) -> Path:
+    def _path(self, key: str) -> str:
         version = code_digest()[:_CODE_DIGITS]
-        # One path in place of four that are joined, which takes most of a lookup's time.
-        return Path(f"{self.root}/blocks/{version}/{key[:2]}/{key}.block")
+        # A text: four joined paths would take most of a lookup's time.
+        return f"{self.root}/blocks/{version}/{key[:2]}/{key}.block"
 
 
 @contextmanager

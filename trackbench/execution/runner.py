@@ -18,6 +18,36 @@ from trackbench.execution.plan import Key, Plan
 from trackbench.execution.queue import BlockOutcome, Queue, algorithm
 from trackbench.progress_bar import progress_bar
 
+_KEPT_BYTES = 256_000_000
+"""Size of the stored blocks that stay in memory from when they are found until they are merged."""
+
+
+class FoundBlocks:
+    """Stored blocks that were found and wait for the merge, so that their files are read once.
+
+    Blocks beyond `_KEPT_BYTES` are not kept: the merge reads their files again. Tasks are looked up by
+    identity, because the hash of a task takes half as long as reading its block. The task is kept with
+    its block, so that no other object gets its identity.
+    """
+
+    def __init__(self) -> None:
+        self._blocks: dict[int, tuple[BlockTask, PackedBlock]] = {}
+        self._bytes = 0
+
+    def keep(self, task: BlockTask, block: PackedBlock) -> None:
+        """Keep a block if there is room for it."""
+        if self._bytes + block.numbers.nbytes <= _KEPT_BYTES:
+            self._blocks[id(task)] = task, block
+            self._bytes += block.numbers.nbytes
+
+    def take(self, task: BlockTask) -> PackedBlock | None:
+        """Return a block and forget it; None if it was not kept."""
+        if id(task) not in self._blocks:
+            return None
+        _, block = self._blocks.pop(id(task))
+        self._bytes -= block.numbers.nbytes
+        return block
+
 
 @dataclass
 class Outcome:
@@ -25,6 +55,8 @@ class Outcome:
 
     plan: Plan
     store: BlockStore
+    found: FoundBlocks = field(default_factory=FoundBlocks)
+    """stored blocks that are not merged yet"""
     failures: dict[Key, str] = field(default_factory=dict)
     """reasons why filters failed"""
     missing: set[BlockTask] = field(default_factory=set)
@@ -47,7 +79,10 @@ class Outcome:
         """Yield each filter's merged results, so that one filter is in memory at a time."""
         for key, tasks in self.plan.tasks.items():
             if key not in self.failures:
-                yield key, merge(stored_block(self.store, task) for task in tasks)
+                yield key, merge(self._block(task) for task in tasks)
+
+    def _block(self, task: BlockTask) -> PackedBlock:
+        return self.found.take(task) or stored_block(self.store, task)
 
 
 def stored_block(store: BlockStore, task: BlockTask) -> PackedBlock:
@@ -81,7 +116,8 @@ def execute(
     continue. Close the iterator to stop the workers.
     """
     store.prepare()
-    outcomes = [Outcome(plan, store) for plan in plans]
+    found = FoundBlocks()
+    outcomes = [Outcome(plan, store, found) for plan in plans]
     queue = Queue(workers, store)
     for outcome in outcomes:
         _enqueue(outcome, queue, _missing_blocks(outcome, fresh))
@@ -154,7 +190,9 @@ def _missing_blocks(outcome: Outcome, fresh: bool) -> list[BlockTask]:
         return outcome.plan.unique
     missing = []
     for task in outcome.plan.unique:
-        if outcome.store.get(task) is not None:
+        block = outcome.store.get(task)
+        if block is not None:
+            outcome.found.keep(task, block)
             outcome.reused += 1
         else:
             if outcome.store.has_file(task):

@@ -6,7 +6,7 @@ Every estimator takes values per run (M,), lost runs already left out, and retur
 fewer than two runs the standard error is NaN.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -74,10 +74,33 @@ def median(x: Array) -> Estimate:
     deviations = min(1.96, np.sqrt(M))  # ranks cannot leave the sample
     # Quantiles at 1/2 -+ 1.96 / (2 sqrt(M)) are 2 * 1.96 standard errors apart.
     share = 0.5 * deviations / np.sqrt(M)
-    quantiles = np.quantile(x, [0.5 - share, 0.5, 0.5 + share])
-    # numpy interpolates between two infinities to NaN; the quantile there is infinite.
-    low, middle, high = np.where(np.isnan(quantiles), x.max(), quantiles).tolist()
+    low, middle, high = _quantiles(x, [0.5 - share, 0.5, 0.5 + share])
     return Estimate(middle, (high - low) / (2.0 * deviations))
+
+
+def _quantiles(x: Array, shares: Sequence[float]) -> list[float]:
+    """Return the quantiles of x (M,) below which these shares of the values lie.
+
+    They are linear between two values, bit for bit as those of ``np.quantile``, which takes three times
+    as long. Between two infinities, where numpy returns NaN, the quantile is infinite.
+    """
+    ranks = [float(share) * (len(x) - 1) for share in shares]
+    lower = [int(rank) for rank in ranks]
+    upper = [min(index + 1, len(x) - 1) for index in lower]
+    ordered = np.partition(x, sorted({*lower, *upper}))
+    quantiles = []
+    for rank, i, j in zip(ranks, lower, upper, strict=True):
+        below = float(ordered[i])
+        above = float(ordered[j])
+        fraction = rank - i
+        if fraction < 0.5:
+            quantile = below + (above - below) * fraction
+        else:
+            quantile = above - (above - below) * (1.0 - fraction)
+        if np.isnan(quantile):
+            quantile = float(x.max())
+        quantiles.append(quantile)
+    return quantiles
 
 
 @_quietly
