@@ -442,3 +442,32 @@ def test_detections_of_two_cameras_are_no_runs(tmp_path: Path) -> None:
     (point,) = load(tmp_path / "robot.yaml").points
     assert "run" not in point.scenario.target.columns
     assert not point.scenario.target.runs
+
+
+def test_an_error_of_the_position_without_its_key_is_told_the_key(tmp_path: Path) -> None:
+    """The message named rmse_heading, which is the nearest name."""
+    four_tables(tmp_path)
+    of_tables(tmp_path, *FOUR)
+    config = tmp_path / "robot.yaml"
+    lines = [line for line in config.read_text().splitlines() if "  score: " not in line]
+    config.write_text("\n".join(lines) + "\n")
+    way = r"`score: {errors: {position: \[px, py\]}}` of the scenario adds it"
+    with pytest.raises(UserError, match=rf"'rmse_position' is no metric here; {way}"):
+        load(config)
+
+
+def test_the_map_shows_the_filter_with_a_gate(tmp_path: Path) -> None:
+    """It is written where the log has outliers, and may then be the best filter."""
+    four_tables(tmp_path)
+    rows = (tmp_path / "seen.csv").read_text().splitlines()
+    for number in range(5, len(rows), 20):
+        stamp, tag, distance, bearing = rows[number].split(",")
+        rows[number] = f"{stamp},{tag},{int(distance) + 6000},{bearing}"
+    (tmp_path / "seen.csv").write_text("\n".join(rows) + "\n")
+    of_tables(tmp_path, *FOUR)
+    text = (tmp_path / "robot.yaml").read_text()
+    assert "  EKF with gate: {" in text
+    (point,) = load(tmp_path / "robot.yaml").points
+    figures = yaml.safe_load(text)["figures"]
+    assert figures["track"]["filters"] == ["EKF", "EKF with gate", "Odometry"]
+    assert {*figures["track"]["filters"]} <= {*point.filters}
