@@ -24,6 +24,7 @@ from trackbench.field_types import DataError, Place, Positive
 from trackbench.registry import GROUPS, kinds
 from trackbench.scenarios.base import Scenario
 from trackbench.scenarios.recordings.column_mapping import Naming
+from trackbench.scenarios.recordings.csv_lines import plain_label
 from trackbench.scenarios.recordings.guess_config import (
     FirstState,
     FurtherTables,
@@ -358,7 +359,7 @@ def _check_landmarks(
 ) -> None:
     """Raise UserError if a table of landmarks has the place of none that was measured."""
     names = [sensor.name for sensor in guess.sensors]
-    if any(name in places for name in names) or (names == [""] and len(places) == 1):
+    if any(plain_label(name) in places for name in names) or (names == [""] and len(places) == 1):
         return
     known = ", ".join([*places][:_MOST_NAMES])
     message = f"no column of {data} names the landmarks, which are {known}"

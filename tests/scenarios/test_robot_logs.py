@@ -471,3 +471,21 @@ def test_the_map_shows_the_filter_with_a_gate(tmp_path: Path) -> None:
     figures = yaml.safe_load(text)["figures"]
     assert figures["track"]["filters"] == ["EKF", "EKF with gate", "Odometry"]
     assert {*figures["track"]["filters"]} <= {*point.filters}
+
+
+@pytest.mark.parametrize("file", ["seen.csv", "tags.csv"])
+def test_ids_that_are_equal_whole_numbers_are_one_landmark(tmp_path: Path, file: str) -> None:
+    """A table that pandas wrote has 7.0 if another row has no id."""
+    four_tables(tmp_path)
+    of_tables(tmp_path, *FOUR)
+    places = [sensor.at for sensor in load(tmp_path / "robot.yaml").points[0].scenario.sensor]
+    text = (tmp_path / file).read_text()
+    pattern = r"(?m)^(\d{19},\d+)(?=,)" if file == "seen.csv" else r"(?m)^(\d+)(?=,)"
+    (tmp_path / file).write_text(re.sub(pattern, r"\1.0", text))
+    assert "write into it" not in of_tables(tmp_path, *FOUR)
+    config = tmp_path / "robot.yaml"
+    (point,) = load(config).points
+    assert [sensor.at for sensor in point.scenario.sensor] == places
+    # A config has whole numbers, as 3.0 in it would be a mistake.
+    config.write_text(re.sub(r"sensors: \[.*\]", "sensors: [4, 3, 7, 6, 5]", config.read_text()))
+    assert len(load(config).points[0].scenario.sensor) == 5

@@ -11,7 +11,7 @@ from trackbench.durations import time_text
 from trackbench.errors import in_line
 from trackbench.field_types import MOST_STEPS
 from trackbench.scenarios.recordings.column_mapping import STAMP_PARTS, Naming
-from trackbench.scenarios.recordings.csv_lines import TextFormat
+from trackbench.scenarios.recordings.csv_lines import TextFormat, plain_label
 from trackbench.scenarios.recordings.guess_errors import usual_process_noise
 from trackbench.scenarios.recordings.guess_format import Guess, SensorGuess
 from trackbench.scenarios.recordings.guess_sample import quoted
@@ -41,7 +41,7 @@ class FurtherTables:
     odometry_path: str = ""
     """its path from the config, as YAML"""
     places: dict[str, tuple[float, float]] = field(default_factory=dict)
-    """places of landmarks, m, by name"""
+    """places of landmarks, m, by their plain labels"""
     source_of_places: str = ""
     """name of their file"""
     keys: dict[str, str] = field(default_factory=dict)
@@ -51,7 +51,7 @@ class FurtherTables:
         """Return the place of a landmark, that of the only one if it has no name; None if unknown."""
         if not name and len(self.places) == 1:
             return next(iter(self.places.values()))
-        return self.places.get(name)
+        return self.places.get(plain_label(name))
 
 
 class FirstState(NamedTuple):
