@@ -59,6 +59,7 @@ _TABLES_OF_PREFIXES = {
 _FILES_KEY = "measurement_naming"
 _OPTION_OF_TABLE = re.compile(r"--set '?(?!'|(?:truth_naming|input_naming|landmarks)\.)")
 """Beginning of an option that answers a question on a table."""
+_INPUT_GAP = re.compile(r"`input_gap: ([^`]*)`")
 _OPTIONS_OF_KEYS = {
     "truth": "--truth FILE",
     "truth_gap": "--truth FILE",
@@ -588,8 +589,12 @@ def _with_some_places(text: str, origin: Sequence[float]) -> str:
 
 def _reported(problem: Problem | str, path: Path, data: str) -> Problem | str:
     """Report a mistake of a guessed config as one of the table, since the config is not there."""
-    if isinstance(problem, str) or problem.mark.file != str(path):
+    if isinstance(problem, str):
         return problem
+    if problem.mark.file != str(path):
+        # A mistake in a table, whose way on may be a key that the command has as an option.
+        way = _INPUT_GAP.sub(r"--set input_gap=\1", problem.what)
+        return Problem(problem.mark, problem.path, way)
     mistake = problem.what
     if problem.path:
         mistake = f"{problem.path}: {problem.what}"

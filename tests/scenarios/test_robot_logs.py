@@ -222,7 +222,8 @@ def test_a_gap_of_the_odometry_is_a_question(tmp_path: Path) -> None:
     four_tables(tmp_path)
     lines = (tmp_path / "odom.csv").read_text().splitlines()
     (tmp_path / "odom.csv").write_text("\n".join([*lines[:200], *lines[205:]]) + "\n")
-    assert "say `input_gap: 0.6` to hold the nearest values" in of_tables(tmp_path, *FOUR)
+    way = "say --set input_gap=0.6 to hold the nearest values"
+    assert way in of_tables(tmp_path, *FOUR)
     assert "wrote" in of_tables(tmp_path, *FOUR, "--set", "input_gap=0.6")
     assert "input_gap: 0.6\n" in (tmp_path / "robot.yaml").read_text()
 

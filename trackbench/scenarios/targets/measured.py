@@ -32,6 +32,7 @@ from trackbench.scenarios.recordings.common_times import check_common_time, note
 from trackbench.scenarios.recordings.inputs import (
     InputRows,
     aligned_with,
+    check_gaps,
     inputs_at,
     missing_run,
     rows_within,
@@ -337,12 +338,9 @@ class Measured(FromFiles, Naming, Target):
         )
 
     def check(self, timeline: Timeline) -> None:
-        """Raise DataError if a step up to the last one of the timeline has no inputs."""
-        inputs = timeline.inputs
-        if inputs is None or inputs.gap is None:
-            return
-        if inputs.gap_step <= timeline.steps[-1]:
-            raise DataError(inputs.gap)
+        """Raise DataError if steps up to the last one of the timeline have no inputs."""
+        if timeline.inputs is not None:
+            check_gaps(timeline.inputs, int(timeline.steps[-1]))
 
     def _read_recording(self, sensor: Sensors, scans: int, T: float) -> Recording:
         """Read the files of measurements, inputs and truth, and put all runs on one clock.
