@@ -10,6 +10,7 @@ from trackbench.core.arrays import Array, Index
 from trackbench.models.base import SampledMotion, angle_rows
 from trackbench.models.inputs import KnownInputs, inputs_of
 from trackbench.models.motions.irregular import Irregular, motion_with_inputs
+from trackbench.scenarios.recordings.truth_check import two_digits
 
 _BLOCKS = 6
 _STEPS_OF_BLOCK = 250
@@ -166,7 +167,7 @@ def _ratio_note(name: str, windows: _Changes, correlation: float) -> list[str]:
         return [f"{what}: write `-{name}` in the equations"]
     if factor < 0.0:
         what += " and"
-    what += f" multiplied by {size:.2g}"
+    what += f" multiplied by {two_digits(size)}"
     for units, usual in _FACTORS.items():
         for ratio in (usual, 1.0 / usual):
             if abs(size / ratio - 1.0) < _NEAR:

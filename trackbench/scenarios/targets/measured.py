@@ -59,7 +59,7 @@ from trackbench.scenarios.recordings.time_alignment import (
     truth_at,
     with_scans,
 )
-from trackbench.scenarios.recordings.truth_check import contradictions
+from trackbench.scenarios.recordings.truth_check import StepClock, contradictions
 from trackbench.scenarios.starts.base import Start, position_part
 from trackbench.scenarios.targets.base import Flight, Scored, Target, Timeline, recorded_columns
 
@@ -418,10 +418,18 @@ class Measured(FromFiles, Naming, Target):
         truth = None
         if self.truth is not None:
             truth = self._read_truth(gathered, rows, clock)
-            later = truth[:, 1:]
-            steps = clock.steps[1:]
+            step_clock = StepClock(
+                steps=clock.steps[1:], times=clock.times[1:], stepped=gathered.stepped
+            )
             gathered.notices += contradictions(
-                sensor, self.components, later, measurements, steps, names
+                sensor,
+                self.components,
+                truth[:, 1:],
+                measurements,
+                step_clock,
+                names=names,
+                angles=self.angles,
+                in_one_file=len(self._measurement_files) == 1,
             )
         known_inputs = None
         if inputs is not None:
