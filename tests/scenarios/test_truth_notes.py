@@ -52,12 +52,14 @@ def notes(
     late: int = 0,
     tags_late: float = 0.0,
     factors: dict[str, float] | None = None,
+    exchanged: bool = False,
 ) -> tuple[str, ...]:
     """Write a log, and return the notes on it.
 
     ``scale`` multiplies the errors of the tags, ``sign`` their bearings, ``wheels`` the inputs v and w,
     which are ``late`` by so many rows. The tags are ``tags_late`` by so many seconds. The ``factors``
-    multiply the written range, bearing, px (with py) and heading.
+    multiply the written range, bearing, px (with py) and heading. The columns of the inputs may be
+    ``exchanged``.
     """
     factor = {"range": 1.0, "bearing": 1.0, "px": 1.0, "heading": 1.0} | (factors or {})
     rng = np.random.default_rng(5)
@@ -82,6 +84,8 @@ def notes(
         tags.append(f"{t[row] + tags_late:.3f},{name},{written}")
     shown_v = wheels[0] * np.roll(v + 0.04 * rng.normal(size=STEPS), late)
     shown_w = wheels[1] * np.roll(w + 0.03 * rng.normal(size=STEPS), late)
+    if exchanged:
+        shown_v, shown_w = shown_w, shown_v
     inputs = zip(t, shown_v, shown_w, strict=True)
     turned = (heading + np.pi) % (2.0 * np.pi) - np.pi
     truth = zip(t, factor["px"] * px, factor["px"] * py, factor["heading"] * turned, strict=True)
@@ -205,3 +209,9 @@ def test_measurements_and_a_truth_in_another_unit(
     assert words in found[0]
     # A truth in another unit contradicts the inputs, too.
     assert all("the input " in note for note in found[1:])
+
+
+def test_exchanged_columns_of_the_inputs(tmp_path: Path) -> None:
+    assert notes(tmp_path, exchanged=True) == (
+        "the inputs v and w fit the truth if they are exchanged: check their columns under `input`",
+    )
