@@ -24,6 +24,7 @@ from trackbench.field_types import DataError, Place, Positive
 from trackbench.registry import GROUPS, kinds
 from trackbench.scenarios.base import Scenario
 from trackbench.scenarios.recordings.column_mapping import Naming
+from trackbench.scenarios.recordings.csv_lines import plain_label
 from trackbench.scenarios.recordings.guess_config import (
     FirstState,
     FurtherTables,
@@ -58,6 +59,7 @@ _TABLES_OF_PREFIXES = {
 _FILES_KEY = "measurement_naming"
 _OPTION_OF_TABLE = re.compile(r"--set '?(?!'|(?:truth_naming|input_naming|landmarks)\.)")
 """Beginning of an option that answers a question on a table."""
+_INPUT_GAP = re.compile(r"`input_gap: ([^`]*)`")
 _OPTIONS_OF_KEYS = {
     "truth": "--truth FILE",
     "truth_gap": "--truth FILE",
@@ -358,7 +360,7 @@ def _check_landmarks(
 ) -> None:
     """Raise UserError if a table of landmarks has the place of none that was measured."""
     names = [sensor.name for sensor in guess.sensors]
-    if any(name in places for name in names) or (names == [""] and len(places) == 1):
+    if any(plain_label(name) in places for name in names) or (names == [""] and len(places) == 1):
         return
     known = ", ".join([*places][:_MOST_NAMES])
     message = f"no column of {data} names the landmarks, which are {known}"
@@ -587,8 +589,12 @@ def _with_some_places(text: str, origin: Sequence[float]) -> str:
 
 def _reported(problem: Problem | str, path: Path, data: str) -> Problem | str:
     """Report a mistake of a guessed config as one of the table, since the config is not there."""
-    if isinstance(problem, str) or problem.mark.file != str(path):
+    if isinstance(problem, str):
         return problem
+    if problem.mark.file != str(path):
+        # A mistake in a table, whose way on may be a key that the command has as an option.
+        way = _INPUT_GAP.sub(r"--set input_gap=\1", problem.what)
+        return Problem(problem.mark, problem.path, way)
     mistake = problem.what
     if problem.path:
         mistake = f"{problem.path}: {problem.what}"

@@ -255,6 +255,8 @@ def test_outliers_add_a_filter_with_a_gate(tmp_path: Path) -> None:
     assert "some 5 % of the rows are far from the line" in config.paths[0].read_text()
     student = {"kind": "student-t", "df": 4}
     assert content["filters"]["EKF with Student t"] == {"kind": "ekf", "robust": student}
+    shown = ["EKF", "EKF with gate", "EKF with Student t", "IMM"]
+    assert content["figures"]["track"]["filters"] == shown
     path = table(tmp_path / "n.csv", "t,range_m,az_deg", T, RANGE, NORTH)
     _, content = written(path, name="plain")
     assert "EKF with gate" not in content["filters"]

@@ -222,7 +222,8 @@ def test_a_gap_of_the_odometry_is_a_question(tmp_path: Path) -> None:
     four_tables(tmp_path)
     lines = (tmp_path / "odom.csv").read_text().splitlines()
     (tmp_path / "odom.csv").write_text("\n".join([*lines[:200], *lines[205:]]) + "\n")
-    assert "say `input_gap: 0.6` to hold the nearest values" in of_tables(tmp_path, *FOUR)
+    way = "say --set input_gap=0.6 to hold the nearest values"
+    assert way in of_tables(tmp_path, *FOUR)
     assert "wrote" in of_tables(tmp_path, *FOUR, "--set", "input_gap=0.6")
     assert "input_gap: 0.6\n" in (tmp_path / "robot.yaml").read_text()
 
@@ -442,3 +443,50 @@ def test_detections_of_two_cameras_are_no_runs(tmp_path: Path) -> None:
     (point,) = load(tmp_path / "robot.yaml").points
     assert "run" not in point.scenario.target.columns
     assert not point.scenario.target.runs
+
+
+def test_an_error_of_the_position_without_its_key_is_told_the_key(tmp_path: Path) -> None:
+    """The message named rmse_heading, which is the nearest name."""
+    four_tables(tmp_path)
+    of_tables(tmp_path, *FOUR)
+    config = tmp_path / "robot.yaml"
+    lines = [line for line in config.read_text().splitlines() if "  score: " not in line]
+    config.write_text("\n".join(lines) + "\n")
+    way = r"`score: {errors: {position: \[px, py\]}}` of the scenario adds it"
+    with pytest.raises(UserError, match=rf"'rmse_position' is no metric here; {way}"):
+        load(config)
+
+
+def test_the_map_shows_the_filter_with_a_gate(tmp_path: Path) -> None:
+    """It is written where the log has outliers, and may then be the best filter."""
+    four_tables(tmp_path)
+    rows = (tmp_path / "seen.csv").read_text().splitlines()
+    for number in range(5, len(rows), 20):
+        stamp, tag, distance, bearing = rows[number].split(",")
+        rows[number] = f"{stamp},{tag},{int(distance) + 6000},{bearing}"
+    (tmp_path / "seen.csv").write_text("\n".join(rows) + "\n")
+    of_tables(tmp_path, *FOUR)
+    text = (tmp_path / "robot.yaml").read_text()
+    assert "  EKF with gate: {" in text
+    (point,) = load(tmp_path / "robot.yaml").points
+    figures = yaml.safe_load(text)["figures"]
+    assert figures["track"]["filters"] == ["EKF", "EKF with gate", "Odometry"]
+    assert {*figures["track"]["filters"]} <= {*point.filters}
+
+
+@pytest.mark.parametrize("file", ["seen.csv", "tags.csv"])
+def test_ids_that_are_equal_whole_numbers_are_one_landmark(tmp_path: Path, file: str) -> None:
+    """A table that pandas wrote has 7.0 if another row has no id."""
+    four_tables(tmp_path)
+    of_tables(tmp_path, *FOUR)
+    places = [sensor.at for sensor in load(tmp_path / "robot.yaml").points[0].scenario.sensor]
+    text = (tmp_path / file).read_text()
+    pattern = r"(?m)^(\d{19},\d+)(?=,)" if file == "seen.csv" else r"(?m)^(\d+)(?=,)"
+    (tmp_path / file).write_text(re.sub(pattern, r"\1.0", text))
+    assert "write into it" not in of_tables(tmp_path, *FOUR)
+    config = tmp_path / "robot.yaml"
+    (point,) = load(config).points
+    assert [sensor.at for sensor in point.scenario.sensor] == places
+    # A config has whole numbers, as 3.0 in it would be a mistake.
+    config.write_text(re.sub(r"sensors: \[.*\]", "sensors: [4, 3, 7, 6, 5]", config.read_text()))
+    assert len(load(config).points[0].scenario.sensor) == 5

@@ -50,12 +50,18 @@ def notes(
     sign: float = 1.0,
     wheels: tuple[float, float] = (1.0, 1.0),
     late: int = 0,
+    tags_late: float = 0.0,
+    factors: dict[str, float] | None = None,
+    exchanged: bool = False,
 ) -> tuple[str, ...]:
     """Write a log, and return the notes on it.
 
     ``scale`` multiplies the errors of the tags, ``sign`` their bearings, ``wheels`` the inputs v and w,
-    which are ``late`` by so many rows.
+    which are ``late`` by so many rows. The tags are ``tags_late`` by so many seconds. The ``factors``
+    multiply the written range, bearing, px (with py) and heading. The columns of the inputs may be
+    ``exchanged``.
     """
+    factor = {"range": 1.0, "bearing": 1.0, "px": 1.0, "heading": 1.0} | (factors or {})
     rng = np.random.default_rng(5)
     t = INTERVAL * np.arange(STEPS)
     v = 0.5 + 0.15 * np.sin(2.0 * np.pi * t / 13.0)
@@ -74,11 +80,15 @@ def notes(
         if rng.random() < 0.1:
             r += 2.0
         b = sign * ((b + np.pi) % (2.0 * np.pi) - np.pi)
-        tags.append(f"{t[row]:.3f},{name},{r:.4f},{b:.5f}")
+        written = f"{factor['range'] * r:.4f},{factor['bearing'] * b:.7f}"
+        tags.append(f"{t[row] + tags_late:.3f},{name},{written}")
     shown_v = wheels[0] * np.roll(v + 0.04 * rng.normal(size=STEPS), late)
     shown_w = wheels[1] * np.roll(w + 0.03 * rng.normal(size=STEPS), late)
+    if exchanged:
+        shown_v, shown_w = shown_w, shown_v
     inputs = zip(t, shown_v, shown_w, strict=True)
-    truth = zip(t, px, py, (heading + np.pi) % (2.0 * np.pi) - np.pi, strict=True)
+    turned = (heading + np.pi) % (2.0 * np.pi) - np.pi
+    truth = zip(t, factor["px"] * px, factor["px"] * py, factor["heading"] * turned, strict=True)
     files: dict[str, Any] = {
         "tags.csv": tags,
         "wheels.csv": ["time,v,w", *(f"{a:.3f},{b},{c}" for a, b, c in inputs)],
@@ -158,4 +168,50 @@ def test_an_input_that_is_late(tmp_path: Path) -> None:
     found = notes(tmp_path, late=24)
     assert any(
         note.startswith("the input w is some 1.2 s behind the truth: check") for note in found
+    )
+
+
+@pytest.mark.parametrize("scale", [1.0, 3.0])
+def test_detections_that_are_late(tmp_path: Path, scale: float) -> None:
+    """Those of all tags have one clock."""
+    sigmas = "sigma_range: 0.3, sigma_bearing_mrad: 100"
+    # A row that comes after the last inputs is left out, with a note.
+    *_, note = notes(tmp_path, sigmas=sigmas, tags_late=0.4 * scale)
+    assert note.startswith(
+        "the measurements of sensor 1, sensor 2 (3) and sensor 3 (4) seem to be some "
+    )
+    assert note.endswith(" s behind the truth: check the clocks of both")
+    delay = float(note.partition("some ")[2].partition(" s ")[0])
+    assert delay == pytest.approx(0.4 * scale, abs=0.1)
+
+
+@pytest.mark.parametrize("factor", [1000.0, 0.001, 100.0])
+def test_places_in_another_unit_have_one_note(tmp_path: Path, factor: float) -> None:
+    places = {name: (factor * x, factor * y) for name, (x, y) in TAGS.items()}
+    (note,) = notes(tmp_path, places)
+    unit = "cm" if factor == 100.0 else "mm"
+    assert f"if its place `at` is multiplied by {1.0 / factor:g}: are {unit} and m mixed" in note
+
+
+@pytest.mark.parametrize(
+    ("quantity", "factor", "words"),
+    [
+        ("range", 1000.0, "if its range is multiplied by 0.001: are mm and m mixed up?"),
+        ("bearing", np.pi / 180.0, "if its bearing is multiplied by 57: are deg and rad mixed up?"),
+        ("px", 100.0, "if px and py of the truth are multiplied by 0.01: are cm and m mixed up?"),
+        ("heading", np.pi / 180.0, "if heading of the truth is multiplied by 57: are deg and rad"),
+    ],
+)
+def test_measurements_and_a_truth_in_another_unit(
+    tmp_path: Path, quantity: str, factor: float, words: str
+) -> None:
+    found = notes(tmp_path, factors={quantity: factor})
+    assert words in found[0]
+    # A truth in another unit contradicts the inputs, too.
+    assert all("the input " in note for note in found[1:])
+
+
+def test_exchanged_columns_of_the_inputs(tmp_path: Path) -> None:
+    assert notes(tmp_path, exchanged=True) == (
+        "the inputs v and w fit the truth if they are exchanged: check their columns under `input`",
     )

@@ -266,6 +266,10 @@ def _why_unknown(request: MetricRequest, names: Names, settings: Settings) -> st
     if word in known or not request.named or names.could_be_diagnostic(measure.metric):
         return None
     # Step 3: unknown names, with a hint.
+    for x, y in (("px", "py"), ("x", "y")):
+        if is_of_error and quantity == "position" and {x, y} <= {*names.components}:
+            hint = f"`score: {{errors: {{position: [{x}, {y}]}}}}` of the scenario adds it"
+            return f"{word!r} is no metric here; {hint}"
     if is_of_error and quantity in names.components:
         hint = f"`score: {{errors: {{{quantity}: [{quantity}]}}}}` of the scenario adds it"
         return f"{word!r} is no metric here; {hint}"

@@ -2,9 +2,21 @@
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import NamedTuple
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import InvalidKeyError, Place
+
+
+class InputGap(NamedTuple):
+    """Time between two rows of a file over which the inputs are unknown, or one outside all rows."""
+
+    place: Place
+    """row of the file after which the values are missing, and what is wrong there"""
+    step: int
+    """number of the first step without values"""
+    length: float | None = None
+    """time between the rows, s or steps; None outside all rows"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -17,10 +29,8 @@ class KnownInputs:
     """number of the step of the first column"""
     values: Array
     """values (n_u, K), NaN where there are none"""
-    gap: Place | None = None
-    """row of the file after which the first values are missing"""
-    gap_step: int = 0
-    """number of the first step without values, if there is a gap"""
+    gaps: tuple[InputGap, ...] = ()
+    """gaps without values, in order"""
 
     @lru_cache(maxsize=64)  # noqa: B019 (recordings are few; an IMM chooses at every step)
     def chosen(self, names: tuple[str, ...]) -> "KnownInputs":

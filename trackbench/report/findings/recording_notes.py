@@ -1,4 +1,7 @@
-"""Notes below the ranking of one recorded run: ANIS outside its band, closed gates, costly steps."""
+"""Notes below the ranking of one recorded run: ANIS outside its band, closed gates, costly steps.
+
+Those on single sensors are in `sensor_notes`.
+"""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -9,6 +12,7 @@ from trackbench.core.arrays import Array
 from trackbench.errors import counted
 from trackbench.report.findings.phrases import listed, rounded
 from trackbench.report.findings.ranking import Candidate, Ranking
+from trackbench.report.findings.sensor_notes import sensor_notes
 from trackbench.report.results import Results
 from trackbench.results.frames import Columns
 from trackbench.statistics.intervals import nis_band
@@ -30,7 +34,9 @@ def recording_notes(results: Results, ranking: Ranking) -> list[str]:
     if ranking.runs != 1 or any(results.facts(c.point).judged is None for c in candidates):
         return []
     notes = _anis_notes(results, candidates)
-    notes += _gate_notes(results, candidates)
+    of_sensors = sensor_notes(results, candidates, ranking.metric.definition.is_score)
+    notes += of_sensors.notes
+    notes += _gate_notes(results, [c for c in candidates if c not in of_sensors.explained])
     if ranking.metric.definition.is_score:
         notes += _costly_steps_notes(results, ranking.order)
     return notes

@@ -24,6 +24,7 @@ _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f]")
 _BEFORE_NAMES = r"\s+(?=[^\s\[(])"  # white space, but before a unit
 _DATE = re.compile(r"\d{1,4}([-/.])\d{1,2}\1\d{1,4}")
 _VALUE = re.compile(r"[-+]?[0-9.,]+([eE][-+]?[0-9]+)?|\d{1,4}([-/.:])\d{1,2}\2[0-9TZ:. +-]*")
+_WHOLE_NUMBER = re.compile(r"0*(?P<digits>\d+)(\.0*)?")
 _OTHERS = {
     "<": "XML (GPX, KML): convert it, `gpsbabel -i gpx -f FILE -o unicsv -F m.csv`",
     "{": "JSON: write its records as a table with a line of names",
@@ -334,6 +335,14 @@ def _fullest_line(cells: Mapping[int, list[str]], start: int) -> int:
 def is_value(cell: str) -> bool:
     """Test whether a cell is a number or a date, and no name."""
     return _VALUE.fullmatch(cell.strip()) is not None
+
+
+def plain_label(cell: str) -> str:
+    """Return a label without the point and the leading zeros of a whole number: 7 of 7.0 and of 007."""
+    number = _WHOLE_NUMBER.fullmatch(cell.strip())
+    if number is None:
+        return cell
+    return number["digits"]
 
 
 def _is_date_and_time(cell: str, after: str) -> bool:

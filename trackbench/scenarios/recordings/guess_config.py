@@ -11,7 +11,7 @@ from trackbench.durations import time_text
 from trackbench.errors import in_line
 from trackbench.field_types import MOST_STEPS
 from trackbench.scenarios.recordings.column_mapping import STAMP_PARTS, Naming
-from trackbench.scenarios.recordings.csv_lines import TextFormat
+from trackbench.scenarios.recordings.csv_lines import TextFormat, plain_label
 from trackbench.scenarios.recordings.guess_errors import usual_process_noise
 from trackbench.scenarios.recordings.guess_format import Guess, SensorGuess
 from trackbench.scenarios.recordings.guess_sample import quoted
@@ -41,7 +41,7 @@ class FurtherTables:
     odometry_path: str = ""
     """its path from the config, as YAML"""
     places: dict[str, tuple[float, float]] = field(default_factory=dict)
-    """places of landmarks, m, by name"""
+    """places of landmarks, m, by their plain labels"""
     source_of_places: str = ""
     """name of their file"""
     keys: dict[str, str] = field(default_factory=dict)
@@ -51,7 +51,7 @@ class FurtherTables:
         """Return the place of a landmark, that of the only one if it has no name; None if unknown."""
         if not name and len(self.places) == 1:
             return next(iter(self.places.values()))
-        return self.places.get(name)
+        return self.places.get(plain_label(name))
 
 
 class FirstState(NamedTuple):
@@ -249,17 +249,25 @@ def _target_parts(guess: Guess, when: str) -> _ModelParts:
     assume = f" {{motion: {{kind: cwna, q: {q:g}}}{_late_key(guess)}}}"
     assume += f"  # guess: {reason}"
     filter_kinds = ["kf"] if kinds == {"position"} else ["ekf", "ukf"]
+    gated_filter_lines = _gated_filter_lines(guess, filter_kinds[0])
+    robust_filter_lines = _robust_filter_lines(guess, filter_kinds[0])
     return _ModelParts(
         start=start,
         assume=assume,
         filters=[
             *[f"  {kind.upper()}: {{kind: {kind}}}" for kind in filter_kinds],
-            *_gated_filter_lines(guess, filter_kinds[0]),
-            *_robust_filter_lines(guess, filter_kinds[0]),
+            *gated_filter_lines,
+            *robust_filter_lines,
             f"  IMM: {{kind: imm, motions: {motions}, transition: {chances}}}",
             _particle_filter_line(guess),
         ],
-        shown=f"{filter_kinds[0].upper()}, IMM",
+        shown=", ".join(
+            [
+                filter_kinds[0].upper(),
+                *map(_label_in_line, gated_filter_lines + robust_filter_lines),
+                "IMM",
+            ]
+        ),
     )
 
 
@@ -281,18 +289,24 @@ def _robot_parts(guess: Guess, when: str, first_state: FirstState | None) -> _Mo
         if missing:
             start += f"; write the {' and '.join(missing)}, which the truth lacks"
     start += "\n  score: {errors: {position: [px, py], heading: [heading]}}  # with a `truth`"
+    gated_filter_lines = _gated_filter_lines(guess, "ekf")
     return _ModelParts(
         start=start,
         assume=_robot_assumption(guess.inputs, _late_key(guess)),
         filters=[
             "  EKF: {kind: ekf}",
             "  UKF: {kind: ukf}",
-            *_gated_filter_lines(guess, "ekf"),
+            *gated_filter_lines,
             _particle_filter_line(guess),
             "  Odometry: {kind: prior-mean}  # without the landmarks",
         ],
-        shown="EKF, Odometry",
+        shown=", ".join(["EKF", *map(_label_in_line, gated_filter_lines), "Odometry"]),
     )
+
+
+def _label_in_line(filter_line: str) -> str:
+    """Return the label of the filter that a line of the config adds."""
+    return filter_line.partition(":")[0].strip()
 
 
 def _pose_in_words(first_state: FirstState | None) -> list[str]:

@@ -40,6 +40,7 @@ from trackbench.scenarios.recordings.csv_lines import (
     TextFormat,
     is_value,
     layout_of,
+    plain_label,
     table_rows,
 )
 from trackbench.scenarios.recordings.csv_tables import (
@@ -261,7 +262,7 @@ class RobotTables:
     odometry: Guess | None = None
     """guess at the table of speeds and turn rates"""
     landmarks: tuple[str, ...] = ()
-    """names of the landmarks whose places are known"""
+    """plain labels of the landmarks whose places are known"""
     names_turn_rate: bool = False
     """True if the user named the column of the turn rate in the table of odometry"""
 
@@ -1214,7 +1215,7 @@ def _landmark_column(
     if landmarks and "sensor" not in user_naming.columns:
         shares = {}
         for name in sample.names:
-            words = {*sample.words(name)}
+            words = {plain_label(word) for word in sample.words(name)}
             shares[name] = len(words.intersection(landmarks)) / max(len(words), 1)
         best = max(sample.names, key=shares.__getitem__)
         if shares[best] >= _LEAST_KNOWN:

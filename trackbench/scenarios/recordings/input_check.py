@@ -1,15 +1,17 @@
 """Check whether known inputs, such as a robot's wheels and gyro, agree with the changes of the truth."""
 
 from dataclasses import replace
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
 from trackbench.core.angles import wrap_angle
-from trackbench.core.arrays import Array, Index
+from trackbench.core.arrays import Array, Index, Mask
 from trackbench.models.base import SampledMotion, angle_rows
 from trackbench.models.inputs import KnownInputs, inputs_of
 from trackbench.models.motions.irregular import Irregular, motion_with_inputs
+from trackbench.scenarios.recordings.truth_check import two_digits
 
 _BLOCKS = 6
 _STEPS_OF_BLOCK = 250
@@ -43,6 +45,8 @@ class _Changes(NamedTuple):
     """by the input alone, as the motion computes them (blocks, K)"""
     of_truth: Array
     """of the truth, without what the motion computes without this input (blocks, K)"""
+    correlation: float = 0.0
+    """correlation of both over windows of steps"""
 
 
 def input_notes(motion: SampledMotion, truth: Array, steps: Index, times: Array) -> list[str]:
@@ -62,34 +66,65 @@ def input_notes(motion: SampledMotion, truth: Array, steps: Index, times: Array)
     blocks = _blocks(states, times)
     if not blocks:
         return []
-    angles = list(angle_rows(motion))
     chosen = np.stack(blocks)
-    predicted = _predicted(motion, states, steps, chosen)
+    best_changes = _best_changes(motion, known, states, steps, chosen, unknown)
     ratio_notes = []
     delay_notes = []
-    for row, name in enumerate(known.names):
+    interval = float(times[-1] - times[0]) / (len(times) - 1)
+    for name, best in zip(known.names, best_changes, strict=True):
+        if best is not None:
+            ratio_notes += _ratio_note(name, best)
+            delay_notes += _delay_note(name, best, interval)
+    exchange_notes = []
+    for i, j in combinations(range(len(known.names)), 2):
+        if _fits(best_changes[i]) or _fits(best_changes[j]):
+            continue
+        rows = [*range(len(known.names))]
+        rows[i], rows[j] = j, i
+        exchanged = replace(known, values=known.values[rows])
+        changed = _best_changes(
+            _with_inputs(motion, exchanged), exchanged, states, steps, chosen, unknown
+        )
+        if _fits(changed[i]) and _fits(changed[j]):
+            names = f"{known.names[i]} and {known.names[j]}"
+            what = f"the inputs {names} fit the truth if they are exchanged"
+            exchange_notes.append(f"{what}: check their columns under `input`")
+    # A wrong input spoils the changes by the others, which then seem to be late.
+    return exchange_notes or ratio_notes or delay_notes
+
+
+def _best_changes(
+    motion: SampledMotion,
+    known: KnownInputs,
+    states: Array,
+    steps: Index,
+    blocks: Index,
+    unknown: Mask,
+) -> list[_Changes | None]:
+    """Return the changes by each input of the component in which they agree best with the truth.
+
+    The motion has the inputs ``known``. Components of the ``states`` (n, K) that are ``unknown`` (n,)
+    are left out. None for an input whose changes agree in no component.
+    """
+    angles = list(angle_rows(motion))
+    predicted = _predicted(motion, states, steps, blocks)
+    best_changes: list[_Changes | None] = []
+    for row in range(len(known.names)):
         # The changes by the input alone, and those of the truth.
-        without = _predicted(_without_input(motion, known, row), states, steps, chosen)
+        without = _predicted(_without_input(motion, known, row), states, steps, blocks)
         with np.errstate(all="ignore"):
             of_input = predicted - without
-            of_truth = states[:, chosen] - without
+            of_truth = states[:, blocks] - without
             of_input[angles] = wrap_angle(of_input[angles])
             of_truth[angles] = wrap_angle(of_truth[angles])
         best = None
-        best_correlation = 0.0
         for component in np.flatnonzero(~unknown).tolist():
             each = _Changes(of_input=of_input[component], of_truth=of_truth[component])
             correlation = _correlation(_over_windows(each))
-            if abs(correlation) > abs(best_correlation):
-                best = each
-                best_correlation = correlation
-        if best is None:
-            continue
-        interval = float(times[-1] - times[0]) / (len(times) - 1)
-        ratio_notes += _ratio_note(name, _over_windows(best), best_correlation)
-        delay_notes += _delay_note(name, best, interval)
-    # A wrong input spoils the changes by the others, which then seem to be late.
-    return ratio_notes or delay_notes
+            if abs(correlation) > abs(0.0 if best is None else best.correlation):
+                best = each._replace(correlation=correlation)
+        best_changes.append(best)
+    return best_changes
 
 
 def _blocks(states: Array, times: Array) -> list[Index]:
@@ -124,16 +159,20 @@ def _without_input(motion: SampledMotion, known: KnownInputs, row: int) -> Sampl
     """Return the motion with zeros in place of the known values of the input ``row``."""
     values = known.values.copy()
     values[row] = np.where(np.isfinite(values[row]), 0.0, np.nan)
-    without = replace(known, values=values)
+    return _with_inputs(motion, replace(known, values=values))
+
+
+def _with_inputs(motion: SampledMotion, known: KnownInputs) -> SampledMotion:
+    """Return the motion with other values of its inputs."""
     if isinstance(motion, Irregular):
-        return replace(motion, recorded_inputs=without)
-    return motion_with_inputs(motion, without)
+        return replace(motion, recorded_inputs=known)
+    return motion_with_inputs(motion, known)
 
 
 def _over_windows(changes: _Changes) -> _Changes:
     """Add up the changes of successive steps: (W,) each, without windows of unknown steps."""
     sums = []
-    for each in changes:
+    for each in (changes.of_input, changes.of_truth):
         count = each.shape[-1] // _WINDOW
         sums.append(each[..., : count * _WINDOW].reshape(-1, _WINDOW).sum(axis=-1))
     known = np.isfinite(sums[0]) & np.isfinite(sums[1])
@@ -142,20 +181,35 @@ def _over_windows(changes: _Changes) -> _Changes:
 
 def _correlation(windows: _Changes) -> float:
     """Return the correlation of both changes (W,) about zero; 0 with few windows or without changes."""
-    d, e = windows
+    d = windows.of_input
+    e = windows.of_truth
     norm = float(np.sqrt((d * d).sum() * (e * e).sum()))
     if len(d) < _FEWEST_WINDOWS or norm == 0.0:
         return 0.0
     return float((d * e).sum()) / norm
 
 
-def _ratio_note(name: str, windows: _Changes, correlation: float) -> list[str]:
+def _factor(changes: _Changes) -> float:
+    """Return the factor by which an input's values would have to be multiplied to fit the truth."""
+    windows = _over_windows(changes)
+    d = windows.of_input
+    e = windows.of_truth
+    # The truth has the smaller errors.
+    return float((e * e).sum() / (d * e).sum())
+
+
+def _fits(changes: _Changes | None) -> bool:
+    """Test whether the changes by an input are those of the truth, up to usual errors of scale."""
+    if changes is None or changes.correlation < _CORRELATED:
+        return False
+    return 1.0 / _LARGEST_RATIO < _factor(changes) < _LARGEST_RATIO
+
+
+def _ratio_note(name: str, changes: _Changes) -> list[str]:
     """Describe how an input's changes differ from those of the truth by a factor or the sign."""
-    if abs(correlation) < _CORRELATED:
+    if abs(changes.correlation) < _CORRELATED:
         return []
-    d, e = windows
-    # What the values would have to be multiplied by. The truth has the smaller errors.
-    factor = float((e * e).sum() / (d * e).sum())
+    factor = _factor(changes)
     size = abs(factor)
     what = f"the input {name} fits the truth if its values are"
     if factor < 0.0:
@@ -166,7 +220,7 @@ def _ratio_note(name: str, windows: _Changes, correlation: float) -> list[str]:
         return [f"{what}: write `-{name}` in the equations"]
     if factor < 0.0:
         what += " and"
-    what += f" multiplied by {size:.2g}"
+    what += f" multiplied by {two_digits(size)}"
     for units, usual in _FACTORS.items():
         for ratio in (usual, 1.0 / usual):
             if abs(size / ratio - 1.0) < _NEAR:

@@ -10,7 +10,7 @@ from trackbench.core.arrays import Array, Index, fixed
 from trackbench.durations import time_text
 from trackbench.errors import counted
 from trackbench.field_types import DataError, InvalidKeyError, Place
-from trackbench.models.inputs import KnownInputs
+from trackbench.models.inputs import InputGap, KnownInputs
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import (
     TICK,
@@ -23,6 +23,8 @@ from trackbench.scenarios.recordings.time_alignment import ONE_RUN, Clock
 _MOST_INTERVALS = 1.5
 """Usual intervals between two rows over which a value holds, unless the config has a `gap`."""
 
+_MOST_MISTAKES = 20
+"""mistakes that are listed, of which the last one has the number of all others"""
 _MOST_OUTSIDE = 0.5
 """share of the measurements, of which fewer may lie before the first and after the last inputs"""
 
@@ -44,13 +46,16 @@ def with_inputs_only(gathered: Gathered, names: Sequence[str], rows: Rows) -> In
     has_none = is_missing.all(axis=0)
     partial = np.flatnonzero(~has_all & ~has_none)
     if len(partial):
-        row = int(partial[0])
-        name = names[int(np.flatnonzero(is_missing[:, row])[0])]
-        more = ""
-        if len(partial) > 1:
-            more = f", nor have {len(partial) - 1} more rows all inputs"
-        what = f"{name}: there is no value beside the other inputs{more}: fill the cell"
-        raise DataError(gathered.place(rows, row, what))
+        mistakes = []
+        for row in partial[:_MOST_MISTAKES].tolist():
+            name = names[int(np.flatnonzero(is_missing[:, row])[0])]
+            what = f"{name}: there is no value beside the other inputs: fill the cell"
+            mistakes.append(gathered.place(rows, row, what))
+        left_out = len(partial) - len(mistakes)
+        if left_out:
+            what = f"{mistakes[-1].what}; nor have {left_out} more rows all inputs"
+            mistakes[-1] = mistakes[-1]._replace(what=what)
+        raise DataError(*mistakes)
     if not has_all.any():
         what = f"the columns of the inputs {', '.join(names)} are empty"
         raise DataError(Place(gathered.files[0], 1, 1, what))
@@ -178,12 +183,15 @@ def _inputs_of_run(
     table = np.full((len(values), len(times)), np.nan)
     table[:, 1:] = means
     known = KnownInputs(names=tuple(names), first=int(clock.steps[0]), values=fixed(table))
+    # Step 4: describe the gaps. Several steps may be within one of them.
     missing_steps = np.flatnonzero(is_missing) + 1
-    if not len(missing_steps):
-        return known
-    step = int(missing_steps[0])
-    place = _gap_place(gathered, names, rows, shift, times, step, usual)
-    return replace(known, gap=place, gap_step=int(clock.steps[step]))
+    rows_before = np.searchsorted(row_times, times[missing_steps - 1] + TICK, side="right")
+    _, first_of_gaps = np.unique(rows_before, return_index=True)
+    gaps = []
+    for step in missing_steps[first_of_gaps].tolist():
+        described = _describe_gap(gathered, names, rows, shift, times, step, usual)
+        gaps.append(described._replace(step=int(clock.steps[step])))
+    return replace(known, gaps=tuple(gaps))
 
 
 def _means(edges: Array, pieces: Array, earlier: Array, later: Array) -> Array:
@@ -202,7 +210,7 @@ def _means(edges: Array, pieces: Array, earlier: Array, later: Array) -> Array:
     return means
 
 
-def _gap_place(
+def _describe_gap(
     gathered: Gathered,
     names: Sequence[str],
     rows: InputRows,
@@ -210,10 +218,10 @@ def _gap_place(
     times: Array,
     step: int,
     usual: float,
-) -> Place:
-    """Return the place and the description of the first step without inputs.
+) -> InputGap:
+    """Return the gap in which a step without inputs begins, ``step`` by its place among ``times``.
 
-    The place is the blank row there, or the row before it. ``shift`` is added to the rows' times,
+    Its place is the blank row there, or the row before it. ``shift`` is added to the rows' times,
     ``times`` are those of the steps, and ``usual`` is the usual interval of the rows.
     """
     unit = f" {gathered.time_unit}"
@@ -223,25 +231,48 @@ def _gap_place(
     after = min(before + 1, len(row_times) - 1)
     low = row_times[before] if before >= 0 else -np.inf
     high = row_times[after] if after > before else np.inf
-    blank_times = rows.blank.time + shift
-    blank = np.flatnonzero((blank_times > low + TICK) & (blank_times < high - TICK))
     if before < 0:
         what = f"the first values of the inputs {inputs} are at {time_text(row_times[0])}{unit}"
         what += f", and the first step begins at {time_text(times[step - 1])}{unit}"
-        way = "give earlier values"
-        return gathered.place(rows.measured, 0, f"{what}: {way}")
+        place = gathered.place(rows.measured, 0, f"{what}: give earlier values")
+        return InputGap(place=place, step=step)
     if after == before:
         what = f"the inputs {inputs} end at {time_text(row_times[-1])}{unit}"
         what += f", and a step ends at {time_text(times[step])}{unit}"
-        return gathered.place(rows.measured, before, f"{what}: give later values, or say `last`")
-    length = row_times[after] - row_times[before]
-    way = f"fill them, or say `input_gap: {_rounded_up(length):g}` to hold the nearest values"
+        place = gathered.place(rows.measured, before, f"{what}: give later values, or say `last`")
+        return InputGap(place=place, step=step)
+    length = float(row_times[after] - row_times[before])
+    blank_times = rows.blank.time + shift
+    blank = np.flatnonzero((blank_times > low + TICK) & (blank_times < high - TICK))
     if len(blank):
         what = f"there is no value of the inputs {inputs}"
-        return gathered.place(rows.blank, int(blank[0]), f"{what}: {way}")
-    what = f"no values of the inputs {inputs} follow for {length:.4g}{unit}"
-    what += f", where {usual:.4g}{unit} are usual"
-    return gathered.place(rows.measured, before, f"{what}: {way}")
+        place = gathered.place(rows.blank, int(blank[0]), what)
+    else:
+        what = f"no values of the inputs {inputs} follow for {length:.4g}{unit}"
+        what += f", where {usual:.4g}{unit} are usual"
+        place = gathered.place(rows.measured, before, what)
+    return InputGap(place=place, step=step, length=length)
+
+
+def check_gaps(inputs: KnownInputs, last_step: int) -> None:
+    """Raise DataError for the gaps of the inputs that begin up to a scenario's last step."""
+    gaps = [gap for gap in inputs.gaps if gap.step <= last_step]
+    if not gaps:
+        return
+    # One key fills all gaps between two rows.
+    longest = max((gap.length for gap in gaps if gap.length is not None), default=0.0)
+    mistakes = []
+    for gap in gaps[:_MOST_MISTAKES]:
+        what = gap.place.what
+        if gap.length is not None:
+            way = f"say `input_gap: {_rounded_up(longest):g}` to hold the nearest values"
+            what += f": fill them, or {way}"
+        mistakes.append(gap.place._replace(what=what))
+    left_out = len(gaps) - len(mistakes)
+    if left_out:
+        what = f"{mistakes[-1].what}; there are {counted(left_out, 'more gap')}"
+        mistakes[-1] = mistakes[-1]._replace(what=what)
+    raise DataError(*mistakes)
 
 
 def _rounded_up(length: float) -> float:
@@ -256,6 +287,5 @@ def aligned_with(inputs: KnownInputs, steps: Index) -> KnownInputs:
     # The first step with inputs, `inputs.first`, may have another number among ``steps``.
     shift = int(steps[0]) + added - inputs.first
     values = np.pad(inputs.values, [(0, 0), (added, 0)], constant_values=np.nan)
-    return replace(
-        inputs, first=int(steps[0]), values=fixed(values), gap_step=inputs.gap_step + shift
-    )
+    gaps = tuple(gap._replace(step=gap.step + shift) for gap in inputs.gaps)
+    return replace(inputs, first=int(steps[0]), values=fixed(values), gaps=gaps)

@@ -7,7 +7,7 @@ import numpy as np
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_mapping import UNITS, Naming
 from trackbench.scenarios.recordings.column_names import columns_of
-from trackbench.scenarios.recordings.csv_lines import TextFormat, is_value, layout_of
+from trackbench.scenarios.recordings.csv_lines import TextFormat, is_value, layout_of, plain_label
 from trackbench.scenarios.recordings.csv_tables import header, is_parquet
 from trackbench.scenarios.recordings.guess_sample import Sample
 from trackbench.scenarios.recordings.mixtures import (
@@ -24,7 +24,7 @@ _KEYS = ("sensor", "x", "y")
 
 
 def read_landmarks(path: str, user_naming: Naming | None = None) -> dict[str, tuple[float, float]]:
-    """Read the places of landmarks, x and y in m, by their names.
+    """Read the places of landmarks, x and y in m, by the plain labels of their names.
 
     Keys that are set in ``user_naming`` are not guessed. Raises DataError if a column is
     missing, and for each row without a place.
@@ -45,7 +45,8 @@ def read_landmarks(path: str, user_naming: Naming | None = None) -> dict[str, tu
     y = sample.numbers(columns["y"]) * scales[1]
     places: dict[str, tuple[float, float]] = {}
     mistakes = []
-    for row, name in enumerate(sample.cells(columns["sensor"])):
+    for row, cell in enumerate(sample.cells(columns["sensor"])):
+        name = plain_label(cell)
         place = (float(f"{x[row]:.9g}"), float(f"{y[row]:.9g}"))
         what = ""
         if not np.isfinite(place).all():

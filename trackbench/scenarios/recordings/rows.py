@@ -41,6 +41,7 @@ from trackbench.scenarios.recordings.column_names import (
     columns_of,
     rest_of_stamp,
 )
+from trackbench.scenarios.recordings.csv_lines import plain_label
 from trackbench.scenarios.recordings.csv_tables import Table
 from trackbench.scenarios.recordings.mixtures import (
     Split,
@@ -765,13 +766,16 @@ def _find_sensor_rows(
     """
     words = [word for word in table.words[column] if word]
     known = names or [str(i + 1) for i in range(number)]
+    # The name 7 stands for the word 7.0, too, if the file lacks the word 7.
+    free_words = [word for word in words if word not in known]
+    known = [label if label in words else _word_of_label(label, free_words) for label in known]
     other_words = [word for word in words if word not in known]
     if other_words and not names:
         what = f"column {column} names {len(words)} sensors ({', '.join(words[:8])[:80]})"
         way = "name them in the order of `sensor`, such as `sensors: "
         way += f'[{", ".join(map(json.dumps, words[:8]))}]`; `columns: {{sensor: ""}}` mixes all'
         raise columns.mistake(f"{what}, and the config has {number}: {way}")
-    absent = [name for name in names if name not in words]
+    absent = [name for name, word in zip(names, known, strict=False) if word not in words]
     if absent:
         what = f"column {column} has no {absent[0]!r}; there are {', '.join(words[:20])[:200]}"
         raise columns.mistake(what)
@@ -786,6 +790,12 @@ def _find_sensor_rows(
     if known[m] in words:
         code = table.words[column].index(known[m])
     return np.asarray(table.columns[column] == code)
+
+
+def _word_of_label(label: str, words: Sequence[str]) -> str:
+    """Return the only word of a whole number that equals the label; else the label itself."""
+    equal = [word for word in words if plain_label(word) == plain_label(label)]
+    return equal[0] if len(equal) == 1 else label
 
 
 def _check_rows_without_sensor(

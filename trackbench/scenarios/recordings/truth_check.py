@@ -49,13 +49,32 @@ _BEARINGS = {
     "from the back clockwise": (-1.0, np.pi),
 }
 """Other ways to count a landmark's bearing, which should count from the heading anticlockwise."""
+_FACTORS = {"mm and m": 1e-3, "cm and m": 1e-2, "feet and m": 0.3048}
+"""Usual mistakes of units of lengths, with the factor between the units."""
+_DEGREES = ("deg and rad", np.pi / 180.0)
+_HEADINGS = ("heading", "theta", "yaw", "psi", "course")
 _BEYOND_OF_PLACE = 3.0
-"""median distance, in standard deviations, from which on another place of a landmark is tried"""
+"""median distance, in standard deviations, from which on other units and places are tried"""
 _FITS = 2.0
 """median distance of measurements that fit a place; that of a right sensor is about 1"""
 _AGREES_WITH_PLACE = 0.4
 """of the median distance that remains at most if another place explains it"""
 _CHECK_PLACE = ": check `at`"
+_UNEXPLAINED = ": check "
+"""beginning of the end of a note on measurements that agree with the truth in no known way"""
+_LONGEST_DELAY = 2.0
+_LONGEST_DELAY_STEPS = 10
+"""Longest delay that is tried, in s, and in usual steps if they are longer."""
+_DELAYS = 20
+"""Number of delays that are tried on either side, and between the best one's neighbors."""
+_FEWEST_OF_DELAY = 30
+"""Measurements from which on a delay is looked for."""
+_EXPLAINED_BY_DELAY = 0.6
+"""Share of the median distances that remains at most if a delay explains them."""
+_MOST_RUNS = 5
+_FEW_STEPS = 50
+"""Most runs, and most steps of a sensor that takes one step at a time, in the search of a delay."""
+_NO_STEPS: Index = np.empty(0, dtype=np.intp)
 _ITERATIONS = 30
 _HUBER = 2.0
 """standard deviations from which on a measurement counts less in the fit of a place"""
@@ -63,26 +82,39 @@ _STEEPEST = 1e5
 """largest change of a normalized error, in standard deviations per meter, that is no jump"""
 
 
+class StepClock(NamedTuple):
+    """Numbers and times (K,) of the steps of a recording, s, or steps if it is ``stepped``."""
+
+    steps: Index
+    times: Array
+    stepped: bool = False
+
+
 def contradictions(
     sensor: Sensors,
     components: Sequence[str],
     truth: Array,
     measurements: Array,
-    steps: Index,
+    clock: StepClock,
     names: Sequence[str] = (),
+    angles: Sequence[str] = (),
+    in_one_file: bool = True,
 ) -> list[str]:
     """Describe each sensor whose measurements (n_z, K, M) contradict the truth (n_x, K, M).
 
-    The text names the reflection, turn, other way to count angles or other place of a landmark with
-    which both would agree, if there is one. ``components`` are those of the truth, ``steps`` the numbers
-    of the K steps. ``names`` are those of the sensors in the recording, if it has any.
+    The text names the reflection, turn, other way to count angles, other unit, delay or other place of
+    a landmark with which both would agree, if there is one. ``components`` are those of the truth, and
+    ``angles`` those that are angles. ``clock`` has the K steps. ``names`` are those of the sensors in
+    the recording, if it has any. Sensors ``in_one_file`` have one clock, and so one delay.
     """
+    steps = clock.steps
     axes = _axes_of(components)
     if axes is None:
         return []
     row_of_x, _ = axes[0]
     has_truth = np.isfinite(truth[row_of_x])
     found: list[_Contradiction] = []
+    samples: list[_Sample] = []
     sensors = sensors_of(sensor)
     for number, (each, rows) in enumerate(zip(sensors, rows_of(sensor), strict=True)):
         # Step 1: a sample of the steps with a truth at which this sensor measured.
@@ -96,31 +128,39 @@ def contradictions(
         sizes = _largest_distances(_distances(sample))
         if len(sizes) < _FEWEST:
             continue
+        name = sensor_name(number, names) if len(sensors) > 1 else "the sensor"
+        samples.append(sample._replace(name=name, chosen=chosen))
         size = float(np.median(sizes))
         is_beyond = bool((sizes > _BEYOND).mean() > _MOST_BEYOND)
-        place_words = ""
-        if isinstance(each, Landmark) and size > _BEYOND_OF_PLACE:
-            place_words = _other_place(sample, each, size)
-        if not is_beyond and not place_words:
-            continue
         # Step 3: what would make both agree.
+        remedy = ""
+        if isinstance(each, Landmark) and size > _BEYOND_OF_PLACE:
+            remedy = _other_place(sample, each, size)
+        if not remedy and size > _BEYOND_OF_PLACE:
+            remedy = _other_unit(sample, axes, components, size)
+        if not remedy and is_beyond:
+            remedy = _remedy(sample, axes, size)
+        if not remedy:
+            continue
         found.append(
             _Contradiction(
-                name=sensor_name(number, names) if len(sensors) > 1 else "the sensor",
+                name=name,
                 size=size,
                 is_beyond=is_beyond,
-                remedy=place_words or _remedy(sample, axes, size),
+                remedy=remedy,
             )
         )
-    # Step 4: a text for the sensors that one remedy is for.
+    # Step 4: delays. One explains the sensors that nothing else does.
+    delay_texts = _delay_notes(samples, truth, clock, components, angles, in_one_file)
+    if delay_texts:
+        found = [case for case in found if not case.remedy.startswith(_UNEXPLAINED)]
+    # Step 5: a text for the sensors that one remedy is for.
     groups: dict[tuple[bool, str], list[_Contradiction]] = {}
     for case in found:
         groups.setdefault((case.is_beyond, case.remedy), []).append(case)
     texts = []
     for (is_beyond, remedy), group in groups.items():
-        *first_names, words = [case.name for case in group]
-        if first_names:
-            words = f"{', '.join(first_names)} and {words}"
+        words = _listed([case.name for case in group])
         medians = sorted(case.size for case in group)
         median = f"median: {medians[0]:.0f}"
         if len(group) > 1:
@@ -132,7 +172,7 @@ def contradictions(
     is_every_landmark = len(texts) == len(sensors) > 1
     if is_every_landmark and all(text.endswith(_CHECK_PLACE) for text in texts):
         texts.append("no landmark is where the truth says: or check the truth's origin and clock")
-    return texts
+    return texts + delay_texts
 
 
 class _Contradiction(NamedTuple):
@@ -157,6 +197,108 @@ class _Sample(NamedTuple):
     """measurements (n_z, K, M)"""
     steps: Index
     """numbers of the K steps"""
+    name: str = ""
+    """name of the sensor in a note"""
+    chosen: Index = _NO_STEPS
+    """the K steps by their place in the recording"""
+
+
+def _delay_notes(
+    samples: Sequence[_Sample],
+    truth: Array,
+    clock: StepClock,
+    components: Sequence[str],
+    angles: Sequence[str],
+    in_one_file: bool,
+) -> list[str]:
+    """Describe the sensors whose measurements agree much better with an earlier or a later truth.
+
+    ``truth`` (n_x, K, M) is that of all steps. Measurements in one file are tried together.
+    """
+    samples = [_thinned(sample) for sample in samples]
+    groups = [[sample] for sample in samples]
+    if in_one_file and samples:
+        groups = [samples]
+    truth = truth[..., :_MOST_RUNS]
+    interval = float(np.median(np.diff(clock.times)))
+    span = _LONGEST_DELAY_STEPS * interval
+    if not clock.stepped:
+        span = max(span, _LONGEST_DELAY)
+    angle_rows = [row for row, name in enumerate(components) if name in angles]
+    texts = []
+    for group in groups:
+
+        def misfit(delay: float, group: list[_Sample] = group) -> float:
+            """Return the mean log of the median distances of the components, if z is late by so much."""
+            by_component: dict[str, list[Array]] = {}
+            for sample in group:
+                earlier = _truth_before(truth, clock.times, sample.chosen, delay, angle_rows)
+                distances = _distances(sample._replace(truth=earlier))
+                for name, row in zip(sample.sensor.components, distances, strict=True):
+                    by_component.setdefault(name, []).append(row[np.isfinite(row)])
+            medians = []
+            for rows in by_component.values():
+                known = np.concatenate(rows)
+                if len(known) < _FEWEST_OF_DELAY:
+                    return np.inf
+                medians.append(max(float(np.median(known)), 1e-12))
+            return float(np.log(medians).mean())
+
+        at_once = misfit(0.0)
+        if not np.isfinite(at_once):
+            continue
+        delays = np.linspace(-span, span, 2 * _DELAYS + 1)
+        best = int(np.argmin([misfit(delay) for delay in delays.tolist()]))
+        if best in (0, len(delays) - 1):
+            continue
+        nearer = np.linspace(delays[best - 1], delays[best + 1], _DELAYS)
+        misfits = [misfit(delay) for delay in nearer.tolist()]
+        delay = float(nearer[int(np.argmin(misfits))])
+        if min(misfits) > at_once + np.log(_EXPLAINED_BY_DELAY):
+            continue
+        whose = _listed([sample.name for sample in group])
+        way = "behind" if delay > 0.0 else "ahead of"
+        unit = " steps" if clock.stepped else " s"
+        texts.append(
+            f"the measurements of {whose} seem to be some {abs(delay):.2g}{unit} {way} the "
+            "truth: check the clocks of both"
+        )
+    return texts
+
+
+def _thinned(sample: _Sample) -> _Sample:
+    """Return fewer runs of a sample, and fewer steps if its sensor takes one step at a time."""
+    most = _MOST_STEPS if is_equal_at_every_step(sample.sensor) else _FEW_STEPS
+    kept = np.linspace(0, len(sample.steps) - 1, min(len(sample.steps), most)).astype(int)
+    return sample._replace(
+        truth=sample.truth[:, kept, :_MOST_RUNS],
+        z=sample.z[:, kept, :_MOST_RUNS],
+        steps=sample.steps[kept],
+        chosen=sample.chosen[kept],
+    )
+
+
+def _truth_before(
+    truth: Array, times: Array, chosen: Index, delay: float, angle_rows: Sequence[int]
+) -> Array:
+    """Interpolate the truth (n_x, K, M) at the ``chosen`` steps' times, less the delay.
+
+    It is NaN outside the known truth.
+    """
+    wanted = times[chosen] - delay
+    earlier = np.full((len(truth), len(chosen), truth.shape[2]), np.nan)
+    for m in range(truth.shape[2]):
+        for row, values in enumerate(truth[:, :, m]):
+            known = np.isfinite(values)
+            if known.sum() < 2:
+                continue
+            known_values = values[known]
+            if row in angle_rows:
+                known_values = np.unwrap(known_values)
+            earlier[row, :, m] = np.interp(
+                wanted, times[known], known_values, left=np.nan, right=np.nan
+            )
+    return earlier
 
 
 def _remedy(sample: _Sample, axes: tuple[tuple[int, int], ...], size: float) -> str:
@@ -182,7 +324,7 @@ def _remedy(sample: _Sample, axes: tuple[tuple[int, int], ...], size: float) -> 
         place = ""
         if getattr(sample.sensor, "at", None) is not None:
             place = "its place `at`, "
-        return f": check {place}the origin, the units, the clock and the sensor's sigma"
+        return f"{_UNEXPLAINED}{place}the origin, the units, the clock and the sensor's sigma"
     if angles:
         angle = components[angles[0]]
         hint = ""
@@ -195,12 +337,60 @@ def _remedy(sample: _Sample, axes: tuple[tuple[int, int], ...], size: float) -> 
     return f"; they agree if the truth is {way}: {hint}"
 
 
+def _other_unit(
+    sample: _Sample, axes: tuple[tuple[int, int], ...], components: Sequence[str], size: float
+) -> str:
+    """Return the end of a note that names the factor of a wrong unit, if measurements then fit.
+
+    It is empty if no usual factor explains the distances. ``components`` are those of the truth, and
+    ``size`` is the median distance without any change.
+    """
+    measured = sample.sensor.components
+    angles = [row for row, name in enumerate(measured) if name in _AZIMUTHS]
+    lengths = [row for row in range(len(measured)) if row not in angles]
+    headings = [row for row, name in enumerate(components) if name in _HEADINGS]
+    changes: list[tuple[str, str, _Sample]] = []
+    for units, factor in (*_FACTORS.items(), _DEGREES):
+        is_angle = units == _DEGREES[0]
+        rows = angles if is_angle else lengths
+        rows_of_truth = headings if is_angle else [row for pair in axes for row in pair]
+        for ratio in (factor, 1.0 / factor):
+            if rows:
+                z = sample.z.copy()
+                z[rows] *= ratio
+                quantities = " and ".join(measured[row] for row in rows)
+                verb = "is" if len(rows) == 1 else "are"
+                text = f"if its {quantities} {verb} multiplied by {two_digits(ratio)}"
+                changes.append((text, units, sample._replace(z=z)))
+            if rows_of_truth:
+                truth = sample.truth.copy()
+                truth[rows_of_truth] *= ratio
+                quantities = " and ".join(components[row] for row in rows_of_truth)
+                text = f"if {quantities} of the truth are multiplied by {two_digits(ratio)}"
+                if len(rows_of_truth) == 1:
+                    text = f"if {quantities} of the truth is multiplied by {two_digits(ratio)}"
+                changes.append((text, units, sample._replace(truth=truth)))
+    remaining = [_median_distance(_distances(changed)) for _, _, changed in changes]
+    best = int(np.argmin(remaining))
+    if remaining[best] > min(_FITS, _AGREES * size):
+        return ""
+    text, units, _ = changes[best]
+    return f"; they agree {text}: are {units} mixed up? See `units`"
+
+
 def _other_place(sample: _Sample, landmark: Landmark, size: float) -> str:
     """Return the end of a note that names the place of a landmark which its measurements fit.
 
     It is empty if they fit no place. ``size`` is the median distance with the landmark's own place.
     """
     place = np.array(landmark.at)
+    most = min(_FITS, _AGREES_WITH_PLACE * size)
+    for units, factor in _FACTORS.items():
+        for ratio in (factor, 1.0 / factor):
+            remaining = _median_distance(_distances(_at_place(sample, landmark, ratio * place)))
+            if remaining <= most:
+                words = f"they agree if its place `at` is multiplied by {two_digits(ratio)}"
+                return f"; {words}: are {units} mixed up?"
     best = place
     least = size
     # Gauss-Newton from several places, as ranges alone may fit on either side of a straight path.
@@ -212,10 +402,15 @@ def _other_place(sample: _Sample, landmark: Landmark, size: float) -> str:
         if remaining < least:
             best = fitted
             least = remaining
-    if least > min(_FITS, _AGREES_WITH_PLACE * size):
+    if least > most:
         return ""
     x, y = (f"{value:.2f}" for value in best)
     return f"; they agree if it is at [{x}, {y}]{_CHECK_PLACE}"
+
+
+def two_digits(ratio: float) -> str:
+    """Write a factor with two digits and without an exponent: 0.001, 57, 1000."""
+    return f"{float(f'{ratio:.2g}'):g}"
 
 
 def _at_place(sample: _Sample, landmark: Landmark, place: Array) -> _Sample:
@@ -246,6 +441,14 @@ def _fitted_place(sample: _Sample, landmark: Landmark, place: Array) -> Array:
         if np.abs(change).max() < 1e-4:
             break
     return place
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Write names as ``a, b and c``."""
+    *first_names, last = names
+    if not first_names:
+        return last
+    return f"{', '.join(first_names)} and {last}"
 
 
 def _axes_of(components: Sequence[str]) -> tuple[tuple[int, int], ...] | None:

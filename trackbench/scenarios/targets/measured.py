@@ -32,6 +32,7 @@ from trackbench.scenarios.recordings.common_times import check_common_time, note
 from trackbench.scenarios.recordings.inputs import (
     InputRows,
     aligned_with,
+    check_gaps,
     inputs_at,
     missing_run,
     rows_within,
@@ -58,7 +59,7 @@ from trackbench.scenarios.recordings.time_alignment import (
     truth_at,
     with_scans,
 )
-from trackbench.scenarios.recordings.truth_check import contradictions
+from trackbench.scenarios.recordings.truth_check import StepClock, contradictions
 from trackbench.scenarios.starts.base import Start, position_part
 from trackbench.scenarios.targets.base import Flight, Scored, Target, Timeline, recorded_columns
 
@@ -337,12 +338,9 @@ class Measured(FromFiles, Naming, Target):
         )
 
     def check(self, timeline: Timeline) -> None:
-        """Raise DataError if a step up to the last one of the timeline has no inputs."""
-        inputs = timeline.inputs
-        if inputs is None or inputs.gap is None:
-            return
-        if inputs.gap_step <= timeline.steps[-1]:
-            raise DataError(inputs.gap)
+        """Raise DataError if steps up to the last one of the timeline have no inputs."""
+        if timeline.inputs is not None:
+            check_gaps(timeline.inputs, int(timeline.steps[-1]))
 
     def _read_recording(self, sensor: Sensors, scans: int, T: float) -> Recording:
         """Read the files of measurements, inputs and truth, and put all runs on one clock.
@@ -420,10 +418,18 @@ class Measured(FromFiles, Naming, Target):
         truth = None
         if self.truth is not None:
             truth = self._read_truth(gathered, rows, clock)
-            later = truth[:, 1:]
-            steps = clock.steps[1:]
+            step_clock = StepClock(
+                steps=clock.steps[1:], times=clock.times[1:], stepped=gathered.stepped
+            )
             gathered.notices += contradictions(
-                sensor, self.components, later, measurements, steps, names
+                sensor,
+                self.components,
+                truth[:, 1:],
+                measurements,
+                step_clock,
+                names=names,
+                angles=self.angles,
+                in_one_file=len(self._measurement_files) == 1,
             )
         known_inputs = None
         if inputs is not None:

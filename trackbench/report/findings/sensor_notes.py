@@ -1,0 +1,245 @@
+"""Notes on single sensors of a recorded run: rejected by a gate, or far from all predictions."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trackbench.core.arrays import Array, Mask
+from trackbench.errors import sensor_name
+from trackbench.report.findings.phrases import listed, rounded
+from trackbench.report.findings.ranking import Candidate
+from trackbench.report.results import Results
+from trackbench.results.frames import Columns
+from trackbench.results.point_facts import PointFacts
+
+_FEWEST_OF_SENSOR = 10
+"""Measurements of a sensor from which on something is said about it."""
+_REJECTED_MUCH = 0.5
+"""Share of a sensor's measurements beyond which a gate rejects a large part of them."""
+_OTHERS_REJECTED = 0.2
+"""Share of the other sensors' measurements up to which a gate rejects few of them."""
+_FAR_SIGMAS = 5.0
+"""Median prediction error, in standard deviations of the sensor, that is far."""
+_FAR_RATIO = 4.0
+"""Ratio to the median prediction error of the sensors that are predicted well."""
+_BEYOND_ANIS = 4.0
+"""ANIS of a step from which on its measurements are beyond the filter's covariance."""
+_SIGMAS = {"range": ("sigma_range", 1.0), "bearing": ("sigma_bearing_mrad", 1e-3)}
+"""Keys of a landmark's standard deviations, with the factor to m or rad, by measured component."""
+_WRONG_PLACE = "the place `at` may be wrong, or two of the landmarks may be exchanged"
+_OTHER_CAUSE = "check the sigma, the place, the units and the clock"
+
+
+class SensorNotes(NamedTuple):
+    """Notes on single sensors, and the filters whose closed gate they explain."""
+
+    notes: list[str]
+    explained: list[Candidate]
+
+
+def sensor_notes(
+    results: Results, candidates: Sequence[Candidate], is_by_score: bool
+) -> SensorNotes:
+    """Name the sensors whose measurements a gate rejects, or the filters predict badly.
+
+    ``is_by_score`` is true if the log score ranks the filters. The result is empty for one sensor, and
+    without prediction errors of the steps.
+    """
+    notes = []
+    explained = []
+    predictions = []
+    for candidate in candidates:
+        errors = _prediction_errors(results, candidate)
+        if errors is None:
+            continue
+        predictions.append(errors)
+        note = _gate_note(errors)
+        if note:
+            notes.append(note)
+            explained.append(candidate)
+    # A gate shows it best, since its filter goes on without these measurements.
+    if not notes:
+        notes = _far_note(predictions)
+    if notes and is_by_score:
+        notes[-1] += (
+            " The log score counts these measurements, so it may rank the wrong filter first."
+        )
+    return SensorNotes(notes=notes, explained=explained)
+
+
+class _PredictionErrors(NamedTuple):
+    """Prediction errors of one filter, for S sensors and the K steps at which any of them measured."""
+
+    candidate: Candidate
+    facts: PointFacts
+    rejected: Array
+    """number of sensors (K,) that the filter's gate rejects, infinite for all of a step"""
+    anis: Array
+    """mean normalized square (K,) of the innovations that are not rejected, NaN without any"""
+    sizes: Array
+    """largest error (S, K) of a sensor's components, in usual errors; NaN without a measurement"""
+    in_sigmas: Array
+    """largest error (S, K) of a landmark's components, in its standard deviations; else NaN"""
+
+    def names(self, chosen: Mask) -> list[str]:
+        """Name the ``chosen`` sensors (S,)."""
+        recorded_names = (self.facts.scenario.get("target") or {}).get("sensors") or ()
+        return [sensor_name(number, recorded_names) for number in np.flatnonzero(chosen).tolist()]
+
+    def cause(self, chosen: Mask) -> str:
+        """Say what may be wrong about the ``chosen`` sensors (S,)."""
+        sensors = self.facts.scenario["sensor"]
+        kinds = {sensors[number].get("kind") for number in np.flatnonzero(chosen).tolist()}
+        return _WRONG_PLACE if kinds == {"landmark"} else _OTHER_CAUSE
+
+
+def _prediction_errors(results: Results, candidate: Candidate) -> _PredictionErrors | None:
+    """Read the prediction errors of a filter; None for one sensor, or if they are not stored."""
+    facts = results.facts(candidate.point)
+    sensors = facts.scenario.get("sensor")
+    if not isinstance(sensors, list) or len(sensors) < 2:
+        return None
+    rows = results.columns("per_step", candidate.point).where(filter=candidate.label)
+    # Step 1: the errors of each component (K,), of all steps at which any of them was measured.
+    series = {name: _known(rows, f"bias_predicted_{name}") for name in facts.measured}
+    steps = np.unique(np.concatenate([each_steps for each_steps, _ in series.values()]))
+    if not len(steps):
+        return None
+    errors = {name: np.abs(_at_steps(steps, *known)) for name, known in series.items()}
+    # Step 2: the usual error of a range, a bearing or another quantity, over the sensors.
+    medians: dict[str, list[float]] = {}
+    for name, error in errors.items():
+        if np.isfinite(error).any():
+            medians.setdefault(name.partition(".")[2], []).append(float(np.nanmedian(error)))
+    usual = {quantity: _lower_quartile(np.array(each)) for quantity, each in medians.items()}
+    # Step 3: the largest error of each sensor's components.
+    sizes = np.full((len(sensors), len(steps)), np.nan)
+    in_sigmas = np.full_like(sizes, np.nan)
+    for name, error in errors.items():
+        number, _, quantity = name.partition(".")
+        row = int(number) - 1
+        if usual.get(quantity, 0.0) > 0.0:
+            sizes[row] = np.fmax(sizes[row], error / usual[quantity])
+        sigma = _sigma(sensors[row], quantity)
+        if sigma is not None:
+            in_sigmas[row] = np.fmax(in_sigmas[row], error / sigma)
+    rejected = np.nan_to_num(_at_steps(steps, *_known(rows, "gated")))
+    keys = facts.filters.get(candidate.label, {})
+    if isinstance(keys.get("filter"), dict):  # a filter around another one
+        keys = keys["filter"]
+    if keys.get("gate_by") != "sensor":
+        rejected = np.where(rejected > 0.0, np.inf, 0.0)
+    return _PredictionErrors(
+        candidate=candidate,
+        facts=facts,
+        rejected=rejected,
+        anis=_at_steps(steps, *_known(rows, "anis")),
+        sizes=sizes,
+        in_sigmas=in_sigmas,
+    )
+
+
+def _sigma(sensor: Mapping[str, Any], quantity: str) -> float | None:
+    """Return the standard deviation of a landmark's range or bearing, m or rad; None if unknown."""
+    key, factor = _SIGMAS.get(quantity, ("", 0.0))
+    value = sensor.get(key)
+    if sensor.get("kind") != "landmark" or not isinstance(value, float | int):
+        return None
+    return factor * value
+
+
+def _gate_note(errors: _PredictionErrors) -> str:
+    """Describe the sensors of whose measurements the filter's gate rejects a large part; empty if none.
+
+    Empty, too, if it rejects many of the other sensors' measurements: then the filter may be wrong.
+    """
+    # Of the sensors of a step, those with the largest errors are the ones that the gate rejects.
+    order = np.argsort(np.argsort(-np.nan_to_num(errors.sizes, nan=-1.0), axis=0), axis=0)
+    is_measured = np.isfinite(errors.sizes)
+    is_rejected = is_measured & (order < errors.rejected)
+    measured = is_measured.sum(axis=1)
+    rejected = is_rejected.sum(axis=1)
+    counts = measured >= _FEWEST_OF_SENSOR
+    is_closed = counts & (rejected > _REJECTED_MUCH * measured)
+    others = counts & ~is_closed
+    if not is_closed.any() or not others.any():
+        return ""
+    share_of_others = float(rejected[others].sum() / measured[others].sum())
+    if share_of_others > _OTHERS_REJECTED:
+        return ""
+    shares = 100.0 * rejected[is_closed] / measured[is_closed]
+    texts = []
+    for name, share in zip(errors.names(is_closed), shares.tolist(), strict=True):
+        texts.append(f"{name} ({share:.0f} %)")
+    return (
+        f"The gate of {errors.candidate.name} rejected most measurements of {listed(texts)}, and "
+        f"{100.0 * share_of_others:.0f} % of the others: {errors.cause(is_closed)}."
+    )
+
+
+def _far_note(predictions: Sequence[_PredictionErrors]) -> list[str]:
+    """Describe the landmarks whose measurements are far from the predictions of the best filter.
+
+    The best filter is the one that agrees best with the sensors that it predicts well.
+    """
+    best = None
+    least = np.inf
+    for errors in predictions:
+        medians = _medians(errors.in_sigmas)
+        known = medians[np.isfinite(medians)]
+        if len(known) > 1 and _lower_quartile(known) < least:
+            best = errors
+            least = _lower_quartile(known)
+    if best is None:
+        return []
+    medians = _medians(best.in_sigmas)
+    is_known = np.isfinite(medians)
+    # A filter that has not seen a landmark for a long time has large errors and a large covariance.
+    is_beyond = ~(best.anis <= _BEYOND_ANIS)
+    is_measured = np.isfinite(best.in_sigmas)
+    shares = (is_measured & is_beyond).sum(axis=1) / np.maximum(is_measured.sum(axis=1), 1)
+    is_far = is_known & (shares > 0.5)
+    is_far[is_known] &= medians[is_known] > max(_FAR_SIGMAS, _FAR_RATIO * least)
+    others = is_known & ~is_far
+    if not is_far.any() or not others.any():
+        return []
+    texts = []
+    for name, median in zip(best.names(is_far), medians[is_far].tolist(), strict=True):
+        texts.append(f"{name} ({rounded(median, 2)} sigma)")
+    largest = rounded(float(medians[others].max()), 2)
+    return [
+        f"Most measurements of {listed(texts)} are far from the predictions of "
+        f"{best.candidate.name}, and those of the others are within {largest} sigma (medians): "
+        f"{best.cause(is_far)}."
+    ]
+
+
+def _medians(sizes: Array) -> Array:
+    """Return the median (S,) of each sensor's known errors (S, K), NaN with too few of them."""
+    medians = np.full(len(sizes), np.nan)
+    for row, of_sensor in enumerate(sizes):
+        known = of_sensor[np.isfinite(of_sensor)]
+        if len(known) >= _FEWEST_OF_SENSOR:
+            medians[row] = np.median(known)
+    return medians
+
+
+def _lower_quartile(values: Array) -> float:
+    """Return the value that a quarter of the values lie below."""
+    return float(np.quantile(values, 0.25, method="lower"))
+
+
+def _known(rows: Columns, metric: str) -> tuple[Array, Array]:
+    """Return steps and values (n,) of a metric's rows of per_step.csv that have a value."""
+    series = rows.where(metric=metric)
+    known = np.isfinite(series["value"])
+    return series["step"][known], series["value"][known]
+
+
+def _at_steps(steps: Array, known_steps: Array, values: Array) -> Array:
+    """Return the values (K,) at the ``steps``, NaN where there is none."""
+    at_steps = np.full(len(steps), np.nan)
+    is_among = np.isin(known_steps, steps)
+    at_steps[np.searchsorted(steps, known_steps[is_among])] = values[is_among]
+    return at_steps
