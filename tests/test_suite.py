@@ -734,6 +734,34 @@ def test_a_large_ratio_that_is_not_significant_is_undecided() -> None:
     assert "may be as good" not in legend
 
 
+def test_the_smallest_error_is_said_with_its_evidence() -> None:
+    """On p every other filter is significantly worse; on q one is not, and on r one has equal errors."""
+    alike = {"word": "no significant difference"}
+    scores = [
+        score("p", "x", "own", 1.0, word="best"),
+        score("p", "x", "A", 1.5, word="worse"),
+        score("p", "x", "B", 1.1, word="loses more runs"),
+        score("q", "x", "own", 1.0, word="best"),
+        score("q", "x", "A", 1.5, word="worse"),
+        score("q", "x", "B", 1.1, **alike),
+        score("r", "x", "own", 1.0, **alike),
+        score("r", "x", "A", 1.0, word="best"),
+        score("s", "x", "own", 1.2, word="worse"),
+        score("s", "x", "A", 1.0, word="best"),
+        score("t", "x", "own", 1.0, word="best"),
+        score("t", "x", "A", 1.3, word="untested"),
+    ]
+    group = SuiteScores(group="g", title="G", scores=scores, runs={}, added=("own",))
+    lines = filter_sentences(group, "own")
+    assert "Its error is significantly smaller than that of every other filter on p." in lines
+    assert (
+        "It has the smallest error of these runs on q, r and t, but not significantly: with other runs "
+        "another filter may have it."
+    ) in lines
+    table = filter_table([group], "own")
+    assert table.notes[0] == "best: the smallest error of these runs, significant or not."
+
+
 def test_the_typical_ratio_where_a_filter_ran_by_hand() -> None:
     group = by_hand({"A": (1.0, 1.0, 30.0), "C": (1.5, np.nan, 6.0)}, ("x", "x", "y"))
     assert typical_ratio_where_run(group, "C") == pytest.approx(3.0)
