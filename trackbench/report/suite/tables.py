@@ -184,7 +184,8 @@ def filter_table(groups: Sequence[SuiteScores], label: str) -> TextTable:
     if "undecided" in words_on_consistency:
         table.notes.append(
             "undecided: these few runs do not show by a test that the ANEES differs from 1, nor that it "
-            "is near 1. Even a large ANEES may be undecided: look at it."
+            "is near 1. Even a large ANEES may be undecided: look at it. The test is over all filters "
+            "of a problem, so that the word may change with the roster."
         )
     if "collapsed" in words_on_consistency:
         table.notes.append(_collapsed_note(scores))
