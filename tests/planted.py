@@ -4,7 +4,7 @@
 to the problem of `OWN`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, ClassVar, NamedTuple
 
@@ -19,6 +19,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian, per_run_moments
 from trackbench.filters.base import Filter
 from trackbench.models.likelihood import log_likelihood
+from trackbench.models.sensors.angular import AngularSensor
 
 OWN = """
 name: own
@@ -74,6 +75,19 @@ def inverse(A: Array) -> Array:
     return np.moveaxis(np.linalg.inv(np.moveaxis(A, -1, 0)), 0, -1)
 
 
+def at_wrong_place(sensor: Any, bug: str) -> Any:
+    """The sensor at the place that a filter with this mistake takes for its own."""
+    if not isinstance(sensor, AngularSensor):
+        return sensor
+    if bug == "place ignored":
+        return replace(sensor, at=(), platform=None)
+    if bug == "place added" and sensor.at:
+        return replace(sensor, at=tuple(-place for place in sensor.at))
+    if bug == "sensor stays" and sensor.platform is not None:
+        return replace(sensor, at=sensor.platform.place(0), platform=None)
+    return sensor
+
+
 class Track(NamedTuple):
     x: Array
     P: Array
@@ -117,8 +131,9 @@ class HandEKF(Filter[Track]):
         predicted = x, P
         if bug == "global noise":
             x = x + np.random.normal(size=x.shape)
-        seen = model.sensor.measurement(x, k)
-        H, R = model.sensor.jacobian(x, k), seen.cov
+        sensor = at_wrong_place(model.sensor, bug)
+        seen = sensor.measurement(x, k)
+        H, R = sensor.jacobian(x, k), seen.cov
         if H.ndim == 2:
             H = np.repeat(H[..., None], runs, axis=2)
         R = np.repeat(R[..., None], runs, axis=2) if R.ndim == 2 else R

@@ -21,6 +21,7 @@ COMMON = (*COMMON, "global noise", "late", "prior ignored", "Q times dt", "Q for
 KALMAN = ("F transposed", "sign of innovation", "stale covariance", "R forgotten", "float32")
 KALMAN = (*KALMAN, "half Joseph", "gain forgotten")
 EKF = ("degrees", "no wrap", "runs mixed", "in place", "uncorrelated", "speed limit")
+EKF = (*EKF, "place ignored", "place added", "sensor stays")
 PARTICLES = ("degrees", "no wrap", "runs mixed", "weights not normalized", "weights stay")
 PARTICLES = (*PARTICLES, "weights squared", "weights ignored", "mean of squares")
 BUGS: dict[type[Any], tuple[str, ...]] = {
@@ -79,6 +80,9 @@ def test_a_mistake_is_found(base: type[Any], bug: str) -> None:
         (HandPF, "global noise", "global np.random"),
         (HandPF, "sigma", "the covariance is too small: sigma for sigma^2"),
         (HandEKF, "Q times dt", "the covariance is too large"),
+        (HandEKF, "place ignored", "with a radar at [-1500, 2000] the estimates equal those"),
+        (HandEKF, "place added", "fits with a radar at the origin, and not with a radar at"),
+        (HandEKF, "sensor stays", "and not with a radar that moves on a `platform`"),
         (HandEKF, "NIS doubled", "are the innovation and S those before the update?"),
     ],
 )
@@ -96,6 +100,19 @@ def test_the_errors_of_an_angle_without_wrap_name_it() -> None:
     what = misfit(with_bug(HandEKF, "no wrap")(), ModelDraws(base=RADAR), 40)
     assert "the innovation of azimuth is not wrapped" in what
     assert "not wrapped" not in misfit(with_bug(HandEKF, "sigma")(), ModelDraws(base=RADAR), 40)
+
+
+def test_the_errors_of_a_filter_at_the_origin_name_the_place() -> None:
+    """On the problem of a config, whose place may be a constant of the filter."""
+    at = "at: [-1500, 400], sigma_range"
+    on = problem(planted.OWN_RADAR.replace("sigma_range", at))
+    reasons = found(with_bug(HandEKF, "place ignored"), on)
+    assert "ignores the place" in reasons["errors and covariance fit reference filters"]
+    assert "uses the place of the sensor" not in reasons
+    assert not found(with_bug(HandEKF, ""), on)
+    # Other mistakes are not called one of the place.
+    other = found(with_bug(HandEKF, "degrees"), on)
+    assert "ignores the place" not in other["errors and covariance fit reference filters"]
 
 
 RANDOM = ("apf", "enkf", "pf")

@@ -125,3 +125,12 @@ def test_a_program_is_a_filter_in_a_known_language(
     done = trackbench("new", *words.split(), cwd=tmp_path)
     assert (done.returncode, done.stderr) == (2, f"{problem}\n")
     assert not list(tmp_path.iterdir())
+
+
+def test_a_written_filter_stays_symmetric_in_long_runs(tmp_path: Path) -> None:
+    """Rounding errors of a covariance's symmetry grow from step to step, if they stay in it."""
+    made = trackbench("new", "filter", "my-ekf", "--per-run", "--nonlinear", cwd=tmp_path)
+    assert made.returncode == 0, made.stderr
+    done = trackbench("check", "--contract", "my_ekf.py", "--on", "uav-radar", cwd=tmp_path)
+    assert "good  covariance is symmetric and positive definite" in done.stdout, done.stdout
+    assert "of 920 steps of the experiment" in done.stdout

@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from io import BytesIO
@@ -72,6 +73,30 @@ def test_a_word_that_is_neither(tmp_path: Path) -> None:
     assert done.stderr == (
         "turn: is neither a file nor a shipped experiment; did you mean turn.yaml?\n"
     )
+
+
+def test_a_word_of_another_kind_is_explained(tmp_path: Path) -> None:
+    """A suite, its problem, a folder: with the name that is allowed, and the command."""
+    problem_file = EXPERIMENTS / "suites" / "problems" / "banana.yaml"
+    assert problem_file.is_file()
+    shutil.copytree(ROOT / "results" / "radar-turns", tmp_path / "stored")
+    (tmp_path / "banana").mkdir()
+    expected = {
+        "banana": f"trackbench suite standard --problem banana` runs it; {problem_file}",
+        "drone": "is a problem of the suite standard; uav-radar is the name for other commands",
+        "noise": "is a suite, which is a list; `trackbench suite noise` runs it; turning-aircraft",
+        "tracking-problems": "is the folder of several shipped experiments; turning-aircraft",
+        str(problem_file.parent): "is a folder; name one of its files: banana.yaml",
+        "stored": "is a results folder; name its config, stored/config.yaml",
+        "./stored": "is a results folder; name its config, stored/config.yaml",
+        str(EXPERIMENTS / "suites" / "noise.yaml"): "is a suite of problems; `trackbench suite`",
+    }
+    for word, texts in expected.items():
+        done = trackbench("check", word, cwd=tmp_path)
+        assert done.returncode == 2
+        (line,) = done.stderr.splitlines()
+        for text in texts.split("; "):
+            assert text in line, (word, line)
 
 
 def test_no_two_files_have_the_same_name() -> None:

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from tests.commands import trackbench
 from tests.conftest import ROOT
 from tests.suite_scores import stored_suite
-from trackbench.commands import prepare
+from trackbench.commands import prepare, suite_contract
 from trackbench.commands import run_suite as run_suite_module
 from trackbench.commands.prepare import Options
 from trackbench.commands.run_suite import SuiteReport, _recorded_seconds, preview_suite, run_suite
@@ -314,6 +314,58 @@ def test_a_problem_of_a_suite_is_no_experiment_and_has_a_hint() -> None:
     done = trackbench("show", "short-range")
     assert "neither a file" not in done.stderr
     assert "`trackbench show banana-short` prints the experiment with its scenario" in done.stderr
+
+
+TURNS = """\
+name: turns
+runs: 5
+groups:
+  g:
+    title: G
+    filters: {EKF: {kind: ekf}}
+    problems:
+      t: {class: turns, use: turning-aircraft, score: rms(rmse_position), set: {scenario.last: 20}}
+"""
+
+
+def test_the_contract_is_checked_before_a_suite(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Once for each of the user's own filters; failed checks are notes, and the last sentences."""
+    (tmp_path / "turns.yaml").write_text(TURNS)
+    (tmp_path / "good.py").write_text(EKF.replace("my-ekf", "good").replace("MyEKF", "Good"))
+    text = EKF.replace("my-ekf", "raw").replace("MyEKF", "Raw")
+    assert "m.innovation(z, m.h(self.x))" in text
+    (tmp_path / "raw.py").write_text(
+        text.replace("m.innovation(z, m.h(self.x))", "(z - m.h(self.x))")
+    )
+    monkeypatch.chdir(tmp_path)
+    options = Options(
+        engine="serial", formats=("svg",), times=False, filters=["good.py", "raw.py"], out="out"
+    )
+    report = run_suite(Path("turns.yaml"), options)
+    assert report is not None
+    good, raw = report.contract
+    assert (good.label, good.bad, good.is_finished, good.sentence()) == ("good", (), True, "")
+    assert "wraps angles at their cut" in {finding.check for finding in raw.bad}
+    assert report.sentences()[-1] == raw.sentence()
+    assert raw.sentence().startswith("raw fails 2 checks of the contract of filters, 'wraps angles")
+    assert "`trackbench check --contract raw.py`" in raw.sentence()
+    notes = capsys.readouterr().err
+    assert (
+        "note: raw: fails the check 'wraps angles at their cut' of the contract: the inn" in notes
+    )
+    assert "note: good" not in notes
+    assert "raw fails 2 checks of the contract" in (tmp_path / "out" / "suite.html").read_text()
+    # A filter whose checks take long is not checked to the end, and a sentence says so.
+    monkeypatch.setattr(suite_contract, "_CONTRACT_S", 0.0)
+    report = run_suite(Path("turns.yaml"), options)
+    assert report is not None
+    assert [outcome.is_finished for outcome in report.contract] == [False, False]
+    assert report.sentences()[-1] == (
+        "raw was not checked by the whole contract of filters, which takes long: "
+        "`trackbench check --contract raw.py`."
+    )
 
 
 def test_problems_without_the_users_filter_are_not_computed(own: Path) -> None:
@@ -680,6 +732,34 @@ def test_a_large_ratio_that_is_not_significant_is_undecided() -> None:
         style.close(figure)
     assert "1.20  undecided by these runs" in legend
     assert "may be as good" not in legend
+
+
+def test_the_smallest_error_is_said_with_its_evidence() -> None:
+    """On p every other filter is significantly worse; on q one is not, and on r one has equal errors."""
+    alike = {"word": "no significant difference"}
+    scores = [
+        score("p", "x", "own", 1.0, word="best"),
+        score("p", "x", "A", 1.5, word="worse"),
+        score("p", "x", "B", 1.1, word="loses more runs"),
+        score("q", "x", "own", 1.0, word="best"),
+        score("q", "x", "A", 1.5, word="worse"),
+        score("q", "x", "B", 1.1, **alike),
+        score("r", "x", "own", 1.0, **alike),
+        score("r", "x", "A", 1.0, word="best"),
+        score("s", "x", "own", 1.2, word="worse"),
+        score("s", "x", "A", 1.0, word="best"),
+        score("t", "x", "own", 1.0, word="best"),
+        score("t", "x", "A", 1.3, word="untested"),
+    ]
+    group = SuiteScores(group="g", title="G", scores=scores, runs={}, added=("own",))
+    lines = filter_sentences(group, "own")
+    assert "Its error is significantly smaller than that of every other filter on p." in lines
+    assert (
+        "It has the smallest error of these runs on q, r and t, but not significantly: with other runs "
+        "another filter may have it."
+    ) in lines
+    table = filter_table([group], "own")
+    assert table.notes[0] == "best: the smallest error of these runs, significant or not."
 
 
 def test_the_typical_ratio_where_a_filter_ran_by_hand() -> None:

@@ -150,6 +150,39 @@ def test_a_program_that_reads_the_sensors_passes_the_contract(radar_ekf: Path) -
     assert "needs the state" in tracker.conflicts(bearings)[""]
 
 
+ORIGIN = ("x[0] - at[0], dy = x[2] - at[1]", "x[0], dy = x[2]")
+"""What the program of the page has, and what a program has that takes every radar to the origin."""
+
+
+@pytest.fixture(scope="session")
+def origin_ekf(radar_ekf: Path) -> Path:
+    """The program of docs/any-language.md that assumes that the radar stands at the origin."""
+    source = (SOURCE.parent / "radar_ekf.c").read_text()
+    assert ORIGIN[0] in source
+    program = radar_ekf.with_name("origin_ekf")
+    program.with_suffix(".c").write_text(source.replace(*ORIGIN))
+    compiler = shutil.which("cc") or "gcc"
+    subprocess.run(
+        [compiler, str(program.with_suffix(".c")), "-o", str(program), "-lm"], check=True
+    )
+    return program
+
+
+def test_the_contract_finds_a_program_that_ignores_the_place(origin_ekf: Path) -> None:
+    (findings,) = check_file(origin_ekf).values()
+    bad = [finding for finding in findings if finding.verdict == "bad"]
+    assert [finding.check for finding in bad] == ["uses the place of the sensor"]
+    assert "subtract the place `at` of the sensor" in bad[0].why
+    assert "answer `error` to an `at` that is not [0.0,0.0]" in bad[0].why
+    # On a problem the program may have the place as a constant: its errors show that it has not.
+    on = ModelDraws(base=radar(x=4000.0, y=3000.0, at=(-1500.0, 2000.0)))
+    findings = [*check_filter(External, external(origin_ekf), on=on)]
+    assert [finding.check for finding in findings if finding.verdict == "bad"] == [
+        "errors and covariance fit reference filters"
+    ]
+    assert "ignores the place of the sensor" in findings[-1].why
+
+
 def test_the_page_lists_the_components_of_every_sensor() -> None:
     page = (ROOT / "docs" / "any-language.md").read_text(encoding="utf-8")
     table = page.partition("| `kind` | `components` |")[2].partition("\n\n")[0]

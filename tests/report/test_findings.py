@@ -297,6 +297,26 @@ def test_the_word_on_consistency_belongs_to_all_filters_of_the_table(tmp_path, r
     assert [label for label, row in rows.items() if row["ANEES"] == "overconfident"] == ["A"]
 
 
+def test_a_word_that_depends_on_the_other_filters_is_noted(tmp_path, rng, A) -> None:
+    """A is too certain by three standard errors, which a test of A alone shows, and one of ten not."""
+    exact = rng.standard_normal((10, M))
+    exact = 2.0 + (exact - exact.mean(axis=1, keepdims=True)) / exact.std(axis=1, keepdims=True)
+    nees = dict(zip("ABCDEFGHIJ", exact, strict=True))
+    nees["A"] = 2.0 + 2.0 * (nees["A"] - 2.0) + 3.0 * 2.0 / np.sqrt(M)
+    few = {label: nees[label] for label in "A"}
+    texts = {}
+    for name, nees_of_table in {"few": few, "many": nees}.items():
+        (tmp_path / name).mkdir()
+        results = folder(tmp_path / name, dict.fromkeys(nees_of_table, A), nees=nees_of_table)
+        (table,) = ranking_tables(results)
+        notes = [note for note in table.notes if note.startswith("undecided: ")]
+        texts[name] = (ranked(results)["A"]["ANEES"], notes)
+    assert texts["few"] == ("overconfident", [])
+    word, (note,) = texts["many"]
+    assert word == "undecided"
+    assert note.startswith("undecided: A (overconfident) is decided by a test of one filter alone.")
+
+
 @pytest.mark.parametrize(("filters", "settings"), [(6, 1), (2, 10)])
 def test_equal_filters_differ_in_one_experiment_of_a_hundred(rng, filters, settings) -> None:
     """The correction is for all that was tried, also where each filter is at the best of settings."""

@@ -25,6 +25,7 @@ from trackbench.commands.prepare import (
 )
 from trackbench.commands.run_experiment import run_each
 from trackbench.commands.stored_results import Report
+from trackbench.commands.suite_contract import ContractOutcome, check_own_filters
 from trackbench.config.shipped_experiments import SuiteTime, suite_names, suite_times
 from trackbench.config.suite import FittedProblem, Suite, load_suite, shown_label
 from trackbench.durations import expected_time_in_words
@@ -69,6 +70,8 @@ class SuiteReport:
     groups: list[SuiteScores]
     failed: list[str]
     """filters, tables and figures that failed, a line each, with the problem"""
+    contract: list[ContractOutcome]
+    """outcomes of the contract for the user's own filters"""
 
     def tables(self) -> list[TextTable]:
         """Return the tables of the first screen: the user's filters, or the whole rosters."""
@@ -90,6 +93,7 @@ class SuiteReport:
             reach_sentence(self.groups, label, label in self.suite.programs, models)
             for label in self.suite.own
         ]
+        lines += [outcome.sentence() for outcome in self.contract]
         return [line for line in lines if line]
 
     def smoothers(self) -> list[TextTable]:
@@ -300,6 +304,11 @@ def run_suite(
         say(f"note: --quick leaves out {names}, {reason}", options)
     for line in _left_out_notes(suite):
         say(f"note: {line}", options)
+    # A shard writes no scores, and its other shards would repeat the checks.
+    contract = [] if options.shard else check_own_filters(suite)
+    for outcome in contract:
+        for line in outcome.notes():
+            say(f"note: {line}", options)
     scores: dict[str, list[Score]] = {name: [] for name in suite.settings.groups}
     runs: dict[str, dict[str, ProblemRuns]] = {name: {} for name in suite.settings.groups}
     failed: list[str] = []
@@ -330,7 +339,9 @@ def run_suite(
         for name, group in suite.settings.groups.items()
         if scores[name] or not_computed[name]
     ]
-    result = SuiteReport(suite=suite, folder=folder, groups=groups, failed=failed)
+    result = SuiteReport(
+        suite=suite, folder=folder, groups=groups, failed=failed, contract=contract
+    )
     ensure_folder(folder)
     write_scores(folder, groups)
     earlier = earlier_problems(folder, groups)

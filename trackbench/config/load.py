@@ -152,6 +152,9 @@ def load(
         home = config.parent
     if not isinstance(source.data, dict):
         raise UserError(source.problem((), "an experiment is a mapping of keys to values"))
+    if "groups" in source.data and "scenario" not in source.data:
+        message = "is a suite of problems, and no experiment; run it by `trackbench suite`"
+        raise UserError(Problem(source.mark(("groups",)), "groups", message))
     source.programs = None if allow_plugins else {str(file.absolute()) for file in chosen}
     # Step 2: put it together: files that it includes, then options of the command line.
     unread = inline_parts(source, home)

@@ -147,10 +147,24 @@ def located(config: Path, note: Callable[[str], None]) -> Path:
         if shipped_file is not None and config.suffix == ".yaml" and not config.exists():
             message = f"no such file or directory; the shipped experiment is {shipped_file}"
             raise UserError(Problem(Mark(word), "", message))
+        if config.is_dir():
+            raise UserError(Problem(Mark(word), "", _describe_folder(config)))
         return config
+    if config.is_dir() and word not in files():
+        raise UserError(Problem(Mark(word), "", _describe_word(word) or _describe_folder(config)))
     if config.exists():
         note(f"note: using the shipped experiment {word}; the folder of this name is ignored")
     return find_shipped(word)
+
+
+def _describe_folder(path: Path) -> str:
+    """Describe a folder that was named in place of a config, and list its configs."""
+    if (path / "manifest.json").is_file() and (path / "config.yaml").is_file():
+        return f"is a results folder; name its config, {path / 'config.yaml'}, or the experiment"
+    configs = sorted(file.name for file in path.glob("*.yaml"))
+    if not configs:
+        return "is a folder; name a file in YAML, or an experiment of `trackbench list`"
+    return f"is a folder; name one of its files: {_first_names(configs)}"
 
 
 def find_shipped(name: str) -> Path:
@@ -164,28 +178,71 @@ def find_shipped(name: str) -> Path:
     for ending in (".yml", ".yaml"):
         if Path(f"{name}{ending}").is_file():
             hint = f"did you mean {name}{ending}?"
-    for suite, problem in _problems_of_suites(name):
+    message = _describe_word(name) or f"is neither a file nor a shipped experiment; {hint}"
+    raise UserError(Problem(Mark(name), "", message))
+
+
+def _describe_word(word: str) -> str:
+    """Describe a problem of a suite, a suite, or a folder of shipped experiments; empty for other words.
+
+    The text says what to name in place of the word.
+    """
+    file_by_name = files()
+    for suite, problem in _problems_of_suites(word):
         message = (
-            f"is a problem of the suite {suite}: `trackbench suite {suite} --problem {name}` "
+            f"is a problem of the suite {suite}: `trackbench suite {suite} --problem {word}` "
             "runs it, and with --dry-run shows its state and measurement"
         )
-        experiment = problem.get("use") or name
+        experiment = str(problem.get("use") or word)
         if experiment in file_by_name:
-            message += f"; `trackbench show {experiment}` prints the experiment with its scenario"
-        raise UserError(Problem(Mark(name), "", message))
-    message = f"is neither a file nor a shipped experiment; {hint}"
-    raise UserError(Problem(Mark(name), "", message))
+            return (
+                f"{message}; `trackbench show {experiment}` prints the experiment with its scenario, "
+                f"and {experiment} is the name for other commands"
+            )
+        file = folder() / _SUITES / experiment
+        return f"{message}; for other commands, name the file of its experiment: {file}"
+    if word in suite_names():
+        used = {problem.get("use") or name for name, problem in _all_problems(word)}
+        experiments = sorted(name for name in used if name in file_by_name)
+        return (
+            f"is a suite, which is a list of problems: `trackbench suite {word}` runs it; for other "
+            f"commands, name one of its experiments: {_first_names(experiments)}"
+        )
+    in_folder = sorted(name for name, file in file_by_name.items() if file.parent.name == word)
+    if in_folder:
+        return (
+            f"is the folder of several shipped experiments; name one of them: "
+            f"{_first_names(in_folder)}"
+        )
+    return ""
+
+
+_MOST_LISTED = 12
+
+
+def _first_names(listed_names: list[str]) -> str:
+    """Write names with commas; of more than `_MOST_LISTED` the first ones, and how many more."""
+    words = listed_names[:_MOST_LISTED]
+    if len(listed_names) > _MOST_LISTED:
+        words.append(f"{len(listed_names) - _MOST_LISTED} more")
+    return ", ".join(words)
 
 
 def _problems_of_suites(name: str) -> Iterator[tuple[str, dict[str, object]]]:
     """Yield the shipped suites that have a problem of this name, each with the problem's keys."""
+    for suite in suite_names():
+        for problem_name, problem in _all_problems(suite):
+            if problem_name == name:
+                yield suite, problem
+
+
+def _all_problems(suite: str) -> Iterator[tuple[str, dict[str, object]]]:
+    """Yield the problems of a shipped suite, each with its keys."""
     from trackbench.yaml_source import read
 
-    for suite in suite_names():
-        groups = read(suite_file(Path(suite))).data["groups"]
-        for group in groups.values():
-            if name in group["problems"]:
-                yield suite, group["problems"][name]
+    groups = read(suite_file(Path(suite))).data["groups"]
+    for group in groups.values():
+        yield from group["problems"].items()
 
 
 class Copied(NamedTuple):

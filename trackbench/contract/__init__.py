@@ -294,10 +294,12 @@ def _exemptions(tracker: AnyFilter, scenario: Scenario, why_not_linear: str) -> 
         exempt.setdefault("tracks", "is another problem than the contract's")
         if not isinstance(scenario, ModelDraws):
             exempt.setdefault("interval", exempt["tracks"])
+            exempt.setdefault("place", exempt["tracks"])
             exempt.setdefault("angles", exempt["tracks"])
     elif not takes_model(tracker, of_radar=scenario is RADAR):
         exempt.setdefault("kalman", _OWN_MODEL)
         exempt.setdefault("consistency", _OWN_MODEL)
+        exempt.setdefault("place", _OWN_MODEL)
         # A filter of one run gets dt, so these checks are fair without its model.
         if not tracker.loops_over_runs:
             exempt.setdefault("interval", _OWN_MODEL)

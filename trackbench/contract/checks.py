@@ -10,8 +10,10 @@ from typing import TypeAlias
 import numpy as np
 
 from trackbench.contract.angles import angles_of, mistaken_angle
-from trackbench.contract.diagnosis import misfit, mistaken_track
+from trackbench.contract.diagnosis import PLACE_IGNORED, misfit, mistaken_track
 from trackbench.contract.problems import (
+    MOVING,
+    PLACED,
     PLANAR,
     PRECISE,
     RADAR,
@@ -29,6 +31,7 @@ from trackbench.contract.problems import (
     simulate,
     why_not,
     with_gaps,
+    with_sensors_at_origin,
 )
 from trackbench.core import linalg
 from trackbench.core.angles import near
@@ -279,7 +282,7 @@ def _require_covariances(P: Array, steps: Index, tried: str) -> None:
     if difference.max() > tolerance:
         where = _name_places(difference > tolerance, steps, tried)
         what = f"not symmetric: correlations differ by {difference.max():.2g}, {where}"
-        raise ContractError(f"{what}; P - K S K' is")
+        raise ContractError(f"{what}; keep (P + P') / 2 after each update")
     least_eigenvalue = np.linalg.eigvalsh(correlations).min(axis=-1)
     if least_eigenvalue.min() < -tolerance:
         where = _name_places(least_eigenvalue < -tolerance, steps, tried)
@@ -392,7 +395,7 @@ def _check_unequal_intervals(tracker: AnyFilter, scenario: ModelDraws) -> None:
         raise ContractError(f"is the EKF at equal intervals and not at unequal ones: {what}")
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=8)
 def _compare_with_references(tracker: AnyFilter, problem: ModelDraws) -> str:
     """Describe how a filter's errors and covariances differ from those of reference filters.
 
@@ -417,6 +420,89 @@ def _with_many_particles(tracker: AnyFilter) -> AnyFilter:
     if tracker.particle_count < _LEAST_N and any(f.name == "N" for f in fields(tracker)):
         return replace(tracker, N=_LEAST_N)
     return tracker
+
+
+def _check_place(tracker: AnyFilter, scenario: Scenario) -> None:
+    """Check that the estimates depend on the place of a sensor, and fit one that moves."""
+    if isinstance(scenario, ModelDraws):
+        _check_place_of_config(tracker, scenario)
+        return
+    if not runs_on(tracker, RADAR):
+        raise LeftOutError("the filter does not run on the contract's problem of a radar")
+    if not runs_on(tracker, PLACED):
+        raise LeftOutError("the filter refuses a radar that does not stand at the origin")
+    if not _uses_measurements(tracker, PLACED):
+        raise LeftOutError("the filter uses no measurement")
+    problems = {"a radar at [-1500, 2000]": PLACED}
+    if runs_on(tracker, MOVING):
+        problems["a radar that moves on a `platform`"] = MOVING
+    # Step 1: equal data, with the radar at its place and at the origin.
+    for name, problem in problems.items():
+        if not _depends_on_place(tracker, problem):
+            what = f"with {name} the estimates equal those of a radar at the origin"
+            raise ContractError(f"{what}; {_way_to_place(tracker, problem)}")
+    # Step 2: the errors, if they fit with a radar at the origin.
+    precise_tracker = _with_many_particles(tracker)
+    if "mode" in run_filter(tracker, RADAR, simulate(RADAR, runs=2)).series:
+        return
+    at_origin = with_sensors_at_origin(PLACED)
+    assert at_origin is not None
+    if _compare_with_references(precise_tracker, at_origin):
+        return
+    for name, problem in problems.items():
+        what = _compare_with_references(precise_tracker, ModelDraws(base=problem))
+        if what:
+            what = f"fits with a radar at the origin, and not with {name}: {what}"
+            raise ContractError(f"{what}; {_way_to_place(tracker, problem)}")
+
+
+def _check_place_of_config(tracker: AnyFilter, scenario: ModelDraws) -> None:
+    """Check that the estimates depend on the places of a config's sensors.
+
+    A filter may have the places of this problem as constants. So estimates that do not depend on them
+    are no breach; the errors show whether the constants are right.
+    """
+    if with_sensors_at_origin(scenario) is None:
+        raise LeftOutError(
+            "the sensors of this problem stand at the origin; `check --contract` without `--on` tries "
+            "a radar elsewhere"
+        )
+    if not _depends_on_place(tracker, scenario):
+        raise LeftOutError(
+            "the estimates do not depend on the places of the sensors, which may be constants of the "
+            "filter; its errors show whether they are right"
+        )
+
+
+def _depends_on_place(tracker: AnyFilter, problem: Scenario) -> bool:
+    """Test whether estimates from equal data change if all sensors are moved to the origin."""
+    at_origin = with_sensors_at_origin(problem)
+    assert at_origin is not None
+    if not runs_on(tracker, at_origin):
+        return True
+    data = simulate(problem, 3)
+    at_place = run_filter(tracker, problem, data)
+    return not alike(at_place, run_filter(tracker, at_origin, data))
+
+
+def _uses_measurements(tracker: AnyFilter, problem: Scenario) -> bool:
+    """Test whether estimates change if all measurements are missing."""
+    data = simulate(problem, 3)
+    without = data._replace(measurements=np.full_like(data.measurements, np.nan))
+    return not alike(run_filter(tracker, problem, data), run_filter(tracker, problem, without))
+
+
+def _way_to_place(tracker: AnyFilter, problem: Scenario) -> str:
+    """Advise how a filter takes the place of a sensor from its model, or refuses such a sensor."""
+    if problem is MOVING:
+        text = "subtract from the position the place of the sensor at each step"
+        if tracker.runs_program:
+            return f"{text}, or answer `error` to a sensor that has the key `platform`"
+        return text
+    text = "subtract the place `at` of the sensor from the position"
+    if tracker.runs_program:
+        return f"{text}, or answer `error` to an `at` that is not [0.0,0.0]"
+    return text
 
 
 def _check_tracks(tracker: AnyFilter, scenario: Scenario) -> None:
@@ -472,6 +558,9 @@ def _check_angles(tracker: AnyFilter, scenario: Scenario) -> None:
         )
         raise LeftOutError(f"{why}; `--on CONFIG` names an experiment that it is written for")
     if what:
+        # A filter with a wrong place counts every angle wrongly.
+        if PLACE_IGNORED in _compare_with_references(_with_many_particles(tracker), problem):
+            raise LeftOutError(f"cannot be tested, as {PLACE_IGNORED}")
         raise ContractError(what)
 
 
@@ -536,6 +625,7 @@ CHECKS: dict[str, tuple[str, Check]] = {
     "gaps": ("predicts over a missing measurement", _check_gaps),
     "interval": ("uses the interval between steps", _check_interval),
     "tracks": ("follows the target", _check_tracks),
+    "place": ("uses the place of the sensor", _check_place),
     "angles": ("wraps angles at their cut", _check_angles),
     "kalman": ("equals the Kalman filter on a linear model", _check_against_kalman),
     "consistency": ("errors and covariance fit reference filters", _check_consistency),

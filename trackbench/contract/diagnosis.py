@@ -13,6 +13,7 @@ from trackbench.contract.problems import (
     simulate,
     why_not,
     with_gaps,
+    with_sensors_at_origin,
 )
 from trackbench.core import linalg
 from trackbench.core.angles import near
@@ -33,6 +34,11 @@ _CAP = 10.0  # largest squared error that counts, in units of its expectation: t
 _CAP_OF_DISTANCE = 2.0  # largest squared distance from the reference that counts
 _LOST = 1.9  # RMSE above the reference's 1, at which most squared errors are beyond the cap
 _MAX_DEVIATION = 6.0  # standard errors of a paired difference
+PLACE_IGNORED = (
+    "the filter ignores the place of the sensor, which does not stand at the origin: it must subtract "
+    "`at` from the position"
+)
+"""Cause of errors of a filter that is right for sensors at the origin."""
 
 
 class Scores(NamedTuple):
@@ -112,13 +118,20 @@ def score(
     )
 
 
-def misfit(tracker: AnyFilter, scenario: Scenario, runs: int, seed: int = 1) -> str:
+def misfit(
+    tracker: AnyFilter,
+    scenario: Scenario,
+    runs: int,
+    seed: int = 1,
+    tested_scenario: Scenario | None = None,
+) -> str:
     """Describe how a filter's scores differ from those of the package's filters; empty if they fit.
 
-    All filter the same ``runs`` runs of a problem that is drawn from the filter's model.
+    All filter the same ``runs`` runs of a problem that is drawn from the filter's model. The tested
+    filter is given the model of ``tested_scenario``; default: that of ``scenario``, as the others.
     """
     data = with_gaps(simulate(scenario, runs, seed=seed))
-    tested = run_filter(tracker, scenario, data)
+    tested = run_filter(tracker, tested_scenario or scenario, data)
     # Step 1: references. A filter that draws is compared with a particle filter of as many particles.
     sensor = scenario.model.sensor
     has_moments = not (has_own_density(sensor) and sensor.why_no_moments())
@@ -180,6 +193,11 @@ def misfit(tracker: AnyFilter, scenario: Scenario, runs: int, seed: int = 1) -> 
             unwrapped_angle = name_of_unwrapped(tracker, scenario, data, tested, center)
             if unwrapped_angle:
                 return f"{text}; the innovation of {unwrapped_angle} is not wrapped"
+    if tested_scenario is None and "squared_distance" in differences:
+        # The filter gets the model with the place, and data of sensors at the origin.
+        origin = with_sensors_at_origin(scenario)
+        if origin is not None and not misfit(tracker, origin, runs, seed, scenario):
+            return f"{text}; {PLACE_IGNORED}"
     if isinstance(scenario, ModelDraws) and has_constant_covariance(tested):
         return (
             f"{text}; the covariance is constant: is the start scored, before it holds? "

@@ -4,9 +4,9 @@ Truth and measurements are draws from the model that the filter gets. So a filte
 errors of the size that its covariance states, and a filter of the package is as good as it can be.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.random import SFC64, Generator
@@ -23,6 +23,7 @@ from trackbench.models.description import description_of, with_description
 from trackbench.models.motions.irregular import Irregular
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.priors import augment_prior
+from trackbench.models.sensors.angular import AngularSensor, Platform
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
@@ -155,14 +156,21 @@ def planar(q: float = 25.0, sigma: float = 20.0, T: float = 2.0) -> Tracking:
 
 
 def radar(
-    q: float = 25.0, sigma: float = 40.0, T: float = 2.0, x: float = -5000.0, y: float = 20.0
+    q: float = 25.0,
+    sigma: float = 40.0,
+    T: float = 2.0,
+    x: float = -5000.0,
+    y: float = 20.0,
+    at: tuple[float, ...] = (),
+    platform: Platform | None = None,
 ) -> Tracking:
     """Make a radar's problem; by default the target is about where the azimuth jumps by 2 pi.
 
     ``q`` is the intensity of the target's random acceleration. ``sigma`` is the standard deviation of
-    the range in m, and of the azimuth in mrad. The target starts at ``x`` and ``y``, m.
+    the range in m, and of the azimuth in mrad. The target starts at ``x`` and ``y``, m. The radar stands
+    ``at`` a place, m, by default at the origin, or moves on a ``platform``.
     """
-    sensor = RangeAzimuth(sigma_range=sigma, sigma_azimuth_mrad=sigma)
+    sensor = RangeAzimuth(sigma_range=sigma, sigma_azimuth_mrad=sigma, at=at, platform=platform)
     return _tracking(sensor, Launch(x=x, vx=150.0, y=y, vy=-10.0), q, T)
 
 
@@ -170,6 +178,40 @@ PLANAR = planar()
 RADAR = radar()
 PRECISE = radar(sigma=5.0, x=4000.0, y=3000.0)
 UNEQUAL = ModelDraws(base=PLANAR, unequal=True)
+PLACED = radar(x=4000.0, y=3000.0, at=(-1500.0, 2000.0))
+"""Problem of a radar that does not stand at the origin."""
+MOVING = radar(
+    x=4000.0, y=3000.0, platform=Platform(steps=(0, 8), x=(-1500.0, 900.0), y=(2000.0, 400.0))
+)
+"""Problem of a radar that moves from this place on."""
+
+
+def with_sensors_at_origin(problem: Scenario) -> ModelDraws | None:
+    """Move all sensors of a problem to the origin; None if they stand there, or cannot be moved."""
+    base = problem
+    unequal = False
+    if isinstance(problem, ModelDraws):
+        base = problem.base
+        unequal = problem.unequal
+    if not isinstance(base, Tracking):
+        return None
+    moved = replace(
+        base,
+        sensor=_at_origin(base.sensor),
+        assume=replace(base.assume, sensor=_at_origin(base.assume.sensor)),
+    )
+    if moved == base:
+        return None
+    return ModelDraws(base=moved, unequal=unequal)
+
+
+def _at_origin(sensor: Any) -> Any:
+    """Return a sensor or a tuple of sensors without places and platforms; None stays None."""
+    if isinstance(sensor, tuple):
+        return tuple(_at_origin(single) for single in sensor)
+    if isinstance(sensor, AngularSensor) and not sensor.at_origin:
+        return replace(sensor, at=(), platform=None)
+    return sensor
 
 
 def at_unequal_intervals(problem: Scenario) -> ModelDraws | None:

@@ -146,6 +146,13 @@ def _ranking_table(results: Results, ranking: Ranking, of_settings: bool) -> Tex
     if indefinite_texts:
         texts = phrases.listed(indefinite_texts)
         table.notes.append(f"Covariance {NOT_DEFINITE}: {texts}. {INDEFINITE_NOTE}")
+    decided_alone = _decided_alone(results, consistency_words)
+    if decided_alone:
+        verb = phrases.verb(decided_alone)
+        table.notes.append(
+            f"undecided: {phrases.listed(decided_alone)} {verb} decided by a test of one filter alone. "
+            "The words are tested over all filters of the table, and may change with them."
+        )
     diverged_texts = _diverged_runs(results, candidates, consistency_words)
     if diverged_texts:
         table.notes.append(
@@ -505,6 +512,21 @@ def consistency(results: Results, candidates: Sequence[Candidate]) -> dict[Candi
         first_indefinite = _first_indefinite_of_squares(results, candidate)
         words[candidate] = _consistency_word(squares, sign, least_and_largest, first_indefinite)
     return words
+
+
+def _decided_alone(results: Results, words: dict[Candidate, str]) -> list[str]:
+    """List the undecided filters that a test without the others of the table calls by another word."""
+    texts = []
+    for candidate, word in words.items():
+        if word != "undecided":
+            continue
+        squares = _normalized_squares(results, candidate)
+        z = _z_of_mean(squares, _mean_if_consistent(results, candidate))
+        (sign,) = rules.signs([z])
+        if sign:
+            word_alone = "overconfident" if sign > 0 else "underconfident"
+            texts.append(f"{candidate.label} ({word_alone})")
+    return texts
 
 
 def _normalized_squares(results: Results, candidate: Candidate) -> Array:

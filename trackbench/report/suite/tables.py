@@ -30,7 +30,7 @@ from trackbench.statistics.collapsed_runs import (
     NOT_DEFINITE,
     indefinite_in_words,
 )
-from trackbench.statistics.rules import ALIKE, FEWEST_RUNS, UNTESTED
+from trackbench.statistics.rules import ALIKE, FEWEST_RUNS, UNTESTED, WORSE
 
 NEAR = 1.1
 """Factor within which a filter is near the best."""
@@ -87,7 +87,7 @@ def roster_table(group: SuiteScores) -> TextTable:
         "filter. A ratio counts as 10 at most, and a filter that cannot be run, or loses significantly "
         "more runs than another, as 10. Where it ran: the same without the problems that the filter "
         "cannot be run on; filters that ran on different problems cannot be compared by it.",
-        "Best: the smallest error, significant or not.",
+        "Best, Within 10 %, Within 2 x: by the errors of these runs, significant or not.",
         f"Fails: {WORST:g} times the error of the best filter or more, or all runs lost, or "
         "significantly more than another filter loses.",
         "Overconfident: its covariance is too small, in all runs together, or in some by far (collapsed "
@@ -165,6 +165,8 @@ def filter_table(groups: Sequence[SuiteScores], label: str) -> TextTable:
     table.rows += map(_score_row, scores)
     ratios = " ".join(ratio_in_words(score) for score in scores if score.has_error)
     words_on_consistency = " ".join(score.consistency for score in scores)
+    if any(score.word == BEST for score in scores):
+        table.notes.append("best: the smallest error of these runs, significant or not.")
     if "n.s." in ratios:
         table.notes.append("n.s.: no significant difference from the best filter of the problem.")
     if "undecided" in ratios:
@@ -182,7 +184,8 @@ def filter_table(groups: Sequence[SuiteScores], label: str) -> TextTable:
     if "undecided" in words_on_consistency:
         table.notes.append(
             "undecided: these few runs do not show by a test that the ANEES differs from 1, nor that it "
-            "is near 1. Even a large ANEES may be undecided: look at it."
+            "is near 1. Even a large ANEES may be undecided: look at it. The test is over all filters "
+            "of a problem, so that the word may change with the roster."
         )
     if "collapsed" in words_on_consistency:
         table.notes.append(_collapsed_note(scores))
@@ -284,9 +287,7 @@ def filter_sentences(group: SuiteScores, label: str) -> list[str]:
         return lines
     if len(group.labels(FILTER)) > 1:
         lines.append(_typical_ratio_sentence(group, label, len(run), len(scores)))
-        first = [score.problem for score in run if is_best(score)]
-        if first:
-            lines.append(f"It has the smallest error on {joined(first)}.")
+        lines += _first_sentences(group, run)
     failing = [score.problem for score in run if fails(score)]
     if failing:
         text = (
@@ -307,6 +308,41 @@ def filter_sentences(group: SuiteScores, label: str) -> list[str]:
     likeness = nearest_filter(group, label)
     if likeness is not None:
         lines.append(_likeness_sentence(likeness))
+    return lines
+
+
+def _first_sentences(group: SuiteScores, scores: Sequence[Score]) -> list[str]:
+    """Return sentences on the problems where a filter has the smallest error, by its ``scores``.
+
+    Those where it is significantly smaller than that of every other filter have a sentence of their own.
+    """
+    significant = []
+    not_significant = []
+    for score in scores:
+        if not is_best(score):
+            continue
+        others = [
+            other
+            for other in group.of_role(FILTER)
+            if other.problem == score.problem and other.label != score.label
+        ]
+        compared = [other for other in others if not other.is_left_out]
+        if not compared:
+            continue
+        # The words compare with the best filter, which this one is, or which it equals.
+        if all(not other.has_error or other.word in (WORSE, LOSES_MORE) for other in compared):
+            significant.append(score.problem)
+        else:
+            not_significant.append(score.problem)
+    lines = []
+    if significant:
+        place = f"on {joined(significant)}"
+        lines.append(f"Its error is significantly smaller than that of every other filter {place}.")
+    if not_significant:
+        lines.append(
+            f"It has the smallest error of these runs on {joined(not_significant)}, but not "
+            "significantly: with other runs another filter may have it."
+        )
     return lines
 
 

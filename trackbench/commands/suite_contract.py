@@ -1,0 +1,106 @@
+"""Check the user's own filters of a suite against the contract, once, before the suite runs."""
+
+import inspect
+import os
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from trackbench.config.suite import Suite
+from trackbench.contract import Finding, check_filter
+from trackbench.contract.problems import ModelDraws
+from trackbench.errors import counted
+from trackbench.filters.base import AnyFilter
+from trackbench.filters.external import External
+from trackbench.report.findings.phrases import joined
+
+_CONTRACT_S = 10.0
+"""Seconds after which no further check of a filter begins."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ContractOutcome:
+    """Outcome of the contract for one of the user's own filters."""
+
+    label: str
+    command: str
+    """command that runs the whole contract"""
+    bad: tuple[Finding, ...]
+    """checks that the filter fails"""
+    is_finished: bool
+    """False if checks were left out because they take long"""
+
+    def notes(self) -> Iterator[str]:
+        """Yield a line for each check that the filter fails, and one if checks were left out."""
+        for finding in self.bad:
+            yield f"{self.label}: fails the check {finding.check!r} of the contract: {finding.why}"
+        if not self.is_finished:
+            yield (
+                f"{self.label}: was not checked by the whole contract, which takes longer than "
+                f"{_CONTRACT_S:g} s for this filter; run `{self.command}`"
+            )
+
+    def sentence(self) -> str:
+        """Return a sentence on failed checks, for the last lines on the screen; empty without any."""
+        if not self.bad:
+            if self.is_finished:
+                return ""
+            return (
+                f"{self.label} was not checked by the whole contract of filters, which takes long: "
+                f"`{self.command}`."
+            )
+        names = joined([repr(finding.check) for finding in self.bad])
+        return (
+            f"{self.label} fails {counted(len(self.bad), 'check')} of the contract of filters, {names}. "
+            "Its errors may come from this mistake and say little about the filter: "
+            f"`{self.command}` prints the reason."
+        )
+
+
+def check_own_filters(suite: Suite) -> list[ContractOutcome]:
+    """Check each of the user's own filters with its keys on the first problem that it fits.
+
+    The problems are those of the contract. If the filter runs on none of them, the model of that first
+    problem is taken.
+    """
+    outcomes = []
+    for label in suite.own:
+        for problem in suite.problems:
+            point = problem.experiment.points[0]
+            if label not in point.filters:
+                continue
+            own_problem = ModelDraws(base=point.assumed_scenario(label))
+            outcomes.append(_check(label, point.filters[label], own_problem))
+            break
+    return outcomes
+
+
+def _check(label: str, tracker: AnyFilter, own_problem: ModelDraws) -> ContractOutcome:
+    """Check a filter until `_CONTRACT_S` seconds are over."""
+    deadline = time.monotonic() + _CONTRACT_S
+    bad = []
+    is_finished = True
+    for finding in check_filter(type(tracker), tracker, [own_problem]):
+        if finding.verdict == "bad":
+            bad.append(finding)
+        if time.monotonic() > deadline:
+            is_finished = False
+            break
+    command = f"trackbench check --contract {_file_of(tracker)}"
+    return ContractOutcome(label=label, command=command, bad=tuple(bad), is_finished=is_finished)
+
+
+def _file_of(tracker: AnyFilter) -> str:
+    """Return the file of a filter as a command names it: a program, or the file of a class."""
+    if isinstance(tracker, External):
+        files = [word for word in tracker.command if Path(word).is_file()]
+        path = files[-1] if files else tracker.command[0]
+    else:
+        path = inspect.getfile(type(tracker))
+    relative = os.path.relpath(path)
+    if relative.startswith(".."):
+        return path
+    if isinstance(tracker, External):
+        return f"./{relative}"
+    return relative
