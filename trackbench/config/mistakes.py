@@ -130,7 +130,24 @@ def mistakes_of(
     problems: dict[Problem, None] = {}
     for details in error.errors(include_url=False):
         problems |= dict.fromkeys(_problems_of(details, source, keys, cls, also))
-    return _merge_union_problems(problems)
+    merged = _merge_union_problems(problems)
+    return [_with_typed_paths(problem, source.typed_folders) for problem in merged]
+
+
+def _with_typed_paths(problem: Problem, typed_folders: Mapping[str, str]) -> Problem:
+    """Write the paths of data files in a problem as the user wrote them.
+
+    ``typed_folders`` has the folders as the user wrote them, by their absolute paths.
+    """
+    file = problem.mark.file
+    what = problem.what
+    for folder, typed_folder in typed_folders.items():
+        beginning = re.compile(rf"(?<![\w/.-]){re.escape(folder)}/+(?=[^/])")
+        typed_beginning = "" if typed_folder == "." else f"{typed_folder.rstrip('/')}/"
+        typed_beginning = typed_beginning.replace("\\", r"\\")  # a backslash would be an escape
+        file = beginning.sub(typed_beginning, file)
+        what = beginning.sub(typed_beginning, what)
+    return replace(problem, mark=replace(problem.mark, file=file), what=what)
 
 
 def _merge_union_problems(problems: Collection[Problem]) -> list[Problem]:
