@@ -154,14 +154,16 @@ class WrittenConfig(NamedTuple):
     """Written files, and for an experiment on recorded data what is left to the user.
 
     ``unknown`` are sensors whose place must be written, ``unused`` columns that are not read, and
-    ``quantities`` what they may hold. ``left_out`` says which filters are comments only, and
-    ``units`` which units were guessed. Options that name a column begin with the ``prefix``, which
-    several files need. ``notes`` are those of the config, if all places of landmarks are known.
+    ``quantities`` what they may hold. ``unused_of_truth`` are columns of the truth that are not read.
+    ``left_out`` says which filters are comments only, and ``units`` which units were guessed. Options
+    that name a column begin with the ``prefix``, which several files need. ``notes`` are those of the
+    config, if all places of landmarks are known.
     """
 
     paths: Sequence[Path]
     unknown: Sequence[str] = ()
     unused: Sequence[str] = ()
+    unused_of_truth: Sequence[str] = ()
     quantities: Sequence[str] = ()
     left_out: Sequence[str] = ()
     units: Sequence[str] = ()
@@ -318,6 +320,7 @@ def write_config_for(
         paths=[path],
         unknown=unknown,
         unused=unused,
+        unused_of_truth=[] if truth_guess is None else truth_guess.unused_columns,
         quantities=usable_quantities(first_with_unused),
         left_out=left_out_filters(guess),
         units=units,

@@ -401,6 +401,7 @@ def _recognized_columns(
     form = _text_format(path, user_format, why)
     names = header(path, form)
     sample = Sample(path, names, form)
+    sample.require_rows()
     for key, column in user_naming.columns.items():
         if column and column not in names:
             what = (
