@@ -76,7 +76,9 @@ def test_what_is_measured_has_fields() -> None:
     (found,) = lines("describe", "median")
     assert (found["group"], found["text"]) == ("statistics", "median over the runs")
     named = {line["kind"]: line for line in lines("list", "metrics")}
-    units = {name: named[name]["unit"] for name in ("anees", "lost", "log_score", "mode", "mse", "rmse")}
+    units = {
+        name: named[name]["unit"] for name in ("anees", "lost", "log_score", "mode", "mse", "rmse")
+    }
     assert units == {
         **{"anees": "1", "lost": "1", "log_score": "nats"},
         **{"mode": "1", "mse": None, "rmse": "quantity"},

@@ -435,8 +435,8 @@ def table_of(
 ) -> TextTable:
     """Tabulate the numbers that differ; a note names the filters of which no number differs.
 
-    ``names`` are the names of the first and second folder, as column headings. If the rows ``has_tests``,
-    the p-value of each test has a column.
+    ``names`` are the names of the first and second folder, as column headings. With ``has_tests`` the
+    p-value of each row's test has a column.
     """
     heads = ["Filter", "Metric", *names, "Difference", "Change", "z"]
     if has_tests:
