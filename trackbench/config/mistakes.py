@@ -212,6 +212,10 @@ def _problems_of(
         keys_of_owner = where[len(keys) : -1]  # below the mapping that was read as ``cls``
         owner = _find_dataclass(cls, keys_of_owner, location)
         message = _describe_unknown_key(str(location[-1]), owner, also if owner is cls else ())
+        hints = getattr(cls, "hints_on_unknown_keys", {})
+        for key in keys_of_owner:
+            if key in hints:
+                message = f"{message}; {hints[key]}"
         return [Problem(source.key_mark(where), dotted(where), message)]
     if error_type == "missing" and isinstance(location[-1], int):
         message = (
