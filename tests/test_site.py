@@ -32,6 +32,7 @@ from trackbench.metrics import METRICS
 from trackbench.registry import GROUPS, kinds
 from trackbench.report.plotting import style
 from trackbench.statistics.rules import ALIKE, BETTER, EQUAL, UNTESTED, WORSE
+from trackbench.yaml_source import parse
 
 PAGES = cache(reference.pages)
 
@@ -54,7 +55,10 @@ def test_every_kind_has_its_keys_defaults_and_source(group: str) -> None:
         for key in entry["keys"]:
             if not key["key"].startswith("assume."):
                 assert key["key"] in rows
-        assert all(f"preset: {name}" in sections[kind] for name in entry["presets"])
+        for name, keys in entry["presets"].items():
+            (text,) = re.findall(rf"`preset: {name}` is `(.*)`", sections[kind])
+            if keys:
+                assert parse(f"{{{text}}}", "preset.yaml").data == keys
         first = entry["text"].split()[0].strip("`")
         assert first in sections[kind]
 

@@ -5,7 +5,7 @@ import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.machinery import PathFinder
 from importlib.resources import files
 from pathlib import Path
@@ -60,6 +60,9 @@ _FILES_KEY = "measurement_naming"
 _OPTION_OF_TABLE = re.compile(r"--set '?(?!'|(?:truth_naming|input_naming|landmarks)\.)")
 """Beginning of an option that answers a question on a table."""
 _INPUT_GAP = re.compile(r"`input_gap: ([^`]*)`")
+_KEY_OF_TABLE = re.compile(r"\b(?:there is no |which )(?=(?:columns|units)\.)")
+"""Words of a mistake before the key of a table's column or unit."""
+_OPTION = "--set "
 _OPTIONS_OF_KEYS = {
     "truth": "--truth FILE",
     "truth_gap": "--truth FILE",
@@ -153,14 +156,16 @@ class WrittenConfig(NamedTuple):
     """Written files, and for an experiment on recorded data what is left to the user.
 
     ``unknown`` are sensors whose place must be written, ``unused`` columns that are not read, and
-    ``quantities`` what they may hold. ``left_out`` says which filters are comments only, and
-    ``units`` which units were guessed. Options that name a column begin with the ``prefix``, which
-    several files need. ``notes`` are those of the config, if all places of landmarks are known.
+    ``quantities`` what they may hold. ``unused_of_truth`` are columns of the truth that are not read.
+    ``left_out`` says which filters are comments only, and ``units`` which units were guessed. Options
+    that name a column begin with the ``prefix``, which several files need. ``notes`` are those of the
+    config, if all places of landmarks are known.
     """
 
     paths: Sequence[Path]
     unknown: Sequence[str] = ()
     unused: Sequence[str] = ()
+    unused_of_truth: Sequence[str] = ()
     quantities: Sequence[str] = ()
     left_out: Sequence[str] = ()
     units: Sequence[str] = ()
@@ -218,7 +223,7 @@ def write_config_for(
             raise UserError(Problem(mark, "", message))
         remaining = [change for change in remaining if change not in table_changes]
         keys = [change.removeprefix(prefix) for change in table_changes]
-        namings[prefix] = _read_naming(mark, keys)
+        namings[prefix] = _read_naming(mark, keys, prefix)
     input_changes = [
         change for change in remaining if change.startswith(("input_gap=", "input_holds="))
     ]
@@ -317,6 +322,7 @@ def write_config_for(
         paths=[path],
         unknown=unknown,
         unused=unused,
+        unused_of_truth=[] if truth_guess is None else truth_guess.unused_columns,
         quantities=usable_quantities(first_with_unused),
         left_out=left_out_filters(guess),
         units=units,
@@ -432,7 +438,7 @@ def _guess_tables(
         table_changes = list(shared)
         if prefix:
             table_changes += [c.removeprefix(prefix) for c in changes if c.startswith(prefix)]
-        naming = _read_naming(mark, table_changes)
+        naming = _read_naming(mark, table_changes, prefix)
         # A key that is set to nothing, as clockwise=[], is an answer, too.
         said = {change.partition("=")[0].strip() for change in table_changes}
         try:
@@ -522,6 +528,7 @@ def _questions(error: DataError, prefix: str) -> UserError:
         message = place.what
         if prefix:
             message = _OPTION_OF_TABLE.sub(rf"\g<0>{prefix}", message)
+            message = _KEY_OF_TABLE.sub(rf"\g<0>{prefix}", message)
         problems.append(_problem_at(place._replace(what=message)))
     return UserError(*problems)
 
@@ -536,8 +543,10 @@ def _with_option_of_zone(
     if truth is not None:
         prefixes[truth] = "truth_naming."
     for table, prefix in prefixes.items():
-        path = os.path.abspath(table)
-        if f" of {path}? Say" in problem.what or f" of {path} counts" in problem.what:
+        # A message has the path from the working folder, or an absolute one.
+        paths = (os.path.relpath(table), os.path.abspath(table))
+        endings = [f" of {path}{words}" for path in paths for words in ("? Say", " counts")]
+        if any(ending in problem.what for ending in endings):
             message = problem.what.replace("`zone: UTC`", f"--set {prefix}zone=UTC")
             return Problem(problem.mark, problem.path, message)
     return problem
@@ -548,24 +557,47 @@ def _problem_at(place: Place) -> Problem:
     return Problem(Mark(place.file, place.line, place.column), "", place.what)
 
 
-def _read_naming(mark: Mark, changes: Sequence[str]) -> Naming:
-    """Build the naming of columns and units from the user's answers."""
+def _read_naming(mark: Mark, changes: Sequence[str], prefix: str) -> Naming:
+    """Build the naming of columns and units from the user's answers.
+
+    The user wrote the ``prefix``, such as ``truth_naming.``, before the keys in ``changes``.
+    """
     for change in changes:
         key = change.partition("=")[0]
         if key in _OPTIONS_OF_KEYS:
             message = f"this table has an option of its own, {_OPTIONS_OF_KEYS[key]}"
-            raise UserError(Problem(mark, key, message))
-    return _build_answers(Naming, mark, changes)
+            raise UserError(Problem(mark, f"{prefix}{key}", message))
+    return _build_answers(Naming, mark, changes, prefix)
 
 
-def _build_answers(cls: type[_Answers], mark: Mark, changes: Sequence[str]) -> _Answers:
-    """Build an object of a class whose keys are the user's answers; raises UserError."""
+def _build_answers(
+    cls: type[_Answers], mark: Mark, changes: Sequence[str], prefix: str = ""
+) -> _Answers:
+    """Build an object of a class whose keys are the user's answers; raises UserError.
+
+    Mistakes name the keys as the user wrote them, with the ``prefix``.
+    """
     source = Source(MarkedMapping(), mark)
-    override_all(source, changes)
-    answers = build(cls, source, ())
+    try:
+        override_all(source, changes)
+        answers = build(cls, source, ())
+    except UserError as error:
+        raise UserError(*(_with_prefix(problem, prefix) for problem in error.problems)) from None
     if answers is None:
-        raise UserError(*source.problems)
+        raise UserError(*(_with_prefix(problem, prefix) for problem in source.problems))
     return answers
+
+
+def _with_prefix(problem: Problem | str, prefix: str) -> Problem | str:
+    """Put the prefix of a table's keys before the option and the key that a problem names."""
+    if isinstance(problem, str) or not prefix:
+        return problem
+    mark = problem.mark
+    if mark.file.startswith(_OPTION):
+        mark = replace(mark, file=f"{_OPTION}{prefix}{mark.file.removeprefix(_OPTION)}")
+    message = problem.what.replace(f" {_OPTION}", f" {_OPTION}{prefix}")
+    path = problem.path and f"{prefix}{problem.path}"
+    return Problem(mark, path, message)
 
 
 def _with_some_places(text: str, origin: Sequence[float]) -> str:

@@ -102,6 +102,8 @@ class Source:
     """position of the whole"""
     problems: list[Problem] = field(default_factory=list)
     programs: set[str] | None = field(default_factory=set)  # that the user allows; None: all
+    typed_folders: dict[str, str] = field(default_factory=dict)
+    """absolute paths of the folders of data files, and these paths as the user wrote them"""
 
     def value_at(self, keys: Keys) -> Any:
         """Return the value at ``keys``."""
@@ -179,7 +181,7 @@ class Source:
             node[str(key)] = inner
             node = inner
         put(node, keys[-1], value, self.mark(keys))
-        return Source(data, self.start, programs=self.programs)
+        return Source(data, self.start, programs=self.programs, typed_folders=self.typed_folders)
 
 
 @dataclass(frozen=True)

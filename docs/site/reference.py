@@ -88,8 +88,7 @@ def _kind(entry: dict[str, Any]) -> Iterator[str]:
     keys = [key for key in entry["keys"] if not key["key"].startswith("assume.")]
     yield from _key_table(keys)
     for name, given in entry["presets"].items():
-        said = ", ".join(f"{key}: {value}" for key, value in given.items()) or "the defaults"
-        yield f"`preset: {name}` is `{said}`."
+        yield f"`preset: {name}` is `{catalog.preset_text(given)}`."
     for note in entry["notes"]:
         head, _, rest = note.partition(": ")
         if head.startswith("hooks"):

@@ -172,13 +172,30 @@ def test_an_interrupted_run_says_how_to_go_on(
     target(process.pid, number)
     stdout, stderr = process.communicate(timeout=10)
     assert process.returncode == 130
-    assert f"trackbench run {config} --format png --workers {workers}" in stderr
+    command = f"trackbench run {config} --format png --workers {workers}"
+    assert f"interrupted; finished blocks are kept, to go on: {command}\n" in stderr
     assert "Traceback" not in stdout + stderr
     kept = kept_blocks(config)
     code, stderr = finish_here(config)
     assert code == 0
     assert f"reused {kept} of 40 blocks" in stderr
     same_results(config.parent / "results" / "long", undisturbed)
+
+
+def test_without_a_finished_block_nothing_is_said_to_be_kept(tmp_path: Path) -> None:
+    text = CONFIG.replace("runs: 200\nblock: 10", "runs: 40000\nblock: 40000")
+    config = write(tmp_path, text)
+    process = start(config, "--fresh", "--workers", "1", start_new_session=True)
+    wait_for(lambda: (tmp_path / "cache" / ".trackbench-cache").exists())
+    time.sleep(0.5)
+    os.killpg(process.pid, signal.SIGINT)
+    _, stderr = process.communicate(timeout=10)
+    assert process.returncode == 130
+    assert kept_blocks(config) == 0
+    # The command begins anew, as the first one did.
+    command = f"trackbench run {config} --format png --fresh --workers 1"
+    assert f"interrupted; to begin again: {command}\n" in stderr
+    assert "kept" not in stderr
 
 
 def test_an_early_ctrl_c_is_no_traceback(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Recorded data on clocks of their own: irregular steps, dates, units, several sensors and runs."""
 
 import math
+import re
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -10,9 +11,11 @@ import numpy as np
 import pytest
 import yaml
 
+from tests.commands import trackbench
 from trackbench import api
 from trackbench.config.load import load
 from trackbench.errors import UserError
+from trackbench.scenarios.recordings.column_mapping import Naming
 
 pytestmark = pytest.mark.usefixtures("no_report")
 
@@ -464,3 +467,40 @@ def test_parquet_is_read_where_there_is_pyarrow(tmp_path: Path) -> None:
     pd.DataFrame({"time": T, "x": X[0], "y": X[1]}).to_parquet(tmp_path / "m.parquet")
     found = tracked(path)
     np.testing.assert_allclose(found["mean/KF"][0, :, 0], by_hand(T, X[0]), rtol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("zone", "offset"),
+    [("utc", 0.0), ("Z", 0.0), ("+00:00", 0.0), ("UTC+2", 7200.0), ("-0330", -12600.0)],
+)
+def test_a_zone_is_utc_in_any_case_or_an_offset(zone: str, offset: float) -> None:
+    assert Naming(zone=zone).offset == offset
+
+
+@pytest.mark.parametrize(
+    ("zone", "words"),
+    [
+        ("europe/berlin", "Europe/Berlin is +01:00 in January and +02:00 in July"),
+        ("Asia/Tokio", "write +09:00, the offset of Asia/Tokyo"),
+        ("+15:00", "'+15:00' is neither UTC nor an offset from it"),
+    ],
+)
+def test_a_zone_of_a_place_has_its_offsets_in_the_message(zone: str, words: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(words)):
+        Naming(zone=zone)
+
+
+def test_mistakes_of_clocks_name_files_as_the_config_does(tmp_path: Path) -> None:
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs" / "m.csv").write_text(table("time,x,y", dates(T, zone=""), *X))
+    (tmp_path / "t.csv").write_text(table("time,x,y", BEGIN + T, *X))
+    config(tmp_path, {"measurements": "logs/m.csv", "truth": "t.csv"})
+    done = trackbench("check", "c.yaml", cwd=tmp_path)
+    assert done.stderr.startswith("t.csv:1:1: scenario: its column time has UNIX times")
+    assert (
+        "that of logs/m.csv dates: which zone have the dates in time of logs/m.csv?" in done.stderr
+    )
+    config(tmp_path, {"measurements": "logs/m*.csv", "truth": "t.csv"})
+    done = trackbench("check", f"{tmp_path.name}/c.yaml", cwd=tmp_path.parent)
+    assert done.stderr.startswith(f"{tmp_path.name}/t.csv:1:1: scenario: ")
+    assert f"that of {tmp_path.name}/logs/m.csv dates" in done.stderr

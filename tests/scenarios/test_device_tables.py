@@ -20,6 +20,7 @@ from tests.scenarios.test_clocks import config
 from trackbench.config.load import load
 from trackbench.errors import UserError
 from trackbench.scaffold import write_config_for
+from trackbench.scenarios.recordings.column_names import columns_of
 
 Numbers = NDArray[np.float64]
 EQUATOR, SQUARED_ECCENTRICITY = 6378137.0, 0.00669437999014
@@ -235,7 +236,8 @@ def trackmate(p: Path2) -> str:
     names = "LABEL,TRACK_ID,POSITION_X,POSITION_Y,POSITION_T"
     words = "Label,Track ID,X,Y,T\n" * 2 + ",,(micron),(micron),(sec)\n"
     labels = [f"ID{k}" for k in range(p.rows)]
-    first, rest = table(names, labels, [0] * p.rows, *xy(p), decimal(p.t, 1)).split("\n", 1)
+    x, y = (decimal(1e6 * part, 2) for part in p.place)
+    first, rest = table(names, labels, [0] * p.rows, x, y, decimal(p.t, 1)).split("\n", 1)
     return f"{first}\n{words}{rest}"
 
 
@@ -577,3 +579,9 @@ def test_numbers_that_other_columns_measure_are_no_missing_cells(tmp_path: Path)
     target = {"measurements": "m.csv", "columns": columns}
     cautions = load(config(tmp_path, target, sensor=sensors)).points[0].scenario.cautions
     assert any("(`missing: [0]` would also empty cells of speed)" in note for note in cautions)
+
+
+@pytest.mark.parametrize("unit", ["um", "µm", "μm", "micron", "microns", "micrometers"])
+def test_micrometers_have_many_names(unit: str) -> None:
+    named = columns_of(["t (s)", f"x ({unit})", f"y_{unit}", f"vx [{unit}/s]"])
+    assert [named[name].unit for name in ("x", "y", "vx")] == ["um", "um", "um/s"]

@@ -176,12 +176,29 @@ def test_the_ferries(tmp_path: Path) -> None:
     assert len(scenario.steps) == 1138
 
 
+def test_columns_of_a_truth_that_are_not_used_are_named(tmp_path: Path) -> None:
+    (tmp_path / "m.csv").write_text("time,x,y\n0,1,2\n1,2,3\n2,3,4\n3,4,5\n")
+    (tmp_path / "t.csv").write_text(
+        "time,x,y,HDOP,fix q\n" + "".join(f"{k},1,2,3,4\n" for k in range(4))
+    )
+    words = ("new", "experiment", "--from", "m.csv", "--truth", "t.csv")
+    done = trackbench(*words, cwd=tmp_path)
+    assert 'columns of the truth not used: HDOP, "fix q"\n' in done.stdout
+
+
 @pytest.mark.parametrize(
     ("names", "expected"),
     [
-        ("a,b", "m.csv:1:1: no column looks like a time or a step; there are a, b"),
-        ("time,b", "m.csv:1:1: no columns look like x and y, latitude and longitude, range and"),
-        ("time,x,y", "m.csv:1:1: has no rows"),
+        ("a,b\n0,1", "m.csv:1:1: no column looks like a time or a step; there are a, b"),
+        (
+            "time,b\n0,1",
+            "m.csv:1:1: no columns look like x and y, latitude and longitude, range and",
+        ),
+        (
+            "time,x,y",
+            "m.csv:1:1: has no rows below the names time, x, y: is it the right file, and",
+        ),
+        ("a,b", "m.csv:1:1: has no rows below the names a, b: is it the right file, and complete?"),
     ],
 )
 def test_a_table_of_which_nothing_can_be_made(tmp_path: Path, names: str, expected: str) -> None:

@@ -9,6 +9,7 @@ import yaml
 from tests.conftest import EXPERIMENTS
 from trackbench import api
 from trackbench.scaffold import write_config_for
+from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.guess_errors import usual_process_noise
 from trackbench.scenarios.recordings.guess_format import Guess, recognized
 
@@ -86,6 +87,41 @@ def test_a_kalman_filter_with_it_is_consistent(
     anis = report.results.summary.set_index(["filter", "metric"])["value"]
     assert 0.8 < anis["KF", "mean(anis)"] < 1.3
     assert anis["usual", "mean(anis)"] > 3.0
+
+
+@pytest.mark.parametrize(("speed", "interval"), [(0.14, 600.0), (0.5, 3600.0), (3e-7, 5.0)])
+def test_a_slow_target_has_one_by_which_it_is_smoothed(
+    tmp_path: Path, speed: float, interval: float
+) -> None:
+    """The usual process noise lets such targets turn within a step."""
+    time = interval * np.arange(100.0)
+    sigma = 0.2 * speed * interval
+    noise = np.random.default_rng(6).normal(size=(2, 100)) * sigma
+    rows = zip(time, speed * time + noise[0], noise[1], strict=True)
+    (tmp_path / "m.csv").write_text(
+        "time,x,y\n" + "".join(f"{t:g},{x:.15f},{y:.15f}\n" for t, x, y in rows)
+    )
+    guess = recognized(str(tmp_path / "m.csv"), Naming(units={"x": "m", "y": "m"}))
+    assert 0.0 < guess.process_noise < 0.01 * usual_process_noise(guess.speed)
+    config = write_config_for(
+        tmp_path / "m.csv", "g", tmp_path, changes=["units.x=m", "units.y=m"]
+    ).paths[0]
+    assert f"q: {guess.process_noise:g}}}" in config.read_text()
+    assert "squared innovations are far below 1 over the recording" in config.read_text()
+    content = yaml.safe_load(config.read_text())
+    motion = {"kind": "cwna", "q": usual_process_noise(guess.speed)}
+    content["filters"] = {
+        "KF": {"kind": "kf"},
+        "usual": {"kind": "kf", "assume": {"motion": motion}},
+    }
+    for key in ("hold_out", "tables", "figures"):
+        content.pop(key)
+    config.write_text(yaml.safe_dump(content))
+    report = api.run(config, out=tmp_path / "out", workers=1, quiet=True, formats=())
+    anis = report.results.summary.set_index(["filter", "metric"])["value"]
+    # A guessed sigma has one digit, so that its variance may be twice the true one.
+    assert anis["usual", "mean(anis)"] < 0.3
+    assert 0.4 < anis["KF", "mean(anis)"] < 1.3
 
 
 def test_a_long_recording_is_filtered_in_parts(tmp_path: Path) -> None:

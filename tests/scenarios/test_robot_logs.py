@@ -250,6 +250,15 @@ def test_mistakes_of_a_table_of_landmarks(
     assert message in of_tables(tmp_path, *FOUR)
 
 
+@pytest.mark.parametrize("name", ["odom.csv", "tags.csv", "mocap.csv"])
+def test_a_table_with_names_alone_is_one_line_with_its_file(tmp_path: Path, name: str) -> None:
+    four_tables(tmp_path)
+    names = (tmp_path / name).read_text().splitlines()[0]
+    (tmp_path / name).write_text(names + "\n")
+    (line,) = of_tables(tmp_path, *FOUR).splitlines()
+    assert line.startswith(f"{name}:1:1: has no rows")
+
+
 def test_units_of_places_and_a_table_without_names(tmp_path: Path) -> None:
     four_tables(tmp_path)
     lines = (tmp_path / "tags.csv").read_text().splitlines()[1:]

@@ -137,6 +137,23 @@ def test_questions_name_the_file_and_its_option(tmp_path: Path) -> None:
     assert [each["time"] for each in columns] == ["Zeitpunkt", "moment"]
 
 
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        ("0.units.x=furlong", "--set {0}.units.x=furlong: {0}.units.x: 'furlong' is not one of "),
+        ("1.unts.x=m", "--set {1}.unts.x=m: {1}.unts: unknown key; did you mean units?"),
+        ("1.columns.x=q", "b.csv:1:1: no column q, which {1}.columns.x names"),
+    ],
+)
+def test_mistakes_in_answers_have_the_whole_key(tmp_path: Path, change: str, line: str) -> None:
+    first = write(tmp_path / "a.csv", "time,x,y", T, EAST, NORTH)
+    second = write(tmp_path / "b.csv", "time,x,y", T, EAST, NORTH)
+    with pytest.raises(UserError) as caught:
+        written(first, second, changes=(f"measurement_naming.{change}",))
+    message = str(caught.value).replace(f"{tmp_path}/", "")
+    assert message.startswith(line.format("measurement_naming.0", "measurement_naming.1"))
+
+
 def test_a_key_without_its_file_and_one_of_no_file_are_mistakes(tmp_path: Path) -> None:
     files = (radar(tmp_path), gps(tmp_path))
     what = (

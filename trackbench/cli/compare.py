@@ -162,7 +162,7 @@ def _gate_table(verdict: "Verdict", name: str, worse: str) -> "TextTable":
         compared = phrases.listed([phrases.named(label) for label in verdict.compared])
         parts.append(f"{'unchanged' if is_unchanged else 'not worse'}: {compared}")
     title = f"{verdict.name} is {'; '.join(parts)}"
-    table = comparison.table_of(title, verdict.rows, (name, "now"))
+    table = comparison.table_of(title, verdict.rows, (name, "now"), has_tests=True)
     runs_of_tests = [row.difference.runs for row in verdict.rows if not isnan(row.change.p)]
     if runs_of_tests:
         numbers = counted(len(runs_of_tests), "number")

@@ -129,6 +129,9 @@ def new(
         typer.echo(f"wrote {path}")
     if written.unused:
         _echo_unused_columns(written.unused, written.quantities, written.prefix)
+    if written.unused_of_truth:
+        names = _columns_in_words(written.unused_of_truth)
+        typer.echo(f"columns of the truth not used: {names}")
     for line in [*written.units, *written.left_out]:
         typer.echo(line)
     for note in written.notes:
@@ -166,9 +169,7 @@ def _echo_unused_columns(columns: Sequence[str], quantities: Sequence[str], pref
 
     The key of the column begins with the ``prefix``.
     """
-    names = ", ".join(columns[:_MOST_COLUMNS])
-    if len(columns) > _MOST_COLUMNS:
-        names += f" and {len(columns) - _MOST_COLUMNS} more"
+    names = _columns_in_words(columns)
     option = f"--set '{prefix}columns.{quantities[0]}=ITS NAME'"
     if {"speed", "course"} <= {*quantities}:
         # Neither is read without the other.
@@ -179,3 +180,11 @@ def _echo_unused_columns(columns: Sequence[str], quantities: Sequence[str], pref
         words = f"{', '.join(quantities[:-1])} or {quantities[-1]}"
     purpose = f"to use one as {words}"
     typer.echo(f"columns not used: {names} ({purpose}: {option})")
+
+
+def _columns_in_words(columns: Sequence[str]) -> str:
+    """Name columns, the first 9 of many."""
+    names = ", ".join(columns[:_MOST_COLUMNS])
+    if len(columns) > _MOST_COLUMNS:
+        names += f" and {len(columns) - _MOST_COLUMNS} more"
+    return names

@@ -130,7 +130,7 @@ def print_error(error: "UserError | RunError") -> int:
         echo_line({"good": False, "error": str(error)})
     typer.echo(f"error: {error}", err=True)
     if len(sys.argv) > 1 and sys.argv[1] in ("run", "sweep", "tune", "fit"):
-        typer.echo(f"finished blocks are kept; to go on: {resume_command()}", err=True)
+        typer.echo(way_to_go_on(), err=True)
     return 1
 
 
@@ -141,10 +141,16 @@ def echo_mistakes(problems: "Iterable[Problem | str]") -> None:
         echo_line({"good": False, "mistakes": mistakes})
 
 
-def resume_command() -> str:
-    """Repeat the command line without ``--fresh``, which would compute all anew."""
+def way_to_go_on() -> str:
+    """Write the command that goes on after an interruption, or begins again if no block is finished.
+
+    A command that goes on has no ``--fresh``, which would compute all anew.
+    """
+    cache = sys.modules.get("trackbench.execution.cache")
+    if cache is None or not cache.has_new_blocks():
+        return f"to begin again: {shlex.join(['trackbench', *sys.argv[1:]])}"
     words = [word for word in sys.argv[1:] if word != "--fresh"]
-    return shlex.join(["trackbench", *words])
+    return f"finished blocks are kept, to go on: {shlex.join(['trackbench', *words])}"
 
 
 def report_as_data(report: "Report") -> dict[str, Any]:

@@ -31,7 +31,7 @@ from trackbench.cli.output import (
     echo_line,
     print_error,
     report_as_data,
-    resume_command,
+    way_to_go_on,
 )
 
 if TYPE_CHECKING:
@@ -159,9 +159,7 @@ def execute_suite(file: Path, problems: list[str], given: dict[str, Any]) -> Non
     try:
         report = run_suite(file, options, problems)
     except KeyboardInterrupt:
-        typer.echo(
-            f"\ninterrupted; finished blocks are kept, to go on: {resume_command()}", err=True
-        )
+        typer.echo(f"\ninterrupted; {way_to_go_on()}", err=True)
         raise typer.Exit(130) from None
     if report is None:
         return
@@ -257,9 +255,7 @@ def _run(command: str, configs: list[Path], options: "Options", print_report: _P
                 if report.failed:
                     is_good = False
     except KeyboardInterrupt:
-        typer.echo(
-            f"\ninterrupted; finished blocks are kept, to go on: {resume_command()}", err=True
-        )
+        typer.echo(f"\ninterrupted; {way_to_go_on()}", err=True)
         raise typer.Exit(130) from None
     return is_good
 

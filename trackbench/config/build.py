@@ -318,6 +318,12 @@ def _make_paths_absolute(cls: type, source: Source, keys: Keys, values: dict[str
             values[key] = [_absolute_path(path, folder, may_be_word) for path in paths]
         else:
             values[key] = _absolute_path(paths, folder, may_be_word)
+        if may_be_word:
+            continue
+        for path in paths if isinstance(paths, list) else [paths]:
+            if isinstance(path, str):
+                typed_folder = (folder / path).parent
+                source.typed_folders[str(typed_folder.absolute())] = str(typed_folder)
 
 
 def _absolute_path(path: object, folder: Path, may_be_word: bool) -> object:

@@ -130,7 +130,24 @@ def mistakes_of(
     problems: dict[Problem, None] = {}
     for details in error.errors(include_url=False):
         problems |= dict.fromkeys(_problems_of(details, source, keys, cls, also))
-    return _merge_union_problems(problems)
+    merged = _merge_union_problems(problems)
+    return [_with_typed_paths(problem, source.typed_folders) for problem in merged]
+
+
+def _with_typed_paths(problem: Problem, typed_folders: Mapping[str, str]) -> Problem:
+    """Write the paths of data files in a problem as the user wrote them.
+
+    ``typed_folders`` has the folders as the user wrote them, by their absolute paths.
+    """
+    file = problem.mark.file
+    what = problem.what
+    for folder, typed_folder in typed_folders.items():
+        beginning = re.compile(rf"(?<![\w/.-]){re.escape(folder)}/+(?=[^/])")
+        typed_beginning = "" if typed_folder == "." else f"{typed_folder.rstrip('/')}/"
+        typed_beginning = typed_beginning.replace("\\", r"\\")  # a backslash would be an escape
+        file = beginning.sub(typed_beginning, file)
+        what = beginning.sub(typed_beginning, what)
+    return replace(problem, mark=replace(problem.mark, file=file), what=what)
 
 
 def _merge_union_problems(problems: Collection[Problem]) -> list[Problem]:
@@ -195,6 +212,10 @@ def _problems_of(
         keys_of_owner = where[len(keys) : -1]  # below the mapping that was read as ``cls``
         owner = _find_dataclass(cls, keys_of_owner, location)
         message = _describe_unknown_key(str(location[-1]), owner, also if owner is cls else ())
+        hints = getattr(cls, "hints_on_unknown_keys", {})
+        for key in keys_of_owner:
+            if key in hints:
+                message = f"{message}; {hints[key]}"
         return [Problem(source.key_mark(where), dotted(where), message)]
     if error_type == "missing" and isinstance(location[-1], int):
         message = (

@@ -4,6 +4,7 @@ import re
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass
+from difflib import SequenceMatcher
 from typing import TYPE_CHECKING
 
 from trackbench.config.build import hints_of
@@ -26,6 +27,7 @@ from trackbench.evaluation.summary import series_of
 from trackbench.extension_points import field_values
 from trackbench.filters.base import AnyFilter
 from trackbench.registry import Group
+from trackbench.scenarios.score import has_position_and_velocity
 from trackbench.statistics.sample_statistics import STATISTICS
 from trackbench.yaml_source import Keys, Source
 
@@ -37,6 +39,14 @@ _ERROR_SERIES = (*SERIES_OF_ERRORS, "rmsd")
 
 The RMSD is one of them. It compares estimates with those of the reference, and needs no truth at a step.
 """
+_ADDED_BY_ERRORS = ("squared", "error")
+"""Series of an error that the key `errors` of a scenario's `score` adds."""
+_MOST_RELATIVES = 6
+"""Known metrics of one name or quantity that a message lists."""
+_USUAL_ERRORS = ("rmse", "bias", "crps", "mae", "std", "mse")
+"""Metrics of one quantity, the most used first."""
+_TYPO = 0.9
+"""Likeness from which on a word is taken for another one with a slip."""
 _ADDED_BY = {
     "settling_s": "`settled_error` of a target `legs`",
     "not_settled": "`settled_error` of a target `legs`",
@@ -50,6 +60,7 @@ _ADDED_BY = {
 """Keys that add metrics, by metric."""
 _GATE = "a filter with a `gate`, such as `gate: 0.999`"
 _LEGS = "a target `legs` and a filter with a maneuvering mode, such as `imm`"
+_PATH = "a target with positions, such as `legs` or `waypoints`, or a recording with their truth"
 _PARTICLES = "a particle filter, such as `pf`"
 _ALARMS = "a filter that decides on maneuvers, `adaptive-kf` or `input-estimation`"
 _MEASURED_WITH = {
@@ -77,8 +88,8 @@ _MEASURED_WITH = {
     "onset_age_s": _LEGS,
     "false_maneuvers_per_1000": _LEGS,
     "overshoot_m": "a target `legs` that turns",
-    "peak": "a truth of positions",
-    "beyond_10_sigma": "a truth of positions",
+    "peak": _PATH,
+    "beyond_10_sigma": _PATH,
     "rmsd": "the key `reference`, which names the filter to compare with",
 }
 """Filters and parts of the scenario that have metrics, by metric."""
@@ -231,6 +242,36 @@ def _nearest_metric(word: str, known: Collection[str], bases: Sequence[str]) -> 
     return nearest(word, sorted(known))
 
 
+def _related_metrics(measure: Measure, known: Collection[str]) -> list[str]:
+    """Return the known metrics that have the name or the quantity of ``measure``, 6 at most.
+
+    Those of its name come first, the nearest first. Each has the statistic with which it is known.
+    """
+    of_name: dict[str, str] = {}
+    of_quantity: dict[str, str] = {}
+    for name in sorted(known, key=lambda name: (len(name), name)):
+        other = measured(name)
+        if other.relation != measure.relation:
+            continue
+        if other.quantity.startswith("predicted") and "predicted" not in measure.quantity:
+            continue
+        if other.definition.name == measure.definition.name:
+            of_name.setdefault(other.base, name)
+        elif other.quantity == measure.quantity and other.definition.name in _USUAL_ERRORS:
+            of_quantity.setdefault(other.base, name)
+    by_likeness = sorted(of_name, key=lambda base: (-_likeness(measure.base, base), base))
+    by_use = sorted(
+        of_quantity, key=lambda base: _USUAL_ERRORS.index(measured(base).definition.name)
+    )
+    related = [of_name[base] for base in by_likeness] + [of_quantity[base] for base in by_use]
+    return related[:_MOST_RELATIVES]
+
+
+def _likeness(word: str, other: str) -> float:
+    """Return how alike two words are, from 0 to 1."""
+    return SequenceMatcher(None, word, other).ratio()
+
+
 def _why_unknown(request: MetricRequest, names: Names, settings: Settings) -> str | None:
     """Explain why a requested metric cannot exist or is unknown; None if it may exist.
 
@@ -266,24 +307,40 @@ def _why_unknown(request: MetricRequest, names: Names, settings: Settings) -> st
     if word in known or not request.named or names.could_be_diagnostic(measure.metric):
         return None
     # Step 3: unknown names, with a hint.
+    is_added_by_errors = metric.series in _ADDED_BY_ERRORS
     for x, y in (("px", "py"), ("x", "y")):
-        if is_of_error and quantity == "position" and {x, y} <= {*names.components}:
+        if is_added_by_errors and quantity == "position" and {x, y} <= {*names.components}:
             hint = f"`score: {{errors: {{position: [{x}, {y}]}}}}` of the scenario adds it"
             return f"{word!r} is no metric here; {hint}"
-    if is_of_error and quantity in names.components:
+    if is_added_by_errors and quantity in names.components:
         hint = f"`score: {{errors: {{{quantity}: [{quantity}]}}}}` of the scenario adds it"
         return f"{word!r} is no metric here; {hint}"
-    if metric.name in ("nees", "anees") and quantity in ("position", "velocity"):
+    has_marginals = has_position_and_velocity(names.components)
+    is_marginal = metric.name in ("nees", "anees") and quantity in ("position", "velocity")
+    if is_marginal and has_marginals:
         hint = f"`score: {{marginals: [{quantity}]}}` of the scenario adds it"
         return f"{word!r} is no metric here; {hint}"
     has_metric = any(measured(name).definition is metric for name in known)
     if metric.name in _ADDED_BY and not has_metric:
         return f"{word!r} is no metric here; the key {_ADDED_BY[metric.name]} adds it"
-    if metric.name in _MEASURED_WITH and not has_metric:
+    # A peak is one of the position alone.
+    needs_other_parts = metric.name in _MEASURED_WITH and quantity in ("", "position")
+    if needs_other_parts and not has_metric:
         needed = _MEASURED_WITH[metric.name]
         return f"{word!r} is no metric here: it needs {needed}; add this, or leave the metric out"
     known_bases = sorted({measured(name).base for name in known})
     near = _nearest_metric(word, known, known_bases)
+    near_base = measured(near).base if near else ""
+    is_slip = near_base.startswith(measure.base) or _likeness(measure.base, near_base) >= _TYPO
+    if quantity and not is_slip:
+        # The name of the metric is right, and it has no such quantity here.
+        related = _related_metrics(measure, known)
+        if related:
+            names_of_related = ", ".join(related)
+            return (
+                f"{word!r} is no metric here; of its name or quantity are known: {names_of_related}"
+            )
+        near = ""
     hint = f"did you mean {near}?" if near else unknown("", known_bases)
     return f"{word!r} is no metric here; {hint}"
 

@@ -12,12 +12,13 @@ import json
 import os
 import re
 import sys
+import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from trackbench.atomic_files import ensure_folder, write_text
 from trackbench.config.dump import as_config
@@ -138,6 +139,8 @@ def times_folder() -> Path:
 class BlockStore:
     """Store of the blocks that this version of the code computed, under one folder."""
 
+    prepared: ClassVar[dict[Path, float]] = {}
+    """folders that this process prepared for blocks, and when it did so, s since 1970"""
     root: Path
 
     def get(self, task: BlockTask) -> PackedBlock | None:
@@ -172,6 +175,7 @@ class BlockStore:
     def prepare(self) -> None:
         """Create the folder with a .gitignore and its marker; raises WriteError if that fails."""
         ensure_folder(self.root)
+        BlockStore.prepared.setdefault(self.root, time.time())
         with suppress(WriteError):  # stored blocks can be used in a read-only folder, too
             mark_cache(self.root)
             if not (self.root / ".gitignore").exists():
@@ -181,6 +185,20 @@ class BlockStore:
         version = code_digest()[:_CODE_DIGITS]
         # A text: four joined paths would take most of a lookup's time.
         return f"{self.root}/blocks/{version}/{key[:2]}/{key}.block"
+
+
+def has_new_blocks() -> bool:
+    """Test whether a block was stored since this process prepared its cache.
+
+    Workers store blocks before this process hears of them, so that the files themselves are looked at.
+    """
+    for root, begin in BlockStore.prepared.items():
+        version = root / "blocks" / code_digest()[:_CODE_DIGITS]
+        for path in version.rglob("*.block"):
+            # The clock of files may be a little behind.
+            if path.stat().st_mtime > begin - 0.05:
+                return True
+    return False
 
 
 @contextmanager

@@ -5,7 +5,7 @@ A listing reads docstrings without importing what it lists.
 
 import dataclasses
 import inspect
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, cast
 
 from trackbench.durations import listed_time_in_words
@@ -231,12 +231,32 @@ def _describe_kind(kind: str, group: Group, cls: type[Part]) -> str:
     lines += [paragraph + "\n" for paragraph in _paragraphs(cls.__doc__ or "")]
     lines += columns(_rows_of_keys(group, cls))
     for name, keys in cls.presets.items():
-        values = ", ".join(f"{key}: {value}" for key, value in keys.items()) or "the defaults"
-        lines.append(f"\n  preset {name}: {values}")
+        lines.append(f"\n  preset {name}: {preset_text(keys)}")
     lines += [f"\n  {note}" for note in _notes(group, cls)]
     if cls.explain():
         lines.append("\n" + cls.explain())
     return "\n".join(lines)
+
+
+def preset_text(keys: Mapping[str, object]) -> str:
+    """Write the keys of a preset as YAML in one line; "the defaults" if there are none."""
+    if not keys:
+        return "the defaults"
+    return ", ".join(f"{key}: {_yaml_text(value)}" for key, value in keys.items())
+
+
+def _yaml_text(value: object) -> str:
+    """Write a value as YAML in one line."""
+    if isinstance(value, Mapping):
+        return f"{{{', '.join(f'{key}: {_yaml_text(inner)}' for key, inner in value.items())}}}"
+    is_record = hasattr(value, "_fields")  # such as a metric, which writes itself
+    if isinstance(value, (list, tuple)) and not is_record:
+        return f"[{', '.join(map(_yaml_text, value))}]"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if value is None:
+        return "null"
+    return str(value)
 
 
 def _notes(group: Group, cls: type[Part]) -> Iterator[str]:
@@ -307,7 +327,7 @@ def _default_text(field: "dataclasses.Field[object]") -> str:
         return "as below"
     if field.default is None:
         return "none"
-    return str(field.default)
+    return _yaml_text(field.default)
 
 
 def _paragraphs(doc: str) -> list[str]:

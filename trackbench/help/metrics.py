@@ -9,6 +9,8 @@ from typing import Any, TypeAlias
 
 from trackbench.metrics import METRICS, Metric, metric_of, unit_of
 
+_PURE_NUMBERS = ("nees", "anees", "nis", "anis", "lost", "zeta")
+"""Metrics without a unit in tables and figures, which are pure numbers."""
 _BETTER = {"zero": "nearer 0 is better", "one": "nearer 1 is better"}
 JsonRow: TypeAlias = dict[str, Any]
 """A row that `list` or `describe` prints as JSON."""
@@ -73,7 +75,7 @@ def facts(word: str) -> JsonRow | None:
         "group": "metrics",
         "kind": word,
         "text": metric.help,
-        "unit": unit_of(word) or metric.unit,
+        "unit": _unit_as_data(metric, unit_of(word) or metric.unit),
         "better": metric.better,
     }
 
@@ -133,7 +135,7 @@ def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[JsonRow]
             "group": "metrics",
             "kind": name,
             "text": metric.help,
-            "unit": unit_of(name),
+            "unit": _unit_as_data(metric, unit_of(name)),
             "better": metric.better,
             "per_run": name in per_run,
             "per_step": name in per_step,
@@ -156,6 +158,20 @@ def statistics_known() -> dict[str, str]:
     texts = {name: statistic.help for name, statistic in STATISTICS.items()}
     texts[TIME_MEAN] = "mean over a window's steps of the RMSE over runs"
     return texts
+
+
+def _unit_as_data(metric: Metric, unit: str) -> str | None:
+    """Return a metric's unit for programs: 1 for a pure number, None for an unknown one.
+
+    ``unit`` is that of the metric with its quantity; it is empty for both.
+    """
+    if unit:
+        return unit
+    if metric.is_score:
+        return "nats"
+    if metric.name in _PURE_NUMBERS:
+        return "1"
+    return None
 
 
 def _unit_and_direction(metric: Metric, unit: str) -> str:

@@ -52,6 +52,8 @@ INDEPENDENT = "independent"
 COST = "cost"
 EXACT = "exact"
 """How recorded data are compared if the filter draws no random numbers. Any difference is real."""
+_LEAST_P = 1e-4
+"""Least p-value that a table shows."""
 INFINITE = " infinite"
 """End of the name of a row: share of the runs in which the metric is infinite."""
 
@@ -428,12 +430,18 @@ def _compare_distances(
     return change._replace(z=nan)
 
 
-def table_of(title: str, rows: Sequence[Row], names: tuple[str, str]) -> TextTable:
+def table_of(
+    title: str, rows: Sequence[Row], names: tuple[str, str], has_tests: bool = False
+) -> TextTable:
     """Tabulate the numbers that differ; a note names the filters of which no number differs.
 
-    ``names`` are the names of the first and second folder, as column headings.
+    ``names`` are the names of the first and second folder, as column headings. With ``has_tests`` the
+    p-value of each row's test has a column.
     """
-    heads = ["Filter", "Metric", *names, "Difference", "Change", "z", "Verdict"]
+    heads = ["Filter", "Metric", *names, "Difference", "Change", "z"]
+    if has_tests:
+        heads.append("p")
+    heads.append("Verdict")
     table = TextTable(title, heads)
     for row in rows:
         if row.how == EQUAL:
@@ -447,6 +455,8 @@ def table_of(title: str, rows: Sequence[Row], names: tuple[str, str]) -> TextTab
             _change(row),
             one_zero(f"{z:+.1f}") if isfinite(z) else "–",
         ]
+        if has_tests:
+            numbers.append(_p_value(row.change.p))
         cells = [Text(_series(row)), Text(_with_unit(row.metric))]
         # Any number as the second field puts the text to the right.
         cells += [Text(number, number=0.0) for number in numbers]
@@ -467,6 +477,15 @@ def _with_unit(metric: str) -> str:
     if unit == "1":  # a pure number
         return metric
     return phrases.in_unit(metric, unit)
+
+
+def _p_value(p: float) -> str:
+    """Write a p-value with two digits, and one below 0.0001 as that limit; a dash without a test."""
+    if not isfinite(p):
+        return "–"
+    if p < _LEAST_P:
+        return f"<{_LEAST_P:.4f}"
+    return phrases.rounded(p, 2)
 
 
 def _series(row: Row) -> str:

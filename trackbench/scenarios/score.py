@@ -80,7 +80,7 @@ class Score:
         if not max(first, steps[0]) <= last <= steps[-1]:
             message = f"[{first}, {last}] is not within steps {steps[0]} to {steps[-1]}"
             raise InvalidKeyError(message, "score", "steps")
-        if self.marginals and not _is_moving(components):
+        if self.marginals and not has_position_and_velocity(components):
             # The state is not position and velocity.
             raise InvalidKeyError("the state has no such parts", "score", "marginals")
         # Further errors: a usable name, and known components.
@@ -172,14 +172,14 @@ class Score:
         """
         error = mean - truth
         vectors = {name: error[as_slice(rows)] for name, rows in self._rows(components).items()}
-        if _is_moving(components) and isinstance(sensor, SensorBase):
+        if has_position_and_velocity(components) and isinstance(sensor, SensorBase):
             vectors |= sensor.errors(mean, truth)
         return vectors
 
     def _rows(self, components: tuple[str, ...]) -> dict[str, list[int]]:
         """Return the rows of a state of ``components`` that make up each error, by the error's name."""
         n = len(components)
-        if _is_moving(components):
+        if has_position_and_velocity(components):
             rows = {"position": list(range(0, n, 2)), "velocity": list(range(1, n, 2))}
         elif n == 1:
             rows = {"": [0]}  # the metric of a scalar is rmse, without a name
@@ -200,7 +200,7 @@ class Score:
         squares = {}
         for name, rows in self._rows(components).items():
             squares[name] = np.add.reduce([P[i, i] for i in rows])
-        if _is_moving(components) and isinstance(sensor, SensorBase):
+        if has_position_and_velocity(components) and isinstance(sensor, SensorBase):
             squares |= sensor.squares(P, x)
         return squares
 
@@ -233,7 +233,7 @@ def _between(steps: Index, first: int | None, last: int | None) -> Mask:
     return inside
 
 
-def _is_moving(components: tuple[str, ...]) -> bool:
+def has_position_and_velocity(components: tuple[str, ...]) -> bool:
     """Test whether the state is position and velocity along each of one to three axes."""
     return components in (
         position_velocity_names(1),

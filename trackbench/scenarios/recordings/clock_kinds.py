@@ -108,7 +108,7 @@ def clock_of_file(columns: Columns, table: Table, column: str, parts: Sequence[s
     elif first <= span[0] and span[1] <= last:
         kind = "unix"
         # Times of GPS are ahead of UTC by its leap seconds.
-        if not _GPS.isdisjoint(words) and _UNIX.isdisjoint(words) and naming.zone != "UTC":
+        if not _GPS.isdisjoint(words) and _UNIX.isdisjoint(words) and not naming.is_in_utc:
             kind = "gps"
     return FileClock(
         column=column,

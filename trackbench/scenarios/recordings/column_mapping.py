@@ -29,6 +29,7 @@ from trackbench.scenarios.recordings.csv_tables import (
     header,
     read_table,
 )
+from trackbench.scenarios.recordings.dates import is_utc, mistake_in_zone, offset_of_zone
 
 _DEGREES = 180.0 / pi
 _LIMITS = {
@@ -212,6 +213,7 @@ _DIMENSIONS = {
         "nmi": 1852.0,
         "cm": 1e-2,
         "mm": 1e-3,
+        "um": 1e-6,
     },
     "speed": {
         "m/s": 1.0,
@@ -221,6 +223,7 @@ _DIMENSIONS = {
         "mph": 0.44704,
         "cm/s": 1e-2,
         "mm/s": 1e-3,
+        "um/s": 1e-6,
         "kn/10": 1852.0 / 36000.0,
     },
     "angle": {
@@ -299,7 +302,6 @@ _PLANE = ("x", "y", "z")
 _VELOCITY = ("vx", "vy", "vz")
 _NO_ANGLES = (*_PLANE, *_VELOCITY, *GEODETIC, "range", "range_rate", "speed", "course")
 _ROUNDING = 1e-6
-_ZONE = re.compile(r"UTC|([+-])([01]\d):([0-5]\d)")
 _SAMPLE = 1000  # rows that show which columns hold words
 
 
@@ -339,9 +341,8 @@ class Naming:
             if unit not in UNITS:
                 what = f"{unit!r} is not one of {', '.join(UNITS)}"
                 raise InvalidKeyError(what, "units", key)
-        if self.zone and not _ZONE.fullmatch(self.zone):
-            what = f"{self.zone!r} is neither UTC nor an offset from it, such as +02:00"
-            raise InvalidKeyError(what, "zone")
+        if self.zone and offset_of_zone(self.zone) is None:
+            raise InvalidKeyError(mistake_in_zone(self.zone), "zone")
         if self.origin and len(self.origin) not in (2, 3):
             raise InvalidKeyError("is latitude, longitude and perhaps height", "origin")
         for name, degrees in zip(GEODETIC, self.origin[:2], strict=False):
@@ -351,14 +352,14 @@ class Naming:
                 raise InvalidKeyError(what, "origin", GEODETIC.index(name))
 
     @property
+    def is_in_utc(self) -> bool:
+        """True if the config says that times are in UTC."""
+        return is_utc(self.zone)
+
+    @property
     def offset(self) -> float:
         """Offset of dates without a zone from UTC, s."""
-        match = _ZONE.fullmatch(self.zone)
-        if match is None or self.zone == "UTC":
-            return 0.0
-        sign, hours, minutes = match.groups()
-        seconds = 3600.0 * int(hours) + 60.0 * int(minutes)
-        return -seconds if sign == "-" else seconds
+        return offset_of_zone(self.zone) or 0.0
 
     def with_defaults(self, others: "Naming") -> "Naming":
         """Return this naming, in which keys that are not set are those of the ``others``."""

@@ -59,6 +59,7 @@ _UNITS = {
     **{unit: unit for unit in UNITS},
     **{"feet": "ft", "foot": "ft", "miles": "mi", "nm": "nmi", "metre": "m", "meter": "m"},
     **{"meters": "m", "metres": "m", "kilometers": "km", "kilometres": "km"},
+    **{"umps": "um/s"},
     **{"degree": "deg", "degrees": "deg", "grad": "deg", "radians": "rad", "radian": "rad"},
     **{"knots": "kn", "knot": "kn", "kt": "kn", "kts": "kn", "kmh": "km/h", "kph": "km/h"},
     **{"kmph": "km/h", "fps": "ft/s", "cmps": "cm/s", "mmps": "mm/s", "dps": "deg/s"},
@@ -108,9 +109,11 @@ _FILLERS_OF_ODOMETRY = frozenset(("twist", "cmd", "imu", "vel", "velocity"))
 _HEADINGS = ("heading", "theta", "yaw", "psi", "phi", "orientation", "hdg")
 _ODOMETRY_UNITS = {"v": ("m/s", "km/h", "cm/s", "mm/s"), "w": ("rad/s", "deg/s")}
 _PER_SECOND = re.compile(
-    r"(?<![a-z])(km|m|cm|mm|ft|deg|rad)(?:[_ ]per[_ ]|[_ .]?(?=[sh]\^?-1)|_)(s|h)(?:\^?-1)?(?![a-z0-9])"
+    r"(?<![a-z])(km|m|cm|mm|um|ft|deg|rad)(?:[_ ]per[_ ]|[_ .]?(?=[sh]\^?-1)|_)"
+    r"(s|h)(?:\^?-1)?(?![a-z0-9])"
 )
 _NAUTICAL_MILES = re.compile(r"(?:nautical|sea)[ _-]?miles?|seemeilen?|milles? marins?")
+_MICROMETERS = re.compile(r"microns?(?![a-z])|micromet(?:er|re)s?(?![a-z])")
 _BRACKETS = re.compile(r"[\[(]([^\])]*)[\])]")
 _NUMBER = r"\d+(?:\.\d+)?(?:e[-+]?\d+)?(?:/\d+)?"
 _UNIT = "|".join(sorted(map(re.escape, {*_UNITS, *_OTHER_UNITS}), key=len, reverse=True))
@@ -329,13 +332,14 @@ def words_of(name: str) -> list[str]:
     name = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
     # posX is pos x.
     name = re.sub(r"([a-z])([A-Z])", r"\1 \2", name.replace("°", " deg")).lower()
+    name = _MICROMETERS.sub("um", name)
     # m_s, m per s and m s^-1 are m/s.
     name = _PER_SECOND.sub(r"\1/\2", name)
     name = _NAUTICAL_MILES.sub("nmi", name)
     # [0.01 m] is cm; [0.1 m], which has no name, is one word, 0.1*m.
     name = _BRACKETS.sub(_name_scaled_unit, name)
     # Units that are one word in spite of the slash; the last four are of whole numbers, such as AIS has.
-    units = r"rad/s|deg/s|km/h|cm/s|mm/s|m/s|ft/s|deg/600000|deg/100|deg/10|kn/10"
+    units = r"rad/s|deg/s|km/h|cm/s|mm/s|um/s|m/s|ft/s|deg/600000|deg/100|deg/10|kn/10"
     return re.findall(rf"[0-9.e/+-]+\*[a-z0-9/]+|{units}|[a-z0-9]+", name)
 
 

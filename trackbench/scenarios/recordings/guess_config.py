@@ -243,6 +243,8 @@ def _target_parts(guess: Guess, when: str) -> _ModelParts:
         reason = (
             f"squared innovations are about 1 over the recording; for straight motion try {q:g}"
         )
+        if guess.process_noise < q:
+            reason = f"with {q:g} squared innovations are far below 1 over the recording"
         q = guess.process_noise
     motions = f"[{{kind: cwna, q: {q / 10:g}}}, {{kind: cwna, q: {q * 10:g}}}]"
     chances = "[[0.95, 0.05], [0.05, 0.95]]"

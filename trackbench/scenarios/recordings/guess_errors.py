@@ -27,6 +27,12 @@ _LEAST_ROWS = 30
 """rows from which on they show a process noise"""
 _LARGEST_ANIS = 1.5
 """mean squared innovation per component up to which the usual process noise serves"""
+_LEAST_ANIS = 0.3
+"""mean squared innovation per component below which the usual process noise is far too large"""
+_NEAR_LIMIT = 0.75
+"""share of the largest mean squared innovation at which a process noise is small enough"""
+_LEAST_SHARE = 1e-6
+"""least process noise that is tried, as a share of that of the speed"""
 _DECADES = 4
 """powers of ten by which the process noise may be above the usual one"""
 _PART = 500
@@ -136,20 +142,42 @@ def share_of_outliers(rows: Rows, kind: str, in_degrees: bool) -> float:
 
 def usual_process_noise(speed: float) -> float:
     """Return the process noise q by which the velocity wanders by 5 % of the usual speed in a second."""
-    return float(f"{max(0.0025 * speed * speed, 1e-3):.1g}")
+    return float(f"{max(_process_noise_of_speed(speed), 1e-3):.1g}")
 
 
-def raised_process_noise(
+def _process_noise_of_speed(speed: float) -> float:
+    """Return the variance of 5 % of a speed, m^2/s^2, in a second."""
+    return 0.0025 * speed * speed
+
+
+def joined_process_noise(noises: Sequence[float | None], speed: float) -> float:
+    """Return the process noise for several sensors or files, each of which shows one of ``noises``.
+
+    None stands for a sensor that shows none, and 0 for one that `usual_process_noise` of the ``speed``
+    serves. Return 0 if the usual one serves all. A larger noise than the usual one is needed if one
+    sensor shows it, and a smaller one only if all sensors do.
+    """
+    shown = [noise for noise in noises if noise is not None]
+    if not shown:
+        return 0.0
+    largest = max(shown)
+    if largest < usual_process_noise(speed) and 0.0 in shown:
+        return 0.0
+    return largest
+
+
+def shown_process_noise(
     rows: Rows, kind: str, in_degrees: bool, sigmas: Sequence[float], speed: float
-) -> float:
+) -> float | None:
     """Return the process noise q by which a Kalman filter's squared innovations are about right.
 
-    Return 0 if they are right with that of `usual_process_noise`, or with none. ``rows`` are complete
-    and in order, ``sigmas`` are the standard deviations of the quantities of the sensor ``kind``, and
-    ``speed`` is the usual speed, m/s. ``in_degrees`` is True if the angles of ``rows`` are in degrees.
+    Return 0 if they are right with that of `usual_process_noise`, or with none, and None if the rows
+    cannot show it. ``rows`` are complete and in order, ``sigmas`` are the standard deviations of the
+    quantities of the sensor ``kind``, and ``speed`` is the usual speed, m/s. ``in_degrees`` is True if
+    the angles of ``rows`` are in degrees.
     """
     if kind not in ("position", "range-azimuth") or not speed or len(rows.time) < _LEAST_ROWS:
-        return 0.0
+        return None
     # Step 1: positions with their errors; rows far from the line between their neighbors are outliers.
     values = np.stack(_unwrapped_values(rows, kind, in_degrees))
     is_far = np.zeros(len(rows.time), dtype=np.bool_)
@@ -175,6 +203,8 @@ def raised_process_noise(
     # Step 2: the mean squared innovation falls as q rises; take the q at which it is 1.
     usual = usual_process_noise(speed)
     (usual_anis,) = _anis(time, places, covariances, 2.0 * speed, np.array([usual]))
+    if usual_anis < _LEAST_ANIS:
+        return _lowered_process_noise(time, places, covariances, speed)
     if not usual_anis > _LARGEST_ANIS:
         return 0.0
     noises = usual * np.logspace(0.0, _DECADES, 4 * _DECADES + 1)
@@ -183,6 +213,22 @@ def raised_process_noise(
         return 0.0
     log_noise = np.interp(0.0, -np.log(anis), np.log(noises))
     return float(f"{np.exp(log_noise):.1g}")
+
+
+def _lowered_process_noise(time: Array, places: Array, covariances: Array, speed: float) -> float:
+    """Return the process noise of a target that the usual one makes wander far more than it does.
+
+    As q falls to nothing, the mean squared innovation rises to a limit, which is below 1 if the errors
+    were guessed too large. The largest q at which it is near this limit is returned, as it leaves most
+    room for maneuvers. ``places`` (2, R) have errors with ``covariances`` (2, 2, R).
+    """
+    usual = usual_process_noise(speed)
+    least = _LEAST_SHARE * _process_noise_of_speed(speed)
+    decades = int(np.ceil(np.log10(usual / least)))
+    noises = np.geomspace(least, usual, 2 * decades + 1)
+    anis = _anis(time, places, covariances, 2.0 * speed, noises)
+    is_near = anis >= _NEAR_LIMIT * anis.max()
+    return float(f"{noises[is_near].max():.1g}")
 
 
 def _anis(

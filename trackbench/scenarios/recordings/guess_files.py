@@ -7,6 +7,7 @@ from pathlib import Path
 
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_mapping import COURSE, Naming
+from trackbench.scenarios.recordings.guess_errors import joined_process_noise
 from trackbench.scenarios.recordings.guess_format import Guess
 from trackbench.scenarios.recordings.time_alignment import ONE_RUN
 
@@ -31,13 +32,14 @@ def joined_guess(paths: Sequence[str], guesses: Sequence[Guess]) -> Guess:
     for key in ("time", "step"):
         if key in first.naming.columns:
             clock[key] = first.naming.columns[key]
+    speed = next((file.speed for file in files if file.speed), 1.0)
     return Guess(
         naming=Naming(columns=clock, origin=first.naming.origin),
         why={},
         runs=rows.most_common(),
         sensors=[file.sensors[0] for file in files],
-        speed=next((file.speed for file in files if file.speed), 1.0),
-        process_noise=max(file.process_noise for file in files),
+        speed=speed,
+        process_noise=joined_process_noise([file.process_noise for file in files], speed),
         names=first.names,
         steps=sum(file.steps for file in files),
         interval=min(file.interval for file in files),

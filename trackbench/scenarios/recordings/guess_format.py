@@ -68,11 +68,12 @@ from trackbench.scenarios.recordings.guess_errors import (
     ANGLES,
     SENSORS,
     error_of_azimuth,
+    joined_process_noise,
     levels_of,
     not_finer,
-    raised_process_noise,
     scatter,
     share_of_outliers,
+    shown_process_noise,
 )
 from trackbench.scenarios.recordings.guess_jumps import unexplained_jump
 from trackbench.scenarios.recordings.guess_sample import Sample, in_option
@@ -215,7 +216,7 @@ class Guess:
     speed: float
     """usual speed, m/s"""
     process_noise: float = 0.0
-    """process noise that its maneuvers need; 0 if that of the usual speed serves"""
+    """process noise that its maneuvers, or a slow target, need; 0 if that of the usual speed serves"""
     names: list[str] = field(default_factory=list)
     """all columns of the table"""
     steps: int = 0
@@ -402,6 +403,7 @@ def _recognized_columns(
     form = _text_format(path, user_format, why)
     names = header(path, form)
     sample = Sample(path, names, form)
+    sample.require_rows()
     for key, column in user_naming.columns.items():
         if column and column not in names:
             what = (
@@ -584,7 +586,7 @@ def _measured(
         guesses.append(sensor._replace(sigmas=sigmas))
     rounded_speed = float(f"{speed:.1g}") or 1.0
     noises = [
-        raised_process_noise(rows, sensor.kind, in_degrees, sensor.sigmas, rounded_speed)
+        shown_process_noise(rows, sensor.kind, in_degrees, sensor.sigmas, rounded_speed)
         for sensor, rows in zip(guesses, longest, strict=True)
     ]
     tracks: dict[str, Track] = {}
@@ -607,7 +609,7 @@ def _measured(
         runs=runs,
         sensors=guesses,
         speed=rounded_speed,
-        process_noise=max(noises),
+        process_noise=joined_process_noise(noises, rounded_speed),
         steps=steps,
         inputs=inputs,
         interval=usual_interval(np.concatenate([rows.time for rows in longest])),

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.field_types import decimals
+from trackbench.field_types import DataError, Place, decimals
 from trackbench.scenarios.recordings.column_names import other_unit_in_line, unit_in, words_of
 from trackbench.scenarios.recordings.csv_lines import TextFormat, layout_of
 from trackbench.scenarios.recordings.csv_tables import (
@@ -66,6 +66,13 @@ class Sample:
 
     def __len__(self) -> int:
         return len(self._rows)
+
+    def require_rows(self) -> None:
+        """Raise DataError for a table that has the names of its columns alone."""
+        if not self._rows:
+            names = ", ".join(self.names)[:200]
+            what = f"has no rows below the names {names}: is it the right file, and complete?"
+            raise DataError(Place(self.path, 1, 1, what))
 
     def cells(self, column: str) -> list[str]:
         """List the cells of a column; empty cells for the name "", no cells for an unknown name."""

@@ -13,7 +13,7 @@ from trackbench.scenarios.recordings.column_names import heading_of
 from trackbench.scenarios.recordings.csv_lines import TextFormat
 from trackbench.scenarios.recordings.guess_azimuths import Track
 from trackbench.scenarios.recordings.guess_format import Guess, recognized, with_places
-from trackbench.scenarios.recordings.guess_sample import Sample
+from trackbench.scenarios.recordings.guess_sample import Sample, quoted
 
 _MOST_INTERVALS = 1.5
 """usual intervals between two rows within which the truth is a straight line"""
@@ -33,6 +33,14 @@ class TruthGuess:
     """latitude and longitude of its first position, deg; empty without one"""
     places: Track | None = None
     """its positions"""
+    names: tuple[str, ...] = ()
+    """names of its columns"""
+
+    @property
+    def unused_columns(self) -> list[str]:
+        """Names of the columns that the config does not read, as YAML."""
+        used = self.naming.columns.values()
+        return [quoted(" ".join(name.split())) for name in self.names if name not in used]
 
 
 def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None) -> TruthGuess:
@@ -80,6 +88,7 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
         has_velocity=has_velocity,
         origin=found.origin,
         places=found.places,
+        names=tuple(found.names),
     )
 
 

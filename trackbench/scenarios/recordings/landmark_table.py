@@ -38,6 +38,7 @@ def read_landmarks(path: str, user_naming: Naming | None = None) -> dict[str, tu
     form = _text_format(path, user_naming.format or TextFormat())
     names = header(path, form)
     sample = Sample(path, names, form)
+    sample.require_rows()
     columns = _columns(sample, user_naming)
     # Step 2: read the places, in m.
     scales = [_scale(sample, columns[name], name, user_naming) for name in ("x", "y")]

@@ -1,7 +1,7 @@
 """A target that is driven by a motion: another truth in every run."""
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 
@@ -57,6 +57,11 @@ class PolarLaunch:
 @dataclass(frozen=True, kw_only=True)
 class Driven(Target):
     """A target whose path is drawn from a motion, the filters' default model."""
+
+    hints_on_unknown_keys: ClassVar[dict[str, str]] = {
+        "launch": "a state with other components has their values in `initial` in place of `launch`"
+    }
+    """hints beside an unknown key, by the key of the mapping that has it"""
 
     motion: Annotated[Motion, Registered("motions")]
     """motion that drives it: {kind: cwna, q: 0.1}"""

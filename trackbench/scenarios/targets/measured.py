@@ -1,8 +1,10 @@
 """Target with recorded measurements, and perhaps a recorded truth. Nothing is simulated."""
 
+import os
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -446,7 +448,7 @@ class Measured(FromFiles, Naming, Target):
         gathered.check_idle_keys()
         gathered.check_origin(origin, *origin_key)
         gathered.note_distances()
-        notices = tuple(dict.fromkeys(gathered.notices))
+        notices = self._with_file_names(gathered.notices)
         whole_clock = with_scans(clock, gathered, scans, apart)
         if known_inputs is not None:
             known_inputs = aligned_with(known_inputs, whole_clock.steps)
@@ -592,6 +594,18 @@ class Measured(FromFiles, Naming, Target):
         truth = truth_at(gathered_truth, rows, clock, gathered.runs, self.truth_gap, angles)
         gathered.notices += [f"truth: {notice}" for notice in gathered_truth.notices]
         return truth
+
+    def _with_file_names(self, notices: Sequence[str]) -> tuple[str, ...]:
+        """Return each note once, in which files have their names in place of their absolute paths."""
+        patterns = self.measurements
+        if isinstance(patterns, str):
+            patterns = (patterns,)
+        named = list(notices)
+        for path in [*patterns, self.truth, self.input_file]:
+            if path is not None:
+                folder = f"{Path(path).parent}{os.sep}"
+                named = [notice.replace(folder, "") for notice in named]
+        return tuple(dict.fromkeys(named))
 
     def start(self, timeline: Timeline) -> Array:
         """Return NaN: nothing is configured about the first state."""
