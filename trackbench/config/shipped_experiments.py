@@ -148,7 +148,7 @@ def located(config: Path, note: Callable[[str], None]) -> Path:
             message = f"no such file or directory; the shipped experiment is {shipped_file}"
             raise UserError(Problem(Mark(word), "", message))
         if config.is_dir():
-            raise UserError(Problem(Mark(word), "", _describe_folder(config)))
+            raise UserError(Problem(Mark(word, 1, 1), "", _describe_folder(config)))
         return config
     if config.is_dir() and word not in files():
         raise UserError(Problem(Mark(word), "", _describe_word(word) or _describe_folder(config)))

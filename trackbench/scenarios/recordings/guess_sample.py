@@ -9,7 +9,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place, decimals
 from trackbench.scenarios.recordings.column_names import other_unit_in_line, unit_in, words_of
-from trackbench.scenarios.recordings.csv_lines import TextFormat, layout_of
+from trackbench.scenarios.recordings.csv_lines import TextFormat, layout_of, table_rows
 from trackbench.scenarios.recordings.csv_tables import (
     first_rows,
     is_parquet,
@@ -58,6 +58,7 @@ class Sample:
         self.line = 1 if is_parquet(path) else layout_of(path, form).before + 1
         """line of the first row"""
         self._rows = first_rows(path, form, _SAMPLE)
+        self._form = form
         self._thousands = form.thousands
         self._units: list[list[str]] = []
         """lines between the names and the first row, which may have units"""
@@ -69,10 +70,18 @@ class Sample:
 
     def require_rows(self) -> None:
         """Raise DataError for a table that has the names of its columns alone."""
-        if not self._rows:
-            names = ", ".join(self.names)[:200]
-            what = f"has no rows below the names {names}: is it the right file, and complete?"
-            raise DataError(Place(self.path, 1, 1, what))
+        if self._rows or self._has_rows_of_other_widths():
+            return
+        names = ", ".join(self.names)[:200]
+        what = f"has no rows below the names {names}: is it the right file, and complete?"
+        raise DataError(Place(self.path, 1, 1, what))
+
+    def _has_rows_of_other_widths(self) -> bool:
+        """Test whether there are rows with too few or too many cells, which reading explains."""
+        if is_parquet(self.path):
+            return False
+        rows = table_rows(self.path, layout_of(self.path, self._form))
+        return next(rows, None) is not None
 
     def cells(self, column: str) -> list[str]:
         """List the cells of a column; empty cells for the name "", no cells for an unknown name."""

@@ -215,6 +215,8 @@ def _delay_notes(
 
     ``truth`` (n_x, K, M) is that of all steps. Measurements in one file are tried together.
     """
+    if len(clock.times) < 2:
+        return []
     samples = [_thinned(sample) for sample in samples]
     groups = [[sample] for sample in samples]
     if in_one_file and samples:
