@@ -293,7 +293,7 @@ scenario:
   target:
     kind: driven
     motion:
-      {kind: map, components: [a, NAME], next: {a: a + cos(NAME)*T, NAME: NAME}, Q: [[1, 0], [0, 1]]ANGLES}
+      {kind: map, components: [a, NAME], next: {a: a + cos(NAME), NAME: NAME}, Q: [[1, 0], [0, 1]]ANGLES}
   sensor: {kind: function, h: {z: a}, R: 1}
   start: {kind: given, mean: [0, 0], cov: [[1, 0], [0, 1]]}
 filters: {EKF: {kind: ekf}}
