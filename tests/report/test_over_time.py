@@ -9,6 +9,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from tests.commands import ran
 from trackbench.evaluation.metric_expression import measured
@@ -293,9 +294,9 @@ def test_lines_on_a_logarithmic_axis_begin_where_each_can(tmp_path: Path) -> Non
     stored.__dict__["columns"] = lambda name, point=None: series
     (ax,) = panels(stored.parts("figures")["time"], stored)
     first = series["step"].min()
-    for label in ("EKF", "Known"):
+    for label, first_shown in (("EKF", first), ("Known", first + 1)):
         x, y = lines(ax)[label].T
-        assert x[np.isfinite(y)][0] == first + 1
+        assert x[np.isfinite(y)][0] == first_shown
 
 
 def test_the_axes_of_estimates_have_name_and_unit(tmp_path: Path) -> None:
@@ -316,3 +317,72 @@ def test_a_caption_says_what_the_bound_is_of(tmp_path: Path) -> None:
     assert words not in replace(spec, filters=("EKF",)).default_caption(stored)
     smoothed = ran(tmp_path, text.replace("{kind: ekf}", "{kind: ekf, smooth: true}")).results
     assert f"{words}; smoothers may lie below it." in spec.default_caption(smoothed)
+
+
+KNOWN_START = """
+name: known
+runs: 3
+scenario:
+  kind: tracking
+  T: 1
+  last: 8
+  target: {kind: driven, motion: {kind: cwna, q: 1}, launch: {x: 0, y: 0, vx: 1, vy: 0}}
+  sensor: {kind: position, sigma: 10}
+  start: {kind: given, mean: [0, 1, 0, 0], cov: [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}
+filters: {KF: {kind: kf}, Smoother: {kind: kf, smooth: true}}
+bound: PCRLB
+tables: {}
+figures: {time: {kind: rmse-vs-time, metric: rmse_position, log: true}}
+"""
+
+
+def test_zeros_below_a_logarithmic_axis_are_marked(tmp_path: Path) -> None:
+    """The bound keeps its point at the step at which the error of the filter is zero."""
+    results = ran(tmp_path, KNOWN_START).results
+    (ax,) = panels(RmseVsTime(metric=RMSE, log=True), results)
+    curves = lines(ax)
+    assert np.isfinite(curves["PCRLB"][0]).all()
+    assert np.isfinite(curves["Smoother"][0]).all()
+    assert np.isnan(curves["KF"][0, 1])
+    (zeros,) = (line for line in ax.lines if line.get_label() == "_zero")
+    assert zeros.get_xdata() == curves["KF"][0, 0]
+    legend = [text.get_text() for text in ax.figure.legends[0].get_texts()]
+    assert "Zero, below the axis" in legend
+    # A linear axis shows the zero itself.
+    (ax,) = panels(RmseVsTime(metric=RMSE, y_label="error"), results)
+    assert lines(ax)["KF"][0, 1] == 0.0
+    assert not [line for line in ax.lines if line.get_label() == "_zero"]
+
+
+def test_places_of_zeros_that_lines_share_have_a_color_of_their_own() -> None:
+    ax = Figure().add_subplot()
+    first = filter_lines.Zeros(x=np.array([0.0, 2.0]), color="red")
+    second = filter_lines.Zeros(x=np.array([0.0, 3.0]), color="blue")
+    filter_lines.mark_zeros(ax, [first, second])
+    marks = {
+        line.get_color(): line.get_xdata().tolist() for line in ax.lines if len(line.get_xdata())
+    }
+    assert marks == {"red": [2.0], "blue": [3.0], style.ANY: [0.0]}
+    # Many zeros have a few marks.
+    ax = Figure().add_subplot()
+    filter_lines.mark_zeros(ax, [filter_lines.Zeros(x=np.arange(1000.0), color="red")])
+    assert len(ax.lines[0].get_xdata()) <= 30
+
+
+def test_a_value_between_zeros_is_a_dot() -> None:
+    ax = Figure().add_subplot()
+    value = np.array([np.nan, 3.0, np.nan, 4.0, 5.0])
+    filter_lines.draw_lone_points(ax, np.arange(5.0), value, "red")
+    (line,) = ax.lines
+    assert line.get_xydata().tolist() == [[1.0, 3.0]]
+
+
+def test_zeros_of_any_line_on_a_logarithmic_axis_are_marked() -> None:
+    ax = Figure().add_subplot()
+    ax.plot([1.0, 2.0, 3.0], [0.0, 1.0, 10.0], label="KF", color="red")
+    filter_lines.mark_zeros_of_lines(ax)
+    assert len(ax.lines) == 1  # a linear axis shows it
+    ax.set_yscale("log")
+    filter_lines.mark_zeros_of_lines(ax)
+    (zeros,) = (line for line in ax.lines if line.get_label() == "_zero")
+    assert zeros.get_xdata().tolist() == [1.0]

@@ -12,7 +12,8 @@ import pytest
 
 from tests.conftest import make_filter, track
 from trackbench import api
-from trackbench.core.angles import near, particles_together
+from trackbench.config.load import load
+from trackbench.core.angles import has_turns, near, particles_together
 from trackbench.core.arrays import Array
 from trackbench.core.particles import Particles
 from trackbench.errors import UserError
@@ -281,3 +282,73 @@ def test_a_uniform_start_of_a_heading() -> None:
         errors.append(np.sqrt(np.square(error).mean()))
     assert errors[0] == pytest.approx(errors[1], rel=0.2)
     assert max(errors) < 0.06
+
+
+UNDECLARED = """
+name: u
+scenario:
+  kind: tracking
+  T: 1
+  last: 9
+  target:
+    kind: driven
+    motion:
+      {kind: map, components: [a, NAME], next: {a: a + cos(NAME), NAME: NAME}, Q: [[1, 0], [0, 1]]ANGLES}
+  sensor: {kind: function, h: {z: a}, R: 1}
+  start: {kind: given, mean: [0, 0], cov: [[1, 0], [0, 1]]}
+filters: {EKF: {kind: ekf}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "angles", "is_noted"),
+    [
+        ("heading", "", True),
+        ("yaw_rad", "", True),
+        ("heading", ", angles: [heading]", False),
+        ("yaw_rate", "", False),
+        ("depth", "", False),
+    ],
+)
+def test_a_component_with_the_name_of_an_angle_is_noted(
+    tmp_path: Path, name: str, angles: str, is_noted: bool
+) -> None:
+    (tmp_path / "u.yaml").write_text(UNDECLARED.replace("ANGLES", angles).replace("NAME", name))
+    (point,) = load(tmp_path / "u.yaml").points
+    notes = [note for note in point.scenario.cautions if "angle" in note]
+    assert len(notes) == is_noted
+    assert all(f"write `angles: [{name}]` into the motion" in note for note in notes)
+
+
+def test_a_recorded_truth_that_jumps_by_a_turn_is_noted(tmp_path: Path) -> None:
+    angle = np.mod(0.2 * np.arange(80) + pi, 2.0 * pi) - pi
+    rows = [f"{k},{cos(a):.4f},{a:.4f}" for k, a in enumerate(angle.tolist())]
+    (tmp_path / "m.csv").write_text("time,z,psi\n" + "\n".join(rows) + "\n")
+    keys = "measurements: m.csv, truth: m.csv, state: [psi]"
+    text = f"""
+name: u
+scenario:
+  kind: tracking
+  target: {{kind: measured, {keys}}}
+  sensor: {{kind: function, h: {{z: cos(psi)}}, R: 1}}
+  start: {{kind: given, mean: [0], cov: [[1]]}}
+  assume: {{motion: {{kind: map, components: [psi], next: {{psi: psi + 0.2*T}}, Q: 0.01}}}}
+filters: {{EKF: {{kind: ekf}}}}
+"""
+    (tmp_path / "u.yaml").write_text(text)
+    (point,) = load(tmp_path / "u.yaml").points
+    notes = [note for note in point.scenario.cautions if "turn" in note]
+    assert len(notes) == 1
+    assert notes[0].startswith("the truth of psi jumps by a turn of 2 pi, and no key says")
+    assert notes[0].endswith("write `angles: [psi]` into the target")
+    (tmp_path / "u.yaml").write_text(text.replace("[psi]}\n", "[psi], angles: [psi]}\n", 1))
+    (point,) = load(tmp_path / "u.yaml").points
+    assert not [note for note in point.scenario.cautions if "turn" in note]
+
+
+def test_numbers_with_a_long_step_are_no_angles() -> None:
+    steps = np.array([0.0, 0.3, 0.6, 6.9, 7.2, 13.5])[:, None]
+    assert not has_turns(steps)  # they go on, and come not back
+    turning = np.array([3.0, 3.1, np.nan, -3.0, -2.9, 2.9 - 2.0 * pi])[:, None]
+    assert not has_turns(turning)  # the jump is at a missing number
+    assert has_turns(np.array([3.0, 3.1, -3.1, -3.0])[:, None])

@@ -15,6 +15,8 @@ from trackbench.core.particles import Particles
 from trackbench.core.sums import dot
 
 _TURN = 2.0 * np.pi
+_SMALL = 0.7
+"""rad; largest change of an angle from step to step by which a jump by a turn is recognized"""
 
 
 def wrap_angle(angle: Array) -> Array:
@@ -72,3 +74,18 @@ def moments_together(estimate: Gaussian, cloud: Particles, together: Particles) 
     moments = together.moments()
     mean = np.where(shifted, moments.mean, estimate.mean)
     return Gaussian(mean, np.where(shifted, moments.cov, with_axes_of(moments.cov, estimate.cov)))
+
+
+def has_turns(values: Array) -> bool:
+    """Test whether numbers (K, M) of a turn's width jump by a turn, and change by far less otherwise.
+
+    Missing ones are NaN.
+    """
+    finite = values[np.isfinite(values)]
+    if not len(finite) or np.ptp(finite) > _TURN + _SMALL:
+        return False
+    sizes = np.abs(np.diff(values, axis=0))
+    sizes = sizes[np.isfinite(sizes)]
+    is_turn = np.abs(sizes - _TURN) < _SMALL
+    others = sizes[~is_turn]
+    return bool(is_turn.any() and len(others) and (others < _SMALL).all())

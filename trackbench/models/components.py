@@ -1,5 +1,6 @@
 """Names of the components of a state, and their rows."""
 
+import re
 from collections.abc import Mapping, Sequence
 from functools import cache
 from itertools import product
@@ -10,6 +11,10 @@ from trackbench.core.arrays import Array
 from trackbench.field_types import InvalidKeyError
 
 AXES = ("x", "y", "z")
+_DIRECTIONS = frozenset(("heading", "bearing", "azimuth", "yaw", "course"))
+"""Words of the names of components that are angles."""
+_NO_DIRECTIONS = frozenset(("rate", "dot", "bias", "offset", "velocity", "speed"))
+"""Words beside them in the names of components that are none."""
 
 
 @cache
@@ -49,3 +54,9 @@ def by_component(
         if name not in components:
             raise InvalidKeyError(f"unknown component {name!r}; known: {names}", *path, name)
     return np.array([numbers.get(name, 0.0) for name in components], dtype=float)
+
+
+def may_be_angle(name: str) -> bool:
+    """Test whether a component's name is that of a direction, such as heading and yaw_rad."""
+    words = set(re.findall("[a-z]+", name.lower()))
+    return not words.isdisjoint(_DIRECTIONS) and words.isdisjoint(_NO_DIRECTIONS)

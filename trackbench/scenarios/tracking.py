@@ -7,12 +7,13 @@ from typing import Annotated
 
 import numpy as np
 
-from trackbench.core.angles import near
+from trackbench.core.angles import has_turns, near
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import Finite, InvalidKeyError, Natural, Positive, Registered, Unit
 from trackbench.models.base import Model, SampledMotion, extra_std
+from trackbench.models.components import may_be_angle, position_velocity_names
 from trackbench.models.delays import Late
 from trackbench.models.description import ModelDescription, with_description
 from trackbench.models.motions.irregular import with_angle_names
@@ -500,6 +501,7 @@ class Tracking(Scenario):
         """Notes on the target's data, on its unexpected keys, and on scored steps without a truth."""
         notes = [*self.target.notices, *self._notes_on_inputs]
         notes += self.target.cautions(self._timeline)
+        notes += self._notes_on_angles
         truth = self.recorded_truth
         if truth is not None:
             scored = self.windows[""]
@@ -510,6 +512,28 @@ class Tracking(Scenario):
             if note:
                 notes.append(note)
         return tuple(notes)
+
+    @property
+    def _notes_on_angles(self) -> list[str]:
+        """Notes on components that seem to be angles, and that no key declares as such."""
+        owner = "target" if hasattr(self.target, "angles") else "motion"
+        lengths = position_velocity_names(self.target.axes)
+        truth = self.recorded_truth
+        notes = []
+        for row, name in enumerate(self.components):
+            if name in self.angles or name in lengths:
+                continue
+            why = ""
+            if truth is not None and has_turns(truth[row]):
+                why = f"the truth of {name} jumps by a turn of 2 pi"
+            elif may_be_angle(name):
+                why = f"{name} has the name of an angle"
+            if why:
+                notes.append(
+                    f"{why}, and no key says that it is one, so that a whole turn counts as an error: "
+                    f"if it is an angle in rad, write `angles: [{name}]` into the {owner}"
+                )
+        return notes
 
     @cached_property
     def _notes_on_inputs(self) -> tuple[str, ...]:

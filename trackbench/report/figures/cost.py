@@ -167,6 +167,7 @@ class AccuracyVsCost(FigureKind):
         scales.set_plain_log_scale(ax.xaxis)
         if self.log:
             scales.set_plain_log_scale(ax.yaxis)
+            filter_lines.mark_zeros_of_lines(ax)
 
     def _floor(self, results: Results) -> str:
         """Return the label of the floor; the reference if no floor is named."""

@@ -478,35 +478,27 @@ class RmseVsTime(OverTime):
             faults = results.facts(panel.point).scenario.get("faults", ())
             if all_series:  # there is none if every filter failed
                 self.shade_faults(ax, all_series[0].rows, faults)
-            first_place = self._first_place(all_series)
+            zeros_of_lines = []
             for place, series in enumerate(all_series):
                 look = series.look
                 k, value, stderr = self.series_with_gaps(series.rows)
-                value = np.where(k < first_place, np.nan, value)
-                if self.log and scales.has_logarithm(value):
-                    value = scales.without_rounding(value)
+                is_hidden = np.zeros(len(value), dtype=np.bool_)
+                if self.log:
+                    shown = scales.without_rounding(value)
+                    is_hidden = np.isfinite(value) & np.isnan(shown)
+                    # A line of zeros alone stays, so that the legend has it.
+                    if np.isfinite(shown).any():
+                        value = shown
                 if self.draw_curve(ax, k, value, look, panel.label, panel_labels):
                     filter_lines.draw_error_band(
                         ax, k, value, stderr, look, place, lines_with_errors, self.log
                     )
+                    zeros = filter_lines.Zeros(x=k[is_hidden], color=look["color"])
+                    zeros_of_lines.append(zeros)
+                    if is_hidden.any():
+                        filter_lines.draw_lone_points(ax, k, value, look["color"])
+            filter_lines.mark_zeros(ax, zeros_of_lines)
         return self.finish(figure, panel_labels)
-
-    def _first_place(self, all_series: Sequence[MetricSeries]) -> float:
-        """Return the place on the horizontal axis at which the lines of all filters begin.
-
-        A first error of zero, or one that is only rounding, is that of a known state. A logarithmic axis
-        cannot show it, so all lines begin behind it.
-        """
-        first = -np.inf
-        for series in all_series:
-            value = series.rows["value"]
-            if not (self.log and scales.has_logarithm(value)):
-                continue
-            is_hidden = np.isfinite(value) & np.isnan(scales.without_rounding(value))
-            if is_hidden[:1].any():
-                first_shown = int(np.argmin(is_hidden))
-                first = max(first, float(series.rows[self.x][first_shown]))
-        return first
 
 
 @register("figures", "estimates")

@@ -145,6 +145,7 @@ class RmseVsParameter(FigureKind):
         scales.set_ticks_at_values(ax, places, texts, sheet().width_in - _AXIS_IN)
         if self.log_y:
             scales.set_plain_log_scale(ax.yaxis, most=np.inf)
+            filter_lines.mark_zeros_of_lines(ax)
         # A line by `axhline` has no x in units of the data, so matplotlib would not find the range of x.
         has_horizontal_lines_alone = not len(scales.drawn_values(ax.xaxis))
         if has_horizontal_lines_alone and len(np.unique(x)) > 1:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from math import ceil
 from statistics import median
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -28,6 +28,8 @@ _GRAY_POINTS = 100
 _SPIKE = 5.0
 _BULK = 0.95
 """An error is a spike if it is this many times the quantile of the filter's errors."""
+_MOST_ZEROS = 30
+"""Triangles of a line's zeros below a logarithmic axis."""
 _GAP = 3.0
 """Largest distance of two steps that a line spans, as a multiple of their median distance."""
 
@@ -193,3 +195,58 @@ def _mark_first_exit(ax: Axes, line: Line2D, bottom: float, top: float) -> None:
     )
     # The legend has one mark for all filters, in a color of its own.
     ax.plot([], [], marker=marker, color=ANY, linestyle="none", label="Leaves the axis")
+
+
+class Zeros(NamedTuple):
+    """Places of a line's zeros on the horizontal axis, (n,), and the line's color."""
+
+    x: Array
+    color: Any
+
+
+def mark_zeros(ax: Axes, zeros_of_lines: Sequence[Zeros]) -> None:
+    """Draw a triangle at the lower edge of a logarithmic axis at each place of a zero.
+
+    A zero, or an error that is only rounding, lies below every logarithmic axis. Of many zeros of a
+    line, evenly spaced ones have a triangle. One that several lines share has a color of its own.
+    """
+    thinned = [
+        Zeros(x=zeros.x[:: ceil(len(zeros.x) / _MOST_ZEROS) or 1], color=zeros.color)
+        for zeros in zeros_of_lines
+    ]
+    places = [zeros.x for zeros in thinned if len(zeros.x)]
+    if not places:
+        return
+    at_lower_edge: LineStyle = {"marker": "v", "markersize": 4.0, "linestyle": "none"}
+    below: LineStyle = {"clip_on": False, "transform": ax.get_xaxis_transform(), "label": "_zero"}
+    x, lines_at_x = np.unique(np.concatenate(places), return_counts=True)
+    shared = x[lines_at_x > 1]
+    for zeros in [*thinned, Zeros(x=shared, color=ANY)]:
+        own = zeros.x if zeros.color == ANY else np.setdiff1d(zeros.x, shared)
+        if len(own):
+            ax.plot(own, np.zeros(len(own)), color=zeros.color, **at_lower_edge, **below)
+    ax.plot([], [], color=ANY, label="Zero, below the axis", **at_lower_edge)
+
+
+def mark_zeros_of_lines(ax: Axes) -> None:
+    """Mark the zeros of all lines on a logarithmic vertical axis, which cannot show them."""
+    if ax.get_yscale() != "log":
+        return
+    zeros_of_lines = []
+    for line in ax.lines:
+        has_places = line.get_transform().contains_branch_seperately(ax.transData)[0]
+        if has_places and not str(line.get_label()).startswith("_"):
+            x, y = line_coordinates(line)
+            zeros_of_lines.append(Zeros(x=x[y == 0.0], color=line.get_color()))
+    mark_zeros(ax, zeros_of_lines)
+
+
+def draw_lone_points(ax: Axes, x: Array, value: Array, color: Any) -> None:
+    """Draw a dot at each value (n,) without a neighbor, which a line would not show."""
+    is_known = np.isfinite(value)
+    padded = np.concatenate([[False], is_known, [False]])
+    is_alone = is_known & ~padded[:-2] & ~padded[2:]
+    if is_alone.any():
+        ax.plot(
+            x[is_alone], value[is_alone], marker=".", color=color, linestyle="none", label="_alone"
+        )
