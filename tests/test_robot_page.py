@@ -10,6 +10,7 @@ from tests.commands import trackbench
 from tests.conftest import ROOT
 from trackbench import api
 from trackbench.report.findings.ranking import rankings
+from trackbench.report.findings.ranking_table import ranking_tables
 
 PAGE = (ROOT / "docs" / "your-robot.md").read_text(encoding="utf-8")
 
@@ -53,6 +54,24 @@ def test_the_tables_of_topics_need_the_two_commands_that_the_page_has(
     known = _rows(section)
     begin = known.index(rows[0])
     assert known[begin : begin + len(rows)] == rows
+
+
+def test_exchanged_tags_lead_to_the_note_that_the_page_shows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "experiments").symlink_to(ROOT / "experiments")
+    (text,) = (block.text for block in blocks(PAGE) if block.title == "robot.yaml")
+    (added,) = re.findall(r"filters:\n(  EKF with gate: .*\n)", PAGE)
+    # Without the truth and what needs it, with one filter and the gate of the page.
+    text = re.sub(r"    truth.*\n", "", text).partition("filters:")[0]
+    text += f"filters:\n  EKF: {{kind: ekf}}\n{added}tables: {{}}\nfigures: {{}}\n"
+    Path("robot.yaml").write_text(text.replace("plant, desk", "desk, plant"))
+    report = api.run("robot.yaml", engine="serial", quiet=True, formats=())
+    (table,) = ranking_tables(report.results)
+    (note,) = (note for note in table.notes if note.startswith("The gate of"))
+    (shown,) = re.findall(r"\nThe gate of .*\n", PAGE)
+    assert note.startswith(shown.strip())
 
 
 def test_the_log_begins_as_the_page_shows() -> None:

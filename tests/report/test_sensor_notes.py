@@ -93,7 +93,8 @@ def notes(
     out = folder / "out"
     report = api.run(folder / "robot.yaml", out=out, engine="serial", quiet=True, formats=())
     (table,) = ranking_tables(report.results)
-    return [note for note in table.notes if note.startswith(("The gate", "Most measurements"))]
+    beginnings = ("The gate", "Most measurements", "The landmarks")
+    return [note for note in table.notes if note.startswith(beginnings)]
 
 
 @pytest.mark.parametrize("at_once", [1, 3])
@@ -110,11 +111,20 @@ def test_a_gate_that_rejects_exchanged_tags_names_them(tmp_path: Path, at_once: 
 
 
 def test_exchanged_tags_are_named_without_a_gate(tmp_path: Path) -> None:
-    (note,) = notes(tmp_path, EXCHANGED)
+    """A robust filter goes on as if they were not there."""
+    (note,) = notes(tmp_path, EXCHANGED, "  T: {kind: ekf, robust: {kind: student-t, df: 4}}")
     assert note.startswith("Most measurements of sensor 2 (3) (")
     assert " sigma) and sensor 3 (4) (" in note
-    assert " are far from the predictions of EKF, and those of the others are within " in note
+    assert " are far from the predictions of T, and those of the others are within " in note
     assert note.endswith(SCORE)
+
+
+def test_a_filter_whose_path_is_bent_blames_no_tag(tmp_path: Path) -> None:
+    """It predicts the right tags badly, too, and a gate shows which are wrong."""
+    (note,) = notes(tmp_path, EXCHANGED)
+    assert note.startswith("The landmarks do not fit together: EKF predicts some of them by ")
+    assert "sensor " not in note.replace("gate_by: sensor", "")
+    assert "Add a filter with `gate: 0.999, gate_by: sensor`: a note then names" in note
 
 
 @pytest.mark.parametrize("at_once", [1, 3])

@@ -23,6 +23,8 @@ _FAR_SIGMAS = 5.0
 """Median prediction error, in standard deviations of the sensor, that is far."""
 _FAR_RATIO = 4.0
 """Ratio to the median prediction error of the sensors that are predicted well."""
+_NEAR_SIGMAS = 3.0
+"""Median prediction error up to which a sensor is predicted well."""
 _BEYOND_ANIS = 4.0
 """ANIS of a step from which on its measurements are beyond the filter's covariance."""
 _SIGMAS = {"range": ("sigma_range", 1.0), "bearing": ("sigma_bearing_mrad", 1e-3)}
@@ -204,13 +206,21 @@ def _far_note(predictions: Sequence[_PredictionErrors]) -> list[str]:
     others = is_known & ~is_far
     if not is_far.any() or not others.any():
         return []
+    largest_median = float(medians[others].max())
+    if largest_median > _NEAR_SIGMAS:
+        # A wrong landmark bends the path of a filter without a gate, and then others seem wrong.
+        return [
+            f"The landmarks do not fit together: {best.candidate.name} predicts some of them by "
+            f"{rounded(float(medians[is_far].max()), 2)} sigma off (median). Add a filter with "
+            "`gate: 0.999, gate_by: sensor`: a note then names the landmarks that its gate rejects."
+        ]
     texts = []
     for name, median in zip(best.names(is_far), medians[is_far].tolist(), strict=True):
         texts.append(f"{name} ({rounded(median, 2)} sigma)")
-    largest = rounded(float(medians[others].max()), 2)
     return [
         f"Most measurements of {listed(texts)} are far from the predictions of "
-        f"{best.candidate.name}, and those of the others are within {largest} sigma (medians): "
+        f"{best.candidate.name}, and those of the others are within "
+        f"{rounded(largest_median, 2)} sigma (medians): "
         f"{best.cause(is_far)}."
     ]
 
