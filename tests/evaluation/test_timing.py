@@ -1,5 +1,6 @@
 """CPU times side by side: filters of known cost; operations that are known by hand."""
 
+import time
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
@@ -68,6 +69,15 @@ class Busy(Filter[Any]):
 
 
 @dataclass(frozen=True)
+class Sleeping(Busy):
+    """One whose steps take 3 ms of wall time."""
+
+    def step(self, model: Any, state: Any, z: Any, k: int, rng: Any) -> Any:
+        time.sleep(3e-3)
+        return super().step(model, state, z, k, rng)
+
+
+@dataclass(frozen=True)
 class Object(Busy):
     """One whose state is an object that changes with each step."""
 
@@ -124,6 +134,15 @@ def test_a_second_pass_that_is_cut(
     clock.disturbances += [0.0] * (2 * T + 2 * step + 1) + [1.0]
     assert medians(measure([task(Busy(1e-4))])) == pytest.approx([1e-4 * T / WIDTH])
     assert clock.disturbances == []
+
+
+def test_a_coarse_clock_does_not_make_a_repeat_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The CPU clock shows no time for steps of 3 ms: a repeat has ten of them, not 30 000."""
+    monkeypatch.setattr(timing, "REPEATS", 1)
+    slow = Sleeping(0.0)
+    (found,) = measure([task(slow)])
+    assert isinstance(found, Measured)
+    assert len(slow.calls) <= 3 * T + 11  # the operations, two passes and the repeat
 
 
 def test_filters_take_turns(monkeypatch: pytest.MonkeyPatch) -> None:

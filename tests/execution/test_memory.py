@@ -135,6 +135,37 @@ def test_a_filter_whose_worker_is_killed_is_named_with_the_key_to_lower(
     assert 1 <= int(again[1]) <= 4  # as many as there are, though one worker died four times
 
 
+@pytest.mark.parametrize(
+    ("way_to_end", "expected"),
+    [
+        (
+            "os.kill(os.getpid(), 11)",
+            "Big failed: its worker was ended 4 times by SIGSEGV over a block of 2 runs: a segmentation "
+            "fault: an index beyond an array, or too deep a recursion. This is a fault of the compiled "
+            "code that the filter calls (runs ",
+        ),
+        (
+            "__import__('ctypes').CDLL(None)._exit(3)",
+            "Big failed: its worker ended 4 times with exit code 3 over a block of 2 runs: the filter's "
+            "code ends the process, in place of raising an exception (runs ",
+        ),
+    ],
+)
+def test_a_filter_that_ends_its_worker_is_told_how(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, way_to_end: str, expected: str
+) -> None:
+    """A fault of compiled code is not one of memory."""
+    (tmp_path / "killed.py").write_text(KILLED.replace("os.kill(os.getpid(), 9)", way_to_end))
+    (tmp_path / "c.yaml").write_text(
+        f"name: c\nruns: 4\nblock: 2\nplugins: [killed.py]\nscenario: {merwe_text(T=4)}\n"
+        "filters: {UKF: {kind: ukf}, Big: {kind: killed, N: 9}}\n"
+    )
+    monkeypatch.setenv("TRACKBENCH_CACHE", str(tmp_path / "cache"))
+    options = api.Options(workers=2, out=tmp_path / "out", formats=(), allow_plugins=True)
+    (failed,) = api.run(tmp_path / "c.yaml", options).failed
+    assert failed.startswith(expected)
+
+
 KILLED = """
 import os
 from dataclasses import dataclass

@@ -30,6 +30,8 @@ _FIRST_REPEATED = 2
 """Index of the first of these steps."""
 _REPEAT_S = 0.003
 """CPU seconds of a repeat."""
+_LONGEST_REPEAT_S = 0.03
+"""Wall seconds of a repeat, at most: a coarse CPU clock may show no time for a long step."""
 _QUICK_S = 0.1
 """CPU seconds of a pass, below which it is made twice."""
 _PASS_S = 0.5
@@ -121,6 +123,8 @@ class _Pass:
             self._data = self._data._replace(measurements=given)
         self._states: dict[int, Any] = {}
         """state before each step that is repeated"""
+        self._wall_seconds: dict[int, float] = {}
+        """wall seconds of each step that is repeated, in the last pass"""
         self._spent = self._time_steps()
         """CPU seconds of each step"""
         if self._spent.sum() < _QUICK_S:
@@ -144,9 +148,12 @@ class _Pass:
             i = len(spent)
             if i in repeated:
                 self._states[i] = self._copy(state)
+            wall_started = time.perf_counter()
             started = _clock()
             state = self._step(state, i, rng)
             spent.append(_clock() - started)
+            if i in repeated:
+                self._wall_seconds[i] = time.perf_counter() - wall_started
         return np.maximum(spent, _LEAST)
 
     def _step(self, state: Any, i: int, rng: Any) -> Any:
@@ -173,7 +180,8 @@ class _Pass:
         stored = list(self._states.items())
         i, state = stored[len(self._seconds) % len(stored)]
         rng = block_stream(self._task.seed, 0)
-        number = int(_REPEAT_S / self._spent[i]) + 1
+        wall_seconds = max(self._wall_seconds[i], _LEAST)
+        number = 1 + min(int(_REPEAT_S / self._spent[i]), int(_LONGEST_REPEAT_S / wall_seconds))
         # Copies of the state come first, so that only the steps are timed.
         states = [self._copy(state) for _ in range(number)]
         started = _clock()

@@ -63,6 +63,17 @@ def _safe_path() -> Iterator[None]:
             os.environ[_SAFE] = before
 
 
+class WorkerDeathError(BrokenProcessPool):
+    """A worker process has died.
+
+    ``exit_code`` is minus the number of the signal that ended it; None if it is unknown.
+    """
+
+    def __init__(self, message: str, exit_codes: set[int]) -> None:
+        super().__init__(message)
+        self.exit_code = exit_codes.pop() if len(exit_codes) == 1 else None
+
+
 @contextmanager
 def pool(
     workers: int, begun: Callable[..., None] | None = None, *arguments: Any
@@ -76,7 +87,7 @@ def pool(
     processes = _Pool(workers, _context(), _start_worker, first)
     try:
         yield processes
-    except BaseException:
+    except BaseException as error:
         # Only the pool's own: the caller may have children, too. Public from Python 3.14 on.
         children = list((processes._processes or {}).values())
         for process in children:
@@ -87,6 +98,10 @@ def pool(
         cast("Any", processes._result_queue)._writer.close()
         if any(process.exitcode == _NO_GUARD for process in children):
             raise UserError(_GUARD) from None
+        if isinstance(error, BrokenProcessPool):
+            # The other workers were ended by SIGTERM.
+            codes = {process.exitcode for process in children} - {None, 0, -signal.SIGTERM}
+            raise WorkerDeathError(str(error), cast("set[int]", codes)) from error
         raise
     finally:
         processes.shutdown(wait=True, cancel_futures=True)

@@ -11,10 +11,22 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, TypeAlias, cast
 
-from trackbench.errors import RunError, WriteError, counted, in_line
+from trackbench.errors import (
+    RunError,
+    WriteError,
+    counted,
+    fault_of_signal,
+    in_line,
+    signal_name,
+)
 from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.execution.cache import BlockStore, announced
-from trackbench.execution.engines import ClusterExecutor, OpenEngine, SerialExecutor
+from trackbench.execution.engines import (
+    ClusterExecutor,
+    OpenEngine,
+    SerialExecutor,
+    WorkerDeathError,
+)
 from trackbench.execution.plan import memory, stack_limit
 from trackbench.execution.worker import Computed, Work, compute_batch, environment_digests
 from trackbench.extension_points import field_values
@@ -53,6 +65,7 @@ class Queue:
         """number of workers that died over each block"""
         self.hungriest: tuple[BlockTask, int] | None = None
         """block of the worker with the largest memory, and its bytes"""
+        self._exit_code: int | None = None  # of the worker that died last, if it is known
         self._workers = workers
         self._store = store
         self._remote = False  # True for the workers of a cluster
@@ -109,6 +122,7 @@ class Queue:
                     yield from self._drain(executor, least_seconds, shared)
             except BrokenExecutor as error:
                 # An engine that broke without a running block has not started.
+                self._exit_code = error.exit_code if isinstance(error, WorkerDeathError) else None
                 unstarted = 0 if self._running else unstarted + 1
                 if unstarted == _MOST_DEATHS:
                     raise RunError(f"no worker process could be started ({error})") from error
@@ -270,17 +284,31 @@ class Queue:
             if self.deaths[task] < _MOST_DEATHS:
                 self._waiting.appendleft([task])
             else:
-                yield task, RunError(_death_message(task))
+                yield task, RunError(_death_message(task, self._exit_code))
         self._running.clear()
 
 
-def _death_message(task: BlockTask) -> str:
-    """Return the message on a block over which workers died, and the keys that may help."""
+def _death_message(task: BlockTask, exit_code: int | None) -> str:
+    """Return the message on a block over which workers died, the last one with an exit code.
+
+    The code is minus the number of a signal, or None if it is unknown. The system kills a process if
+    memory is short.
+    """
+    block = f"over a block of {counted(task.width, 'run')}"
+    times = f"{_MOST_DEATHS} times"
+    if exit_code is not None and exit_code > 0:
+        return (
+            f"its worker ended {times} with exit code {exit_code} {block}: the filter's code ends the "
+            "process, in place of raising an exception"
+        )
+    if exit_code is not None and fault_of_signal(-exit_code):
+        return (
+            f"its worker was ended {times} by {signal_name(-exit_code)} {block}: "
+            f"{fault_of_signal(-exit_code)}. This is a fault of the compiled code that the filter calls"
+        )
     keys = "`block` or `N`" if "N" in field_values(task.filter) else "`block`"
-    return (
-        f"its worker died {_MOST_DEATHS} times (killed, or out of memory?) over "
-        f"a block of {counted(task.width, 'run')}; a lower {keys} takes less memory"
-    )
+    text = f"its worker died {times} (killed, or out of memory?) {block}"
+    return f"{text}; a lower {keys} takes less memory"
 
 
 def algorithm(task: BlockTask) -> tuple[object, ...]:

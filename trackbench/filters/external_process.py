@@ -17,6 +17,8 @@ from contextlib import suppress
 from multiprocessing.util import Finalize
 from typing import IO, cast
 
+from trackbench.errors import fault_of_signal, signal_name
+
 PROTOCOL = 1
 _CHUNK = 1 << 16
 _LONGEST = 1 << 20  # bytes of an answer
@@ -180,9 +182,13 @@ class Program:
         """Return how the program ended, or that it closed its output if it still runs."""
         with suppress(subprocess.TimeoutExpired):
             code = self._process.wait(_END_S)
-            names = {number.value: number.name for number in signal.Signals}
             if code < 0:
-                return f"was ended by the signal {names.get(-code, -code)}"
+                text = f"was ended by the signal {signal_name(-code)}"
+                if fault_of_signal(-code):
+                    return f"{text}, {fault_of_signal(-code)}"
+                if -code == signal.SIGKILL:
+                    return f"{text}; was memory short?"
+                return text
             return f"ended with code {code}"
         return "closed its output"
 
