@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from trackbench.commands import with_known_keywords
+from trackbench.commands.keyword_arguments import with_known_keywords
 from trackbench.commands.prepare import OPTION_NAMES, Options, file_of, prepare
 from trackbench.commands.run_experiment import preview, run_all, run_each
 from trackbench.commands.stored_results import Report, compare, load, plot, report

@@ -16,8 +16,8 @@ import yaml
 
 from trackbench.atomic_files import write_text
 from trackbench.config.build import build
-from trackbench.config.includes import override_all
 from trackbench.config.load import load
+from trackbench.config.overrides import override_all
 from trackbench.errors import Mark, Problem, UserError, in_line
 from trackbench.execution.plan import cautions
 from trackbench.field_types import DataError, Place, Positive

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from trackbench.config.tuning import Objective, bad_terms
+from trackbench.config.tuning_objective import Objective, bad_terms
 from trackbench.statistics.sample_statistics import STATISTICS
 from trackbench.tuning.search import Trial
 

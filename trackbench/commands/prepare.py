@@ -13,7 +13,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from trackbench.commands import check_keywords
+from trackbench.commands.keyword_arguments import check_keywords
 from trackbench.config import load as configurations
 from trackbench.config.dump import as_yaml, data_from_python, resolved
 from trackbench.config.experiment import Experiment

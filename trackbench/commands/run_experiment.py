@@ -14,7 +14,7 @@ from threading import Thread
 from typing import Any, NamedTuple
 
 from trackbench.atomic_files import record_writes, write_text
-from trackbench.commands import with_known_keywords
+from trackbench.commands.keyword_arguments import with_known_keywords
 from trackbench.commands.prepare import (
     OPTION_NAMES,
     Job,

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from trackbench.atomic_files import ensure_folder
-from trackbench.commands import with_known_keywords
+from trackbench.commands.keyword_arguments import with_known_keywords
 from trackbench.commands.prepare import (
     CACHED,
     FIT,

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trackbench.atomic_files import record_writes
-from trackbench.commands import with_known_keywords
+from trackbench.commands.keyword_arguments import with_known_keywords
 from trackbench.core.arrays import Array
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.report.open import (

@@ -11,7 +11,7 @@ import yaml
 from trackbench.config.build import ENTRY_KEYS, file_keys
 from trackbench.config.experiment import Experiment
 from trackbench.config.grid import single_paths
-from trackbench.config.includes import split_path
+from trackbench.config.overrides import split_path
 from trackbench.config.python_tables import path_from
 from trackbench.config.tuning import tuned_label
 from trackbench.evaluation.metric_expression import Measure

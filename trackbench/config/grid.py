@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeAlias
 
 from trackbench.config.checks import add_label_problem
 from trackbench.config.experiment import Settings
-from trackbench.config.includes import override, split_assignment, split_path
+from trackbench.config.overrides import override, split_assignment, split_path
 from trackbench.config.tuning import RANGE
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.yaml_source import Keys, Source, dotted, scalar

@@ -1,11 +1,11 @@
-"""Put a config together: include components from other files, and override keys by path."""
+"""Include components of a config from other files: a path, or ``{use: path, key: value}``."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 from trackbench.config.mistakes import unknown
-from trackbench.errors import Mark, Problem, UserError, reason
+from trackbench.errors import Problem, UserError, reason
 from trackbench.field_types import require_regular_file
 from trackbench.registry import Group, kinds, of_kind
 from trackbench.yaml_source import (
@@ -13,13 +13,8 @@ from trackbench.yaml_source import (
     MarkedMapping,
     Source,
     dotted,
-    has_item,
-    marked,
-    parse,
     put,
     read,
-    scalar,
-    unprintable_reason,
 )
 
 _GROUPS: dict[str, Group] = {
@@ -80,109 +75,6 @@ def _include_nested(source: Source, keys: Keys, depth: int) -> None:
             _include_nested(source, place, depth + 1)
         elif isinstance(value, dict | list):
             _include_nested(source, place, depth)
-
-
-def override(source: Source, keys: Keys, value: object, mark: Mark) -> None:
-    """Set the value at ``keys``, creating mappings on the way; all positions in it become ``mark``."""
-    node = source.data
-    for key in keys[:-1]:
-        inner = None
-        if has_item(node, key):
-            inner = node[key]
-        if not isinstance(inner, dict | list):
-            inner = MarkedMapping()
-            put(node, key, inner, mark)
-        node = inner
-    put(node, keys[-1], marked(value, mark), mark, mark)
-
-
-def assignment(source: Source, text: str) -> tuple[Keys, object, Mark]:
-    """Parse ``PATH=VALUE`` to keys, value and a mark; a label in the path may have an ``=`` itself.
-
-    The value is read as in a file: ``null``, ``""``, ``[1, 2]`` and ``{kind: pf}`` are no words.
-    """
-    keys, text_of_value, mark = split_assignment(source, text, "--set")
-    if not text_of_value.lstrip().startswith(("[", "{", '"', "'")):
-        return keys, scalar(text_of_value.strip()), mark
-    try:
-        value = parse(text_of_value, mark.file).data
-    except UserError as error:
-        # The mistakes are reported at the path of the assignment.
-        problems = []
-        for problem in error.problems:
-            if isinstance(problem, Problem):
-                problems.append(Problem(mark, dotted(keys), problem.what))
-        raise UserError(*problems) from None
-    return keys, value, mark
-
-
-def override_all(source: Source, texts: Sequence[str]) -> list[Keys]:
-    """Set the values of assignments ``PATH=VALUE`` one after the other, and return the keys of each.
-
-    Raises UserError if a path has two values.
-    """
-    texts_by_keys: dict[Keys, str] = {}
-    for text in texts:
-        keys, value, mark = assignment(source, text)
-        check_single_value(texts_by_keys, keys, text, mark)
-        override(source, keys, value, mark)
-    return list(texts_by_keys)
-
-
-def check_single_value(texts_by_keys: dict[Keys, str], keys: Keys, text: str, mark: Mark) -> None:
-    """Raise UserError if the path of an assignment has another value already; record its text."""
-    other = texts_by_keys.setdefault(keys, text)
-    if other != text:
-        message = f"has another value in --set {other}: leave one of them out"
-        raise UserError(Problem(mark, dotted(keys), message))
-
-
-def split_assignment(source: Source, text: str, option: str) -> tuple[Keys, str, Mark]:
-    """Split ``PATH=VALUE``, given to ``option``, into the path's keys, the value as typed, and a mark.
-
-    Raises UserError for a text without ``=``.
-    """
-    mark = Mark(f"{option} {text}")
-    equals_places = [i for i, c in enumerate(text) if c == "=" and i > 0]
-    if not equals_places or unprintable_reason(text):
-        raise UserError(Problem(mark, "", unprintable_reason(text) or "write PATH=VALUE"))
-
-    # Of several "=", the one whose left side leads deepest into the config.
-    deepest = -1
-    for i in equals_places:
-        path_keys = split_path(source, text[:i])
-        depth = sum(source.has(path_keys[:n]) for n in range(1, len(path_keys) + 1))
-        if depth > deepest:
-            deepest = depth
-            keys = path_keys
-            value = text[i + 1 :]
-    return keys, value, mark
-
-
-def split_path(source: Source, path: str) -> Keys:
-    """Split a dotted path into keys; a key that has dots itself (a label) is recognized if it exists."""
-    keys: Keys = ()
-    data: object = source.data
-    rest = path
-    while rest:
-        # The next key: the longest existing one, or the text up to the next dot.
-        key = rest.partition(".")[0]
-        if isinstance(data, dict):
-            existing = [k for k in data if rest == k or rest.startswith(f"{k}.")]
-            if existing:
-                key = max(existing, key=len)
-        rest = rest[len(key) + 1 :]
-        # Its value, in which the next key is looked up.
-        if isinstance(data, list):
-            index = next((i for i in range(len(data)) if key == str(i)), None)
-            if index is None:
-                raise UserError(f"{dotted((*keys, key))}: no such item")
-            keys = (*keys, index)
-            data = data[index]
-        else:
-            keys = (*keys, key)
-            data = data.get(key) if isinstance(data, dict) else None
-    return keys
 
 
 def _inline(source: Source, keys: Keys, folder: Path, depth: int) -> None:

@@ -32,7 +32,8 @@ from trackbench.config.checks import (
 from trackbench.config.experiment import DrawnExhibit, Exhibit, Experiment, Point, Settings
 from trackbench.config.filter_model import check_idle_late, check_late, read_assumed
 from trackbench.config.grid import add_axis, apply_point, grid_points
-from trackbench.config.includes import inline_parts, override, override_all
+from trackbench.config.includes import inline_parts
+from trackbench.config.overrides import override, override_all
 from trackbench.config.plugin_checks import add_filters, load_plugins, show_filters
 from trackbench.config.published import Published, read_published
 from trackbench.config.python_tables import put_tables

@@ -8,7 +8,7 @@ from typing import cast
 
 from trackbench.config.build import adapter
 from trackbench.config.experiment import DrawnExhibit, Exhibit, Point
-from trackbench.config.includes import override
+from trackbench.config.overrides import override
 from trackbench.errors import Mark, Problem, UserError, reason
 from trackbench.extension_points import Part, is_foreign
 from trackbench.filters.base import Filter, WrongReturnError

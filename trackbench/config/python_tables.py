@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from trackbench.config.build import build_kind
-from trackbench.config.includes import override
+from trackbench.config.overrides import override
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.models.components import position_velocity_names
 from trackbench.models.sensors.base import stack

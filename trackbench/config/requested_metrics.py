@@ -19,7 +19,7 @@ from trackbench.config.requested_truth import (
     needs_truth,
     shows_default_errors,
 )
-from trackbench.config.tuning import as_expression, bad_terms
+from trackbench.config.tuning_objective import as_expression, bad_terms
 from trackbench.evaluation.block import Kind
 from trackbench.evaluation.consistency_and_calibration import bars
 from trackbench.evaluation.metric_expression import Measure, measured, role_of

@@ -13,16 +13,15 @@ from pathlib import Path
 from trackbench.config import load as configurations
 from trackbench.config.build import build
 from trackbench.config.experiment import Experiment, Label, Name
-from trackbench.config.includes import (
+from trackbench.config.includes import deep_merge, inline_parts
+from trackbench.config.mistakes import unknown
+from trackbench.config.overrides import (
     assignment,
     check_single_value,
-    deep_merge,
-    inline_parts,
     override,
     override_all,
     split_path,
 )
-from trackbench.config.mistakes import unknown
 from trackbench.config.plugin_checks import add_filters
 from trackbench.config.shipped_experiments import located, suite_file
 from trackbench.config.tuning import tuned_label

@@ -9,10 +9,11 @@ from trackbench.config.build import build_kind
 from trackbench.config.checks import add_label_problem, check_assumed, check_fit
 from trackbench.config.experiment import Point, Settings
 from trackbench.config.filter_model import check_late, read_assumed
-from trackbench.config.includes import override, split_path
+from trackbench.config.overrides import override, split_path
 from trackbench.config.requested_truth import is_measured_in
 from trackbench.config.training import same_recordings
-from trackbench.config.tuning import Axis, bad_terms, default_metric, read_axis, tuned_label
+from trackbench.config.tuning import Axis, read_axis, tuned_label
+from trackbench.config.tuning_objective import bad_terms, default_metric
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.extension_points import Part
 from trackbench.filters.base import AnyFilter

@@ -17,8 +17,8 @@ import numpy as np
 from trackbench.config.build import build_kind, hints_of
 from trackbench.config.experiment import Point
 from trackbench.config.grid import filters_of, is_of_scenario, single_paths, values_of
-from trackbench.config.includes import split_path
 from trackbench.config.mistakes import unknown
+from trackbench.config.overrides import split_path
 from trackbench.core.arrays import Array
 from trackbench.errors import Mark, Problem, RunError, UserError, counted
 from trackbench.evaluation.metric_expression import measure, measured

@@ -13,7 +13,7 @@ import numpy as np
 
 from trackbench.config.experiment import labels_to_run
 from trackbench.config.grid import combinations, single_paths
-from trackbench.config.includes import split_path
+from trackbench.config.overrides import split_path
 from trackbench.config.published import Published, read_published
 from trackbench.config.tuning import tuned_label
 from trackbench.core.arrays import Array

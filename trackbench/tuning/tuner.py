@@ -13,7 +13,8 @@ from trackbench.config import tuned_entries
 from trackbench.config.dump import as_config
 from trackbench.config.experiment import Experiment
 from trackbench.config.requested_metrics import predictions_for
-from trackbench.config.tuning import Axis, Objective
+from trackbench.config.tuning import Axis
+from trackbench.config.tuning_objective import Objective
 from trackbench.core.arrays import Array
 from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockResult, BlockTask

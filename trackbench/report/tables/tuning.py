@@ -6,7 +6,8 @@ from math import isfinite, nan
 
 import numpy as np
 
-from trackbench.config.tuning import Objective, objective_label, objective_target, tuned_label
+from trackbench.config.tuning import tuned_label
+from trackbench.config.tuning_objective import Objective, objective_label, objective_target
 from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import measured
 from trackbench.field_types import Digits

@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from trackbench.config.grid import single_paths
-from trackbench.config.includes import split_path
+from trackbench.config.overrides import split_path
 from trackbench.config.published import PublishedNumber, picks, read_published
 from trackbench.evaluation.metric_expression import TIME_MEAN, Measure
 from trackbench.report.findings import phrases
