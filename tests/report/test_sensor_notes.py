@@ -119,9 +119,10 @@ def test_exchanged_tags_are_named_without_a_gate(tmp_path: Path) -> None:
     assert note.endswith(SCORE)
 
 
-def test_a_filter_whose_path_is_bent_blames_no_tag(tmp_path: Path) -> None:
+@pytest.mark.parametrize("first", [1, 4])
+def test_a_filter_whose_path_is_bent_blames_no_tag(tmp_path: Path, first: int) -> None:
     """It predicts the right tags badly, too, and a gate shows which are wrong."""
-    (note,) = notes(tmp_path, EXCHANGED)
+    (note,) = notes(tmp_path, {**TAGS, first: TAGS[3], 3: TAGS[first]})
     assert note.startswith("The landmarks do not fit together: EKF predicts some of them by ")
     assert "sensor " not in note.replace("gate_by: sensor", "")
     assert "Add a filter with `gate: 0.999, gate_by: sensor`: a note then names" in note

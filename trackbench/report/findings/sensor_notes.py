@@ -81,6 +81,7 @@ class _PredictionErrors(NamedTuple):
     """mean normalized square (K,) of the innovations that are not rejected, NaN without any"""
     sizes: Array
     """largest error (S, K) of a sensor's components, in usual errors; NaN without a measurement"""
+    has_gate: bool
     in_sigmas: Array
     """largest error (S, K) of a landmark's components, in its standard deviations; else NaN"""
 
@@ -138,6 +139,7 @@ def _prediction_errors(results: Results, candidate: Candidate) -> _PredictionErr
         rejected=rejected,
         anis=_at_steps(steps, *_known(rows, "anis")),
         sizes=sizes,
+        has_gate=keys.get("gate") is not None,
         in_sigmas=in_sigmas,
     )
 
@@ -201,18 +203,29 @@ def _far_note(predictions: Sequence[_PredictionErrors]) -> list[str]:
     is_beyond = ~(best.anis <= _BEYOND_ANIS)
     is_measured = np.isfinite(best.in_sigmas)
     shares = (is_measured & is_beyond).sum(axis=1) / np.maximum(is_measured.sum(axis=1), 1)
-    is_far = is_known & (shares > 0.5)
-    is_far[is_known] &= medians[is_known] > max(_FAR_SIGMAS, _FAR_RATIO * least)
-    others = is_known & ~is_far
-    if not is_far.any() or not others.any():
+    is_bad = is_known & (shares > 0.5)
+    is_bad[is_known] &= medians[is_known] > _FAR_SIGMAS
+    if not is_bad.any():
         return []
-    largest_median = float(medians[others].max())
+    is_far = is_bad.copy()
+    is_far[is_known] &= medians[is_known] > _FAR_RATIO * least
+    others = is_known & ~is_far
+    largest_median = np.inf
+    if is_far.any() and others.any():
+        largest_median = float(medians[others].max())
     if largest_median > _NEAR_SIGMAS:
         # A wrong landmark bends the path of a filter without a gate, and then others seem wrong.
+        worst = rounded(float(medians[is_bad].max()), 2)
+        what = "a landmark may be in a wrong place, or the motion has larger errors than its Q says"
+        way = ""
+        if not any(errors.has_gate for errors in predictions):
+            way = (
+                " Add a filter with `gate: 0.999, gate_by: sensor`: a note then names the landmarks"
+            )
+            way += " that its gate rejects."
         return [
             f"The landmarks do not fit together: {best.candidate.name} predicts some of them by "
-            f"{rounded(float(medians[is_far].max()), 2)} sigma off (median). Add a filter with "
-            "`gate: 0.999, gate_by: sensor`: a note then names the landmarks that its gate rejects."
+            f"{worst} sigma off (median); {what}.{way}"
         ]
     texts = []
     for name, median in zip(best.names(is_far), medians[is_far].tolist(), strict=True):

@@ -215,13 +215,14 @@ def _delay_notes(
 
     ``truth`` (n_x, K, M) is that of all steps. Measurements in one file are tried together.
     """
-    if len(clock.times) < 2:
+    if not samples or len(clock.times) < 2:
         return []
-    samples = [_thinned(sample) for sample in samples]
-    groups = [[sample] for sample in samples]
-    if in_one_file and samples:
-        groups = [samples]
-    truth = truth[..., :_MOST_RUNS]
+    runs = np.flatnonzero(np.isfinite(truth).any(axis=(0, 1)))[:_MOST_RUNS]
+    truth = truth[..., runs]
+    samples = [_thinned(sample, runs) for sample in samples]
+    groups = [samples]
+    if not in_one_file:
+        groups = [[sample] for sample in samples]
     interval = float(np.median(np.diff(clock.times)))
     span = _LONGEST_DELAY_STEPS * interval
     if not clock.stepped:
@@ -268,13 +269,13 @@ def _delay_notes(
     return texts
 
 
-def _thinned(sample: _Sample) -> _Sample:
-    """Return fewer runs of a sample, and fewer steps if its sensor takes one step at a time."""
+def _thinned(sample: _Sample, runs: Index) -> _Sample:
+    """Return some runs of a sample, and fewer steps if its sensor takes one step at a time."""
     most = _MOST_STEPS if is_equal_at_every_step(sample.sensor) else _FEW_STEPS
     kept = np.linspace(0, len(sample.steps) - 1, min(len(sample.steps), most)).astype(int)
     return sample._replace(
-        truth=sample.truth[:, kept, :_MOST_RUNS],
-        z=sample.z[:, kept, :_MOST_RUNS],
+        truth=sample.truth[:, kept][..., runs],
+        z=sample.z[:, kept][..., runs],
         steps=sample.steps[kept],
         chosen=sample.chosen[kept],
     )
