@@ -20,6 +20,7 @@ from trackbench.scenarios.recordings.column_mapping import (
     GEODETIC,
     HEMISPHERES,
     KEYS,
+    STAMP_PARTS,
     UNITS,
     Naming,
     no_fix,
@@ -47,7 +48,6 @@ from trackbench.scenarios.recordings.csv_tables import (
     is_parquet,
     number,
     parse_cells,
-    read_table,
     without_thousands,
 )
 from trackbench.scenarios.recordings.dates import instant
@@ -414,8 +414,6 @@ def _recognized_columns(
         _find_dates(sample, columns, why)
     if "time" not in columns and "step" not in columns:
         raise DataError(Place(path, 1, 1, _no_time(names)))
-    if not sample and any(name in columns for name in _MEASURED):
-        read_table(path, {names[0]: "label"}, form=form)  # which reports why no row can be read
     # Step 2: find the sensors, and the form of dates.
     sensors = [SensorGuess(name="", kind="odometry", quantities=_ODOMETRY)]
     if content == "measurements":
@@ -430,6 +428,8 @@ def _recognized_columns(
         check_earth_centered(sample, columns, units)
         check_zones(sample, columns, user_naming.columns)
     check_slant_ranges(sample, columns, units, user_naming.columns)
+    if "time" in columns and not {"date", *STAMP_PARTS} & columns.keys():
+        sample.require_two_times(columns["time"])
     clock = DateForm(user_naming.time_format, bool(user_naming.time_format))
     if "time" in columns and not clock.form:
         times = sample.cells(columns["time"])
