@@ -148,6 +148,10 @@ def located(config: Path, note: Callable[[str], None]) -> Path:
             message = f"no such file or directory; the shipped experiment is {shipped_file}"
             raise UserError(Problem(Mark(word), "", message))
         return config
+    if config.is_dir() and word not in files():
+        raise UserError(
+            Problem(Mark(word), "", f"is a folder: name a config in it, {word}/NAME.yaml")
+        )
     if config.exists():
         note(f"note: using the shipped experiment {word}; the folder of this name is ignored")
     return find_shipped(word)
