@@ -229,3 +229,18 @@ def test_estimates_show_the_component_that_their_title_names() -> None:
                 assert name not in config["scenario"]["sensor"]["h"].values(), path
                 checked += 1
     assert checked > 5
+
+
+def test_a_folder_is_no_config(tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    done = trackbench("check", "mine", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr == "mine: is a folder: name a config in it, mine/NAME.yaml\n"
+
+
+def test_an_empty_out_is_not_this_folder(tmp_path: Path) -> None:
+    """As that of a variable of the shell that is not set."""
+    done = trackbench("run", "nile", "--out", "", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "Invalid value for '--out': is empty; for this folder write ." in done.stderr
+    assert not [*tmp_path.iterdir()]

@@ -442,7 +442,9 @@ def _guess_tables(
         # A key that is set to nothing, as clockwise=[], is an answer, too.
         said = {change.partition("=")[0].strip() for change in table_changes}
         try:
-            guess = recognized(str(table), naming, said, robot_tables)
+            # Absurdly large numbers overflow; the run of the config then says so.
+            with np.errstate(over="ignore", invalid="ignore"):
+                guess = recognized(str(table), naming, said, robot_tables)
         except DataError as error:
             problems += _questions(error, prefix).problems
             continue

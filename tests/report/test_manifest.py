@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 import shutil
 import subprocess
 import sys
@@ -13,9 +14,9 @@ from tests.commands import trackbench
 from tests.papers import merwe_text
 from tests.report.forging import edit
 from trackbench import api
-from trackbench.errors import RunError
-from trackbench.report.open import changed_files, open_results
-from trackbench.results.folder_contents import read_manifest
+from trackbench.errors import RunError, UserError
+from trackbench.report.open import _damage_lines, changed_files, open_results
+from trackbench.results.folder_contents import Damage, read_manifest
 from trackbench.verify import verify
 
 CONFIG = """
@@ -247,3 +248,23 @@ def test_a_figure_that_fails_leaves_the_manifest_true(folder: Path, monkeypatch)
     with pytest.raises(RunError, match="no space"):
         api.plot(folder, ["svg"])
     assert changed_files(open_results(folder)) == []
+
+
+@pytest.mark.skipif(
+    sys.platform == "win32" or getattr(os, "geteuid", int)() == 0, reason="every file can be read"
+)
+def test_a_file_that_may_not_be_read_is_not_called_changed(tmp_path: Path) -> None:
+    folder = run(write(tmp_path))
+    (folder / "summary.csv").chmod(0)
+    with pytest.raises(UserError) as caught:
+        open_results(folder)
+    assert str(caught.value) == f"{folder}: summary.csv cannot be read: permission denied"
+
+
+def test_damage_has_the_reason_why_a_file_cannot_be_read(tmp_path: Path) -> None:
+    folder = run(write(tmp_path))
+    damage = Damage(missing=[], changed=["a.csv"], unreadable={"b.csv": "permission denied"})
+    assert _damage_lines(folder, damage) == [
+        f"{folder}: b.csv cannot be read: permission denied",
+        f"{folder}: a.csv was changed after the run: run the experiment again",
+    ]

@@ -354,6 +354,19 @@ def test_zeros_below_a_logarithmic_axis_are_marked(tmp_path: Path) -> None:
     assert not [line for line in ax.lines if line.get_label() == "_zero"]
 
 
+def test_a_first_state_that_all_filters_know_needs_no_mark(tmp_path: Path) -> None:
+    text = KNOWN_START.replace(", Smoother: {kind: kf, smooth: true}", "").replace(
+        "bound: PCRLB", ""
+    )
+    results = ran(tmp_path, text).results
+    spec = RmseVsTime(metric=RMSE, log=True)
+    (ax,) = panels(spec, results)
+    assert not [line for line in ax.lines if line.get_label() == "_zero"]
+    words = "The state is known exactly at the first step, so that lines begin behind it."
+    assert words in spec.default_caption(results)
+    assert words not in RmseVsTime(metric=RMSE, y_label="error").default_caption(results)
+
+
 def test_places_of_zeros_that_lines_share_have_a_color_of_their_own() -> None:
     ax = Figure().add_subplot()
     first = filter_lines.Zeros(x=np.array([0.0, 2.0]), color="red")

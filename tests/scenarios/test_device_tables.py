@@ -4,6 +4,7 @@ The target moves in the plane with a slowly changing course, from 47 N 8.5 E on 
 otherwise. Its path, in meters and seconds, is compared with what the written config reads.
 """
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
@@ -585,3 +586,24 @@ def test_numbers_that_other_columns_measure_are_no_missing_cells(tmp_path: Path)
 def test_micrometers_have_many_names(unit: str) -> None:
     named = columns_of(["t (s)", f"x ({unit})", f"y_{unit}", f"vx [{unit}/s]"])
     assert [named[name].unit for name in ("x", "y", "vx")] == ["um", "um", "um/s"]
+
+
+def test_zeros_of_one_quantity_are_missing_and_those_of_another_are_not(tmp_path: Path) -> None:
+    """A latitude of 0 stands for no fix, beside a speed that is 0 at a stop."""
+    rows = no_fix(CAR).splitlines()
+    # The longitude is kept, so that no row is one of latitude = longitude = 0.
+    longitude = rows[7].split(",")[2]
+    rows[1:7] = [
+        row.replace(",0.0000000,0.0000000,", f",0.0000000,{longitude},") for row in rows[1:7]
+    ]
+    stop = rows[20].split(",")
+    rows[20] = ",".join([*stop[:3], "0.00", stop[4]])
+    text = "\n".join(rows) + "\n"
+    option = re.escape("--set 'missing.latitude=[0]'")
+    with pytest.raises(UserError, match=f"if 0 stands for no fix, say {option}"):
+        guessed(tmp_path, text)
+    scenario, keys = guessed(tmp_path, text, "missing.latitude=[0]")
+    assert keys["target"]["missing"] == {"latitude": [0]}
+    (note,) = [note for note in scenario.cautions if "not available" in note]
+    assert note.startswith("6 cells")
+    assert note.endswith("latitude 0 (6)")

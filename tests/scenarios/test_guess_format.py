@@ -198,6 +198,10 @@ def test_columns_of_a_truth_that_are_not_used_are_named(tmp_path: Path) -> None:
             "time,x,y",
             "m.csv:1:1: has no rows below the names time, x, y: is it the right file, and",
         ),
+        ("time,x,y\n0,1,2", "m.csv:2:1: time is 0 in 1 row: a recording needs rows of two times: "),
+        ("time,x,y\n5,1,2\n5,2,3", "m.csv:2:1: time is 5 in 2 rows: a recording needs rows of two"),
+        ("time,x,y\n0,1\n1,2", "m.csv:2:1: 2 cells under 3 columns\nm.csv:3:1: 2 cells under 3"),
+        ("time,x,y\n0,1,2\n1,2", "m.csv:3:1: 2 cells under 3 columns\n"),
         ("a,b", "m.csv:1:1: has no rows below the names a, b: is it the right file, and complete?"),
     ],
 )
@@ -208,6 +212,14 @@ def test_a_table_of_which_nothing_can_be_made(tmp_path: Path, names: str, expect
     assert done.stderr.startswith(expected), done.stderr
     assert "Traceback" not in done.stderr
     assert not list(tmp_path.glob("*.yaml"))
+
+
+def test_numbers_that_overflow_print_no_warnings_of_numpy(tmp_path: Path) -> None:
+    rows = [f"{k},{'-' if k == 3 else ''}1e308,{k}" for k in range(4)]
+    (tmp_path / "m.csv").write_text("time,x,y\n" + "\n".join(rows) + "\n")
+    done = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
+    assert done.returncode == 0
+    assert done.stderr == ""
 
 
 def test_only_experiments_are_made_from_data(tmp_path: Path) -> None:

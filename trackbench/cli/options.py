@@ -179,10 +179,21 @@ All = Annotated[bool, typer.Option("--all", help="also print the config's tables
 Json = Annotated[bool, typer.Option("--json", help="JSON, an object a line (docs/json-lines.md)")]
 Runs = Annotated[int | None, typer.Option(min=1, help="Monte Carlo runs")]
 Seed = Annotated[int | None, typer.Option(min=0, help="seed of every random number")]
+
+
+def _folder(text: str) -> Path:
+    """Return the path of a folder; an empty one, as of a variable that is not set, is a mistake."""
+    if not text:
+        raise typer.BadParameter("is empty; for this folder write .")
+    return Path(text)
+
+
 Out = Annotated[
     Path | None,
     typer.Option(
-        help="results folder [results/NAME]; of several configs the folder that holds theirs"
+        parser=_folder,
+        metavar="<path>",
+        help="results folder [results/NAME]; of several configs the folder that holds theirs",
     ),
 ]
 Workers = Annotated[int | None, typer.Option(min=1, help="worker processes [all processors]")]

@@ -180,8 +180,10 @@ def _check_manifest(results: Results) -> None:
 
 
 def _damage_lines(folder: Path, damage: Damage) -> list[str]:
-    """Describe missing files in a line and changed ones in a line."""
+    """Describe missing files in a line, changed ones in a line, and each that cannot be read."""
     lines = []
+    for name, why in damage.unreadable.items():
+        lines.append(f"{folder}: {name} cannot be read: {why}")
     if damage.missing:
         verb = phrases.verb(damage.missing)
         lines.append(f"{folder}: {_listed(damage.missing)} {verb} missing: {RUN_AGAIN}")

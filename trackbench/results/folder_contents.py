@@ -16,10 +16,11 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from itertools import product
 from pathlib import Path, PurePosixPath
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from trackbench.atomic_files import ensure_folder, remove, within, write_text
-from trackbench.errors import UserError, WriteError
+from trackbench.errors import UserError, WriteError, reason
 from trackbench.field_types import require_regular_file
 from trackbench.results.point_facts import printable_json
 from trackbench.yaml_source import read
@@ -117,6 +118,8 @@ class Damage(NamedTuple):
     """names of files that are missing although git keeps them"""
     changed: list[str]
     """names of files with another digest"""
+    unreadable: Mapping[str, str] = MappingProxyType({})
+    """reasons why files cannot be read, by their names"""
 
 
 def is_of_one_run(name: str) -> bool:
@@ -217,7 +220,10 @@ def write_manifest(
         name = path.relative_to(folder).as_posix()
         digests.pop(name, None)
         if path.is_file() and name not in (MACHINE, MANIFEST):
-            digests[name] = _digest(path)
+            try:
+                digests[name] = _digest(path)
+            except OSError as error:
+                raise WriteError.from_os_error(path, error) from error
     # Each fact and each file stands in one of both manifests.
     run_manifest: dict[str, Any] = {}
     results_manifest: dict[str, Any] = {}
@@ -242,20 +248,26 @@ def check_digests(folder: Path, recorded: Mapping[str, str]) -> Damage:
     """
     missing = []
     changed = []
+    unreadable = {}
     for name, digest in recorded.items():
         if not (folder / name).is_file():
             if is_in_git(name):
                 missing.append(name)
-        elif _digest(folder / name) != digest:
+            continue
+        try:
+            digest_now = _digest(folder / name)
+        except OSError as error:
+            unreadable[name] = reason(error)
+            continue
+        if digest_now != digest:
             changed.append(name)
-    return Damage(missing=missing, changed=changed)
+    return Damage(missing=missing, changed=changed, unreadable=unreadable)
 
 
 def _digest(path: Path) -> str:
-    """Return a file's digest; a word in place of it if the file cannot be read."""
-    with suppress(OSError), path.open("rb") as file:
+    """Return a file's digest; raises OSError if it cannot be read."""
+    with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-    return "unreadable"  # in place of a digest
 
 
 @contextmanager

@@ -24,6 +24,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.elementary import cos_sin, exp
 from trackbench.core.elementary import log as elementwise_log
 from trackbench.core.sums import dot, total
+from trackbench.errors import counted
 from trackbench.statistics.intervals import deviations, normals_of_t
 
 LEAST_STEPS = 50
@@ -120,7 +121,7 @@ def series_mean(series: Array) -> SeriesMean:
     x = series[~np.isnan(series)]
     T = len(x)
     if T < LEAST_STEPS:
-        why = f"{T} judged steps, and {LEAST_STEPS} are needed"
+        why = f"{counted(T, 'judged step')}, and {LEAST_STEPS} are needed"
         mean_of_few = float(total(x)) / T if T else np.nan
         return SeriesMean(mean_of_few, np.nan, why=why)
     mean = float(total(x)) / T

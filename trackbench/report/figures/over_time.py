@@ -397,6 +397,20 @@ class OverTime(Curves):
         return filter_lines.draw_filter_line(ax, x, value, look)
 
 
+def _all_start_at_zero(all_series: Sequence[MetricSeries]) -> bool:
+    """Return whether every line has a first error of zero, as all filters know the first state.
+
+    A logarithmic axis then shows all lines from the next step on, and needs no mark.
+    """
+    firsts = []
+    for series in all_series:
+        value = series.rows["value"]
+        if np.isfinite(value).any():
+            is_zero = np.isfinite(value) & np.isnan(scales.without_rounding(value))
+            firsts.append(bool(is_zero[0]))
+    return len(firsts) > 0 and all(firsts)
+
+
 def _have_overlap(spans: Sequence[tuple[float, float] | None]) -> bool:
     """Return whether any two of the spans on an axis have more than an end in common."""
     return any(_overlap(first, second) for first, second in combinations(spans, 2))
@@ -445,6 +459,10 @@ class RmseVsTime(OverTime):
             has_bars = not panel_labels and len(labels) > filter_lines.MOST_BANDS
             spread = "Bars" if has_bars else "Bands"
             caption += f" {spread} are two standard errors on either side."
+        if self._begins_behind_zero(results):
+            caption += (
+                " The state is known exactly at the first step, so that lines begin behind it."
+            )
         caption += captions.bound(results, labels)
         faults = results.facts(results.points()[0]).scenario.get("faults") or ()
         if not faults:
@@ -459,6 +477,17 @@ class RmseVsTime(OverTime):
                 "of a strip means nothing."
             )
         return caption
+
+    def _begins_behind_zero(self, results: Results) -> bool:
+        """Test whether the axis is logarithmic, and every line begins with a zero in some panel."""
+        curves = self.values_of_curves(results, self.metric)
+        if not self.with_vertical_axis(self.metric, curves).log:
+            return False
+        points = results.points()[: style.MOST_PANELS]
+        return any(
+            _all_start_at_zero(list(self.metric_series(results, point, self.metric)))
+            for point in points
+        )
 
     def draw(self, results: Results) -> Figure:
         """Return one line per filter."""
@@ -479,6 +508,7 @@ class RmseVsTime(OverTime):
             if all_series:  # there is none if every filter failed
                 self.shade_faults(ax, all_series[0].rows, faults)
             zeros_of_lines = []
+            starts_known = self.log and _all_start_at_zero(all_series)
             for place, series in enumerate(all_series):
                 look = series.look
                 k, value, stderr = self.series_with_gaps(series.rows)
@@ -493,10 +523,12 @@ class RmseVsTime(OverTime):
                     filter_lines.draw_error_band(
                         ax, k, value, stderr, look, place, lines_with_errors, self.log
                     )
-                    zeros = filter_lines.Zeros(x=k[is_hidden], color=look["color"])
-                    zeros_of_lines.append(zeros)
                     if is_hidden.any():
                         filter_lines.draw_lone_points(ax, k, value, look["color"])
+                    if starts_known:
+                        is_hidden[0] = False
+                    zeros = filter_lines.Zeros(x=k[is_hidden], color=look["color"])
+                    zeros_of_lines.append(zeros)
             filter_lines.mark_zeros(ax, zeros_of_lines)
         return self.finish(figure, panel_labels)
 

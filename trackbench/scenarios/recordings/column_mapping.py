@@ -328,8 +328,9 @@ class Naming:
     stands before a time of day"""
     zone: str = ""
     """zone of dates without one, UTC or their offset from it, "+02:00"; needed beside UNIX times"""
-    missing: tuple[Finite, ...] = ()
-    """numbers that stand for a missing cell: [-9999]"""
+    missing: tuple[Finite, ...] | dict[str, tuple[Finite, ...]] = ()
+    """numbers that stand for a missing cell of any column: [-9999]; or those of each quantity:
+    {latitude: [0], longitude: [0]}"""
     same_time: Literal["mean", "last", "spread"] | None = None
     """what becomes of different rows of one sensor, run and time: their mean, the last of them, or times
     spread evenly until the next; default: they are a mistake"""
@@ -374,14 +375,22 @@ class Naming:
             format=self.format or others.format,
         )
 
+    def missing_numbers(self, quantity: str) -> tuple[float, ...]:
+        """Return the numbers that stand for a missing cell of a quantity's column."""
+        if isinstance(self.missing, dict):
+            return self.missing.get(quantity) or self.missing.get(plain_name(quantity)) or ()
+        return self.missing
+
     def check_names(self, components: Sequence[str], *within: str | int) -> None:
         """Raise InvalidKeyError for an unknown name, and for a unit of another dimension.
 
         ``components`` are the quantities that are read, ``within`` is the path of these keys.
         """
         known = [*KEYS, *GEODETIC, *COURSE, *components]
-        for part, entries in (("columns", self.columns), ("units", self.units)):
-            for key in entries:
+        missing = self.missing if isinstance(self.missing, dict) else {}
+        keys_of_parts = {"columns": [*self.columns], "units": [*self.units], "missing": [*missing]}
+        for part, keys in keys_of_parts.items():
+            for key in keys:
                 if key not in known:
                     what = f"there is no {key}; known: {', '.join(known)}"
                     raise InvalidKeyError(what, *within, part, key)
@@ -650,7 +659,7 @@ class Columns:
             values = table.columns[column]
             scale = self.naming.scale(quantity)
             # Blank the codes of "not available" first: most are impossible values.
-            for code in self.naming.missing:
+            for code in self.naming.missing_numbers(quantity):
                 self.unavailable[f"{quantity} {code:g}"] += int((values == code).sum())
                 values[values == code] = np.nan
             self.unavailable += blank_codes(quantity, values, of_ais, scale)
@@ -702,7 +711,9 @@ class Columns:
                 others = self._columns_with(table, value, column)
                 way = f", or say `missing: [{value:.15g}]`, if they hold no measurement"
                 if others:
-                    way = f" (`missing: [{value:.15g}]` would also empty cells of {others})"
+                    key = f"`missing: {{{quantity}: [{value:.15g}]}}`"
+                    way = f", or say {key}, if they hold no measurement"
+                    way += f" (`missing: [{value:.15g}]` would also empty cells of {others})"
                 self.far.append(f"{self.path}: {column}: {what}{way}")
 
     def _columns_with(self, table: Table, value: float, column: str) -> str:

@@ -126,7 +126,7 @@ def _naming_in_braces(naming: Naming) -> str:
     if naming.zone:
         keys.append(f"zone: {quoted(naming.zone)}")
     if naming.missing:
-        keys.append(f"missing: [{', '.join(f'{value:.15g}' for value in naming.missing)}]")
+        keys.append(f"missing: {_missing_in_yaml(naming)}")
     if naming.same_time is not None:
         keys.append(f"same_time: {naming.same_time}")
     return f"{{{', '.join(keys)}}}"
@@ -638,8 +638,7 @@ def _naming_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
     if naming.zone:
         yield f"zone: {quoted(naming.zone)}"
     if naming.missing:
-        numbers = ", ".join(f"{value:.15g}" for value in naming.missing)
-        yield f"missing: [{numbers}]{_comment(why, 'missing')}"
+        yield f"missing: {_missing_in_yaml(naming)}{_comment(why, 'missing')}"
     if naming.clockwise and "azimuth" in columns:
         yield f"clockwise: [{', '.join(naming.clockwise)}]{_comment(why, 'clockwise')}"
     elif "azimuth" in columns and "anticlockwise" in why:
@@ -704,6 +703,16 @@ def _sensor_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
     if guess.measures_velocity:
         velocity = float(f"{max(0.05 * guess.speed, 0.05):.1g}")
         yield f"- {{kind: velocity, sigma: {velocity:g}}}  # guess: 5 % of the usual speed"
+
+
+def _missing_in_yaml(naming: Naming) -> str:
+    """Write the numbers that stand for missing cells: of all columns, or of each quantity."""
+    if not isinstance(naming.missing, dict):
+        return f"[{', '.join(f'{value:.15g}' for value in naming.missing)}]"
+    entries = []
+    for quantity, numbers in naming.missing.items():
+        entries.append(f"{quantity}: [{', '.join(f'{value:.15g}' for value in numbers)}]")
+    return f"{{{', '.join(entries)}}}"
 
 
 def _comment(why: dict[str, str], key: str) -> str:

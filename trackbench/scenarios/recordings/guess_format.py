@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -20,6 +20,7 @@ from trackbench.scenarios.recordings.column_mapping import (
     GEODETIC,
     HEMISPHERES,
     KEYS,
+    STAMP_PARTS,
     UNITS,
     Naming,
     no_fix,
@@ -48,7 +49,6 @@ from trackbench.scenarios.recordings.csv_tables import (
     is_parquet,
     number,
     parse_cells,
-    read_table,
     without_thousands,
 )
 from trackbench.scenarios.recordings.dates import instant
@@ -415,8 +415,6 @@ def _recognized_columns(
         _find_dates(sample, columns, why)
     if "time" not in columns and "step" not in columns:
         raise DataError(Place(path, 1, 1, _no_time(names)))
-    if not sample and any(name in columns for name in _MEASURED):
-        read_table(path, {names[0]: "label"}, form=form)  # which reports why no row can be read
     # Step 2: find the sensors, and the form of dates.
     sensors = [SensorGuess(name="", kind="odometry", quantities=_ODOMETRY)]
     if content == "measurements":
@@ -431,6 +429,8 @@ def _recognized_columns(
         check_earth_centered(sample, columns, units)
         check_zones(sample, columns, user_naming.columns)
     check_slant_ranges(sample, columns, units, user_naming.columns)
+    if "time" in columns and not {"date", *STAMP_PARTS} & columns.keys():
+        sample.require_two_times(columns["time"])
     clock = DateForm(user_naming.time_format, bool(user_naming.time_format))
     if "time" in columns and not clock.form:
         times = sample.cells(columns["time"])
@@ -450,7 +450,8 @@ def _recognized_columns(
     missing = user_naming.missing or _missing(sample, columns, measured, user_naming.columns)
     is_one_position = sensors[0].quantities == _PLACE and len(sensors) == 1
     has_velocity = is_one_position and _has_velocity(columns)
-    reading = _Reading(sample, columns, units, clock, missing, why, user_naming.columns)
+    with_missing = replace(user_naming, missing=missing)
+    reading = _Reading(sample, columns, units, clock, with_missing, why, user_naming.columns)
     reading.check_azimuths(sensors)
     clock = reading.choose_units(sensors[0], has_velocity)
     naming = replace(
@@ -556,7 +557,7 @@ def _measured(
             why["same_time"] = "guess: several rows of a whole second; or mean, or last"
         ordered = in_order(gathered, run_rows)
         if "run" not in user_columns:
-            _check_jumps(gathered, ordered, sensor.kind, in_degrees)
+            _check_jumps(gathered, ordered, sensor.kind, in_degrees, sample)
         if "time" not in user_columns:
             _check_daylight_saving(gathered, ordered)
         longest.append(ordered)
@@ -1391,13 +1392,13 @@ class _Reading:
         columns: ColumnByQuantity,
         units: UnitByQuantity,
         clock: DateForm,
-        missing: tuple[float, ...],
+        with_missing: Naming,
         why: ReasonByKey,
         user_columns: Collection[str],
     ) -> None:
         """Begin with the known ``units``, to which the methods add, with reasons in ``why``.
 
-        ``clock`` is the form of dates, ``missing`` are numbers that stand for missing cells.
+        ``clock`` is the form of dates, ``with_missing`` has the numbers that stand for missing cells.
         """
         self._user_columns = user_columns
         self._sample = sample
@@ -1405,7 +1406,7 @@ class _Reading:
         self._why = why
         self._columns = columns
         self._units = units
-        self._missing = missing
+        self._with_missing = with_missing
         self._chosen_rows: Mask = np.array([], dtype=np.bool_)
         """rows of one target and sensor, by which units are chosen"""
 
@@ -1726,7 +1727,7 @@ class _Reading:
     def _values(self, name: str) -> Array:
         """Parse a quantity's numbers, NaN where they are missing."""
         values = self._sample.numbers(self._columns[name])
-        values[np.isin(values, self._missing)] = np.nan
+        values[np.isin(values, self._with_missing.missing_numbers(name))] = np.nan
         return values
 
     def _azimuths(self) -> Array:
@@ -2061,12 +2062,14 @@ def _places(rows: Rows, kind: str, in_degrees: bool) -> Array | None:
     return None
 
 
-def _check_jumps(gathered: Gathered, rows: Rows, kind: str, in_degrees: bool) -> None:
+def _check_jumps(
+    gathered: Gathered, rows: Rows, kind: str, in_degrees: bool, sample: Sample
+) -> None:
     """Raise DataError if a run jumps to a place that no motion explains, and goes on from there.
 
     Its rows may be those of two targets: the name of the first one was given again, or two recordings
     stand in one table. ``kind`` is the type of the rows' sensor; ``in_degrees`` if its angles are in
-    degrees.
+    degrees. ``sample`` are the first rows as they are written.
     """
     places = _places(rows, kind, in_degrees)
     if places is None:
@@ -2084,7 +2087,21 @@ def _check_jumps(gathered: Gathered, rows: Rows, kind: str, in_degrees: bool) ->
         doubt = "is this another target, or another recording, from here on?"
         way = "Say which column names targets, --set 'columns.run=NAME'; if all rows are those of one,"
         way += " say --set 'columns.run=\"\"'"
+    way += _way_without_fix(sample, gathered.naming.columns)
     raise DataError(gathered.place(rows, jump.row, f"{what}: {doubt} {way}"))
+
+
+def _way_without_fix(sample: Sample, columns: Mapping[str, str]) -> str:
+    """Return the option for positions in which 0 stands for a missing fix; empty if none has zeros."""
+    options = []
+    for quantity in ("latitude", "longitude", "x", "y", "range"):
+        is_zero = sample.numbers(columns.get(quantity, "")) == 0.0
+        # A position that crosses an axis is seldom exactly 0 in row after row.
+        if (is_zero[1:] & is_zero[:-1]).any() and not is_zero.all():
+            options.append(f"--set 'missing.{quantity}=[0]'")
+    if not options:
+        return ""
+    return f"; if 0 stands for no fix, say {' '.join(options)}"
 
 
 def _check_clock(gathered: Gathered, rows: Rows) -> None:

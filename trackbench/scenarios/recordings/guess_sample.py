@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.errors import counted
 from trackbench.field_types import DataError, Place, decimals
 from trackbench.scenarios.recordings.column_names import other_unit_in_line, unit_in, words_of
 from trackbench.scenarios.recordings.csv_lines import TextFormat, layout_of, table_rows
@@ -15,6 +16,7 @@ from trackbench.scenarios.recordings.csv_tables import (
     is_parquet,
     number,
     parse_cells,
+    read_table,
     without_thousands,
 )
 
@@ -57,8 +59,8 @@ class Sample:
         self.names = names
         self.line = 1 if is_parquet(path) else layout_of(path, form).before + 1
         """line of the first row"""
-        self._rows = first_rows(path, form, _SAMPLE)
         self._form = form
+        self._rows = first_rows(path, form, _SAMPLE)
         self._thousands = form.thousands
         self._units: list[list[str]] = []
         """lines between the names and the first row, which may have units"""
@@ -68,20 +70,34 @@ class Sample:
     def __len__(self) -> int:
         return len(self._rows)
 
-    def require_rows(self) -> None:
-        """Raise DataError for a table that has the names of its columns alone."""
-        if self._rows or self._has_rows_of_other_widths():
-            return
-        names = ", ".join(self.names)[:200]
-        what = f"has no rows below the names {names}: is it the right file, and complete?"
-        raise DataError(Place(self.path, 1, 1, what))
-
-    def _has_rows_of_other_widths(self) -> bool:
-        """Test whether there are rows with too few or too many cells, which reading explains."""
+    @property
+    def _has_lines(self) -> bool:
+        """True if there are lines below the names, which may have too few or too many cells."""
         if is_parquet(self.path):
             return False
-        rows = table_rows(self.path, layout_of(self.path, self._form))
-        return next(rows, None) is not None
+        return any(True for _ in table_rows(self.path, layout_of(self.path, self._form)))
+
+    def require_two_times(self, column: str) -> None:
+        """Raise DataError if all rows have one cell in the column of the times."""
+        times = self.words(column)
+        if len(times) != 1:
+            return
+        read_table(self.path, {column: "label"}, form=self._form)  # which reports mistaken rows
+        rows = counted(len(self), "row")
+        what = f"{column} is {times[0]} in {rows}: a recording needs rows of two times"
+        way = (
+            "take a longer recording, or say which column has the times, --set 'columns.time=NAME'"
+        )
+        raise DataError(Place(self.path, self.line, 1, f"{what}: {way}"))
+
+    def require_rows(self) -> None:
+        """Raise DataError for a table of which no row can be read, or that has names alone."""
+        if not self._rows:
+            if self._has_lines:
+                read_table(self.path, {self.names[0]: "label"}, form=self._form)  # which says why
+            names = ", ".join(self.names)[:200]
+            what = f"has no rows below the names {names}: is it the right file, and complete?"
+            raise DataError(Place(self.path, 1, 1, what))
 
     def cells(self, column: str) -> list[str]:
         """List the cells of a column; empty cells for the name "", no cells for an unknown name."""
