@@ -207,7 +207,8 @@ class Program:
         """Return the CPU seconds of the program, those read last if it has ended; 0 outside of Linux."""
         with suppress(OSError):
             # The kernel's clock of another process: clock_getcpuclockid(3).
-            if sys.platform == "linux":
+            # The number of a process that was waited for may belong to another one.
+            if sys.platform == "linux" and self._process.returncode is None:
                 self._last_s = time.clock_gettime((~self._process.pid << 3) | 2)
         return self._last_s
 
