@@ -739,6 +739,18 @@ def test_a_program_that_is_built_again_is_started_again(tmp_path: Path) -> None:
     assert int(track(planar(), tracker, 1).mean[0, 0, 0]) != first
 
 
+def test_the_time_of_an_ended_program_counts_once(tmp_path: Path) -> None:
+    """A pool that is dropped ends its programs, which may have ended before."""
+    tracker = script(tmp_path, "print(good, flush=True)", "sum(range(10**7)); print('ready')")
+    program = external_process.Program([*tracker.command[:1], "-u", tracker.command[1]], "h", 20.0)
+    program.exchange(["init 1 0 1 1"])
+    external_process.end_programs([program])
+    spent = programs_cpu_s()
+    assert program.cpu_s > 0.0
+    external_process.end_programs([program])
+    assert programs_cpu_s() == spent
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="reads the CPU clock of another process")
 def test_the_time_of_a_program_is_that_of_its_filter(tmp_path: Path) -> None:
     """It works 20 ms for each answer, and answers the CPU seconds that it has spent by then."""

@@ -236,6 +236,8 @@ class Program:
 
     def kill(self) -> None:
         """Kill the program with all that it started, and keep the last lines that it wrote on stderr."""
+        if not self.is_running:
+            return  # its CPU seconds count once
         _running.discard(self)
         _ended_s.append(self.cpu_s)  # for `programs_cpu_s`
         # The guard is the shell that would kill the program's process group if this process ended.
