@@ -183,6 +183,82 @@ def test_the_contract_finds_a_program_that_ignores_the_place(origin_ekf: Path) -
     assert "ignores the place of the sensor" in findings[-1].why
 
 
+@pytest.fixture(scope="session")
+def float32_ekf(radar_ekf: Path) -> Path:
+    """The program of docs/any-language.md in float32."""
+    source = (SOURCE.parent / "radar_ekf.c").read_text()
+    program = radar_ekf.with_name("float32_ekf")
+    text = source.replace("double", "float").replace("%.17g", "%.9g")
+    program.with_suffix(".c").write_text(text)
+    compiler = shutil.which("cc") or "gcc"
+    subprocess.run(
+        [compiler, str(program.with_suffix(".c")), "-o", str(program), "-lm"], check=True
+    )
+    return program
+
+
+@pytest.mark.parametrize(("magnitude", "spacing"), [(2.7e6, 0.25), (2.7e7, 2.0), (1e4, None)])
+def test_float32_at_large_coordinates_names_the_spacing(
+    float32_ekf: Path, magnitude: float, spacing: float | None
+) -> None:
+    """With a standard deviation of about 1 m; the covariance itself is not exactly symmetric."""
+    base = Tracking(
+        target=Driven(
+            motion=WhiteAcceleration(q=0.01),
+            launch=Launch(x=magnitude, vx=60.0, y=0.6 * magnitude, vy=-90.0),
+        ),
+        sensor=RangeAzimuth(
+            sigma_range=1.0,
+            sigma_azimuth_mrad=0.1,
+            at=(magnitude - 9e3, 0.6 * magnitude - 8e3),
+        ),
+        start=GaussianStart(sigma=(3.0, 1.0, 3.0, 1.0)),
+        last=40,
+    )
+    findings = {
+        finding.check: finding
+        for finding in check_filter(External, external(float32_ekf), on=ModelDraws(base=base))
+    }
+    digits = findings["answers have enough digits"]
+    assert digits.verdict == "good"
+    assert "the digits of float32" in digits.why
+    errors = findings["errors and covariance fit reference filters"]
+    if spacing is None:
+        assert "spacing" not in digits.why
+        assert errors.verdict == "good"
+        return
+    assert np.spacing(np.float32(magnitude)) == spacing
+    advice = f"float32 has a spacing of {spacing:g} at px = "
+    assert advice in digits.why
+    assert "move the origin" in digits.why
+    if spacing > 1.0:
+        assert errors.verdict == "bad"
+        assert advice in errors.why
+
+
+INDEFINITE_AT = """
+    P = [[0.0625 if i == j else 0.0 for j in range(4)] for i in range(4)]
+    if word == 'step':
+        P[0][1] = P[1][0] = 0.125
+    print(X, 1.5, X, 1.5, *[p for row in P for p in row], flush=True)
+"""
+
+
+@pytest.mark.parametrize(
+    ("position", "advice"),
+    [("2700000.0", "move the origin of the coordinates"), ("100.0", "the Joseph form or a square")],
+)
+def test_an_indefinite_covariance_in_float32_has_the_advice_that_helps(
+    tmp_path: Path, position: str, advice: str
+) -> None:
+    tracker = script(tmp_path, INDEFINITE_AT.replace("X", position))
+    findings = {finding.check: finding for finding in check_filter(External, tracker)}
+    covariance = findings["covariance is symmetric and positive definite"]
+    assert covariance.verdict == "bad"
+    assert "not positive definite" in covariance.why
+    assert advice in covariance.why
+
+
 def test_the_page_lists_the_components_of_every_sensor() -> None:
     page = (ROOT / "docs" / "any-language.md").read_text(encoding="utf-8")
     table = page.partition("| `kind` | `components` |")[2].partition("\n\n")[0]
@@ -661,6 +737,18 @@ def test_a_program_that_is_built_again_is_started_again(tmp_path: Path) -> None:
     later = path.stat().st_mtime_ns + 10**9
     os.utime(path, ns=(later, later))
     assert int(track(planar(), tracker, 1).mean[0, 0, 0]) != first
+
+
+def test_the_time_of_an_ended_program_counts_once(tmp_path: Path) -> None:
+    """A pool that is dropped ends its programs, which may have ended before."""
+    tracker = script(tmp_path, "print(good, flush=True)", "sum(range(10**7)); print('ready')")
+    program = external_process.Program([*tracker.command[:1], "-u", tracker.command[1]], "h", 20.0)
+    program.exchange(["init 1 0 1 1"])
+    external_process.end_programs([program])
+    spent = programs_cpu_s()
+    assert program.cpu_s > 0.0
+    external_process.end_programs([program])
+    assert programs_cpu_s() == spent
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads the CPU clock of another process")

@@ -42,7 +42,7 @@ from trackbench.evaluation.validate_output import check_estimate, check_names, c
 from trackbench.extension_points import field_values
 from trackbench.filters.base import AnyFilter, Steps, declares_diagnostics, has_likelihood
 from trackbench.filters.ekf import EKF
-from trackbench.filters.external import FLOAT32_NOTE, PRINT_ALL_DIGITS, External
+from trackbench.filters.external import FLOAT32_NOTE, PRINT_ALL_DIGITS, External, float32_advice
 from trackbench.scenarios.base import Scenario
 
 Check: TypeAlias = Callable[[AnyFilter, Scenario], str | None]
@@ -53,6 +53,10 @@ _LOOPED_RUNS = 80  # of a filter that loops over its runs in Python
 _LEAST_N = 1000  # particles with which a particle filter is compared with the package's
 _TOLERANCE = 1e-7  # of correlations, in float64
 _FLOAT32_TOLERANCE = 1e-6
+_FLOAT32_COVARIANCE = (
+    "the filter computes in float32: make P symmetric after each step, and take the Joseph form or a "
+    "square root of P, or compute in double"
+)
 _MAX_DEVIATION = 4.5  # standard errors; none of a few dozen comparisons should exceed it
 
 
@@ -135,7 +139,14 @@ def _check_digits(tracker: AnyFilter, scenario: Scenario) -> str:
     digits = tracker.digits(scenario.model, data.prior, data.measurements, first_step)
     if digits.too_few:
         raise ContractError(f"answers have {digits.too_few}: {PRINT_ALL_DIGITS}; of float32 `%.9g`")
-    return FLOAT32_NOTE if digits.is_float32 else ""
+    if not digits.is_float32:
+        return ""
+    estimates = run_filter(tracker, scenario, data)
+    components = scenario.model.motion.components
+    advice = float32_advice(estimates.mean[:, 1:], estimates.cov[:, :, 1:], components)
+    if advice:
+        return f"{FLOAT32_NOTE}. Here {advice}"
+    return FLOAT32_NOTE
 
 
 def _compare_with_all_steps(
@@ -249,10 +260,17 @@ def _try_covariances(tracker: AnyFilter, problem: Scenario, runs: int, source: s
 
     ``source`` is a text after this number.
     """
-    P = run_filter(tracker, problem, simulate(problem, runs)).cov
+    estimates = run_filter(tracker, problem, simulate(problem, runs))
     runs = min(runs, problem.recorded_runs or runs)
     tried = f"{counted(runs, 'run')} of {counted(len(problem.steps) - 1, 'step')}{source}"
-    _require_covariances(P, problem.steps, tried)
+    try:
+        _require_covariances(estimates.cov, problem.steps, tried)
+    except ContractError as error:
+        if not _is_float32(estimates.cov[:, :, 1:]):
+            raise
+        components = problem.model.motion.components
+        advice = float32_advice(estimates.mean[:, 1:], estimates.cov[:, :, 1:], components)
+        raise ContractError(f"{error}; {advice or _FLOAT32_COVARIANCE}") from None
     return tried
 
 
@@ -291,9 +309,13 @@ def _require_covariances(P: Array, steps: Index, tried: str) -> None:
 
 
 def _is_float32(values: Array) -> bool:
-    """Test whether all numbers are those of float32."""
+    """Test whether the variances of covariances (n, n, ...) are numbers of float32.
+
+    Other entries may be the mean of two answered numbers.
+    """
+    variances = np.einsum("ii...->i...", values)
     with np.errstate(over="ignore", under="ignore"):
-        return np.array_equal(values, np.float32(values), equal_nan=True)
+        return np.array_equal(variances, np.float32(variances), equal_nan=True)
 
 
 def _name_places(is_wrong: Mask, steps: Index, tried: str) -> str:

@@ -22,7 +22,12 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.linalg import distance
 from trackbench.filters.base import AnyFilter
 from trackbench.filters.ekf import EKF
-from trackbench.filters.external import PRINT_ALL_DIGITS, External, digits_of
+from trackbench.filters.external import (
+    PRINT_ALL_DIGITS,
+    External,
+    digits_of,
+    float32_advice,
+)
 from trackbench.filters.particle_filters import PF
 from trackbench.filters.ukf import UKF
 from trackbench.models.base import LocatingSensor
@@ -185,6 +190,11 @@ def misfit(
         digits = digits_of(tested.mean[:, 1:], tested.cov[:, :, 1:])
         if digits.too_few:
             return f"{text}; answers have {digits.too_few}: {PRINT_ALL_DIGITS}"
+        if digits.is_float32:
+            components = scenario.model.motion.components
+            advice = float32_advice(tested.mean[:, 1:], tested.cov[:, :, 1:], components)
+            if advice:
+                return f"{text}; {advice}"
     if "squared_distance" in differences:
         tested_rmse = np.sqrt(tested_scores.squared_error.mean())
         reference_rmse = np.sqrt(reference_scores[0].squared_error.mean())

@@ -207,7 +207,8 @@ class Program:
         """Return the CPU seconds of the program, those read last if it has ended; 0 outside of Linux."""
         with suppress(OSError):
             # The kernel's clock of another process: clock_getcpuclockid(3).
-            if sys.platform == "linux":
+            # The number of a process that was waited for may belong to another one.
+            if sys.platform == "linux" and self._process.returncode is None:
                 self._last_s = time.clock_gettime((~self._process.pid << 3) | 2)
         return self._last_s
 
@@ -235,6 +236,8 @@ class Program:
 
     def kill(self) -> None:
         """Kill the program with all that it started, and keep the last lines that it wrote on stderr."""
+        if not self.is_running:
+            return  # its CPU seconds count once
         _running.discard(self)
         _ended_s.append(self.cpu_s)  # for `programs_cpu_s`
         # The guard is the shell that would kill the program's process group if this process ended.

@@ -17,7 +17,9 @@ NOT_DEFINITE = "not positive definite"
 INDEFINITE_NOTE = (
     f"A covariance that is {NOT_DEFINITE} has a direction of negative variance, and no ANEES. Usual "
     "causes are float32 and the update P - K H P: make P symmetric after each step, use the Joseph form "
-    "(I - K H) P (I - K H)' + K R K' or a square root of P, or compute in double precision."
+    "(I - K H) P (I - K H)' + K R K' or a square root of P, or compute in double precision. Against "
+    "large coordinates, where float32 has a spacing of 0.25 m at 2700 km, only double precision or a "
+    "nearer origin helps."
 )
 """Note below a table that counts such runs."""
 
