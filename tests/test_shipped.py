@@ -235,7 +235,9 @@ def test_a_folder_is_no_config(tmp_path: Path) -> None:
     (tmp_path / "mine").mkdir()
     done = trackbench("check", "mine", cwd=tmp_path)
     assert done.returncode == 2
-    assert done.stderr == "mine: is a folder: name a config in it, mine/NAME.yaml\n"
+    assert done.stderr == (
+        "mine: is a folder; name a file in YAML, or an experiment of `trackbench list`\n"
+    )
 
 
 def test_an_empty_out_is_not_this_folder(tmp_path: Path) -> None:
