@@ -55,7 +55,6 @@ _FITS = 2.0
 """median distance of measurements that fit a place; that of a right sensor is about 1"""
 _AGREES_WITH_PLACE = 0.4
 """of the median distance that remains at most if another place explains it"""
-_CHECK_PLACE = ": check `at`"
 _ITERATIONS = 30
 _HUBER = 2.0
 """standard deviations from which on a measurement counts less in the fit of a place"""
@@ -109,6 +108,7 @@ def contradictions(
                 name=sensor_name(number, names) if len(sensors) > 1 else "the sensor",
                 size=size,
                 is_beyond=is_beyond,
+                has_other_place=bool(place_words),
                 remedy=place_words or _remedy(sample, axes, size),
             )
         )
@@ -130,7 +130,7 @@ def contradictions(
             what = f"the truth and the measurements of {words} disagree"
         texts.append(f"{what} ({median} standard deviations){remedy}")
     is_every_landmark = len(texts) == len(sensors) > 1
-    if is_every_landmark and all(text.endswith(_CHECK_PLACE) for text in texts):
+    if is_every_landmark and all(case.has_other_place for case in found):
         texts.append("no landmark is where the truth says: or check the truth's origin and clock")
     return texts
 
@@ -143,6 +143,8 @@ class _Contradiction(NamedTuple):
     """median distance, standard deviations"""
     is_beyond: bool
     """whether nearly all measurements are far away"""
+    has_other_place: bool
+    """whether the measurements fit another place of the sensor, a landmark"""
     remedy: str
     """end of the note: with what both agree, or what to check"""
 
@@ -215,7 +217,7 @@ def _other_place(sample: _Sample, landmark: Landmark, size: float) -> str:
     if least > min(_FITS, _AGREES_WITH_PLACE * size):
         return ""
     x, y = (f"{value:.2f}" for value in best)
-    return f"; they agree if it is at [{x}, {y}]{_CHECK_PLACE}"
+    return f"; they agree if it is at [{x}, {y}]: check `at`"
 
 
 def _at_place(sample: _Sample, landmark: Landmark, place: Array) -> _Sample:
