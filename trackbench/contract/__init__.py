@@ -34,7 +34,6 @@ from trackbench.contract.problems import (
 from trackbench.errors import UserError, in_line
 from trackbench.filters.base import AnyFilter, Filter
 from trackbench.filters.external import External
-from trackbench.filters.external_process import NO_FIRST_ANSWER
 from trackbench.filters.gaussian import GaussianFilter
 from trackbench.models.motions.scalar import SineGamma
 from trackbench.models.sensors.square_then_line import SquareThenLine
@@ -240,7 +239,8 @@ def check_filter(
     if scenario is None and tracker.runs_program and why_not_linear:
         # Every check would fail by this text.
         why = why_not_linear
-        if on is None and not why.startswith(NO_FIRST_ANSWER):
+        is_silent = isinstance(tracker, External) and tracker.is_silent
+        if on is None and not is_silent:
             why += f"; {_NAME_A_CONFIG}"
         yield Finding("runs on a problem", "bad", why)
         return
