@@ -18,6 +18,7 @@ from trackbench.contract.problems import ModelDraws
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian, per_run_moments
 from trackbench.filters.base import Filter
+from trackbench.models.description import description_of
 from trackbench.models.likelihood import log_likelihood
 from trackbench.models.sensors.angular import AngularSensor
 
@@ -127,6 +128,9 @@ class HandEKF(Filter[Track]):
             Q = Q * dt
         elif bug == "Q forgotten":
             Q = 0.0 * Q
+        elif bug == "kind of motion ignored":
+            q = description_of(model).motion.q
+            Q = 0.0 * Q + model_of(dt.flat[0], q, bug)[1][..., None]
         P = mul(turned(F), P, F) + Q if bug == "F transposed" else mul(F, P, turned(F)) + Q
         predicted = x, P
         if bug == "global noise":

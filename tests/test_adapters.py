@@ -454,7 +454,8 @@ class Unsettled(Plain):
     [
         (Plain, {}),
         (FilterPyEKF, {}),
-        (FilterPyCKF, {}),
+        # Its function h is that of a radar at the origin.
+        (FilterPyCKF, {"uses the place of the sensor"}),
         (FilterPyIMM, {}),
         (StoneSoupUKF, {}),
         (Draws, {"follows the target"}),

@@ -21,7 +21,7 @@ COMMON = (*COMMON, "global noise", "late", "prior ignored", "Q times dt", "Q for
 KALMAN = ("F transposed", "sign of innovation", "stale covariance", "R forgotten", "float32")
 KALMAN = (*KALMAN, "half Joseph", "gain forgotten")
 EKF = ("degrees", "no wrap", "runs mixed", "in place", "uncorrelated", "speed limit")
-EKF = (*EKF, "place ignored", "place added", "sensor stays")
+EKF = (*EKF, "place ignored", "place added", "sensor stays", "kind of motion ignored")
 PARTICLES = ("degrees", "no wrap", "runs mixed", "weights not normalized", "weights stay")
 PARTICLES = (*PARTICLES, "weights squared", "weights ignored", "mean of squares")
 BUGS: dict[type[Any], tuple[str, ...]] = {
@@ -83,6 +83,11 @@ def test_a_mistake_is_found(base: type[Any], bug: str) -> None:
         (HandEKF, "place ignored", "with a radar at [-1500, 2000] the estimates equal those"),
         (HandEKF, "place added", "fits with a radar at the origin, and not with a radar at"),
         (HandEKF, "sensor stays", "and not with a radar that moves on a `platform`"),
+        (
+            HandEKF,
+            "kind of motion ignored",
+            "with the motion `cwna`, and not with `cv` of the same",
+        ),
         (HandEKF, "NIS doubled", "are the innovation and S those before the update?"),
     ],
 )

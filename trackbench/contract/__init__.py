@@ -34,7 +34,6 @@ from trackbench.contract.problems import (
 from trackbench.errors import UserError, in_line
 from trackbench.filters.base import AnyFilter, Filter
 from trackbench.filters.external import External
-from trackbench.filters.external_process import NO_FIRST_ANSWER
 from trackbench.filters.gaussian import GaussianFilter
 from trackbench.models.motions.scalar import SineGamma
 from trackbench.models.sensors.square_then_line import SquareThenLine
@@ -240,7 +239,8 @@ def check_filter(
     if scenario is None and tracker.runs_program and why_not_linear:
         # Every check would fail by this text.
         why = why_not_linear
-        if on is None and not why.startswith(NO_FIRST_ANSWER):
+        is_silent = isinstance(tracker, External) and tracker.is_silent
+        if on is None and not is_silent:
             why += f"; {_NAME_A_CONFIG}"
         yield Finding("runs on a problem", "bad", why)
         return
@@ -281,6 +281,8 @@ def _exemptions(tracker: AnyFilter, scenario: Scenario, why_not_linear: str) -> 
         exempt.setdefault("kalman", "weighs measurements by `robust`")
     if "kalman" in exempt:
         exempt.setdefault("consistency", exempt["kalman"])
+    if "consistency" in exempt:
+        exempt.setdefault("motion", exempt["consistency"])
     # This exemption leaves nothing else out: the consistency of a filter of one run is still checked.
     if tracker.loops_over_runs:
         exempt.setdefault("kalman", "a filter of one run is compared by its errors")
@@ -292,6 +294,7 @@ def _exemptions(tracker: AnyFilter, scenario: Scenario, why_not_linear: str) -> 
     is_contract_problem = scenario in (PLANAR, RADAR)
     if not is_contract_problem:
         exempt.setdefault("tracks", "is another problem than the contract's")
+        exempt.setdefault("motion", exempt["tracks"])
         if not isinstance(scenario, ModelDraws):
             exempt.setdefault("interval", exempt["tracks"])
             exempt.setdefault("place", exempt["tracks"])
@@ -300,6 +303,7 @@ def _exemptions(tracker: AnyFilter, scenario: Scenario, why_not_linear: str) -> 
         exempt.setdefault("kalman", _OWN_MODEL)
         exempt.setdefault("consistency", _OWN_MODEL)
         exempt.setdefault("place", _OWN_MODEL)
+        exempt.setdefault("motion", _OWN_MODEL)
         # A filter of one run gets dt, so these checks are fair without its model.
         if not tracker.loops_over_runs:
             exempt.setdefault("interval", _OWN_MODEL)

@@ -13,6 +13,8 @@ from trackbench.contract.angles import angles_of, mistaken_angle
 from trackbench.contract.diagnosis import PLACE_IGNORED, misfit, mistaken_track
 from trackbench.contract.problems import (
     MOVING,
+    ONE_MOTION,
+    OTHER_MOTION,
     PLACED,
     PLANAR,
     PRECISE,
@@ -527,6 +529,35 @@ def _way_to_place(tracker: AnyFilter, problem: Scenario) -> str:
     return text
 
 
+def _check_motion(tracker: AnyFilter, scenario: Scenario) -> None:
+    """Check that a filter that fits one kind of motion also fits another kind with an equal key."""
+    name = "radar" if scenario is RADAR else "planar"
+    one_motion = ModelDraws(base=ONE_MOTION[name])
+    other_motion = ModelDraws(base=OTHER_MOTION[name])
+    for problem in (one_motion, other_motion):
+        if not runs_on(tracker, problem):
+            raise LeftOutError("the filter refuses another motion")
+    if "mode" in run_filter(tracker, one_motion, simulate(one_motion, runs=2)).series:
+        raise LeftOutError("has several motions: it reports the diagnostic `mode`")
+    precise_tracker = _with_many_particles(tracker)
+    if _compare_with_references(precise_tracker, one_motion):
+        raise LeftOutError("the errors do not fit with the first motion, either")
+    what = _compare_with_references(precise_tracker, other_motion)
+    if not what:
+        return
+    # The filter gets the other motion, and data of the first one. If it fits these, it ignores the kind;
+    # otherwise it is an approximation that is worse with more noise.
+    runs = _runs_for(tracker)
+    if not misfit(precise_tracker, one_motion, runs, tested_scenario=other_motion):
+        text = (
+            "fits with the motion `cwna`, and not with `cv` of the same `q`, which has another meaning "
+            f"there: {what}; take F and Q from the model"
+        )
+        if tracker.runs_program:
+            text += ", which the first line has under `motion`, or answer `error` to other kinds"
+        raise ContractError(text)
+
+
 def _check_tracks(tracker: AnyFilter, scenario: Scenario) -> None:
     """Check that estimates follow a fast target in the plane."""
     # A filter for position sensors only, or for radars only, may not say so: one problem is enough.
@@ -647,6 +678,7 @@ CHECKS: dict[str, tuple[str, Check]] = {
     "gaps": ("predicts over a missing measurement", _check_gaps),
     "interval": ("uses the interval between steps", _check_interval),
     "tracks": ("follows the target", _check_tracks),
+    "motion": ("uses the motion of the model", _check_motion),
     "place": ("uses the place of the sensor", _check_place),
     "angles": ("wraps angles at their cut", _check_angles),
     "kalman": ("equals the Kalman filter on a linear model", _check_against_kalman),

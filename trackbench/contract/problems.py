@@ -21,7 +21,7 @@ from trackbench.filters.external import ProgramRunError
 from trackbench.models.base import Model, Motion, extra_std
 from trackbench.models.description import description_of, with_description
 from trackbench.models.motions.irregular import Irregular
-from trackbench.models.motions.kinematic import WhiteAcceleration
+from trackbench.models.motions.kinematic import ConstantVelocity, WhiteAcceleration
 from trackbench.models.priors import augment_prior
 from trackbench.models.sensors.angular import AngularSensor, Platform
 from trackbench.models.sensors.base import SensorBase
@@ -174,12 +174,29 @@ def radar(
     return _tracking(sensor, Launch(x=x, vx=150.0, y=y, vy=-10.0), q, T)
 
 
+def with_white_sequence(problem: Tracking) -> Tracking:
+    """Replace the motion by one with a noise that is constant within a step, and the same key `q`."""
+    target = cast(Driven, problem.target)
+    motion = ConstantVelocity(q=cast(WhiteAcceleration, target.motion).q)
+    return replace(problem, target=replace(target, motion=motion))
+
+
 PLANAR = planar()
 RADAR = radar()
 PRECISE = radar(sigma=5.0, x=4000.0, y=3000.0)
 UNEQUAL = ModelDraws(base=PLANAR, unequal=True)
 PLACED = radar(x=4000.0, y=3000.0, at=(-1500.0, 2000.0))
 """Problem of a radar that does not stand at the origin."""
+ONE_MOTION = {
+    "planar": planar(q=1.0, T=6.0),
+    "radar": radar(q=1.0, T=6.0, x=4000.0, y=3000.0),
+}
+"""Problems whose motion is of the kind that all problems of the contract have."""
+OTHER_MOTION = {name: with_white_sequence(problem) for name, problem in ONE_MOTION.items()}
+"""These problems with a motion of another kind.
+
+Its key `q` has another meaning: in steps of 6 s the variance of the velocity is 6 times as large.
+"""
 MOVING = radar(
     x=4000.0, y=3000.0, platform=Platform(steps=(0, 8), x=(-1500.0, 900.0), y=(2000.0, 400.0))
 )

@@ -224,6 +224,11 @@ class External(Filter[ProgramState]):
             return {}
         return {"": f"{why} {where}"}
 
+    @property
+    def is_silent(self) -> bool:
+        """True if the program gave no answer to a first line: it does not speak the protocol."""
+        return self in _SILENT
+
     def cautions(self, scenario: Scene) -> list[str]:
         """Note how far its numbers are reproducible."""
         return ["the numbers of an external program are the same on the same machine only"]

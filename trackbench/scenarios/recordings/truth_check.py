@@ -59,7 +59,6 @@ _FITS = 2.0
 """median distance of measurements that fit a place; that of a right sensor is about 1"""
 _AGREES_WITH_PLACE = 0.4
 """of the median distance that remains at most if another place explains it"""
-_CHECK_PLACE = ": check `at`"
 _UNEXPLAINED = ": check "
 """beginning of the end of a note on measurements that agree with the truth in no known way"""
 _LONGEST_DELAY = 2.0
@@ -136,6 +135,7 @@ def contradictions(
         remedy = ""
         if isinstance(each, Landmark) and size > _BEYOND_OF_PLACE:
             remedy = _other_place(sample, each, size)
+        has_other_place = bool(remedy)
         if not remedy and size > _BEYOND_OF_PLACE:
             remedy = _other_unit(sample, axes, components, size)
         if not remedy and is_beyond:
@@ -147,6 +147,7 @@ def contradictions(
                 name=name,
                 size=size,
                 is_beyond=is_beyond,
+                has_other_place=has_other_place,
                 remedy=remedy,
             )
         )
@@ -170,7 +171,7 @@ def contradictions(
             what = f"the truth and the measurements of {words} disagree"
         texts.append(f"{what} ({median} standard deviations){remedy}")
     is_every_landmark = len(texts) == len(sensors) > 1
-    if is_every_landmark and all(text.endswith(_CHECK_PLACE) for text in texts):
+    if is_every_landmark and all(case.has_other_place for case in found):
         texts.append("no landmark is where the truth says: or check the truth's origin and clock")
     return texts + delay_texts
 
@@ -183,6 +184,8 @@ class _Contradiction(NamedTuple):
     """median distance, standard deviations"""
     is_beyond: bool
     """whether nearly all measurements are far away"""
+    has_other_place: bool
+    """whether the measurements fit another place of the sensor, a landmark"""
     remedy: str
     """end of the note: with what both agree, or what to check"""
 
@@ -408,7 +411,7 @@ def _other_place(sample: _Sample, landmark: Landmark, size: float) -> str:
     if least > most:
         return ""
     x, y = (f"{value:.2f}" for value in best)
-    return f"; they agree if it is at [{x}, {y}]{_CHECK_PLACE}"
+    return f"; they agree if it is at [{x}, {y}]: check `at`"
 
 
 def two_digits(ratio: float) -> str:
