@@ -8,6 +8,7 @@ import pytest
 from tests.report.test_scene import lines
 from trackbench import api
 from trackbench.config.load import load
+from trackbench.config.tuning_objective import default_metric
 from trackbench.errors import UserError
 from trackbench.report.findings.ranking import rankings
 
@@ -55,6 +56,12 @@ def test_the_named_error_ranks_and_stands_first_in_the_table(report: api.Report)
     (ranking,) = rankings(report.results)
     assert ranking.metric.metric == "rmse_place"
     assert report.results.tables["results"].value_headers[0] == "RMSE of place"
+
+
+def test_tuning_takes_the_named_error_too(tmp_path: Path) -> None:
+    (tmp_path / "robot.yaml").write_text(CONFIG.replace("SPEED", "v"))
+    (point,) = load(tmp_path / "robot.yaml").points
+    assert default_metric(point.scenario, has_errors=True) == "rms(rmse_place)"
 
 
 def test_the_map_shows_position_heading_and_landmarks_near_it(report: api.Report) -> None:

@@ -149,7 +149,10 @@ def bad_terms(metric: str | Mapping[str, float] | None) -> Iterator[tuple[str, s
 
 
 def default_metric(scenario: Scenario, has_errors: bool) -> str:
-    """Return the rms of the scenario's first error; without errors the predictive likelihood."""
+    """Return the rms of the scenario's first error, by which filters are ranked, too.
+
+    Without errors it is the predictive likelihood.
+    """
     if not has_errors:
         return "log_score"
     return f"rms({error_names(scenario)[0]})"

@@ -35,6 +35,11 @@ class Scenario(Scene):
     """A frozen dataclass whose fields are its YAML keys; equal scenarios simulate equal data."""
 
     @property
+    def named_errors(self) -> tuple[str, ...]:
+        """Quantities of the errors that the config names, such as ``position``."""
+        return ()
+
+    @property
     @abstractmethod
     def windows(self) -> Mapping[str, Mask]:
         """Steps (T + 1,) of each window of the error metrics; ``""`` is the whole run."""
@@ -234,6 +239,12 @@ def simulate_markov(model: Model, start: Array, steps: Index, rng: Streams) -> t
 
 
 def error_names(scenario: Scenario) -> list[str]:
-    """Name the metrics ``rmse_position`` ... of a scenario with a truth."""
+    """Name the metrics ``rmse_position`` ... of a scenario with a truth.
+
+    Errors that the config names come first, because who names an error asks for it.
+    """
     nowhere = np.zeros((len(scenario.components), 1))
-    return [joined("rmse", quantity) for quantity in scenario.errors(nowhere, nowhere)]
+    quantities = list(scenario.errors(nowhere, nowhere))
+    first = [quantity for quantity in scenario.named_errors if quantity in quantities]
+    others = [quantity for quantity in quantities if quantity not in first]
+    return [joined("rmse", quantity) for quantity in [*first, *others]]

@@ -404,6 +404,11 @@ class Tracking(Scenario):
         arrival = arrivals(self.true_sensor, flight.arrival, measurements, rng)
         return Simulation(truth=truth, measurements=measurements, prior=prior, arrival=arrival)
 
+    @property
+    def named_errors(self) -> tuple[str, ...]:
+        """Quantities of the errors under the key ``errors`` of ``score``."""
+        return tuple(self.score.errors)
+
     def errors(self, mean: Array, truth: Array) -> dict[str, Array]:
         """Return error vectors by quantity: of the state, and in the coordinates of each sensor."""
         truth = near(truth, mean, self.angle_rows)
