@@ -213,8 +213,21 @@ def test_what_should_be_known_is_said(config: Path, tmp_path: Path) -> None:
     assert "of 80 training runs are lost with the best values." in notes
     changes = ["tune.Kind={assume.motion.q: [0.4, 50]}", "only=[Kind]"]
     report = rerun(config, tmp_path, set=changes)
-    said = "Kind: tuned, it is not significantly better on the runs of the results than as it was."
-    assert said in report.tables["tuning"].notes
+    text = (
+        "on the runs of the results the tuned filter is not significantly better than the one as "
+        "configured"
+    )
+    assert f"Kind: {text}." in report.tables["tuning"].notes
+
+
+def test_filters_share_a_note_on_tuning(config: Path, tmp_path: Path) -> None:
+    changes = [
+        "tune.KF={assume.motion.q: log:1e-3..0.05}",
+        "tune.Kind={assume.motion.q: log:1e-3..0.05}",
+    ]
+    report = rerun(config, tmp_path, set=changes)
+    text = "assume.motion.q is at its upper bound, 0.05: let it go further"
+    assert f"KF and Kind: {text}." in report.tables["tuning"].notes
 
 
 def test_a_run_takes_the_old_tuning_away(config: Path, tmp_path: Path) -> None:

@@ -72,7 +72,8 @@ class TuningTable(TableKind):
         has_shared_time = _train_share(results) is not None
         gains = as_family(comparisons)
         gains_by_steps = as_family(_compare_by_steps(results, objective))
-        # Step 2: a row per filter, with notes on a gain that is none.
+        # Step 2: a row per filter, with notes on a gain that is none. Filters share equal notes.
+        labels_by_note: dict[str, list[str]] = {}
         for label, record in results.tuning.items():
             gain = gains.get(label)
             gained = Cell.missing()
@@ -87,7 +88,10 @@ class TuningTable(TableKind):
                 notes.append(_EASIER_RESULTS)
             if gain is not None:
                 notes += _notes_on_results(gain, gains_by_steps.get(label, gain))
-            table.notes += [f"{label}: {text}." for text in notes]
+            for note in notes:
+                labels_by_note.setdefault(note, []).append(label)
+        for note, labels in labels_by_note.items():
+            table.notes.append(f"{phrases.joined(labels)}: {note}.")
         return table
 
 
@@ -224,7 +228,7 @@ def _notes_on_results(gain: Comparison, tested_gain: Comparison) -> Iterator[str
     tuned = gain.b
     if tuned.lost > untuned.lost:
         lost = counted(tuned.lost, "run")
-        yield f"tuned, it loses {lost} of the results, and {untuned.lost} as it was"
+        yield f"the tuned filter loses {lost} of the results, and {untuned.lost} as configured"
     if not gain.is_measured:
         if untuned.lost == tuned.lost:
             yield "the gain is not measured: the results have no value of the metric of tuning"
@@ -233,4 +237,4 @@ def _notes_on_results(gain: Comparison, tested_gain: Comparison) -> Iterator[str
     # gain. An insignificant gain is none, unless fewer runs are lost.
     if untuned.lost <= tuned.lost and tested_gain.sign <= 0:
         worse = "worse" if tested_gain.sign else "not significantly better"
-        yield f"tuned, it is {worse} on the runs of the results than as it was"
+        yield f"on the runs of the results the tuned filter is {worse} than the one as configured"
