@@ -37,15 +37,11 @@ from trackbench.scenarios.recordings.guess_config import (
     usable_quantities,
 )
 from trackbench.scenarios.recordings.guess_files import joined_guess
-from trackbench.scenarios.recordings.guess_format import (
-    Guess,
-    RobotTables,
-    recognized,
-    recognized_odometry,
-)
-from trackbench.scenarios.recordings.guess_sample import quoted
+from trackbench.scenarios.recordings.guess_record import Guess, RobotTables
+from trackbench.scenarios.recordings.guess_table import recognized, recognized_odometry
 from trackbench.scenarios.recordings.guess_truth import TruthGuess, recognized_truth, settled
 from trackbench.scenarios.recordings.landmark_table import read_landmarks
+from trackbench.scenarios.recordings.yaml_values import quoted
 from trackbench.scenarios.targets.measured import Measured
 from trackbench.yaml_source import MarkedMapping, Source
 

@@ -126,6 +126,7 @@ _MOST_MISTAKES = 20
 _MOST_KINDS = 5
 _ROWS_AT_A_TIME = 50_000
 Column = NDArray[Any]
+WholeNumbers = NDArray[np.integer[Any]]
 _PARSERS: dict[Content, Parse] = {"number": number, "time": seconds, "step": whole}
 
 

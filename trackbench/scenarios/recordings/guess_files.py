@@ -6,9 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import COURSE, Naming
-from trackbench.scenarios.recordings.guess_errors import joined_process_noise
-from trackbench.scenarios.recordings.guess_format import Guess
+from trackbench.scenarios.recordings.column_mapping import Naming
+from trackbench.scenarios.recordings.guess_process_noise import joined_process_noise
+from trackbench.scenarios.recordings.guess_record import Guess
+from trackbench.scenarios.recordings.quantities import COURSE
 from trackbench.scenarios.recordings.time_alignment import ONE_RUN
 
 _VELOCITIES = ("vx", "vy", *COURSE)

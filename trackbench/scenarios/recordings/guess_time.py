@@ -1,7 +1,8 @@
-"""Guess of how a table writes its dates and times of day."""
+"""Guess of how a table writes its dates and times of day, and questions on its clock."""
 
 import re
 from collections.abc import Collection, Sequence
+from datetime import UTC, datetime
 from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
@@ -12,7 +13,8 @@ from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.csv_tables import number, parse_cells
 from trackbench.scenarios.recordings.dates import KNOWN_FORMS, STAMP_FORMS, instant, is_instant
-from trackbench.scenarios.recordings.rows import usual_interval
+from trackbench.scenarios.recordings.rows import Gathered, Rows, usual_interval
+from trackbench.scenarios.recordings.yaml_values import in_option
 
 _NAMED_CLOCKS = {"hhmm": "%H%M", "hhmmss": "%H%M%S", "mmss": "%M%S"}
 """Words in the name of a column that say how its numbers are times."""
@@ -26,6 +28,18 @@ _DIGITS_ALONE = re.compile(r"(%[YymdHMS])+(\.?%f)?")
 _YEARS = (1950, 2100)
 _LEAST_SECONDS = 10
 _STEADIER = 5.0  # times, as the ratio of largest and usual interval, so that an order is decided
+_DAY = 86400.0  # s
+_HOUR = 3600.0  # s
+_SUNDAY = 6
+_MONTHS_OF_SPRING = (3, 4, 9, 10)
+"""in which clocks are set forward, north and south of the equator"""
+_LATEST_HOUR = 4
+"""to which clocks are set forward"""
+_LONGEST_PAUSE = 200.0 * _DAY
+"""s: beyond it a pause is rather a clock that was set"""
+_FEWEST_MEASURED = 5
+"""rows beside which others may show that nothing was detected"""
+_LONG_INTERVAL = 600.0  # s
 
 
 class DateForm(NamedTuple):
@@ -326,3 +340,52 @@ def _unsteady(times: Array) -> tuple[bool, float]:
     if not len(intervals):
         return falls, 1.0
     return falls, float(intervals.max(initial=0.0)) / usual_interval(times)
+
+
+def check_clock(gathered: Gathered, rows: Rows) -> None:
+    """Raise DataError if a clock was set while it ran: dates of 1970 or 1980 before those of today."""
+    times, first_rows_of_times = np.unique(rows.time, return_index=True)
+    if gathered.stepped or len(times) < _FEWEST_MEASURED:
+        return
+    intervals = np.diff(times)
+    longest = int(np.argmax(intervals))
+    usual = usual_interval(times)
+    if intervals[longest] <= max(_LONGEST_PAUSE, 1e6 * usual):
+        return
+    what = f"time rises by {intervals[longest] / _DAY / 365.25:.3g} years, where rows usually are"
+    what += f" {usual:.6g} s apart: was the clock set only here?"
+    count = int((rows.time <= times[longest]).sum())
+    way = (
+        f"Leave out or correct the rows before ({count}); or give both parts a number in a column,"
+    )
+    row = int(first_rows_of_times[longest + 1])
+    raise DataError(gathered.place(rows, row, f"{what} {way} --set 'columns.run=ITS NAME'"))
+
+
+def check_daylight_saving(gathered: Gathered, rows: Rows) -> None:
+    """Raise DataError if local times lack an hour because clocks were set forward in spring.
+
+    It is an hour of a Sunday night, and the rows go on before and after it as usual. ``rows`` are in
+    order.
+    """
+    has_local_times = gathered.clock is not None and gathered.clock.kind == "date"
+    if not has_local_times or len(rows.time) < _FEWEST_MEASURED:
+        return
+    usual = usual_interval(rows.time)
+    if usual > _LONG_INTERVAL:
+        return
+    seconds = rows.time + gathered.since / 1e6
+    intervals = np.diff(seconds)
+    for row in np.flatnonzero(np.abs(intervals - usual - _HOUR) < 0.5 * usual + 0.5).tolist():
+        before = datetime.fromtimestamp(float(seconds[row]), UTC)
+        after = datetime.fromtimestamp(float(seconds[row + 1]), UTC)
+        is_full_hour = after.hour - before.hour == 2 and before.day == after.day
+        in_season = before.month in _MONTHS_OF_SPRING and before.weekday() == _SUNDAY
+        if not in_season or not is_full_hour or after.hour > _LATEST_HOUR:
+            continue
+        column = in_option(gathered.naming.columns["time"])
+        what = f"after {before:%H:%M:%S} comes {after:%H:%M:%S}, on a Sunday of {before:%B}:"
+        what += " are these local times, and was the clock set forward?"
+        way = "Write times in UTC, or with their zone (+01:00)"
+        option = f"if this hour has passed without a row, say --set 'columns.time={column}'"
+        raise DataError(gathered.place(rows, row + 1, f"{what} {way}; {option}"))

@@ -8,12 +8,15 @@ import numpy as np
 
 from trackbench.errors import in_line
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import GEODETIC, Naming
+from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.column_names import heading_of
 from trackbench.scenarios.recordings.csv_lines import TextFormat
-from trackbench.scenarios.recordings.guess_azimuths import Track
-from trackbench.scenarios.recordings.guess_format import Guess, recognized, with_places
-from trackbench.scenarios.recordings.guess_sample import Sample, quoted
+from trackbench.scenarios.recordings.guess_azimuths import with_places
+from trackbench.scenarios.recordings.guess_record import Guess, Track
+from trackbench.scenarios.recordings.guess_table import recognized
+from trackbench.scenarios.recordings.quantities import GEODETIC
+from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.yaml_values import quoted
 
 _MOST_INTERVALS = 1.5
 """usual intervals between two rows within which the truth is a straight line"""

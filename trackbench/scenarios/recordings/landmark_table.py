@@ -5,16 +5,17 @@ from dataclasses import replace
 import numpy as np
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import UNITS, Naming
-from trackbench.scenarios.recordings.column_names import columns_of
-from trackbench.scenarios.recordings.csv_lines import TextFormat, is_value, layout_of, plain_label
-from trackbench.scenarios.recordings.csv_tables import header, is_parquet
-from trackbench.scenarios.recordings.guess_sample import Sample
-from trackbench.scenarios.recordings.mixtures import (
+from trackbench.scenarios.recordings.column_mapping import Naming
+from trackbench.scenarios.recordings.column_names import (
     LANDMARK_WORDS,
+    columns_of,
     joined_and_single_words,
     role_of,
 )
+from trackbench.scenarios.recordings.csv_lines import TextFormat, is_value, layout_of, plain_label
+from trackbench.scenarios.recordings.csv_tables import header, is_parquet
+from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.units import UNITS
 
 _NAMELESS = ("landmark", "x", "y")
 """Columns of a table whose lines have a number and a place, and no line names them."""

@@ -8,12 +8,8 @@ from trackbench.core.arrays import Array
 from trackbench.durations import time_text
 from trackbench.errors import and_others
 from trackbench.field_types import DataError
-from trackbench.scenarios.recordings.rows import (
-    Gathered,
-    Numbers,
-    Rows,
-    usual_interval,
-)
+from trackbench.scenarios.recordings.csv_tables import WholeNumbers
+from trackbench.scenarios.recordings.rows import Gathered, Rows, usual_interval
 
 _MOST_INTERVALS = 10.0
 """Largest fall of a clock, in usual intervals between rows, that late rows may explain."""
@@ -79,7 +75,7 @@ def _check_falls(gathered: Gathered, rows: Rows) -> None:
 
 
 def _merge_equal_times(
-    gathered: Gathered, rows: Rows, again: Numbers, difference: Difference
+    gathered: Gathered, rows: Rows, again: WholeNumbers, difference: Difference
 ) -> Rows:
     """Leave out repeated rows, and treat different rows of one time as the key ``same_time`` says.
 
@@ -150,7 +146,9 @@ def _way_to_rest_of_time(gathered: Gathered, key: str) -> str:
     return f"the column {column} may hold the rest of the time: say {way}"
 
 
-def _mean_of_groups(values: Array, first: Numbers, group: Numbers, difference: Difference) -> Array:
+def _mean_of_groups(
+    values: Array, first: WholeNumbers, group: WholeNumbers, difference: Difference
+) -> Array:
     """Return the mean values (n, G) of each group of rows with values (n, R); missing ones are left out.
 
     ``first`` (G,) are the groups' first rows, ``group`` (R,) is the number of each row's group.
@@ -171,7 +169,9 @@ def _mean_of_groups(values: Array, first: Numbers, group: Numbers, difference: D
     return np.where(count > 0.0, start + total / np.maximum(count, 1.0), np.nan)
 
 
-def _spread_times(rows: Rows, first: Numbers, last: Numbers, group: Numbers) -> Array:
+def _spread_times(
+    rows: Rows, first: WholeNumbers, last: WholeNumbers, group: WholeNumbers
+) -> Array:
     """Return the times of all rows, those of each group spread evenly until the next group of the run.
 
     ``first`` and ``last`` (G,) are the groups' rows, ``group`` (R,) is the number of each row's group.

@@ -13,9 +13,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from trackbench.core.arrays import Array, Mask
+from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.conversions import SEMI_MAJOR_AXIS, Geodetic, east_north_up
 from trackbench.errors import and_others, reason
 from trackbench.field_types import DataError, InvalidKeyError, Place, require_regular_file
@@ -30,27 +29,16 @@ from trackbench.scenarios.recordings.clock_kinds import (
 from trackbench.scenarios.recordings.column_mapping import (
     FAR,
     MOST_DISTANCE,
-    UNITS,
     Columns,
     Frame,
     Naming,
     NamingKeys,
 )
-from trackbench.scenarios.recordings.column_names import (
-    NamedColumn,
-    columns_of,
-    rest_of_stamp,
-)
+from trackbench.scenarios.recordings.column_names import NamedColumn, rest_of_stamp
 from trackbench.scenarios.recordings.csv_lines import plain_label
-from trackbench.scenarios.recordings.csv_tables import Table
-from trackbench.scenarios.recordings.mixtures import (
-    Split,
-    as_positions,
-    is_regular,
-    may_split,
-    role_of,
-    split_by,
-)
+from trackbench.scenarios.recordings.csv_tables import Table, WholeNumbers
+from trackbench.scenarios.recordings.interleaved_rows import check_label, possible_labels
+from trackbench.scenarios.recordings.units import UNITS
 
 TICK = 1e-6
 """s: times that are nearer to each other are one"""
@@ -62,26 +50,27 @@ _MOST_MISTAKES = 20
 _MOST_WORDS_SHOWN = 8
 _NEAR_ORIGIN = 5e4
 """m: an origin within is not asked whether its numbers are exchanged"""
-Numbers = NDArray[np.integer[Any]]
+_STAMPS = ((12, "%Y%m%d%H%M"), (14, "%Y%m%d%H%M%S"), (17, "%Y%m%d%H%M%S%f"))
+_EPOCHS = {"ms": 1e12, "us": 1e15, "ns": 1e18}
 
 
 class Rows(NamedTuple):
     """R rows of the files."""
 
-    run: Numbers
+    run: WholeNumbers
     """number (R,) of each row's run"""
     time: Array
     """time (R,), s, or number of the step"""
     values: Array
     """values (n, R)"""
-    file: Numbers
+    file: WholeNumbers
     """number (R,) of each row's file"""
-    line: Numbers
+    line: WholeNumbers
     """line (R,) in the file"""
     received: Array
     """time (R,) at which the row was received, by default its own"""
 
-    def at(self, chosen: Numbers) -> "Rows":
+    def at(self, chosen: WholeNumbers) -> "Rows":
         """Return the rows with these indices, in their order."""
         return Rows(
             run=self.run[chosen],
@@ -93,7 +82,7 @@ class Rows(NamedTuple):
         )
 
     @property
-    def ticks(self) -> Numbers:
+    def ticks(self) -> WholeNumbers:
         """Times as whole numbers of `TICK`, for comparison."""
         return np.rint(self.time / TICK).astype(np.int64)
 
@@ -242,13 +231,13 @@ class Gathered:
             if key not in self.used_keys:
                 raise mistake
 
-    def numbers_of(self, names: Sequence[str]) -> Numbers:
+    def numbers_of(self, names: Sequence[str]) -> WholeNumbers:
         """Return the number of each run; a name that is new gets the next number."""
         self.runs = list(dict.fromkeys([*self.runs, *names]))
         known = {name: i for i, name in enumerate(self.runs)}
         return np.array([known[name] for name in names], dtype=np.int32)
 
-    def numbers_of_known(self, names: Collection[str]) -> Numbers:
+    def numbers_of_known(self, names: Collection[str]) -> WholeNumbers:
         """Return the numbers of the runs with these names; names that no file has are left out."""
         return np.array([i for i, name in enumerate(self.runs) if name in names], dtype=np.int32)
 
@@ -290,10 +279,6 @@ def _check_size(columns: Columns, table: Table, clock: str, own_key: str) -> Non
         way = _way_to_read_time(time[row], own_key)
         what = f"{clock}: {seconds[row]:.3g} s is no time{more}; {way}"
         raise DataError(Place(columns.path, int(table.lines[row]), 1, what))
-
-
-_STAMPS = ((12, "%Y%m%d%H%M"), (14, "%Y%m%d%H%M%S"), (17, "%Y%m%d%H%M%S%f"))
-_EPOCHS = {"ms": 1e12, "us": 1e15, "ns": 1e18}
 
 
 def _way_to_read_time(value: float, own_key: str) -> str:
@@ -428,7 +413,7 @@ def _read_file(
     run = columns.take("run", "label")
     which = columns.take("sensor", "word" if gathered.has_inputs else "label")
     several = columns.take_unnamed_runs() if run is None else None
-    labels = _possible_labels(columns, [rest.column for rest in gathered.rest.values()])
+    labels = possible_labels(columns, [rest.column for rest in gathered.rest.values()])
     # Step 2: read them; times become seconds.
     table = columns.read()
     gathered.unavailable += columns.unavailable
@@ -458,7 +443,7 @@ def _read_file(
     is_read = np.ones(len(time), dtype=np.bool_)
     if gathered.chosen:
         is_read = np.isin(runs, gathered.numbers_of_known(gathered.chosen))
-    rows_by_sensor: list[Numbers | slice] = [slice(None)] * len(sensors)
+    rows_by_sensor: list[WholeNumbers | slice] = [slice(None)] * len(sensors)
     if which is not None and gathered.has_inputs:
         _check_rows_without_sensor(columns, table, which, wanted)
     if which is not None and (len(sensors) > 1 or len(table.words[which]) > 1 or names):
@@ -484,7 +469,7 @@ def _read_file(
     for label in labels:
         for components, of_sensor in zip(sensors, rows_by_sensor, strict=True):
             measured = {name: quantities[name][of_sensor] for name in components}
-            _check_label(
+            check_label(
                 columns,
                 table,
                 label,
@@ -512,93 +497,8 @@ def _read_file(
     return rows_of_sensors
 
 
-class MixedRowsError(DataError):
-    """Rows of several targets or sensors, which a column names, would be those of one."""
-
-    def __init__(self, place: Place, column: str, role: str, split: Split) -> None:
-        super().__init__(place)
-        self.column = column
-        self.role = role
-        self.split = split
-
-
-def _possible_labels(columns: Columns, of_time: Collection[str]) -> list[str]:
-    """Return the unused columns that may name the target or the sensor of each row.
-
-    The words of these columns are read with the table. The columns ``of_time`` are parts of a time.
-    """
-    named = columns.naming.columns
-    if named.get("run") == "" or named.get("sensor") == "":
-        return []  # the config says that the rows are mixed
-    labels = []
-    quantities = columns_of(columns.names)
-    measured = {c.column for name, c in quantities.items() if name not in ("run", "sensor")}
-    for name, cells in columns.first_cells.items():
-        # A column with the name of a quantity is measured, unless it may also name targets, as a track.
-        is_measured = name in of_time or (name in measured and not role_of(name))
-        if not is_measured and may_split(name, cells) and columns.take_words(name):
-            labels.append(name)
-    return labels
-
-
-def _check_label(
-    columns: Columns,
-    table: Table,
-    label: str,
-    quantities: Mapping[str, Array],
-    runs: Numbers,
-    time: Array,
-    of_sensor: Numbers | slice,
-) -> None:
-    """Raise MixedRowsError if a column seems to name several targets or sensors of one sensor's rows.
-
-    The rows of the longest run are split by the words of the column ``label``. If the column's name
-    says that it names targets or sensors, this is an error unless the parts agree as one. For any other
-    column the parts must clearly differ. ``quantities``, ``runs`` and ``time`` are those of the
-    sensor's rows, and ``of_sensor`` are the indices of these rows in the table.
-    """
-    codes = table.columns[label][of_sensor]
-    words = table.words[label]
-    if not len(runs):
-        return
-    # In the header of a ROS message this is the frame of a camera, beside the names of what it sees.
-    is_frame = label.replace("_", "").lower().endswith("frameid")
-    if is_frame and columns.column("sensor") is not None:
-        return
-    empty = words.index("") if "" in words else -1  # code of empty cells; none has -1
-    is_longest = (runs == np.bincount(runs).argmax()) & (codes != empty)
-    rows = np.flatnonzero(is_longest)
-    found, counts = np.unique(codes[rows], return_counts=True)
-    values = as_positions({name: values[rows] for name, values in quantities.items()})
-    # At least two words, on two rows each on average, and two words that are on several rows.
-    is_repeated = len(found) >= 2 and len(rows) >= 2 * len(found) and (counts > 1).sum() > 1
-    if not (is_repeated and len(values)):
-        return
-    # The role is "target", "sensor", "place" or "quality", empty if the column's name does not say it.
-    role = role_of(label)
-    # The split is "apart", "errors" (of different sizes), "one" or "unknown".
-    split = split_by(codes[rows], time[rows], values)
-    # Parts that differ by the size of their errors alone are sensors only if they take turns.
-    is_mixed = split == "apart" or (split == "errors" and is_regular(codes[rows], time[rows]))
-    if role:
-        is_mixed = split != "one"
-    if not is_mixed:
-        return
-    shown = ", ".join(words[code] for code in found[:_MOST_WORDS_SHOWN].tolist())
-    more = ", ..." if len(found) > _MOST_WORDS_SHOWN else ""
-    what = (
-        f"column {label} has {len(found)} values ({shown}{more}), which would be one run and sensor"
-    )
-    if split in ("apart", "errors"):
-        what += "; the rows of each agree with themselves better than with the others"
-    way = f"say `columns: {{run: {label}}}` for a run each, `columns: {{sensor: {label}}}` for a sensor"
-    mix = "run" if columns.column("run") is None else "sensor"
-    way += f' each, or `columns: {{{mix}: ""}}` to mix them'
-    raise MixedRowsError(Place(columns.path, 1, 1, f"{what}: {way}"), label, role, split)
-
-
 def _frames_of_runs(
-    gathered: Gathered, columns: Columns, table: Table, runs: Numbers
+    gathered: Gathered, columns: Columns, table: Table, runs: WholeNumbers
 ) -> tuple[Geodetic, list[Frame]]:
     """Return the places of a table's rows, and frames: each an origin with the rows that count from it.
 
@@ -657,7 +557,7 @@ def _origin_at(places: Geodetic, row: int) -> tuple[float, ...]:
     return latitude, longitude, float(places.height[row])
 
 
-def _distances(places: Geodetic, rows: Numbers, origin: tuple[float, ...]) -> Array:
+def _distances(places: Geodetic, rows: WholeNumbers, origin: tuple[float, ...]) -> Array:
     """Return the distances (R,) of the R rows with these indices from an origin, m, along the Earth."""
     # Both at the height 0; the place of the frame is the origin, once for each row.
     on_ground = Geodetic(places.latitude[rows], places.longitude[rows], np.zeros(len(rows)))
@@ -950,3 +850,8 @@ class FromFiles:
 
     def __hash__(self) -> int:
         return hash(self._key)
+
+
+def longest_first(names: list[str], sizes: Index) -> list[tuple[str, int]]:
+    """Return the name and the number of rows of each run, the longest first."""
+    return sorted(zip(names, sizes.tolist(), strict=True), key=lambda run: -run[1])

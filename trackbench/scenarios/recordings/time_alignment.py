@@ -10,7 +10,8 @@ from trackbench.core.angles import near
 from trackbench.core.arrays import Array, Index, fixed
 from trackbench.durations import time_text
 from trackbench.field_types import MOST_STEPS, DataError, InvalidKeyError, Place
-from trackbench.scenarios.recordings.rows import TICK, Gathered, Numbers, Rows, usual_interval
+from trackbench.scenarios.recordings.csv_tables import WholeNumbers
+from trackbench.scenarios.recordings.rows import TICK, Gathered, Rows, usual_interval
 
 ONE_RUN = "0"
 """Name of the run of one file without names of runs."""
@@ -269,7 +270,7 @@ def _nearest_steps(gathered: Gathered, rows: Rows, clock: Clock) -> tuple[Index,
     return place, np.abs(clock.times[np.maximum(place, 0)] - times)
 
 
-def _nearest_rows(run: Numbers, place: Index, away: Array, rows: Index) -> Index:
+def _nearest_rows(run: WholeNumbers, place: Index, away: Array, rows: Index) -> Index:
     """Select, of the ``rows`` of a run in one step, the one nearest to the step's time.
 
     ``run``, ``place`` and ``away`` (R,) are the run, the step and the distance in time of all rows.

@@ -24,14 +24,9 @@ from trackbench.models.inputs import KnownInputs
 from trackbench.models.priors import TwoPoint
 from trackbench.models.sensors.base import Sensors, rows_of, sensors_of
 from trackbench.registry import register
-from trackbench.scenarios.recordings.column_mapping import (
-    KEYS,
-    Naming,
-    NamingKeys,
-    plain_name,
-)
-from trackbench.scenarios.recordings.common_times import check_common_time, note_files_apart
-from trackbench.scenarios.recordings.inputs import (
+from trackbench.scenarios.recordings.column_mapping import Naming, NamingKeys
+from trackbench.scenarios.recordings.file_overlap import check_common_time, note_files_apart
+from trackbench.scenarios.recordings.known_inputs import (
     InputRows,
     aligned_with,
     check_gaps,
@@ -40,6 +35,7 @@ from trackbench.scenarios.recordings.inputs import (
     rows_within,
     with_inputs_only,
 )
+from trackbench.scenarios.recordings.quantities import KEYS, plain_name
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import (
     TICK,

@@ -1,4 +1,4 @@
-"""Recorded inputs of motions, such as odometry: which values hold over which step."""
+"""Known inputs of motions, such as recorded odometry: the values that hold over each step."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,17 +12,11 @@ from trackbench.errors import counted
 from trackbench.field_types import DataError, InvalidKeyError, Place
 from trackbench.models.inputs import InputGap, KnownInputs
 from trackbench.scenarios.recordings.row_order import in_order
-from trackbench.scenarios.recordings.rows import (
-    TICK,
-    Gathered,
-    Rows,
-    usual_interval,
-)
+from trackbench.scenarios.recordings.rows import TICK, Gathered, Rows, usual_interval
 from trackbench.scenarios.recordings.time_alignment import ONE_RUN, Clock
 
 _MOST_INTERVALS = 1.5
 """Usual intervals between two rows over which a value holds, unless the config has a `gap`."""
-
 _MOST_MISTAKES = 20
 """mistakes that are listed, of which the last one has the number of all others"""
 _MOST_OUTSIDE = 0.5

@@ -1,4 +1,4 @@
-"""Questions on tables whose recognized columns are only a part of what was measured.
+"""Questions on coordinates that are only a part of the position, or count from another place.
 
 Each of these tables would be read without an error, and give wrong positions.
 """
@@ -9,9 +9,10 @@ from collections.abc import Collection, Mapping
 import numpy as np
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import UNITS
 from trackbench.scenarios.recordings.column_names import columns_of, unit_of, words_of
-from trackbench.scenarios.recordings.guess_sample import Sample, in_option
+from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.yaml_values import in_option
 
 _RADII = (6.33e6, 6.43e6)
 """m: least and largest distance from the center of the Earth near its surface"""

@@ -1,7 +1,5 @@
-"""First rows of a table as text and numbers, from which a guess at its format is made."""
+"""First rows of a table as text and numbers, from which a guess at it is made."""
 
-import json
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +7,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.errors import counted
 from trackbench.field_types import DataError, Place, decimals
-from trackbench.scenarios.recordings.column_names import other_unit_in_line, unit_in, words_of
+from trackbench.scenarios.recordings.column_names import other_unit_in_line, words_of
 from trackbench.scenarios.recordings.csv_lines import TextFormat, layout_of, table_rows
 from trackbench.scenarios.recordings.csv_tables import (
     first_rows,
@@ -19,35 +17,9 @@ from trackbench.scenarios.recordings.csv_tables import (
     read_table,
     without_thousands,
 )
+from trackbench.scenarios.recordings.units import unit_in
 
 _SAMPLE = 10_000  # rows
-_NO_WORDS = ("null", "true", "false")
-"""Words that YAML reads as something else."""
-
-
-def in_option(name: str) -> str:
-    """Return a column's name as an option ``--set 'columns.x=NAME'`` has it: with escapes."""
-    return json.dumps(name)[1:-1]  # without the quotes
-
-
-def quoted(word: str) -> str:
-    """Return a word as YAML, in quotes if it has more than letters, digits and underscores.
-
-    Characters that cannot be printed, such as line breaks of Unicode, are escaped, so that words of an
-    unknown table cannot begin a new line of the config.
-    """
-    if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*|[1-9][0-9]*", word) and word.lower() not in _NO_WORDS:
-        return word
-    text = json.dumps(word, ensure_ascii=False)
-    return "".join(c if c.isprintable() else _escape(c) for c in text)
-
-
-def _escape(character: str) -> str:
-    """Escape a character as YAML does within double quotes."""
-    number = ord(character)
-    if number < 0x10000:
-        return f"\\u{number:04x}"
-    return f"\\U{number:08x}"
 
 
 class Sample:
