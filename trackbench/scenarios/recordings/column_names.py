@@ -6,15 +6,11 @@ from collections.abc import Collection, Iterable
 from typing import Literal, NamedTuple
 
 from trackbench.scenarios.recordings.units import (
-    BRACKETS,
-    MICROMETERS,
-    NAUTICAL_MILES,
     OTHER_UNITS,
-    PER_SECOND,
     UNIT_WORDS,
     is_other_unit,
     is_unit_of,
-    name_scaled_unit,
+    spell_units,
     unit_in,
 )
 
@@ -286,12 +282,7 @@ def words_of(name: str) -> list[str]:
     name = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
     # posX is pos x.
     name = re.sub(r"([a-z])([A-Z])", r"\1 \2", name.replace("°", " deg")).lower()
-    name = MICROMETERS.sub("um", name)
-    # m_s, m per s and m s^-1 are m/s.
-    name = PER_SECOND.sub(r"\1/\2", name)
-    name = NAUTICAL_MILES.sub("nmi", name)
-    # [0.01 m] is cm; [0.1 m], which has no name, is one word, 0.1*m.
-    name = BRACKETS.sub(name_scaled_unit, name)
+    name = spell_units(name)
     # Units that are one word in spite of the slash; the last four are of whole numbers, such as AIS has.
     units = r"rad/s|deg/s|km/h|cm/s|mm/s|um/s|m/s|ft/s|deg/600000|deg/100|deg/10|kn/10"
     return re.findall(rf"[0-9.e/+-]+\*[a-z0-9/]+|{units}|[a-z0-9]+", name)

@@ -1,12 +1,17 @@
 """Questions on axes that are exchanged or mirrored, as velocities and courses show."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.field_types import DataError, Place
+from trackbench.scenarios.recordings.column_names import words_of
+from trackbench.scenarios.recordings.guess_record import ColumnByQuantity
+from trackbench.scenarios.recordings.quantities import COURSE, GEODETIC, PLACE, VELOCITY
+from trackbench.scenarios.recordings.table_sample import Sample
 from trackbench.scenarios.recordings.unit_candidates import (
     SAME_WAY,
     Candidate,
@@ -18,6 +23,10 @@ from trackbench.scenarios.recordings.unit_candidates import (
     median_cosine,
 )
 from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.yaml_values import in_option
+
+_HEADINGS = frozenset(("heading", "hdg", "headmot", "direction", "bearing"))
+"""Words of columns that may have the direction in which a vehicle points."""
 
 
 class Reflection(NamedTuple):
@@ -38,6 +47,120 @@ REFLECTIONS = (
     Reflection(True, -1.0, -1.0),
 )
 """The symmetries of a square but the identity, the likeliest mistakes first."""
+
+
+def check_bearings(
+    sample: Sample,
+    columns: ColumnByQuantity,
+    user_columns: Collection[str],
+    numbers: Numbers,
+    chosen: Candidate,
+    angles: Array,
+) -> None:
+    """Raise DataError for a bearing beside a position if it is not the direction of movement.
+
+    It may then be measured from there, as by a ship with a sonar. It is no question if the user named
+    the columns of the position, among ``user_columns``. ``angles`` (R,) are the bearings, rad, and the
+    positions are those of the ``numbers`` in the ``chosen`` units.
+    """
+    is_answered = not {*PLACE, *GEODETIC[:2]}.isdisjoint(user_columns)
+    if is_answered or is_direction_of_movement(numbers, chosen, angles):
+        return
+    bearing = columns["azimuth"]
+    names = PLACE if columns.keys() >= {*PLACE} else GEODETIC[:2]
+    places = " and ".join(columns[name] for name in names)
+    message = f"{bearing} is not the direction in which {places} move: was it measured from there?"
+    way = f"Say --set 'columns.azimuth={in_option(bearing)}'"
+    way += ", and give the sensor this path (`platform`)"
+    options = [f"--set 'columns.{name}={in_option(columns[name])}'" for name in names]
+    option = f"if positions were measured, say {' '.join(options)}"
+    raise DataError(Place(sample.path, sample.line, 1, f"{message} {way}; {option}"))
+
+
+def has_north_first(
+    numbers: Numbers, known_units: Mapping[str, str], clocks: Mapping[str, tuple[float, float]]
+) -> bool:
+    """Test whether vx and vy are the movement's only if they are exchanged.
+
+    Autopilots name the velocity to the north vx. Latitudes and longitudes leave no doubt of axes.
+    ``clocks`` are possible forms of dates.
+    """
+    first = likely_units(numbers, known_units, clocks)[0]
+    if (first.agrees and first.same_way) or numbers.velocity is None:
+        return False
+    exchanged = replace(numbers, velocity=numbers.velocity[::-1])
+    other = likely_units(exchanged, known_units, clocks)[0]
+    return other.agrees and other.same_way and agreeing_reflection(numbers, known_units) is None
+
+
+def check_velocity(
+    sample: Sample, columns: ColumnByQuantity, numbers: Numbers, known_units: Mapping[str, str]
+) -> None:
+    """Raise DataError if a speed and course agree with exchanged or mirrored positions alone."""
+    change = agreeing_reflection(numbers, known_units)
+    if change is not None:
+        velocity = [name for name in (*COURSE, *VELOCITY) if name in columns]
+        raise DataError(_question_on_axes(sample, columns, change, velocity))
+
+
+def check_course(
+    sample: Sample, columns: ColumnByQuantity, numbers: Numbers, chosen: Candidate, course: Array
+) -> None:
+    """Raise DataError if a course without a speed is the direction of changed positions alone.
+
+    The heading of a vehicle is no course: it may count from x, and is not read without a speed.
+    ``course`` (R,) is in rad, and the positions are those of the ``numbers`` in the ``chosen`` units.
+    """
+    if not _HEADINGS.isdisjoint(words_of(columns["course"])) and not numbers.is_angle:
+        return
+    change = reflection_of_course(numbers, chosen, course)
+    if change is not None:
+        raise DataError(_question_on_axes(sample, columns, change, ["course"]))
+
+
+def _question_on_axes(
+    sample: Sample, columns: ColumnByQuantity, change: Reflection, velocity: list[str]
+) -> Place:
+    """Ask which of positions and velocities are right, if they agree only after a change.
+
+    ``velocity`` are the quantities of the velocity.
+    """
+    names = ("longitude", "latitude")
+    positive = ("east", "north")
+    if {*PLACE} <= columns.keys():
+        names = PLACE
+    east, north = (columns[name] for name in names)
+    first, second = sorted((east, north), key=sample.names.index)
+    measured = " and ".join(columns[name] for name in velocity)
+    agree = "agrees" if len(velocity) == 1 else "agree"
+    leave_out = " ".join(f"--set 'columns.{name}=\"\"'" for name in velocity)
+    signs = (change.sign_of_east, change.sign_of_north)
+    if change.exchanged and signs == (1.0, 1.0):
+        what = f"{first} and {second} agree with {measured} only if they are exchanged"
+        options = f"--set 'columns.{names[0]}={in_option(north)}'"
+        options += f" --set 'columns.{names[1]}={in_option(east)}'"
+        way = f"say {options}"
+        if names == PLACE:
+            way = f"if {east} points north and {north} east, {way}"
+    elif change.exchanged:
+        what = f"{measured} {agree} with {first} and {second} only after a quarter turn"
+        way = f"turn the axes, so that {names[0]} is positive to the east"
+        way += f" and {names[1]} to the north"
+    elif signs == (-1.0, -1.0):
+        what = f"{measured} {agree} with {first} and {second} only in the opposite direction"
+        way = "correct the signs, or turn the directions by 180 deg"
+    else:
+        is_east = change.sign_of_east < 0.0
+        column = east if is_east else north
+        what = f"{column} agrees with {measured} only with the opposite sign"
+        direction = "west" if is_east else "south"
+        way = f"write degrees to the {direction} as negative numbers"
+        if names == PLACE:
+            way = f"change its sign, so that it is positive to the {positive[not is_east]}"
+    if names == PLACE:
+        way += f"; if {measured} counted otherwise, convert them"
+    what = f"{what}: {way}, or leave {'it' if len(velocity) == 1 else 'the velocities'} out"
+    return Place(sample.path, sample.line, 1, f"{what}, {leave_out}")
 
 
 def agreeing_reflection(numbers: Numbers, known_units: Mapping[str, str]) -> Reflection | None:

@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -15,10 +15,10 @@ from trackbench.scenarios.recordings.column_names import other_unit_of, rest_of_
 from trackbench.scenarios.recordings.csv_tables import parse_cells
 from trackbench.scenarios.recordings.dates import instant
 from trackbench.scenarios.recordings.guess_axes import (
-    Reflection,
-    agreeing_reflection,
-    is_direction_of_movement,
-    reflection_of_course,
+    check_bearings,
+    check_course,
+    check_velocity,
+    has_north_first,
 )
 from trackbench.scenarios.recordings.guess_record import (
     ColumnByQuantity,
@@ -61,8 +61,6 @@ _TIME_OF_WEEK = {"tow", "itow", "gms", "sow", "gpst", "secondsofweek"}
 _SECONDS = {"seconds", "sec", "secs", "second", "t", "tow", "itow", "gms", "sow", "sod"}
 _TIMES_OF_DAY = {"utc", "clock", "gmt", "uhrzeit", "heure", "hora", "klokkeslett", "local", "cet"}
 _ELAPSED = {"elapsed", "duration", "split", "lap", "laptime", "elapsedtime"}
-_HEADINGS = frozenset(("heading", "hdg", "headmot", "direction", "bearing"))
-"""Words of columns that may have the direction in which a vehicle points."""
 
 
 def check_named_units(
@@ -133,11 +131,7 @@ class UnitChoice:
         if numbers.is_angle and numbers.velocity is not None:
             numbers = self._with_north_first(numbers, known_units, clocks)
         first, *others = likely_units(numbers, known_units, clocks)
-        self._check_bearings(sensor, numbers, first)
-        if has_velocity and not (first.agrees and first.same_way):
-            self._check_reflections(numbers, known_units)
-        if sensor.quantities == PLACE:
-            self._check_course(numbers, first)
+        self._check_axes(sensor, numbers, first, known_units, has_velocity)
         questions = []
         if others:
             questions = self._questions([first, *others], numbers)
@@ -162,121 +156,53 @@ class UnitChoice:
             return self._clock._replace(form=first.time)
         return self._clock
 
-    def _check_bearings(self, sensor: SensorGuess, numbers: Numbers, chosen: Candidate) -> None:
-        """Raise DataError for a bearing beside a position if it is not the direction of movement.
-
-        It may then be measured from there, as by a ship with a sonar. A column that the user named, or
-        one that is a course beside a speed, is no question.
-        """
-        columns = self._columns
-        bearing = columns.get("azimuth")
-        is_answered = not {*PLACE, *GEODETIC[:2]}.isdisjoint(self._user_columns)
-        if sensor.quantities != PLACE or bearing is None or "speed" in columns or is_answered:
-            return
-        angles = self._values("azimuth")[self._chosen_rows]
-        unit = self._unit_of_angles("azimuth", angles)
-        if is_direction_of_movement(numbers, chosen, angles * UNITS[unit]):
-            return
-        names = PLACE if columns.keys() >= {*PLACE} else GEODETIC[:2]
-        places = " and ".join(columns[name] for name in names)
-        what = f"{bearing} is not the direction in which {places} move: was it measured from there?"
-        way = f"Say --set 'columns.azimuth={in_option(bearing)}'"
-        way += ", and give the sensor this path (`platform`)"
-        options = [f"--set 'columns.{name}={in_option(columns[name])}'" for name in names]
-        option = f"if positions were measured, say {' '.join(options)}"
-        raise DataError(Place(self._sample.path, self._sample.line, 1, f"{what} {way}; {option}"))
-
     def _with_north_first(
         self,
         numbers: Numbers,
-        known_units: dict[str, str],
-        clocks: dict[str, tuple[float, float]],
+        known_units: UnitByQuantity,
+        clocks: Mapping[str, tuple[float, float]],
     ) -> Numbers:
         """Return the numbers with vx and vy exchanged, if only then they are the movement's.
 
-        Autopilots name the velocity to the north vx. Latitudes and longitudes leave no doubt of axes.
+        The columns of vx and vy, and their units, are then exchanged, too. ``clocks`` are possible forms
+        of dates.
         """
-        first = likely_units(numbers, known_units, clocks)[0]
-        if (first.agrees and first.same_way) or numbers.velocity is None:
-            return numbers
-        exchanged = replace(numbers, velocity=numbers.velocity[::-1])
-        other = likely_units(exchanged, known_units, clocks)[0]
-        change = agreeing_reflection(numbers, known_units)
         is_answered = not {*VELOCITY}.isdisjoint(self._user_columns)
-        if not (other.agrees and other.same_way) or change is not None or is_answered:
+        if is_answered or not has_north_first(numbers, known_units, clocks):
             return numbers
+        assert numbers.velocity is not None
         columns = self._columns
-        units = self._units
         columns["vx"], columns["vy"] = columns["vy"], columns["vx"]
         for name, partner in (VELOCITY, VELOCITY[::-1]):
             if name in known_units:
-                units[partner] = known_units[name]
+                self._units[partner] = known_units[name]
         self._why["exchanged"] = f"{columns['vy']} points north, as the positions show"
-        return exchanged
+        return replace(numbers, velocity=numbers.velocity[::-1])
 
-    def _check_reflections(self, numbers: Numbers, known_units: dict[str, str]) -> None:
-        """Raise DataError if a speed and course agree with exchanged or mirrored positions alone."""
-        change = agreeing_reflection(numbers, known_units)
-        if change is not None:
-            velocity = [name for name in (*COURSE, *VELOCITY) if name in self._columns]
-            raise DataError(self._question_on_axes(change, velocity))
+    def _check_axes(
+        self,
+        sensor: SensorGuess,
+        numbers: Numbers,
+        chosen: Candidate,
+        known_units: UnitByQuantity,
+        has_velocity: bool,
+    ) -> None:
+        """Raise DataError if bearings, velocities or courses contradict the positions' axes.
 
-    def _check_course(self, numbers: Numbers, chosen: Candidate) -> None:
-        """Raise DataError if a course without a speed is the direction of changed positions alone.
-
-        The heading of a vehicle is no course: it may count from x, and is not read without a speed.
+        The positions are those of the ``numbers`` in the ``chosen`` units. ``has_velocity`` is True if
+        the sensor also measures a velocity.
         """
-        column = self._columns.get("course")
-        if column is None or numbers.course is None or numbers.speed is not None:
-            return
-        if not _HEADINGS.isdisjoint(words_of(column)) and not numbers.is_angle:
-            return
-        unit = self._unit_of_angles("course", numbers.course)
-        change = reflection_of_course(numbers, chosen, numbers.course * UNITS[unit])
-        if change is not None:
-            raise DataError(self._question_on_axes(change, ["course"]))
-
-    def _question_on_axes(self, change: Reflection, velocity: list[str]) -> Place:
-        """Ask which of positions and velocities are right, if they agree only after a change.
-
-        ``velocity`` are the quantities of the velocity.
-        """
-        names = ("longitude", "latitude")
-        positive = ("east", "north")
-        if {*PLACE} <= self._columns.keys():
-            names = PLACE
-        east, north = (self._columns[name] for name in names)
-        first, second = sorted((east, north), key=self._sample.names.index)
-        measured = " and ".join(self._columns[name] for name in velocity)
-        agree = "agrees" if len(velocity) == 1 else "agree"
-        leave_out = " ".join(f"--set 'columns.{name}=\"\"'" for name in velocity)
-        signs = (change.sign_of_east, change.sign_of_north)
-        if change.exchanged and signs == (1.0, 1.0):
-            what = f"{first} and {second} agree with {measured} only if they are exchanged"
-            options = f"--set 'columns.{names[0]}={in_option(north)}'"
-            options += f" --set 'columns.{names[1]}={in_option(east)}'"
-            way = f"say {options}"
-            if names == PLACE:
-                way = f"if {east} points north and {north} east, {way}"
-        elif change.exchanged:
-            what = f"{measured} {agree} with {first} and {second} only after a quarter turn"
-            way = f"turn the axes, so that {names[0]} is positive to the east"
-            way += f" and {names[1]} to the north"
-        elif signs == (-1.0, -1.0):
-            what = f"{measured} {agree} with {first} and {second} only in the opposite direction"
-            way = "correct the signs, or turn the directions by 180 deg"
-        else:
-            is_east = change.sign_of_east < 0.0
-            column = east if is_east else north
-            what = f"{column} agrees with {measured} only with the opposite sign"
-            direction = "west" if is_east else "south"
-            way = f"write degrees to the {direction} as negative numbers"
-            if names == PLACE:
-                way = f"change its sign, so that it is positive to the {positive[not is_east]}"
-        if names == PLACE:
-            way += f"; if {measured} counted otherwise, convert them"
-        what = f"{what}: {way}, or leave {'it' if len(velocity) == 1 else 'the velocities'} out"
-        return Place(self._sample.path, self._sample.line, 1, f"{what}, {leave_out}")
+        columns = self._columns
+        is_position = sensor.quantities == PLACE
+        if is_position and "azimuth" in columns and "speed" not in columns:
+            angles = self._values("azimuth")[self._chosen_rows]
+            angles = angles * UNITS[self._unit_of_angles("azimuth", angles)]
+            check_bearings(self._sample, columns, self._user_columns, numbers, chosen, angles)
+        if has_velocity and not (chosen.agrees and chosen.same_way):
+            check_velocity(self._sample, columns, numbers, known_units)
+        if is_position and numbers.course is not None and numbers.speed is None:
+            course = numbers.course * UNITS[self._unit_of_angles("course", numbers.course)]
+            check_course(self._sample, columns, numbers, chosen, course)
 
     def check_azimuths(self, sensors: list[SensorGuess]) -> None:
         """Raise DataError if azimuths without a unit may be in radians as well as in degrees.

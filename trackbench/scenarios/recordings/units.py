@@ -96,13 +96,13 @@ OTHER_UNITS = frozenset(
     | {"grade", "grades", "grads", "gradian", "gradians"}
 )
 """Words that are units of lengths, angles and speeds, and none that a recording may have."""
-PER_SECOND = re.compile(
+_PER_SECOND = re.compile(
     r"(?<![a-z])(km|m|cm|mm|um|ft|deg|rad)(?:[_ ]per[_ ]|[_ .]?(?=[sh]\^?-1)|_)"
     r"(s|h)(?:\^?-1)?(?![a-z0-9])"
 )
-NAUTICAL_MILES = re.compile(r"(?:nautical|sea)[ _-]?miles?|seemeilen?|milles? marins?")
-MICROMETERS = re.compile(r"microns?(?![a-z])|micromet(?:er|re)s?(?![a-z])")
-BRACKETS = re.compile(r"[\[(]([^\])]*)[\])]")
+_NAUTICAL_MILES = re.compile(r"(?:nautical|sea)[ _-]?miles?|seemeilen?|milles? marins?")
+_MICROMETERS = re.compile(r"microns?(?![a-z])|micromet(?:er|re)s?(?![a-z])")
+_BRACKETS = re.compile(r"[\[(]([^\])]*)[\])]")
 _NUMBER = r"\d+(?:\.\d+)?(?:e[-+]?\d+)?(?:/\d+)?"
 _UNIT = "|".join(sorted(map(re.escape, {*UNIT_WORDS, *OTHER_UNITS}), key=len, reverse=True))
 _SCALED_UNITS = (
@@ -160,7 +160,17 @@ def is_other_unit(word: str) -> bool:
     return word in OTHER_UNITS or "*" in word
 
 
-def name_scaled_unit(match: re.Match[str]) -> str:
+def spell_units(name: str) -> str:
+    """Write the units in a name, which has small letters, as `UNIT_WORDS` has them."""
+    name = _MICROMETERS.sub("um", name)
+    # m_s, m per s and m s^-1 are m/s.
+    name = _PER_SECOND.sub(r"\1/\2", name)
+    name = _NAUTICAL_MILES.sub("nmi", name)
+    # [0.01 m] is cm; [0.1 m], which has no name, is one word, 0.1*m.
+    return _BRACKETS.sub(_name_scaled_unit, name)
+
+
+def _name_scaled_unit(match: re.Match[str]) -> str:
     """Replace a unit with a factor in brackets by the known unit of this size: 0.01 m by cm.
 
     Without such a unit it becomes one word, such as 0.1*m.
