@@ -91,8 +91,8 @@ class Naming:
     def __post_init__(self) -> None:
         for key, unit in self.units.items():
             if unit not in UNITS:
-                what = f"{unit!r} is not one of {', '.join(UNITS)}"
-                raise InvalidKeyError(what, "units", key)
+                message = f"{unit!r} is not one of {', '.join(UNITS)}"
+                raise InvalidKeyError(message, "units", key)
         if self.zone and offset_of_zone(self.zone) is None:
             raise InvalidKeyError(mistake_in_zone(self.zone), "zone")
         if self.origin and len(self.origin) not in (2, 3):
@@ -100,8 +100,9 @@ class Naming:
         for name, degrees in zip(GEODETIC, self.origin[:2], strict=False):
             least, largest, *_ = LIMITS[name]
             if not least <= degrees <= largest:
-                what = f"{degrees:g} deg is impossible; a {name} is within {least:g} and {largest:g} deg"
-                raise InvalidKeyError(what, "origin", GEODETIC.index(name))
+                limits = f"a {name} is within {least:g} and {largest:g} deg"
+                message = f"{degrees:g} deg is impossible; {limits}"
+                raise InvalidKeyError(message, "origin", GEODETIC.index(name))
 
     @property
     def is_in_utc(self) -> bool:
@@ -143,15 +144,17 @@ class Naming:
         for part, keys in keys_of_parts.items():
             for key in keys:
                 if key not in known:
-                    what = f"there is no {key}; known: {', '.join(known)}"
-                    raise InvalidKeyError(what, *within, part, key)
+                    message = f"there is no {key}; known: {', '.join(known)}"
+                    raise InvalidKeyError(message, *within, part, key)
         for i, name in enumerate(self.clockwise):
             if name in components and plain_name(name) not in _NO_ANGLES:
                 continue
-            what = f"{name!r} is no angle that is measured here; there are {', '.join(components)}"
+            message = (
+                f"{name!r} is no angle that is measured here; there are {', '.join(components)}"
+            )
             if name == "course":
-                what = "a course always counts clockwise from north; leave it out"
-            raise InvalidKeyError(what, *within, "clockwise", i)
+                message = "a course always counts clockwise from north; leave it out"
+            raise InvalidKeyError(message, *within, "clockwise", i)
         # Without positions and velocities x and z are numbers of any unit.
         is_scalar = not {"px", "vx"} & {*components}
         for key, unit in self.units.items():
@@ -285,8 +288,10 @@ class Columns:
             quantity = plain_name(name)
             other = self._used.setdefault(column, quantity)
             if other != quantity:
-                what = f"column {column} is both {other} and {quantity}; a quantity has a column of"
-                raise self.mistake(f"{what} its own (see `columns`)")
+                message = (
+                    f"column {column} is both {other} and {quantity}; a quantity has a column of"
+                )
+                raise self.mistake(f"{message} its own (see `columns`)")
             self.contents[column] = content
         return column
 
@@ -317,11 +322,11 @@ class Columns:
             wrong = np.flatnonzero(~is_right)
             if len(wrong):
                 value = table.columns[column][wrong[0]]
-                what = f"{column}: {value:.9g} is no part of a second; say its unit"
-                what += f" (`units: {{{name}: us}}`)"
+                message = f"{column}: {value:.9g} is no part of a second; say its unit"
+                message += f" (`units: {{{name}: us}}`)"
                 if np.isnan(value):
-                    what = f"{column}: is missing, and is a part of the time"
-                raise DataError(Place(self.path, int(table.lines[wrong[0]]), 1, what))
+                    message = f"{column}: is missing, and is a part of the time"
+                raise DataError(Place(self.path, int(table.lines[wrong[0]]), 1, message))
             added = added + seconds
         return added
 
@@ -349,15 +354,15 @@ class Columns:
         """
         known = ", ".join(self.names)[:200]
         column = self.naming.columns.get(name) or self.naming.columns.get(name.rpartition(".")[2])
-        what = f"no column {name}; there are {known}"
+        message = f"no column {name}; there are {known}"
         way = f" (see `{key}`)"
         if column:
             quantity = name.rpartition(".")[2]
-            what = f"no column {column}, which `{key}` has for {quantity}; there are {known}"
+            message = f"no column {column}, which `{key}` has for {quantity}; there are {known}"
             way = ""
         if self._keys.own and key == "columns":
             way = f": a file with other names needs `{self._keys.own}: {{columns: {{time: NAME}}}}`"
-        return self.mistake(f"{what}{way}")
+        return self.mistake(f"{message}{way}")
 
     def mistake(self, message: str) -> DataError:
         """Return the error for a mistake of the table as a whole."""
@@ -385,7 +390,7 @@ class Columns:
             impossible_value = impossible(quantity, values, scale)
             if impossible_value is not None:
                 line = int(table.lines[impossible_value.row])
-                mistakes.append(Place(self.path, line, 1, f"{column}: {impossible_value.what}"))
+                mistakes.append(Place(self.path, line, 1, f"{column}: {impossible_value.message}"))
         if mistakes:
             raise DataError(*mistakes)
         for quantity in self._hemispheres:
@@ -409,8 +414,8 @@ class Columns:
             table.columns[latitude], table.columns[longitude], self.naming.scale("latitude")
         )
         if has_no_fix.any():
-            what = f"{has_no_fix.sum()} rows with {latitude} = {longitude} = 0 have no fix"
-            self.notices.append(f"{self.path}: {what} and were left out")
+            message = f"{has_no_fix.sum()} rows with {latitude} = {longitude} = 0 have no fix"
+            self.notices.append(f"{self.path}: {message} and were left out")
         return ~has_no_fix
 
     def note_outliers(self, table: Table) -> None:
@@ -424,14 +429,14 @@ class Columns:
             if quantity == "longitude":
                 values = values[~_is_across_a_cut(values, self.naming.scale(quantity))]
             for value, n in outlying(values).items():
-                what = f"{n} cells are {value:.9g}, far outside the others: empty them"
+                message = f"{n} cells are {value:.9g}, far outside the others: empty them"
                 others = self._columns_with(table, value, column)
                 way = f", or say `missing: [{value:.15g}]`, if they hold no measurement"
                 if others:
                     key = f"`missing: {{{quantity}: [{value:.15g}]}}`"
                     way = f", or say {key}, if they hold no measurement"
                     way += f" (`missing: [{value:.15g}]` would also empty cells of {others})"
-                self.far.append(f"{self.path}: {column}: {what}{way}")
+                self.far.append(f"{self.path}: {column}: {message}{way}")
 
     def _columns_with(self, table: Table, value: float, column: str) -> str:
         """Return another column in which ``value`` is a usual number; empty if there is none."""
@@ -683,25 +688,29 @@ class Columns:
             )
             if len(contrary) and not unknown:
                 row = int(contrary[0])
-                what = f"{table.words[column][codes[row]]} beside a {quantity} of {values[row]:.9g}"
+                message = (
+                    f"{table.words[column][codes[row]]} beside a {quantity} of {values[row]:.9g}"
+                )
                 way = f"say `columns: {{{key}: {column}}}`, or {ignore}"
                 if values[row] < 0.0:
                     way = f"correct one of them, or say {ignore}"
-                place = Place(self.path, int(table.lines[row]), 1, f"{column}: {what}: {way}")
+                place = Place(self.path, int(table.lines[row]), 1, f"{column}: {message}: {way}")
                 raise DataError(place)
             return
         # Step 2: check the words, and the signs of numbers that have one.
         if unknown:
             row = int(np.flatnonzero(codes == unknown[0])[0])
             allowed = f"{positive[0].upper()} and {negative[0].upper()}"
-            what = f"{table.words[column][unknown[0]]!r} is no hemisphere; allowed: {allowed}"
-            raise DataError(Place(self.path, int(table.lines[row]), 1, f"{column}: {what}"))
+            message = f"{table.words[column][unknown[0]]!r} is no hemisphere; allowed: {allowed}"
+            raise DataError(Place(self.path, int(table.lines[row]), 1, f"{column}: {message}"))
         wrong = np.flatnonzero((values < 0.0) & is_positive)
         if len(wrong):
             row = int(wrong[0])
-            what = f"{values[row]:.9g} beside {table.words[column][codes[row]]} in column {column}"
+            message = (
+                f"{values[row]:.9g} beside {table.words[column][codes[row]]} in column {column}"
+            )
             way = f"correct one of them, or say {ignore}"
-            place = Place(self.path, int(table.lines[row]), 1, f"{coordinate}: {what}: {way}")
+            place = Place(self.path, int(table.lines[row]), 1, f"{coordinate}: {message}: {way}")
             raise DataError(place)
         # Step 3: south and west are negative; without a letter the place is unknown.
         values[is_negative] = -np.abs(values[is_negative])

@@ -211,15 +211,15 @@ def odometry_of(names: Iterable[str]) -> dict[str, NamedColumn]:
     columns = {}
     fillers = _FILLERS_OF_ODOMETRY.union(_FILLERS.split())
     for quantity, text in _ODOMETRY.items():
-        found = []
+        candidates = []
         for place, name in enumerate(names):
             words = _without_units(words_of(name))
             spellings = ("".join(words), "".join(word for word in words if word not in fillers))
             ranks = [text.split().index(word) for word in spellings if word in text.split()]
             if ranks:
-                found.append((min(ranks), place, name))
-        if found:
-            *_, name = min(found)
+                candidates.append((min(ranks), place, name))
+        if candidates:
+            *_, name = min(candidates)
             columns[quantity] = NamedColumn(column=name, unit=unit_of(name, quantity))
     return columns
 

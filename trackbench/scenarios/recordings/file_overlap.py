@@ -48,9 +48,9 @@ def check_common_time(
     span = _span_of(all_times)
     other_span = _span_of(rows.time)
     unit = "" if measured.stepped else " s"
-    own = f"{time_text(other_span.first)} to {time_text(other_span.last)}{unit}"
-    of_measurements = f"{time_text(span.first)} to {time_text(span.last)}{unit}"
-    ends = f"its times are from {own}, and those of {measured.files[0]} from {of_measurements}"
+    other_period = f"{time_text(other_span.first)} to {time_text(other_span.last)}{unit}"
+    period = f"{time_text(span.first)} to {time_text(span.last)}{unit}"
+    ends = f"its times are from {other_period}, and those of {measured.files[0]} from {period}"
     is_apart = _share_in_common(span, other_span) == 0.0
     way = ""
     if not measured.stepped and not measured.dated:

@@ -136,31 +136,31 @@ def _question_on_axes(
     leave_out = " ".join(f"--set 'columns.{name}=\"\"'" for name in velocity)
     signs = (change.sign_of_east, change.sign_of_north)
     if change.exchanged and signs == (1.0, 1.0):
-        what = f"{first} and {second} agree with {measured} only if they are exchanged"
+        message = f"{first} and {second} agree with {measured} only if they are exchanged"
         options = f"--set 'columns.{names[0]}={in_option(north)}'"
         options += f" --set 'columns.{names[1]}={in_option(east)}'"
         way = f"say {options}"
         if names == PLACE:
             way = f"if {east} points north and {north} east, {way}"
     elif change.exchanged:
-        what = f"{measured} {agree} with {first} and {second} only after a quarter turn"
+        message = f"{measured} {agree} with {first} and {second} only after a quarter turn"
         way = f"turn the axes, so that {names[0]} is positive to the east"
         way += f" and {names[1]} to the north"
     elif signs == (-1.0, -1.0):
-        what = f"{measured} {agree} with {first} and {second} only in the opposite direction"
+        message = f"{measured} {agree} with {first} and {second} only in the opposite direction"
         way = "correct the signs, or turn the directions by 180 deg"
     else:
         is_east = change.sign_of_east < 0.0
         column = east if is_east else north
-        what = f"{column} agrees with {measured} only with the opposite sign"
+        message = f"{column} agrees with {measured} only with the opposite sign"
         direction = "west" if is_east else "south"
         way = f"write degrees to the {direction} as negative numbers"
         if names == PLACE:
             way = f"change its sign, so that it is positive to the {positive[not is_east]}"
     if names == PLACE:
         way += f"; if {measured} counted otherwise, convert them"
-    what = f"{what}: {way}, or leave {'it' if len(velocity) == 1 else 'the velocities'} out"
-    return Place(sample.path, sample.line, 1, f"{what}, {leave_out}")
+    message = f"{message}: {way}, or leave {'it' if len(velocity) == 1 else 'the velocities'} out"
+    return Place(sample.path, sample.line, 1, f"{message}, {leave_out}")
 
 
 def agreeing_reflection(numbers: Numbers, known_units: Mapping[str, str]) -> Reflection | None:

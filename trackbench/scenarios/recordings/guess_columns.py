@@ -111,12 +111,12 @@ def check_given_keys(path: str, user_naming: Naming) -> None:
         # A quantity may have the number of its sensor before its name: 2.x.
         if key in _GIVEN_KEYS or key.rpartition(".")[2] in MEASURED:
             continue
-        what = f"there is no columns.{key}; known: {', '.join(_GIVEN_KEYS)}"
+        message = f"there is no columns.{key}; known: {', '.join(_GIVEN_KEYS)}"
         if key.lower() in _SENSOR_KEYS:
             name = in_option(column)
-            what = f"there is no columns.{key}: a column that names landmarks or sensors is"
-            what += f" `--set 'columns.sensor={name}'`"
-        raise DataError(Place(path, 1, 1, what))
+            message = f"there is no columns.{key}: a column that names landmarks or sensors is"
+            message += f" `--set 'columns.sensor={name}'`"
+        raise DataError(Place(path, 1, 1, message))
 
 
 def find_dates(sample: Sample, columns: ColumnByQuantity, why: ReasonByKey) -> None:
@@ -170,12 +170,12 @@ def _settle_twice_named(columns: ColumnByQuantity, user_naming: Naming) -> None:
 
 def explain_no_time(names: list[str]) -> str:
     """Return the message and the advice for a table in which no column looks like a time."""
-    what = f"no column looks like a time or a step; there are {', '.join(names)[:200]}"
+    message = f"no column looks like a time or a step; there are {', '.join(names)[:200]}"
     if {"year", "month", "day"} <= {name.lower() for name in names}:
-        return f"{what}: join the parts of dates into one column, 2025-04-03 10:00:00"
+        return f"{message}: join the parts of dates into one column, 2025-04-03 10:00:00"
     way = (
         f"say which is one, `--set 'columns.time={names[0]}'` (or columns.step), or number the rows"
     )
     if any(map(is_value, names)):
         way += f", or name all {len(names)} if no line does, `--set 'format.names=[time, x, y]'`"
-    return f"{what}: {way}"
+    return f"{message}: {way}"

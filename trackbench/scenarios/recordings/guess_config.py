@@ -165,8 +165,8 @@ def _grid_line(guess: Guess) -> str:
     if not 1 < len(names) <= 1 + _MOST_NAMES:
         return ""
     values = ", ".join(f"[{name}]" for name in names)
-    what = "all runs, each on a clock of its own"
-    return f"# grid: {{scenario.target.runs: [{values}]}}  # {what}\n"
+    comment = "all runs, each on a clock of its own"
+    return f"# grid: {{scenario.target.runs: [{values}]}}  # {comment}\n"
 
 
 def _table_lines(guess: Guess, truth: TruthGuess | None) -> Iterator[str]:
@@ -175,14 +175,15 @@ def _table_lines(guess: Guess, truth: TruthGuess | None) -> Iterator[str]:
         # Every fifth measurement, and up to every second one of a very short run.
         _, rows_of_longest_run = guess.runs[0]
         every = max(2, min(5, rows_of_longest_run // 2))
-        what = "every n-th measurement is not given to the filters, and predicted instead"
-        yield f"hold_out: {every}  # {what}; without this key leave out the column Held out"
+        comment = "every n-th measurement is not given to the filters, and predicted instead"
+        yield f"hold_out: {every}  # {comment}; without this key leave out the column Held out"
     yield "tables:"
     held = ""
-    what = "log score (higher is better); squared innovations (1 is right)"
+    scores = "log score (higher is better); squared innovations (1 is right)"
     if truth is None:
         held = "Held out: mean(held_log_score), "
-        what = "log score (higher is better), of what is held out, too; squared innovations (1 is right)"
+        scores = "log score (higher is better), of what is held out, too;"
+        scores += " squared innovations (1 is right)"
     else:
         columns = "RMSE: rms(rmse_position), Largest: mean(peak_position)"
         title = "Errors of the position, m"
@@ -199,7 +200,7 @@ def _table_lines(guess: Guess, truth: TruthGuess | None) -> Iterator[str]:
         yield f"    columns: {{{columns}}}"
     yield "  prediction:"
     yield "    kind: metrics"
-    yield f'    title: "Prediction: {what}"'
+    yield f'    title: "Prediction: {scores}"'
     yield f"    columns: {{Log score: mean(log_score), {held}Innovations: mean(anis)}}"
     if guess.inputs:
         yield "  innovations: {kind: innovations}  # errors of predicted ranges and bearings"
@@ -449,8 +450,8 @@ def guessed_units(guess: Guess, prefix: str = "") -> list[str]:
         lines[-1] += f"; another unit: --set {prefix}units.NAME=UNIT"
     if guess.why.get("clockwise", "").startswith("guess"):
         column = quoted(guess.naming.columns["azimuth"])
-        what = f"read {column} clockwise from north (from 0 to 360 deg, as of radars)"
-        lines.append(f"{what}; from x to y: --set '{prefix}clockwise=[]'")
+        reading = f"read {column} clockwise from north (from 0 to 360 deg, as of radars)"
+        lines.append(f"{reading}; from x to y: --set '{prefix}clockwise=[]'")
     if "velocity" in guess.why:
         lines.append(guess.why["velocity"])
     return lines

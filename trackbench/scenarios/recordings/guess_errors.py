@@ -62,13 +62,13 @@ def guess_from_all_rows(
     sensors: list[SensorGuess],
     sample: Sample,
     user_columns: Collection[str],
-    said: Collection[str],
+    user_keys: Collection[str],
     tables: RobotTables,
 ) -> Guess:
     """Read all rows and return the guess with what they show: runs, errors, speed, further units.
 
-    ``user_columns`` are the quantities whose columns the user named, ``said`` the keys that were set.
-    ``tables`` are those beside the table.
+    ``user_columns`` are the quantities whose columns the user named, ``user_keys`` the keys that were
+    set. ``tables`` are those beside the table.
     """
     # Angles are read as if they were not clockwise: errors and speeds of the mirror image are the same.
     # Rows far from the origin are accepted here, and reported when their run is read.
@@ -130,12 +130,12 @@ def guess_from_all_rows(
     for sensor, rows in zip(sensors, longest, strict=True):
         error = error_of_azimuth(rows, sensor.kind, in_degrees)
         if error > _LARGEST_AZIMUTH_ERROR:
-            what = f"{columns['azimuth']}: azimuths jump by some {np.degrees(error):.0f} deg"
+            message = f"{columns['azimuth']}: azimuths jump by some {np.degrees(error):.0f} deg"
             doubt = "is their unit right (units.azimuth), and are these rows of one target? Say"
             option = (
                 "which column names targets, --set 'columns.run=NAME', or sensors, columns.sensor"
             )
-            raise DataError(Place(path, 1, 1, f"{what}: {doubt} {option}"))
+            raise DataError(Place(path, 1, 1, f"{message}: {doubt} {option}"))
     outliers = [
         share_of_outliers(rows, sensor.kind, in_degrees)
         for sensor, rows in zip(sensors, longest, strict=True)
@@ -191,7 +191,7 @@ def guess_from_all_rows(
             if sensor.quantities[-1] == "bearing":
                 bearings.append((rows.time, rows.values[len(sensor.quantities) - 1] * scale))
         check_turns_of_robot(guess, odometry, bearings, tables.odometry)
-    return settle_azimuths(guess, [angles * scale for angles in azimuths], "clockwise" in said)
+    return settle_azimuths(guess, [angles * scale for angles in azimuths], "clockwise" in user_keys)
 
 
 def levels_of(rows: Rows, kind: str, in_degrees: bool) -> tuple[tuple[float, ...], float]:

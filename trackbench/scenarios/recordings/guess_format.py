@@ -64,17 +64,17 @@ def guess_format(path: str, user_format: TextFormat, why: ReasonByKey) -> TextFo
         elif width == 3:
             names = ("time", "x", "y")
         if not names or not _fits_names([layout.names, *rows], names):
-            what = f"no line names the columns: name all {width},"
+            message = f"no line names the columns: name all {width},"
             way = "`--set 'format.names=[time, x, y, ...]'` (or latitude, longitude, range, ...)"
-            raise DataError(Place(path, layout.header, 1, f"{what} {way}"))
+            raise DataError(Place(path, layout.header, 1, f"{message} {way}"))
         keys |= {"names": names, "header": 0}
         why["format"] = "guess: no line names the columns"
     elif not user_format.skip:
         skip = _lines_of_words(rows)
         if skip:
-            what = "is a line of units" if skip == 1 else f"are {skip} lines of words"
+            message = "is a line of units" if skip == 1 else f"are {skip} lines of words"
             keys["skip"] = skip
-            why["format"] = f"guess: below the names {what}"
+            why["format"] = f"guess: below the names {message}"
     user_keys = {field.name for field in fields(user_format) if getattr(user_format, field.name)}
     guessed = {key: value for key, value in keys.items() if key not in user_keys}
     return replace(user_format, **guessed)
@@ -131,9 +131,9 @@ def check_thousands(sample: Sample, columns: ColumnByQuantity, mark: str) -> Non
         cells = [cell for cell in sample.cells(column) if cell]
         once = rf"[-+]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}"
         if cells and all(re.fullmatch(once, cell) for cell in cells):
-            what = f"{column}: {cells[0]} may be a thousand times as large, as other columns"
+            message = f"{column}: {cells[0]} may be a thousand times as large, as other columns"
             way = "have marks between thousands: write the numbers of the file without them"
-            mistakes.append(Place(sample.path, sample.line, 1, f"{what} {way}"))
+            mistakes.append(Place(sample.path, sample.line, 1, f"{message} {way}"))
     if mistakes:
         raise DataError(*mistakes)
 

@@ -98,12 +98,12 @@ def _no_detections(
                 return [code]
             rows = rows[is_far]
             shown = " and ".join(columns[name] for name in group)
-            what = (
+            message = (
                 f"{len(rows)} rows with {shown} = {code:g} lie far from the rows before and after"
             )
             way = "empty these cells if nothing was measured"
             option = " ".join(f"--set 'columns.{name}={columns[name]}'" for name in group)
             advice = f"{way}; if they are measured, say {option}"
             line = sample.line + int(rows[0])
-            raise DataError(Place(sample.path, line, 1, f"{what}: {advice}"))
+            raise DataError(Place(sample.path, line, 1, f"{message}: {advice}"))
     return []

@@ -76,8 +76,10 @@ def _no_odometry(sample: Sample, columns: ColumnByQuantity) -> str:
     words = " and ".join(meaning[name] for name in missing)
     options = " ".join(f"--set 'columns.{name}=ITS NAME'" for name in missing)
     known = ", ".join(sample.names)[:200]
-    what = f"no column looks like {words}, by which the robot's heading moves on; there are {known}"
-    return f"{what}: say {options}"
+    message = (
+        f"no column looks like {words}, by which the robot's heading moves on; there are {known}"
+    )
+    return f"{message}: say {options}"
 
 
 def settle_landmarks(
@@ -104,17 +106,17 @@ def settle_landmarks(
             _check_names_of_ids(sample, columns, user_naming)
             if tables.is_empty:
                 return False
-            what = (
+            message = (
                 "columns.azimuth: is of fixed sensors, and --input and --landmarks are of a robot"
             )
-            raise DataError(Place(sample.path, 1, 1, f"{what}: leave out one of them"))
+            raise DataError(Place(sample.path, 1, 1, f"{message}: leave out one of them"))
         column = in_option(angle)
         landmarks = f" of the landmarks ({place})" if is_split else ""
-        what = f"{angle}: do the bearings{landmarks} count from the robot's heading?"
+        message = f"{angle}: do the bearings{landmarks} count from the robot's heading?"
         other = "or do fixed sensors, such as radars, measure the direction to what moves, "
         other += "from the axis x or from north?"
         raise DataError(
-            Place(sample.path, 1, 1, f"{what} Say --set 'columns.bearing={column}'"),
+            Place(sample.path, 1, 1, f"{message} Say --set 'columns.bearing={column}'"),
             Place(sample.path, 1, 1, f"{other} Say --set 'columns.azimuth={column}'"),
         )
     # A robot's log: its own motion comes from odometry.
@@ -127,9 +129,9 @@ def settle_landmarks(
     if tables.odometry is not None:
         named = [name for name in ODOMETRY if name in user_naming.columns]
         if named:
-            what = f"columns.{named[0]}: the inputs are those of the file --input"
+            message = f"columns.{named[0]}: the inputs are those of the file --input"
             way = f"say --set 'input_naming.columns.{named[0]}=ITS NAME'"
-            raise DataError(Place(sample.path, 1, 1, f"{what}: {way}"))
+            raise DataError(Place(sample.path, 1, 1, f"{message}: {way}"))
         return True
     for name, named_column in odometry.items():
         columns.setdefault(name, named_column.column)
@@ -232,8 +234,10 @@ def guess_units_of_robot(
             size = float(np.nanquantile(numbers, 0.9))
         if size > _LARGEST_OF_ROBOT[name]:
             options = " or ".join(f"--set units.{name}={unit}" for unit in (*others, si))
-            what = f"{columns[name]}: no unit is named, and {size:.3g} {si} is unusual for a robot"
-            raise DataError(Place(sample.path, 1, 1, f"{what}: say {options}"))
+            message = (
+                f"{columns[name]}: no unit is named, and {size:.3g} {si} is unusual for a robot"
+            )
+            raise DataError(Place(sample.path, 1, 1, f"{message}: say {options}"))
         units[name] = si
         why[name] = f"guess: nine of ten are below {size:.2g}"
 
@@ -311,7 +315,7 @@ def check_turns_of_robot(
     bearing = guess.naming.columns["bearing"]
     turn_rate = (table or guess).naming.columns["w"]
     key = "columns.w" if table is None else "input_naming.columns.w"
-    what = f"{bearing} and {turn_rate} agree only if one of them counts clockwise"
+    message = f"{bearing} and {turn_rate} agree only if one of them counts clockwise"
     way = "change the signs of the one that does, as both are read anticlockwise"
     option = f"to read them as they are, say --set '{key}={in_option(turn_rate)}'"
-    raise DataError(Place(guess.path, 1, 1, f"{what}: {way}; {option}"))
+    raise DataError(Place(guess.path, 1, 1, f"{message}: {way}; {option}"))

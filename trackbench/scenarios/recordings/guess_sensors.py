@@ -90,11 +90,11 @@ def guess_sensors(
         measuring = {sensor.name for sensor in sensors}
         idle = [word for word in words if word not in measuring]
         if columns.keys() >= {"sensor", "bearing", *ODOMETRY} and sensors:
-            what = (
+            message = (
                 f"{columns['sensor']}: rows of {', '.join(idle)[:80]} have no range and no bearing"
             )
             way = "leave this cell of theirs empty, as rows of odometry alone see no landmark"
-            raise DataError(Place(sample.path, 1, 1, f"{what}; {way}"))
+            raise DataError(Place(sample.path, 1, 1, f"{message}; {way}"))
         raise DataError(Place(sample.path, 1, 1, _no_position(columns, sample)))
     return sensors
 
@@ -116,10 +116,10 @@ def _check_one_kind(
     for names in (radar, positions):
         options = (f"--set 'columns.{n}={in_option(columns[n])}'" for n in names)
         ways.append(" ".join(options))
-    what = f"the rows have {columns['range']} and {columns['azimuth']}, and also"
-    what += f" {columns[positions[0]]} and {columns[positions[1]]}: which ones were measured?"
+    message = f"the rows have {columns['range']} and {columns['azimuth']}, and also"
+    message += f" {columns[positions[0]]} and {columns[positions[1]]}: which ones were measured?"
     raise DataError(
-        Place(path, 1, 1, f"{what} Say {ways[0]}"),
+        Place(path, 1, 1, f"{message} Say {ways[0]}"),
         Place(path, 1, 1, f"or say {ways[1]}; the others may be a truth in a file of their own"),
     )
 
@@ -133,13 +133,15 @@ def _no_position(columns: ColumnByQuantity, sample: Sample) -> str:
     for name in filter(columns.get, MEASURED):
         cell = next((cell for cell in sample.cells(columns[name]) if cell), "")
         if cell and not np.isfinite(sample.numbers(columns[name])).any():
-            what = f"{columns[name]}: {cell[:40]!r} is not a number, nor is any other of its cells"
-            return f"{what}: write decimal numbers, such as -8.5042, without letters"
+            message = (
+                f"{columns[name]}: {cell[:40]!r} is not a number, nor is any other of its cells"
+            )
+            return f"{message}: write decimal numbers, such as -8.5042, without letters"
     # Case 2: coordinates of another kind.
     if any("ecef" in "".join(words_of(name)) for name in names):
-        what = "coordinates from the center of the Earth (ECEF) are not read; there are"
+        message = "coordinates from the center of the Earth (ECEF) are not read; there are"
         way = "convert them to latitude and longitude (EPSG:4978 to EPSG:4326)"
-        return f"{what} {known}: {way}"
+        return f"{message} {known}: {way}"
     # Case 3: a cell is 54.32, 10.13.
     for name in names:
         if any(re.fullmatch(r"-?\d+\.\d+, *-?\d+\.\d+", cell) for cell in sample.cells(name)[:1]):
@@ -147,15 +149,15 @@ def _no_position(columns: ColumnByQuantity, sample: Sample) -> str:
     # Case 4: a sensor, or the whole table, measures nothing that is known.
     if columns.get("sensor"):
         words = ", ".join(sample.words(columns["sensor"]))[:80]
-        what = f"column {columns['sensor']} names {words}, and one of them has no {pairs}"
-        return f"{what}; there are {known}: `--set 'columns.sensor=\"\"'` mixes all"
+        message = f"column {columns['sensor']} names {words}, and one of them has no {pairs}"
+        return f"{message}; there are {known}: `--set 'columns.sensor=\"\"'` mixes all"
     # Case 5: the odometry of a robot has no measurements.
     odometry = odometry_of(names)
     if odometry.keys() >= {*ODOMETRY}:
         shown = " and ".join(named.column for named in odometry.values())
-        what = f"this table has inputs, {shown}, and no measurements"
+        message = f"this table has inputs, {shown}, and no measurements"
         way = "name the table of what the robot measured, --from MEASUREMENTS"
-        return f"{what}: {way} --input {sample.path} (docs/your-robot.md)"
+        return f"{message}: {way} --input {sample.path} (docs/your-robot.md)"
     way = f"say which are, `--set 'columns.x={names[0]}' --set 'columns.y={names[-1]}'`"
     return f"no columns look like {pairs}; there are {known}: {way}"
 
@@ -185,9 +187,10 @@ def check_unused(
     if candidates:
         measured = columns[sensors[0].quantities[-1]]
         ways = " or ".join(f"--set 'columns.{quantity}={name}'" for name in candidates)
-        what = f"only {measured} is recognized as measured; is {' or '.join(candidates)} the {quantity}?"
+        doubt = f"is {' or '.join(candidates)} the {quantity}?"
+        message = f"only {measured} is recognized as measured; {doubt}"
         way = f"Say {ways}, or --set 'columns.{quantity}=\"\"' if none is"
-        raise DataError(Place(sample.path, 1, 1, f"{what} {way}"))
+        raise DataError(Place(sample.path, 1, 1, f"{message} {way}"))
 
 
 def unwrapped_values(rows: Rows, kind: str, in_degrees: bool) -> list[Array]:

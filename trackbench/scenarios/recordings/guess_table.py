@@ -49,17 +49,17 @@ from trackbench.scenarios.recordings.table_sample import Sample
 def recognized(
     path: str,
     user_naming: Naming | None = None,
-    said: Collection[str] = (),
+    user_keys: Collection[str] = (),
     tables: RobotTables | None = None,
 ) -> Guess:
     """Guess how a table of measurements is written.
 
-    Keys that are set in ``user_naming`` are not guessed. ``said`` are the keys that the user set, also
-    to nothing, such as ``clockwise=[]``. ``tables`` are those beside it, if it is a robot's. Raises
+    Keys that are set in ``user_naming`` are not guessed. ``user_keys`` are the keys that the user set,
+    also to nothing, such as ``clockwise=[]``. ``tables`` are those beside it, if it is a robot's. Raises
     DataError if no column is a time, or none is measured.
     """
     naming = user_naming or Naming()
-    return _recognized(path, naming, said, tables or RobotTables(), "measurements")
+    return _recognized(path, naming, user_keys, tables or RobotTables(), "measurements")
 
 
 def recognized_odometry(path: str, user_naming: Naming | None = None) -> Guess:
@@ -73,7 +73,7 @@ def recognized_odometry(path: str, user_naming: Naming | None = None) -> Guess:
 def _recognized(
     path: str,
     user_naming: Naming,
-    said: Collection[str],
+    user_keys: Collection[str],
     tables: RobotTables,
     content: TableContent,
 ) -> Guess:
@@ -85,7 +85,7 @@ def _recognized(
     while True:
         try:
             with_labels = replace(user_naming, columns=user_naming.columns | label_columns)
-            guess = _recognized_columns(path, with_labels, said, tables, content)
+            guess = _recognized_columns(path, with_labels, user_keys, tables, content)
         except MixedRowsError as error:
             key = key_of_labels(error)
             if key in label_columns or key in user_naming.columns:
@@ -105,13 +105,13 @@ def _recognized(
 def _recognized_columns(
     path: str,
     user_naming: Naming,
-    said: Collection[str],
+    user_keys: Collection[str],
     tables: RobotTables,
     content: TableContent,
 ) -> Guess:
     """Guess how a table is written; raises MixedRowsError if a column splits its rows.
 
-    ``said`` are the keys that the user set.
+    ``user_keys`` are the keys that the user set.
     """
     # Step 1: find the columns by their names.
     why: ReasonByKey = {}
@@ -122,10 +122,10 @@ def _recognized_columns(
     sample.require_rows()
     for key, column in user_naming.columns.items():
         if column and column not in names:
-            what = (
+            message = (
                 f"no column {column}, which columns.{key} names; there are {', '.join(names)[:200]}"
             )
-            raise DataError(Place(path, 1, 1, what))
+            raise DataError(Place(path, 1, 1, message))
     columns, units = guess_columns(sample, user_naming, why, tables, content)
     if "time" not in columns and "step" not in columns:
         find_dates(sample, columns, why)
@@ -184,6 +184,6 @@ def _recognized_columns(
     if content == "odometry":
         return replace(guess_odometry(path, naming, why), names=names, path=path)
     guess = guess_from_all_rows(
-        path, naming, why, sensors, sample, user_naming.columns, said, tables
+        path, naming, why, sensors, sample, user_naming.columns, user_keys, tables
     )
     return replace(guess, names=names)

@@ -46,11 +46,13 @@ def guess_same_time(
         return None
     places = _places(rows, kind, in_degrees)
     if places is not None and _lie_apart(rows.ticks[:_MOST_COMPARED], places[:, :_MOST_COMPARED]):
-        what = "rows of one time are far apart, and near those of other times: are they several"
-        what += " targets, or false detections?"
+        message = "rows of one time are far apart, and near those of other times: are they several"
+        message += " targets, or false detections?"
         way = "Give each target a number in a column, and say --set 'columns.run=ITS NAME'"
         option = "if they are one target, say --set same_time=spread, or mean or last"
-        place = gathered.place(rows, int(np.flatnonzero(twice)[0]) + 1, f"{what} {way}; {option}")
+        place = gathered.place(
+            rows, int(np.flatnonzero(twice)[0]) + 1, f"{message} {way}; {option}"
+        )
         raise DataError(place)
     seconds = len(np.unique(rows.time))
     if gathered.stepped or (rows.time % 1.0).any() or seconds < 2:
@@ -96,8 +98,8 @@ def check_jumps(
         return
     column = gathered.naming.columns.get("run", "")
     name = gathered.runs[rows.run[jump.row]]
-    what = f"{jump.distance:.3g} m in {jump.duration:.3g} {gathered.time_unit} are"
-    what += f" {jump.times_as_fast:.2g} times as fast as all rows before and after"
+    message = f"{jump.distance:.3g} m in {jump.duration:.3g} {gathered.time_unit} are"
+    message += f" {jump.times_as_fast:.2g} times as fast as all rows before and after"
     doubt = f"does {column} {name} name another target from here on?"
     way = f"Give it another name; if it is one target, say --set 'columns.run={in_option(column)}'"
     if not column:
@@ -105,7 +107,7 @@ def check_jumps(
         way = "Say which column names targets, --set 'columns.run=NAME'; if all rows are those of one,"
         way += " say --set 'columns.run=\"\"'"
     way += _way_without_fix(sample, gathered.naming.columns)
-    raise DataError(gathered.place(rows, jump.row, f"{what}: {doubt} {way}"))
+    raise DataError(gathered.place(rows, jump.row, f"{message}: {doubt} {way}"))
 
 
 def _way_without_fix(sample: Sample, columns: Mapping[str, str]) -> str:
@@ -158,13 +160,13 @@ def unexplained_jump(time: Array, places: Array) -> Jump | None:
             slice(int(bounds[number - 1]) + 1, candidate + 1),
             slice(candidate + 1, int(bounds[number + 1]) + 1),
         ]
-        if any(part.stop - part.start < _FEWEST for part in parts):
+        if any(rows.stop - rows.start < _FEWEST for rows in parts):
             continue
         duration = max(float(durations[candidate]), usual_interval)
-        speeds = [_largest_speed(time[part], places[:, part], duration) for part in parts]
+        speeds = [_largest_speed(time[rows], places[:, rows], duration) for rows in parts]
         largest = max(speeds)
         # What hardly moves shows no speed but that of its errors.
-        span = min(duration, max(float(np.ptp(time[part])) for part in parts))
+        span = min(duration, max(float(np.ptp(time[rows])) for rows in parts))
         if largest * span < _SIGMAS * sigma:
             largest = max(largest, _FASTEST_AT_REST / _FASTER)
         needed = (distances[candidate] - _SIGMAS * sigma) / duration

@@ -81,11 +81,11 @@ def check_named_units(
             continue
         other = other_unit_of(column) or sample.other_unit(column)
         if other is not None:
-            what = f"{column}: the unit {other.replace('*', ' ')} is unknown here"
+            message = f"{column}: the unit {other.replace('*', ' ')} is unknown here"
             unit = UNITS_OF_ROBOT[name][0] if name in ODOMETRY else usual_unit(name)
             example = f"--set units.{name}={unit}"
             way = f"write the numbers in a known unit, and say it, such as {example}"
-            mistakes.append(Place(sample.path, 1, 1, f"{what}: {way}"))
+            mistakes.append(Place(sample.path, 1, 1, f"{message}: {way}"))
     if mistakes:
         raise DataError(*mistakes)
 
@@ -223,9 +223,11 @@ class UnitChoice:
         across = np.median(np.abs(np.diff(azimuth)) * ranges[1:])
         along = np.median(np.abs(np.diff(ranges)))
         if across > _MOST_TANGENTIAL * along:
-            what = f"{self._columns['azimuth']}: no unit is named, and its numbers may be degrees"
+            message = (
+                f"{self._columns['azimuth']}: no unit is named, and its numbers may be degrees"
+            )
             way = "say --set units.azimuth=deg or --set units.azimuth=rad"
-            raise DataError(Place(self._sample.path, 1, 1, f"{what} or radians: {way}"))
+            raise DataError(Place(self._sample.path, 1, 1, f"{message} or radians: {way}"))
         self._units["azimuth"] = "rad"
         self._why["azimuth"] = "guess: there is no angle beyond 2 pi"
 
@@ -272,14 +274,14 @@ class UnitChoice:
         units = [*fitting, "m"]
         options = " ".join(f"--set units.{name}={units[0]}" for name in names)
         columns = ", ".join(self._columns[name] for name in names)
-        what = f"{columns}: no unit is named, and in m the usual speed would be {speed:.2g} m/s"
+        message = f"{columns}: no unit is named, and in m the usual speed would be {speed:.2g} m/s"
         if other_units:
-            what += f", in {units[0]} {speed * UNITS[units[0]]:.2g} m/s"
+            message += f", in {units[0]} {speed * UNITS[units[0]]:.2g} m/s"
         way = f"say {options}, or with another unit: {', '.join(units[1:])}"
         if names == ["x", "y"] and look_like_degrees(numbers):
             x, y = (in_option(self._columns[name]) for name in names)
             way += f"; or in degrees, --set 'columns.longitude={x}' --set 'columns.latitude={y}'"
-        return Place(self._sample.path, self._sample.line, 1, f"{what}: {way}")
+        return Place(self._sample.path, self._sample.line, 1, f"{message}: {way}")
 
     def _other_lengths(self, chosen: Candidate, numbers: Numbers) -> list[str]:
         """Return units that lengths without a named unit may have as well as m; empty for most tables.
@@ -557,9 +559,9 @@ class UnitChoice:
                             options.append(f"--set units.{name}={candidate.place}")
                 shown = ", ".join(columns[name] for name in names if name in columns)
                 units.append(f"{shown} in {candidate.place}")
-            what = f"the units may be {' and '.join(units)}"
+            message = f"the units may be {' and '.join(units)}"
             if np.isfinite(candidate.usual_speed):
-                what += f", with a usual speed of {candidate.usual_speed:.2g} m/s"
-            what += f": say {' '.join(options)}"
-            questions.append(Place(self._sample.path, self._sample.line, 1, what))
+                message += f", with a usual speed of {candidate.usual_speed:.2g} m/s"
+            message += f": say {' '.join(options)}"
+            questions.append(Place(self._sample.path, self._sample.line, 1, message))
         return questions

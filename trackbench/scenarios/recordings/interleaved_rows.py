@@ -130,15 +130,15 @@ def check_label(
         return
     shown = ", ".join(words[code] for code in found[:_MOST_WORDS_SHOWN].tolist())
     more = ", ..." if len(found) > _MOST_WORDS_SHOWN else ""
-    what = (
+    message = (
         f"column {label} has {len(found)} values ({shown}{more}), which would be one run and sensor"
     )
     if split in ("apart", "errors"):
-        what += "; the rows of each agree with themselves better than with the others"
+        message += "; the rows of each agree with themselves better than with the others"
     way = f"say `columns: {{run: {label}}}` for a run each, `columns: {{sensor: {label}}}` for a sensor"
     mix = "run" if columns.column("run") is None else "sensor"
     way += f' each, or `columns: {{{mix}: ""}}` to mix them'
-    raise MixedRowsError(Place(columns.path, 1, 1, f"{what}: {way}"), label, role, split)
+    raise MixedRowsError(Place(columns.path, 1, 1, f"{message}: {way}"), label, role, split)
 
 
 def split_by(codes: Index, time: Array, values: Array) -> Split:
@@ -264,14 +264,14 @@ def key_of_labels(error: MixedRowsError) -> str:
         return "run"
     # The column's name says sensors, and the rows say targets.
     column = in_option(error.column)
-    what = (
+    message = (
         f"column {column} splits the rows into parts that lie apart: are they several targets, or"
     )
     way = f"`--set 'columns.run={column}'`, `--set 'columns.sensor={column}'`, or to mix them"
     place = error.places[0]
     raise DataError(
         place._replace(
-            what=f"{what} sensors of one with a bias? Say {way} `--set 'columns.run=\"\"'`"
+            what=f"{message} sensors of one with a bias? Say {way} `--set 'columns.run=\"\"'`"
         )
     )
 
@@ -286,10 +286,10 @@ def explain_labels(path: str, label_columns: dict[str, str]) -> list[Place]:
         name = in_option(column)
         other = "sensor" if key == "run" else "run"
         meaning = {"run": "targets", "sensor": "sensors or landmarks"}
-        what = f"column {name} was taken to name {meaning[key]}, as its words split the rows"
+        message = f"column {name} was taken to name {meaning[key]}, as its words split the rows"
         way = f"if it names {meaning[other]}, say --set 'columns.{other}={name}'"
         none = f"if neither, say --set 'columns.{key}=\"\"'"
-        places.append(Place(path, 1, 1, f"{what}: {way}; {none}"))
+        places.append(Place(path, 1, 1, f"{message}: {way}; {none}"))
     return places
 
 

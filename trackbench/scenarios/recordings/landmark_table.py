@@ -33,8 +33,8 @@ def read_landmarks(path: str, user_naming: Naming | None = None) -> dict[str, tu
     user_naming = user_naming or Naming()
     for key in user_naming.columns:
         if key not in _KEYS:
-            what = f"there is no landmarks.columns.{key}; known: {', '.join(_KEYS)}"
-            raise DataError(Place(path, 1, 1, what))
+            message = f"there is no landmarks.columns.{key}; known: {', '.join(_KEYS)}"
+            raise DataError(Place(path, 1, 1, message))
     # Step 1: find the columns.
     form = _text_format(path, user_naming.format or TextFormat())
     names = header(path, form)
@@ -50,13 +50,15 @@ def read_landmarks(path: str, user_naming: Naming | None = None) -> dict[str, tu
     for row, cell in enumerate(sample.cells(columns["sensor"])):
         name = plain_label(cell)
         place = (float(f"{x[row]:.9g}"), float(f"{y[row]:.9g}"))
-        what = ""
+        message = ""
         if not np.isfinite(place).all():
-            what = f"landmark {name} has no place: write x and y as numbers, or leave the row out"
+            message = (
+                f"landmark {name} has no place: write x and y as numbers, or leave the row out"
+            )
         elif places.get(name, place) != place:
-            what = f"landmark {name} has two places: leave one of them out"
-        if what:
-            mistakes.append(Place(path, sample.line + row, 1, what))
+            message = f"landmark {name} has two places: leave one of them out"
+        if message:
+            mistakes.append(Place(path, sample.line + row, 1, message))
         places[name] = place
     if mistakes:
         raise DataError(*mistakes)
@@ -95,8 +97,10 @@ def _columns(sample: Sample, user_naming: Naming) -> dict[str, str]:
         meaning = {"sensor": "the name of a landmark", "x": "its x", "y": "its y"}
         words_of_missing = " and ".join(meaning[name] for name in missing)
         options = " ".join(f"--set 'landmarks.columns.{name}=ITS NAME'" for name in missing)
-        what = f"no column looks like {words_of_missing}; there are {', '.join(sample.names)[:200]}"
-        raise DataError(Place(sample.path, 1, 1, f"{what}: say {options}"))
+        message = (
+            f"no column looks like {words_of_missing}; there are {', '.join(sample.names)[:200]}"
+        )
+        raise DataError(Place(sample.path, 1, 1, f"{message}: say {options}"))
     return columns
 
 
@@ -110,7 +114,7 @@ def _scale(sample: Sample, column: str, name: str, user_naming: Naming) -> float
         return UNITS[unit]
     largest = float(np.nanmax(np.abs(sample.numbers(column)), initial=0.0))
     if largest > _LARGEST:
-        what = f"{column}: no unit is named, and {largest:.4g} m is far for a landmark"
+        message = f"{column}: no unit is named, and {largest:.4g} m is far for a landmark"
         options = " or ".join(f"--set landmarks.units.{name}={unit}" for unit in ("cm", "mm", "m"))
-        raise DataError(Place(sample.path, 1, 1, f"{what}: say {options}"))
+        raise DataError(Place(sample.path, 1, 1, f"{message}: say {options}"))
     return 1.0

@@ -40,7 +40,7 @@ class Impossible(NamedTuple):
     """The first row with an impossible value, and the message on it."""
 
     row: int
-    what: str
+    message: str
 
 
 def blank_codes(quantity: str, values: Array, of_ais: bool, scale: float) -> Counter[str]:
@@ -138,9 +138,9 @@ def impossible(quantity: str, values: Array, scale: float) -> Impossible | None:
     if largest == inf:
         limits = f"at least {least:g}"
     first = f"{shown[rows[0]]:.9g} {unit} is impossible{and_others(len(rows))}"
-    what = f"{first}; a {quantity} is {limits} {unit}"
+    message = f"{first}; a {quantity} is {limits} {unit}"
     way = _way_out(quantity, values, rows)
-    return Impossible(int(rows[0]), f"{what}: correct or empty the cells{way}")
+    return Impossible(int(rows[0]), f"{message}: correct or empty the cells{way}")
 
 
 def _way_out(quantity: str, values: Array, wrong: Index) -> str:
@@ -159,8 +159,10 @@ def _way_out(quantity: str, values: Array, wrong: Index) -> str:
         minutes = np.abs(finite) % 100.0
         if not whole and quantity != "course" and (minutes < 60.0).all():
             degrees, rest = divmod(float(finite[0]), 100.0)
-            what = f"{finite[0]:.9g} looks like {degrees:g} deg {rest:.6g} min, as NMEA writes it"
-            return f"; {what}: write degrees and decimals"
+            message = (
+                f"{finite[0]:.9g} looks like {degrees:g} deg {rest:.6g} min, as NMEA writes it"
+            )
+            return f"; {message}: write degrees and decimals"
         units: tuple[str, ...] = ()
         if quantity == "course":
             units = _COURSE_UNITS

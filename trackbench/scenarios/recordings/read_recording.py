@@ -201,19 +201,19 @@ def _read_inputs(
     sensor.
     """
     path = target.input_file or target.measurement_files[0]
-    given: Naming = target.input_naming or target
+    own_naming: Naming = target.input_naming or target
     # The empty name stands for no column: the inputs belong to no sensor.
-    columns = {**given.columns, **target.input, "sensor": ""}
-    file_format = given.format
+    columns = {**own_naming.columns, **target.input, "sensor": ""}
+    file_format = own_naming.format
     if target.input_file and target.input_naming is None:
         file_format = None
     naming = Naming(
         columns=columns,
-        units=given.units,
-        time_format=given.time_format,
-        zone=given.zone,
-        missing=given.missing,
-        same_time=given.same_time,
+        units=own_naming.units,
+        time_format=own_naming.time_format,
+        zone=own_naming.zone,
+        missing=own_naming.missing,
+        same_time=own_naming.same_time,
         format=file_format,
     )
     keys = NamingKeys(quantities="input")

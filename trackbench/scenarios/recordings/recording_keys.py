@@ -67,8 +67,8 @@ class RecordingKeys(Naming):
             self._check_input_naming(self.input_naming)
         for i, name in enumerate(self.angles):
             if name not in self.components:
-                what = f"{name!r} is not one of {', '.join(self.components)}"
-                raise InvalidKeyError(what, "angles", i)
+                message = f"{name!r} is not one of {', '.join(self.components)}"
+                raise InvalidKeyError(message, "angles", i)
         self._check_measurement_naming()
         if self.truth is None:
             if self.truth_gap is not None:
@@ -77,39 +77,43 @@ class RecordingKeys(Naming):
                 raise InvalidKeyError("there is no truth", "truth_naming")
         truth_origin = () if self.truth_naming is None else self.truth_naming.origin
         if self.origin and truth_origin not in ((), self.origin):
-            what = "is not that of the target, and both count from one point: leave it out"
-            raise InvalidKeyError(what, "truth_naming", "origin")
+            message = "is not that of the target, and both count from one point: leave it out"
+            raise InvalidKeyError(message, "truth_naming", "origin")
 
     def _check_input_naming(self, naming: Naming) -> None:
         """Raise InvalidKeyError if the keys of the file of the inputs contradict those of the target."""
         if self.input_file is None:
-            what = "there is no `input_file`, and the file of the measurements has their names and units"
-            raise InvalidKeyError(what, "input_naming")
+            message = "there is no `input_file`, and the file of the measurements has their names"
+            message += " and units"
+            raise InvalidKeyError(message, "input_naming")
         for name in self.input:
             if name in naming.columns:
-                what = (
+                message = (
                     f"the column of an input stands in `input`: {{{name}: {naming.columns[name]}}}"
                 )
-                raise InvalidKeyError(what, "input_naming", "columns", name)
+                raise InvalidKeyError(message, "input_naming", "columns", name)
             if name in self.units:
                 way = f"`input_naming: {{units: {{{name}: {self.units[name]}}}}}`"
-                what = f"its file has `input_naming`, so write the unit there, {way}"
-                raise InvalidKeyError(what, "units", name)
+                message = f"its file has `input_naming`, so write the unit there, {way}"
+                raise InvalidKeyError(message, "units", name)
 
     def _check_measurement_naming(self) -> None:
         """Raise InvalidKeyError for namings that do not fit the files, or have an origin."""
         namings = len(self.measurement_naming)
         files = len(self.measurement_files)
         if namings and not isinstance(self.measurements, tuple):
-            what = "is of several files: write columns and units of one file into the target"
-            raise InvalidKeyError(what, "measurement_naming")
+            message = "is of several files: write columns and units of one file into the target"
+            raise InvalidKeyError(message, "measurement_naming")
         if namings not in (0, files):
-            what = f"{namings} entries for {files} files: write one for each; {{}} has the target's keys"
-            raise InvalidKeyError(what, "measurement_naming")
+            message = (
+                f"{namings} entries for {files} files: write one for each; {{}} has the target's"
+            )
+            message += " keys"
+            raise InvalidKeyError(message, "measurement_naming")
         for i, naming in enumerate(self.measurement_naming):
             if naming.origin:
-                what = "all files count from one point: write it into the target"
-                raise InvalidKeyError(what, "measurement_naming", i, "origin")
+                message = "all files count from one point: write it into the target"
+                raise InvalidKeyError(message, "measurement_naming", i, "origin")
 
     @property
     def measurement_files(self) -> tuple[str, ...]:

@@ -58,7 +58,9 @@ def _check_falls(gathered: Gathered, rows: Rows) -> None:
             place = int(indices[falls.argmax()])
             usual = usual_interval(time)
     if largest > _MOST_INTERVALS * usual:
-        what = f"time falls by {largest:.9g}{unit}, where rows usually are {usual:.9g}{unit} apart"
+        message = (
+            f"time falls by {largest:.9g}{unit}, where rows usually are {usual:.9g}{unit} apart"
+        )
         form = gathered.naming.time_format
         date_way = ""
         if form and "%d" not in form:
@@ -68,10 +70,10 @@ def _check_falls(gathered: Gathered, rows: Rows) -> None:
         if week_way:
             way = f"{week_way}; or {way}"
         raise DataError(
-            gathered.place(rows, place, f"{what} ({late} rows come after later ones): {way}")
+            gathered.place(rows, place, f"{message} ({late} rows come after later ones): {way}")
         )
-    what = f"{late} rows that came after later ones were put in order"
-    gathered.notices.append(f"{what}; the largest fall is {largest:.9g}{unit}")
+    message = f"{late} rows that came after later ones were put in order"
+    gathered.notices.append(f"{message}; the largest fall is {largest:.9g}{unit}")
 
 
 def _merge_equal_times(
@@ -89,11 +91,13 @@ def _merge_equal_times(
     # With `same_time: spread` equal rows are those of a target at rest, and none is left out.
     differ |= gathered.naming.same_time == "spread"
     if (~differ).any():
-        what = "rows that say again what the one before says were left out"
-        gathered.notices.append(f"{(~differ).sum()} {what}")
+        message = "rows that say again what the one before says were left out"
+        gathered.notices.append(f"{(~differ).sum()} {message}")
         # A row was received when the first of its repetitions was.
-        kept = np.delete(np.arange(len(rows.run)), again[~differ])
-        rows = rows.at(kept)._replace(received=np.minimum.reduceat(rows.received, kept))
+        remaining_rows = np.delete(np.arange(len(rows.run)), again[~differ])
+        rows = rows.at(remaining_rows)._replace(
+            received=np.minimum.reduceat(rows.received, remaining_rows)
+        )
     if not differ.any():
         return rows
     # Step 2: number the times; rows of one time are neighbors.
@@ -110,11 +114,11 @@ def _merge_equal_times(
         if gathered.stepped:
             time = f"step {rows.time[row]:.0f}"
         place = f"run {gathered.runs[rows.run[row]]}: {time}"
-        what = f"{place} is there twice{and_others(len(repeated))}, and"
+        message = f"{place} is there twice{and_others(len(repeated))}, and"
         hint = "say `same_time: mean`, `last` or `spread` (evenly until the next time)"
         if rest_way:
             hint = f"{rest_way}; or {hint}"
-        raise DataError(gathered.place(rows, row, f"{what} not with the same values: {hint}"))
+        raise DataError(gathered.place(rows, row, f"{message} not with the same values: {hint}"))
     gathered.notices.append(
         f"{len(repeated)} rows of a time that is there already: `same_time: {way}`"
     )

@@ -149,16 +149,16 @@ class Gathered:
         ``path`` is the path of its key in the config.
         """
         if origin and not self.geodetic:
-            what = (
+            message = (
                 "no file has latitude and longitude, which alone count from an origin; leave it out"
             )
-            raise InvalidKeyError(what, *path)
+            raise InvalidKeyError(message, *path)
         if self.geodetic and self.planar and not origin:
-            what = (
+            message = (
                 f"{self.geodetic} has latitude and longitude, and {self.planar}, which counts from"
             )
             way = "x = y = 0: say where that is, `origin: [latitude, longitude]`"
-            raise InvalidKeyError(f"{what} {way}", *path)
+            raise InvalidKeyError(f"{message} {way}", *path)
 
     def place(self, rows: Rows, i: int, message: str) -> Place:
         """Return the place of row i in its file, with a message on a mistake there."""
@@ -170,35 +170,36 @@ class Gathered:
         ``clock`` is the column of the times; ``parts`` name further parts of a time that are added.
         Raises DataError if this file's clock and that of the first one share no time axis.
         """
-        own = clock_of_file(columns, table, clock, parts)
-        if own.has_unit:
+        file_clock = clock_of_file(columns, table, clock, parts)
+        if file_clock.has_unit:
             _check_size(columns, table, clock, self.keys.own)
         # The first file decides which clock all files have.
         if self.clock is None:
-            self.clock = own
-            self.stepped = own.kind == "step"
+            self.clock = file_clock
+            self.stepped = file_clock.kind == "step"
             self.dated = table.dated
             self.since = 0.0
             if table.dated:
-                self.since = float(microseconds_since_1970(columns, table, own).min())
+                self.since = float(microseconds_since_1970(columns, table, file_clock).min())
         mistake = ""
-        if not have_one_axis(self.clock, own):
-            mistake = reason_against(self.clock, own)
-        elif self.clock.path != own.path:
-            mistake = reason_against_spans(self.clock, own)
+        if not have_one_axis(self.clock, file_clock):
+            mistake = reason_against(self.clock, file_clock)
+        elif self.clock.path != file_clock.path:
+            mistake = reason_against_spans(self.clock, file_clock)
         if mistake:
             raise columns.mistake(mistake)
-        self._note_keys(columns, own)
+        self._note_keys(columns, file_clock)
         # Seconds: dates after the first one, times by their unit; numbers of steps are returned as such.
         time = table.columns[clock]
-        if parts and own.kind == "step":
-            what = f"{clock} has numbers of steps, to which `columns: {{{parts[0]}: ...}}` adds nothing"
-            raise columns.mistake(f"{what}: leave it out")
-        if own.kind == "step":
+        if parts and file_clock.kind == "step":
+            message = f"{clock} has numbers of steps, to which `columns: {{{parts[0]}: ...}}` adds"
+            message += " nothing"
+            raise columns.mistake(f"{message}: leave it out")
+        if file_clock.kind == "step":
             return time
         if table.dated or self.dated:
             # Dates, and UNIX times beside them, are compared in microseconds since 1970.
-            seconds = (microseconds_since_1970(columns, table, own) - self.since) / 1e6
+            seconds = (microseconds_since_1970(columns, table, file_clock) - self.since) / 1e6
         else:
             seconds = time * columns.naming.scale("time")
         if parts:
@@ -214,15 +215,15 @@ class Gathered:
         if unit is not None and clock.has_unit:
             self.used_keys.add(f"time: {unit}")
         elif unit is not None:
-            what = f"{clock.column} has {clock.in_words}, which have no unit"
-            mistake = columns.mistake(f"{what}: leave `time: {unit}` out of `units`")
+            message = f"{clock.column} has {clock.in_words}, which have no unit"
+            mistake = columns.mistake(f"{message}: leave `time: {unit}` out of `units`")
             self.idle_keys.setdefault(f"time: {unit}", mistake)
         zone = columns.naming.zone
         if zone and (clock.kind == "unix" or clock.lacks_zone):
             self.used_keys.add(f"zone: {zone}")
         elif zone:
-            what = f"{clock.column} has {clock.in_words}, which need no zone"
-            mistake = columns.mistake(f"{what}: leave `zone: {zone}` out")
+            message = f"{clock.column} has {clock.in_words}, which need no zone"
+            mistake = columns.mistake(f"{message}: leave `zone: {zone}` out")
             self.idle_keys.setdefault(f"zone: {zone}", mistake)
 
     def check_idle_keys(self) -> None:
@@ -247,22 +248,24 @@ class Gathered:
             shown = ", ".join(self.far_runs[:_MOST_WORDS_SHOWN])
             if len(self.far_runs) > _MOST_WORDS_SHOWN:
                 shown += ", ..."
-            what = f"runs that begin far from the first position that is read: {shown}"
-            self.notices.append(f"{what}; x and y of each count from its own first position")
+            message = f"runs that begin far from the first position that is read: {shown}"
+            self.notices.append(f"{message}; x and y of each count from its own first position")
         distance = self.largest_distance
         if distance > FAR:
             # The tangent plane shortens a way away from the origin by the share 1 - cos(d / R).
             share = 1.0 - np.cos(distance / SEMI_MAJOR_AXIS)
-            what = f"positions lie up to {_kilometers(distance)} from the origin"
+            message = f"positions lie up to {_kilometers(distance)} from the origin"
             why = f"where the tangent plane shortens distances by {100.0 * share:.2g} %"
-            self.notices.append(f"{what}, {why}: an `origin` in their middle halves the distance")
+            self.notices.append(
+                f"{message}, {why}: an `origin` in their middle halves the distance"
+            )
         if self.not_rotated and self.origin is not None and distance > _NEAR_ORIGIN:
             # Meridians converge by (d / R) tan(phi) on a way to the east.
             slope = np.tan(np.deg2rad(min(abs(self.origin[0]), 89.0)))
             turn = np.rad2deg(distance / SEMI_MAJOR_AXIS * slope)
-            what = f"{self.not_rotated} has velocities without latitude and longitude"
+            message = f"{self.not_rotated} has velocities without latitude and longitude"
             why = f"north at the target differs from that of the origin by up to {turn:.2g} deg"
-            self.notices.append(f"{what}, which are not rotated: {why}")
+            self.notices.append(f"{message}, which are not rotated: {why}")
 
 
 def _check_size(columns: Columns, table: Table, clock: str, own_key: str) -> None:
@@ -277,8 +280,8 @@ def _check_size(columns: Columns, table: Table, clock: str, own_key: str) -> Non
         row = late[0]
         more = and_others(len(late), "nor are")
         way = _way_to_read_time(time[row], own_key)
-        what = f"{clock}: {seconds[row]:.3g} s is no time{more}; {way}"
-        raise DataError(Place(columns.path, int(table.lines[row]), 1, what))
+        message = f"{clock}: {seconds[row]:.3g} s is no time{more}; {way}"
+        raise DataError(Place(columns.path, int(table.lines[row]), 1, message))
 
 
 def _way_to_read_time(value: float, own_key: str) -> str:
@@ -361,8 +364,8 @@ def read_rows(
                 pieces[m].append(rows)
     if gathered.unavailable:
         codes = ", ".join(f"{code} ({n})" for code, n in sorted(gathered.unavailable.items()))
-        what = 'cells hold a code for "not available" and count as missing'
-        gathered.notices.append(f"{gathered.unavailable.total()} {what}: {codes}")
+        message = 'cells hold a code for "not available" and count as missing'
+        gathered.notices.append(f"{gathered.unavailable.total()} {message}: {codes}")
     # Step 2: join the files of one sensor after the other; the pieces are dropped, to save memory.
     joined = []
     while pieces:
@@ -411,7 +414,7 @@ def _read_file(
     gathered.rest = gathered.rest or rest_of_stamp(columns.names, clock, parts)
     arrival = columns.take("received", columns.contents[clock])
     run = columns.take("run", "label")
-    which = columns.take("sensor", "word" if gathered.has_inputs else "label")
+    sensor_column = columns.take("sensor", "word" if gathered.has_inputs else "label")
     several = columns.take_unnamed_runs() if run is None else None
     labels = possible_labels(columns, [rest.column for rest in gathered.rest.values()])
     # Step 2: read them; times become seconds.
@@ -419,9 +422,9 @@ def _read_file(
     gathered.unavailable += columns.unavailable
     gathered.notices += columns.notices
     if several is not None and len(table.words[several]) > 1:
-        what = f"column {several} has {len(table.words[several])} values, which would be one run"
+        message = f"column {several} has {len(table.words[several])} values, which would be one run"
         way = f'say `columns: {{run: {several}}}`, or `columns: {{run: ""}}` to mix them'
-        raise columns.mistake(f"{what}: {way}")
+        raise columns.mistake(f"{message}: {way}")
     time = gathered.timed(columns, table, clock, parts)
     received = time
     if arrival is not None:
@@ -444,11 +447,13 @@ def _read_file(
     if gathered.chosen:
         is_read = np.isin(runs, gathered.numbers_of_known(gathered.chosen))
     rows_by_sensor: list[WholeNumbers | slice] = [slice(None)] * len(sensors)
-    if which is not None and gathered.has_inputs:
-        _check_rows_without_sensor(columns, table, which, wanted)
-    if which is not None and (len(sensors) > 1 or len(table.words[which]) > 1 or names):
+    if sensor_column is not None and gathered.has_inputs:
+        _check_rows_without_sensor(columns, table, sensor_column, wanted)
+    if sensor_column is not None and (
+        len(sensors) > 1 or len(table.words[sensor_column]) > 1 or names
+    ):
         sensor_masks = [
-            _find_sensor_rows(gathered, columns, table, which, m, len(sensors), names)
+            _find_sensor_rows(gathered, columns, table, sensor_column, m, len(sensors), names)
             for m in range(len(sensors))
         ]
         is_read &= np.any(sensor_masks, axis=0)
@@ -513,8 +518,8 @@ def _frames_of_runs(
     known = np.flatnonzero(np.isfinite(places.latitude))
     missing = columns.rows_without_height(table)
     if missing:
-        what = f"{missing} rows of {columns.path} have no altitude, and so no position in space"
-        gathered.notices.append(f"{what}: `axes: 2` takes their latitude and longitude alone")
+        message = f"{missing} rows of {columns.path} have no altitude, and so no position in space"
+        gathered.notices.append(f"{message}: `axes: 2` takes their latitude and longitude alone")
     if not len(known):
         return places, []
     # Step 1: the common origin.
@@ -535,14 +540,14 @@ def _frames_of_runs(
                 gathered.far_runs.append(f"{name} by {_kilometers(distance)}")
             gathered.placed_runs.add(name)
     # Step 3: the rows of each origin, and how far from it they lie.
-    own = [
+    far_runs = [
         number for number, name in zip(numbers, names, strict=True) if name in gathered.own_origins
     ]
-    shared = np.flatnonzero(~np.isin(runs, own))
+    shared = np.flatnonzero(~np.isin(runs, far_runs))
     frames = []
     if len(shared):
         frames.append(Frame(gathered.origin, shared))
-    for number in own:
+    for number in far_runs:
         origin = gathered.own_origins[gathered.runs[number]]
         frames.append(Frame(origin, np.flatnonzero(runs == number)))
     for frame in frames:
@@ -582,10 +587,10 @@ def _check_distances(
     if is_given and away[0] > _NEAR_ORIGIN:
         hint = _mistaken_origin(frame.origin, places, int(known[0]), float(away[0]))
         where = f"{Path(columns.path).name}:{table.lines[known[0]]}"
-        what = f"lies {_kilometers(away[0])} from the first position ({where})"
+        message = f"lies {_kilometers(away[0])} from the first position ({where})"
         if hint or away[0] > MOST_DISTANCE:
             way = hint or f"{limit}: write latitude and longitude of a point near the positions"
-            raise InvalidKeyError(f"{what}; {way}", *gathered.origin_key)
+            raise InvalidKeyError(f"{message}; {way}", *gathered.origin_key)
     too_far = np.flatnonzero(away > MOST_DISTANCE)
     if len(too_far) and gathered.refuses_far_rows:
         row = int(known[too_far[0]])
@@ -596,9 +601,9 @@ def _check_distances(
             origin = f"the first position ({gathered.first_position}), the origin"
         more = and_others(len(too_far))
         distance = _kilometers(away[too_far[0]])
-        what = f"latitude and longitude: {distance} from {origin}{more}; {limit}"
+        message = f"latitude and longitude: {distance} from {origin}{more}; {limit}"
         way = "correct or empty the cells, or give an `origin: [latitude, longitude]` in the middle"
-        raise DataError(Place(columns.path, int(table.lines[row]), 1, f"{what}: {way}"))
+        raise DataError(Place(columns.path, int(table.lines[row]), 1, f"{message}: {way}"))
     gathered.largest_distance = max(gathered.largest_distance, float(away.max()))
 
 
@@ -613,13 +618,13 @@ def _mistaken_origin(origin: tuple[float, ...], places: Geodetic, row: int, dist
         "the other sign of the longitude": (latitude, -longitude),
         "the other sign of the latitude": (-latitude, longitude),
     }
-    for what, (new_latitude, new_longitude) in changes.items():
+    for message, (new_latitude, new_longitude) in changes.items():
         if abs(new_latitude) > 90.0:
             continue
         away = _distances(places, np.array([row]), (new_latitude, new_longitude))[0]
         if away < 0.1 * distance:
             changed = f"[{new_latitude:g}, {new_longitude:g}]"
-            return f"with {what}, {changed}, it would be {_kilometers(away)} away: correct it"
+            return f"with {message}, {changed}, it would be {_kilometers(away)} away: correct it"
     return ""
 
 
@@ -645,8 +650,8 @@ def _read_received(
         mistakes = []
         for row in early:
             lead = f"{time[row] - received[row]:.9g} {gathered.time_unit}"
-            what = f"{column}: received {lead} before its time"
-            mistakes.append(Place(columns.path, int(table.lines[row]), 1, what))
+            message = f"{column}: received {lead} before its time"
+            mistakes.append(Place(columns.path, int(table.lines[row]), 1, message))
         raise DataError(*mistakes)
     return received
 
@@ -671,14 +676,14 @@ def _find_sensor_rows(
     known = [label if label in words else _word_of_label(label, free_words) for label in known]
     other_words = [word for word in words if word not in known]
     if other_words and not names:
-        what = f"column {column} names {len(words)} sensors ({', '.join(words[:8])[:80]})"
+        message = f"column {column} names {len(words)} sensors ({', '.join(words[:8])[:80]})"
         way = "name them in the order of `sensor`, such as `sensors: "
         way += f'[{", ".join(map(json.dumps, words[:8]))}]`; `columns: {{sensor: ""}}` mixes all'
-        raise columns.mistake(f"{what}, and the config has {number}: {way}")
+        raise columns.mistake(f"{message}, and the config has {number}: {way}")
     absent = [name for name, word in zip(names, known, strict=False) if word not in words]
     if absent:
-        what = f"column {column} has no {absent[0]!r}; there are {', '.join(words[:20])[:200]}"
-        raise columns.mistake(what)
+        message = f"column {column} has no {absent[0]!r}; there are {', '.join(words[:20])[:200]}"
+        raise columns.mistake(message)
     # Rows of other sensors than those of the config are left out.
     if other_words and m == 0:  # noted once for all sensors
         codes = [table.words[column].index(word) for word in other_words]
@@ -711,8 +716,8 @@ def _check_rows_without_sensor(
             continue
         rows = np.flatnonzero(is_blank & np.isfinite(table.columns[source]))
         if len(rows):
-            what = f"{column}: is missing beside a value of {source}"
-            raise DataError(Place(columns.path, int(table.lines[rows[0]]), 1, what))
+            message = f"{column}: is missing beside a value of {source}"
+            raise DataError(Place(columns.path, int(table.lines[rows[0]]), 1, message))
 
 
 def chosen_runs(
@@ -733,8 +738,8 @@ def chosen_runs(
     known = set(gathered.runs)
     for i, name in enumerate(names):
         if name not in known:
-            what = f"there is no run {name!r}; there are {', '.join(gathered.runs[:20])}"
-            raise InvalidKeyError(what, *within, i)
+            message = f"there is no run {name!r}; there are {', '.join(gathered.runs[:20])}"
+            raise InvalidKeyError(message, *within, i)
     wanted = {name: i for i, name in enumerate(names)}
     # new_number[number in the files] = number among the chosen runs, -1 if not chosen
     new_number = np.array([wanted.get(name, -1) for name in gathered.runs], dtype=np.int32)
@@ -764,7 +769,7 @@ def check_turns(gathered: Gathered, rows: Rows, angles: Mapping[str, int]) -> No
         sizes = np.abs(rows.values[i])
         wide = np.flatnonzero(sizes > limit)
         if len(wide):
-            what = f"{name}: {rows.values[i, wide[0]]:.9g} rad is beyond {turn}"
+            message = f"{name}: {rows.values[i, wide[0]]:.9g} rad is beyond {turn}"
             more = and_others(len(wide))
             # A unit in which the numbers of all cells are possible.
             scale = gathered.naming.scale(name)
@@ -783,8 +788,8 @@ def check_turns(gathered: Gathered, rows: Rows, angles: Mapping[str, int]) -> No
                 )
             elif fitting:
                 way = f"say `units: {{{name}: {fitting[0]}}}`, or "
-            what = f"{what}{more}: {way}correct the cells"
-            raise DataError(gathered.place(rows, int(wide[0]), what))
+            message = f"{message}{more}: {way}correct the cells"
+            raise DataError(gathered.place(rows, int(wide[0]), message))
 
 
 class FromFiles:

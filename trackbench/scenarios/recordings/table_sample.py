@@ -56,11 +56,11 @@ class Sample:
             return
         read_table(self.path, {column: "label"}, form=self._form)  # which reports mistaken rows
         rows = counted(len(self), "row")
-        what = f"{column} is {times[0]} in {rows}: a recording needs rows of two times"
+        message = f"{column} is {times[0]} in {rows}: a recording needs rows of two times"
         way = (
             "take a longer recording, or say which column has the times, --set 'columns.time=NAME'"
         )
-        raise DataError(Place(self.path, self.line, 1, f"{what}: {way}"))
+        raise DataError(Place(self.path, self.line, 1, f"{message}: {way}"))
 
     def require_rows(self) -> None:
         """Raise DataError for a table of which no row can be read, or that has names alone."""
@@ -68,8 +68,8 @@ class Sample:
             if self._has_lines:
                 read_table(self.path, {self.names[0]: "label"}, form=self._form)  # which says why
             names = ", ".join(self.names)[:200]
-            what = f"has no rows below the names {names}: is it the right file, and complete?"
-            raise DataError(Place(self.path, 1, 1, what))
+            message = f"has no rows below the names {names}: is it the right file, and complete?"
+            raise DataError(Place(self.path, 1, 1, message))
 
     def cells(self, column: str) -> list[str]:
         """List the cells of a column; empty cells for the name "", no cells for an unknown name."""

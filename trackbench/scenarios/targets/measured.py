@@ -108,8 +108,8 @@ class Measured(FromFiles, RecordingKeys, Target):
                 recording = read_recording(self, sensor, start.scans, T)
                 object.__setattr__(self, "_read", (requested, recording))
         if self.longest_delay and any(each.delay for each in sensors_of(sensor)):
-            what = "`delay` and a column `received` exclude each other; leave one out"
-            raise InvalidKeyError(what, "sensor")
+            message = "`delay` and a column `received` exclude each other; leave one out"
+            raise InvalidKeyError(message, "sensor")
         clock = self._recording.clock
         between = clock.T
         if between is None:
@@ -121,8 +121,10 @@ class Measured(FromFiles, RecordingKeys, Target):
             if np.ptp(apart) <= TICK:
                 apart = float(apart[0])
             elif issubclass(start.prior_type(sensor), TwoPoint):
-                what = "two scans of a radar must be equally far apart in all runs: take one-scan"
-                raise InvalidKeyError(what, "start")
+                message = (
+                    "two scans of a radar must be equally far apart in all runs: take one-scan"
+                )
+                raise InvalidKeyError(message, "start")
         return Timeline(
             steps=clock.steps,
             times=clock.times,
@@ -141,13 +143,15 @@ class Measured(FromFiles, RecordingKeys, Target):
         """Raise InvalidKeyError for keys that exclude recorded data, or do not fit the sensors."""
         sensors = sensors_of(sensor)
         if start.of_truth:
-            what = "recorded data start from their scans, or as `given`: what is true is not known"
-            raise InvalidKeyError(what, "start")
+            message = (
+                "recorded data start from their scans, or as `given`: what is true is not known"
+            )
+            raise InvalidKeyError(message, "start")
         # Errors and gaps that only a simulation adds.
         for each in sensors:
             if each.bias or each.outliers is not None or each.detection != 1 or each.period != 1:
-                what = "bias, outliers, detection and period are of simulated measurements"
-                raise InvalidKeyError(what, "sensor")
+                message = "bias, outliers, detection and period are of simulated measurements"
+                raise InvalidKeyError(message, "sensor")
         # Columns and units must be of known quantities.
         plain = (name.rpartition(".")[2] for name in sensor.components)
         names = tuple(dict.fromkeys((*sensor.components, *plain, *self.components)))
@@ -161,24 +165,26 @@ class Measured(FromFiles, RecordingKeys, Target):
             self.input_naming.check_names([*self.input], "target", "input_naming")
         files = len(self.measurement_files)
         if files not in (1, len(sensors)):
-            what = f"{files} files for {len(sensors)} sensors"
-            raise InvalidKeyError(what, "target", "measurements")
+            message = f"{files} files for {len(sensors)} sensors"
+            raise InvalidKeyError(message, "target", "measurements")
         names_of_sensors = len(set(self.sensors))
         if names_of_sensors not in (0, len(sensors)):
-            what = f"names {names_of_sensors} of {len(sensors)} sensors: give each a name"
-            raise InvalidKeyError(what, "target", "sensors")
+            message = f"names {names_of_sensors} of {len(sensors)} sensors: give each a name"
+            raise InvalidKeyError(message, "target", "sensors")
 
     def _check_inputs(self, quantities: Collection[str]) -> None:
         """Raise InvalidKeyError for an input that is also a quantity, or whose file is not named."""
         for name in self.input:
             if name in quantities or name in self.columns or name in KEYS:
-                what = (
+                message = (
                     f"{name!r} is the name of a quantity or of a key of `columns`: choose another"
                 )
-                raise InvalidKeyError(what, "target", "input", name)
+                raise InvalidKeyError(message, "target", "input", name)
         if self.input and self.input_file is None and len(self.measurement_files) > 1:
-            what = "there are several files of measurements: name that of the inputs, `input_file`"
-            raise InvalidKeyError(what, "target", "input")
+            message = (
+                "there are several files of measurements: name that of the inputs, `input_file`"
+            )
+            raise InvalidKeyError(message, "target", "input")
 
     def start(self, timeline: Timeline) -> Array:
         """Return NaN: nothing is configured about the first state."""
