@@ -37,15 +37,11 @@ from trackbench.scenarios.recordings.guess_config import (
     usable_quantities,
 )
 from trackbench.scenarios.recordings.guess_files import joined_guess
-from trackbench.scenarios.recordings.guess_format import (
-    Guess,
-    RobotTables,
-    recognized,
-    recognized_odometry,
-)
-from trackbench.scenarios.recordings.guess_sample import quoted
+from trackbench.scenarios.recordings.guess_record import Guess, RobotTables
+from trackbench.scenarios.recordings.guess_table import recognized, recognized_odometry
 from trackbench.scenarios.recordings.guess_truth import TruthGuess, recognized_truth, settled
 from trackbench.scenarios.recordings.landmark_table import read_landmarks
+from trackbench.scenarios.recordings.yaml_values import quoted
 from trackbench.scenarios.targets.measured import Measured
 from trackbench.yaml_source import MarkedMapping, Source
 
@@ -411,7 +407,7 @@ class _TableGuess(NamedTuple):
     """Guess at one table, the keys that the user set for it, and the columns among them."""
 
     guess: Guess
-    said: set[str]
+    user_keys: set[str]
     columns: Mapping[str, str]
 
 
@@ -440,15 +436,15 @@ def _guess_tables(
             table_changes += [c.removeprefix(prefix) for c in changes if c.startswith(prefix)]
         naming = _read_naming(mark, table_changes, prefix)
         # A key that is set to nothing, as clockwise=[], is an answer, too.
-        said = {change.partition("=")[0].strip() for change in table_changes}
+        user_keys = {change.partition("=")[0].strip() for change in table_changes}
         try:
             # Absurdly large numbers overflow; the run of the config then says so.
             with np.errstate(over="ignore", invalid="ignore"):
-                guess = recognized(str(table), naming, said, robot_tables)
+                guess = recognized(str(table), naming, user_keys, robot_tables)
         except DataError as error:
             problems += _questions(error, prefix).problems
             continue
-        guesses.append(_TableGuess(guess=guess, said=said, columns=naming.columns))
+        guesses.append(_TableGuess(guess=guess, user_keys=user_keys, columns=naming.columns))
     if problems:
         raise UserError(*problems)
     return guesses
@@ -484,11 +480,11 @@ def _settled(
     """
     guesses = []
     problems: list[Problem | str] = []
-    for number, (guess, said, columns) in enumerate(table_guesses):
+    for number, (guess, user_keys, columns) in enumerate(table_guesses):
         prefix = _prefix_of(number, tables)
         others = [each.guess for i, each in enumerate(table_guesses) if i != number]
         try:
-            guesses.append(settled(guess, truth, said, others))
+            guesses.append(settled(guess, truth, user_keys, others))
         except DataError as error:
             problems += _questions(error, prefix).problems
             continue

@@ -11,7 +11,7 @@ from tests.commands import trackbench
 from tests.scenarios.test_clocks import config
 from trackbench.config.load import load
 from trackbench.errors import UserError
-from trackbench.scenarios.recordings.column_mapping import outlying
+from trackbench.scenarios.recordings.missing_cells import outlying
 
 pytestmark = pytest.mark.usefixtures("no_report")
 

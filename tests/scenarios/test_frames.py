@@ -12,7 +12,7 @@ from tests.scenarios.test_clocks import table
 from trackbench import api
 from trackbench.config.load import load
 from trackbench.errors import UserError
-from trackbench.scenarios.recordings.guess_format import recognized
+from trackbench.scenarios.recordings.guess_table import recognized
 
 pytestmark = pytest.mark.usefixtures("no_report")
 

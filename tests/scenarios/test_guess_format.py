@@ -12,7 +12,7 @@ from trackbench.config.load import load
 from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.column_names import columns_of
 from trackbench.scenarios.recordings.guess_config import config_parts, left_out_filters
-from trackbench.scenarios.recordings.guess_format import recognized
+from trackbench.scenarios.recordings.guess_table import recognized
 
 T = np.arange(0.0, 60.0, 0.5)
 NOISE = np.random.default_rng(5).normal(size=(2, len(T)))

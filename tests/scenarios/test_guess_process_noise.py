@@ -10,8 +10,9 @@ from tests.conftest import EXPERIMENTS
 from trackbench import api
 from trackbench.scaffold import write_config_for
 from trackbench.scenarios.recordings.column_mapping import Naming
-from trackbench.scenarios.recordings.guess_errors import usual_process_noise
-from trackbench.scenarios.recordings.guess_format import Guess, recognized
+from trackbench.scenarios.recordings.guess_process_noise import usual_process_noise
+from trackbench.scenarios.recordings.guess_record import Guess
+from trackbench.scenarios.recordings.guess_table import recognized
 
 SIGMA = 2.0
 

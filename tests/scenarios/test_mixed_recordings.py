@@ -10,8 +10,8 @@ from tests.commands import trackbench
 from tests.scenarios.test_clocks import config, table
 from trackbench.config.load import load
 from trackbench.errors import UserError
-from trackbench.scenarios.recordings.guess_format import recognized
-from trackbench.scenarios.recordings.mixtures import is_regular, split_by
+from trackbench.scenarios.recordings.guess_table import recognized
+from trackbench.scenarios.recordings.interleaved_rows import is_regular, split_by
 
 pytestmark = pytest.mark.usefixtures("no_report")
 

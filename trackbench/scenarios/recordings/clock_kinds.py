@@ -144,25 +144,26 @@ def have_one_axis(first: FileClock, other: FileClock) -> bool:
 
 def reason_against(first: FileClock, other: FileClock) -> str:
     """Explain why two files' clocks share no time axis, and what to write."""
-    what = f"its column {other.column} has {other.in_words}, and that of {first.path}"
-    what += f" {first.in_words}"
+    message = f"its column {other.column} has {other.in_words}, and that of {first.path}"
+    message += f" {first.in_words}"
     kinds = {first.kind, other.kind}
     if "date" in kinds and kinds & {*_ABSOLUTE}:
         dates = first if first.kind == "date" else other
-        what += f": which zone have the dates in {dates.column} of {dates.path}?"
-        return f'{what} Say `zone: UTC`, or their offset from UTC, such as `zone: "+02:00"`'
+        message += f": which zone have the dates in {dates.column} of {dates.path}?"
+        return f'{message} Say `zone: UTC`, or their offset from UTC, such as `zone: "+02:00"`'
     if "gps" in kinds and kinds & {*_ABSOLUTE}:
         gps = first if first.kind == "gps" else other
-        what += ": GPS is ahead of UTC by leap seconds, 18 s since 2017"
+        message += ": GPS is ahead of UTC by leap seconds, 18 s since 2017"
         if gps.counts_weeks:
             # Weeks of GPS cannot count from 1970.
-            return f"{what}: write UNIX times into the file {gps.path}"
-        what += ";"
-        what += f" if {gps.column} of {gps.path} counts from 1970 in UTC, say `zone: UTC`,"
-        return f"{what} or else write UNIX times into the file"
+            return f"{message}: write UNIX times into the file {gps.path}"
+        message += ";"
+        message += f" if {gps.column} of {gps.path} counts from 1970 in UTC, say `zone: UTC`,"
+        return f"{message} or else write UNIX times into the file"
     if "number" in kinds and len(kinds) == 2:
-        return f"{what}: use one kind; dates with a zone and UNIX times, seconds since 1970, go together"
-    return f"{what}: use one kind"
+        way = "use one kind; dates with a zone and UNIX times, seconds since 1970, go together"
+        return f"{message}: {way}"
+    return f"{message}: use one kind"
 
 
 def reason_against_spans(first: FileClock, other: FileClock) -> str:
@@ -175,10 +176,10 @@ def reason_against_spans(first: FileClock, other: FileClock) -> str:
     if is_near:
         return ""
     unix = first if first.kind == "unix" else other
-    what = f"its column {other.column} has {other.in_words} {_span_in_words(other)}, and that of"
-    what += f" {first.path} {first.in_words} {_span_in_words(first)}"
+    message = f"its column {other.column} has {other.in_words} {_span_in_words(other)}, and that of"
+    message += f" {first.path} {first.in_words} {_span_in_words(first)}"
     return (
-        f"{what}, more than a day apart: correct the unit of {unix.column} (`units: {{time: ms}}`),"
+        f"{message}, more than a day apart: correct the unit of {unix.column} (`units: {{time: ms}}`),"
         " or write dates if it does not count from 1970"
     )
 

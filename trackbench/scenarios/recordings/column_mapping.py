@@ -13,13 +13,8 @@ import numpy as np
 
 from trackbench.core.angles import wrap_angle
 from trackbench.core.arrays import Array, Index, Mask
-from trackbench.core.conversions import (
-    Geodetic,
-    east_north_up,
-    rotate_east_north_up,
-)
+from trackbench.core.conversions import Geodetic, east_north_up, rotate_east_north_up
 from trackbench.core.elementary import cos_sin
-from trackbench.errors import and_others
 from trackbench.field_types import DataError, Finite, InvalidKeyError, Place
 from trackbench.scenarios.recordings.csv_lines import TextFormat
 from trackbench.scenarios.recordings.csv_tables import (
@@ -30,273 +25,29 @@ from trackbench.scenarios.recordings.csv_tables import (
     read_table,
 )
 from trackbench.scenarios.recordings.dates import is_utc, mistake_in_zone, offset_of_zone
-
-_DEGREES = 180.0 / pi
-_LIMITS = {
-    "latitude": (-90.0, 90.0, _DEGREES, "deg"),
-    "longitude": (-180.0, 360.0, _DEGREES, "deg"),
-    "course": (-360.0, 360.0, _DEGREES, "deg"),
-    "range": (0.0, inf, 1.0, "m"),
-    "speed": (0.0, inf, 1.0, "m/s"),
-}
-"""Least and largest value, the number of their units in one SI unit, and the unit's name."""
-_LEAST_CELLS = 5
-"""Fewest cells of a column in which one can be far outside the others."""
-_NINES = re.compile(r"9{3,}(\.9+)?")
-_ENDS = (32767.0, 32768.0, 2147483647.0, 2147483648.0)
-"""Sizes of the ends of the range of whole numbers of 16 and 32 bits."""
-_CODES = {"latitude": 91.0, "longitude": 181.0, "course": 511.0}
-"""Codes of AIS (ITU-R M.1371) that are impossible values in any table; a course may be a heading."""
-_CODES_OF_AIS = {"speed": 102.3, "course": 360.0}
-"""Codes of AIS that are possible values in other tables: an aircraft's 102.3 kn, a course due north."""
-_RAW_AIS = ("deg/600000", "deg/10", "kn/10")
-
-
-_NEAREST_TO_ZERO = 0.1 / _DEGREES
-"""rad from 0 N 0 E that all positions must be, if those at 0, 0 are none"""
-
-
-class Impossible(NamedTuple):
-    """The first row with an impossible value, and the message on it."""
-
-    row: int
-    what: str
-
-
-def blank_codes(quantity: str, values: Array, of_ais: bool, scale: float) -> Counter[str]:
-    """Replace "not available" codes by NaN in place; return the number of cells by code.
-
-    These are the codes of AIS, and -1 for speeds and courses of phones if all others are positive.
-
-    ``of_ais`` if the table has columns of AIS, which has further codes. ``scale`` is the unit of the
-    values in SI: raw fields, in tenths of a degree or knot or 1/600000 deg, have codes in these units.
-    """
-    counts: Counter[str] = Counter()
-    if quantity in ("speed", "course"):
-        is_code = values == -1.0
-        if is_code.any() and not (values[~is_code] < 0.0).any():
-            counts[f"{quantity} -1"] = int(is_code.sum())
-            values[is_code] = np.nan
-    raw_unit = ""
-    for unit in _RAW_AIS:
-        if scale == UNITS[unit]:
-            raw_unit = unit
-            break
-    # The codes are in knots and degrees.
-    usual_unit = "kn" if raw_unit == "kn/10" else "deg"
-    tables_of_codes = [_CODES]
-    if of_ais:
-        tables_of_codes.append(_CODES_OF_AIS)
-    for codes in tables_of_codes:
-        code = codes.get(quantity)
-        if code is None:
-            continue
-        if raw_unit:
-            code = float(np.rint(code * UNITS[usual_unit] / UNITS[raw_unit]))
-        is_code = values == code
-        half_turn = 180.0 * UNITS["deg"] / UNITS[raw_unit or "deg"]
-        if quantity == "longitude" and (values[~is_code] > half_turn).any():
-            continue  # of longitudes from 0 to 360 deg 181 is a value
-        if is_code.any():
-            counts[f"{quantity} {code:.9g}"] = int(is_code.sum())
-            values[is_code] = np.nan
-    return counts
-
-
-def outlying(values: Array) -> dict[float, int]:
-    """Return numbers far outside all others, such as -9999 for a missing cell, with their frequency.
-
-    A number is far if its distance to the nearest other is more than ten times the span of the others.
-    For a number of nines alone, or the end of an integer type's range, a tenth of the span is enough.
-    """
-    rest = values[np.isfinite(values)]
-    outliers = {}
-    while len(rest) >= _LEAST_CELLS:
-        for end in (float(rest.min()), float(rest.max())):
-            others = rest[rest != end]
-            if len(others) < _LEAST_CELLS:
-                continue
-            low = float(others.min())
-            high = float(others.max())
-            is_usual_code = _NINES.fullmatch(f"{abs(end):.9g}") or abs(end) in _ENDS
-            spans = 0.1 if is_usual_code else 10.0
-            if max(low - end, end - high) > spans * (high - low) > 0.0:
-                outliers[end] = len(rest) - len(others)
-                rest = others
-                break
-        else:
-            break  # neither end is far outside
-    return outliers
-
-
-def no_fix(latitude: Array, longitude: Array, scale: float) -> Mask:
-    """Return which rows (R,) are at latitude = longitude = 0, if all others are far from there.
-
-    ``scale`` is the unit of both in radians.
-    """
-    is_zero = (latitude == 0.0) & (longitude == 0.0)
-    away = np.maximum(np.abs(latitude), np.abs(longitude))[~is_zero] * scale
-    nearest = float(np.nanmin(away, initial=inf))
-    return is_zero & (_NEAREST_TO_ZERO < nearest < inf)
-
-
-def impossible(quantity: str, values: Array, scale: float) -> Impossible | None:
-    """Return the first value that the quantity cannot have, with a message; None if there is none.
-
-    ``scale`` is the unit of the values in SI.
-    """
-    if quantity not in _LIMITS:
-        return None
-    least, largest, per_si, unit = _LIMITS[quantity]
-    shown = values * scale * per_si
-    # Rounding in the conversion to SI and back must not make 90 deg too many.
-    room = 1e-9 * largest if largest < inf else 0.0
-    rows = np.flatnonzero((shown < least - room) | (shown > largest + room))
-    if not len(rows):
-        return None
-    limits = f"within {least:g} and {largest:g}"
-    if largest == inf:
-        limits = f"at least {least:g}"
-    first = f"{shown[rows[0]]:.9g} {unit} is impossible{and_others(len(rows))}"
-    what = f"{first}; a {quantity} is {limits} {unit}"
-    way = _way_out(quantity, values, rows)
-    return Impossible(int(rows[0]), f"{what}: correct or empty the cells{way}")
-
-
-def _way_out(quantity: str, values: Array, wrong: Index) -> str:
-    """Return advice on impossible values: a unit in which all are possible, or a code for missing cells.
-
-    ``wrong`` are the indices of the impossible values.
-    """
-    finite = values[np.isfinite(values)]
-    most_are_wrong = 2 * len(wrong) > len(finite)
-    least, largest, _, usual_unit = _LIMITS[quantity]
-    if usual_unit == "deg" and most_are_wrong:
-        # NMEA writes degrees and minutes as one number: 4807.038 is 48 deg 7.038 min.
-        if quantity == "latitude" and np.abs(finite).max() <= 180.0:
-            return ", or exchange latitude and longitude"
-        whole = not (finite % 1.0).any()
-        minutes = np.abs(finite) % 100.0
-        if not whole and quantity != "course" and (minutes < 60.0).all():
-            degrees, rest = divmod(float(finite[0]), 100.0)
-            what = f"{finite[0]:.9g} looks like {degrees:g} deg {rest:.6g} min, as NMEA writes it"
-            return f"; {what}: write degrees and decimals"
-        units: tuple[str, ...] = ()
-        if quantity == "course":
-            units = _COURSE_UNITS
-        elif np.abs(finite).max() > 1e4:
-            # Too large for degrees: whole numbers of a small unit.
-            units = _PLACE_UNITS
-        fitting = [
-            unit
-            for unit in units
-            if finite.min() * UNITS[unit] * _DEGREES >= least
-            and finite.max() * UNITS[unit] * _DEGREES <= largest
-        ]
-        if fitting:
-            ways = " or ".join(f"`units: {{{quantity}: {unit}}}`" for unit in fitting[:3])
-            return f", or name their unit; say {ways}"
-    if len(np.unique(values[wrong])) == 1 and not most_are_wrong:
-        code = float(values[wrong[0]])
-        return f", or name their unit; say `missing: [{code:.15g}]` for a missing cell"
-    return ", or name their unit"
-
-
-_COURSE_UNITS = ("deg/10", "deg/100", "degE5")
-_PLACE_UNITS = ("degE7", "degE6", "semicircle", "mas", "deg/600000", "degE5")
-_DIMENSIONS = {
-    "length": {
-        "m": 1.0,
-        "km": 1000.0,
-        "ft": 0.3048,
-        "mi": 1609.344,
-        "nmi": 1852.0,
-        "cm": 1e-2,
-        "mm": 1e-3,
-        "um": 1e-6,
-    },
-    "speed": {
-        "m/s": 1.0,
-        "km/h": 1 / 3.6,
-        "kn": 1852.0 / 3600.0,
-        "ft/s": 0.3048,
-        "mph": 0.44704,
-        "cm/s": 1e-2,
-        "mm/s": 1e-3,
-        "um/s": 1e-6,
-        "kn/10": 1852.0 / 36000.0,
-    },
-    "angle": {
-        "rad": 1.0,
-        "mrad": 1e-3,
-        "deg": pi / 180.0,
-        # Whole numbers of devices: 1e-7, 1e-6 and 1e-5 deg, AIS, headings, FIT (2^31 are 180 deg), and
-        # thousandths of a second of arc.
-        "degE7": pi / 180.0e7,
-        "degE6": pi / 180.0e6,
-        "degE5": pi / 180.0e5,
-        "deg/600000": pi / 180.0 / 600000.0,
-        "deg/100": pi / 18000.0,
-        "deg/10": pi / 1800.0,
-        "semicircle": pi / 2.0**31,
-        "mas": pi / 180.0 / 3.6e6,
-    },
-    "turn rate": {
-        "rad/s": 1.0,
-        "deg/s": pi / 180.0,
-    },
-    "time": {
-        "s": 1.0,
-        "ms": 1e-3,
-        "us": 1e-6,
-        "ns": 1e-9,
-        "min": 60.0,
-        "h": 3600.0,
-        "d": 86400.0,
-        "100ns": 1e-7,
-    },
-}
-UNITS: dict[str, float] = {}
-"""SI value of each unit."""
-for _units in _DIMENSIONS.values():
-    UNITS.update(_units)
-_DIMENSION_OF = {
-    **dict.fromkeys(("time", "subsecond"), "time"),
-    **dict.fromkeys(("x", "y", "z", "altitude", "range"), "length"),
-    **dict.fromkeys(("vx", "vy", "vz", "speed", "range_rate"), "speed"),
-    **dict.fromkeys(
-        ("latitude", "longitude", "course", "azimuth", "elevation", "bearing"), "angle"
-    ),
-}
-"""Dimension of each quantity; that of a plugin's own quantities may be any."""
-KEYS = (
-    "run",
-    "time",
-    "step",
-    "sensor",
-    "date",
-    "received",
-    "north_south",
-    "east_west",
-    "week",
-    "subsecond",
+from trackbench.scenarios.recordings.missing_cells import (
+    LIMITS,
+    blank_codes,
+    impossible,
+    no_fix,
+    outlying,
 )
-"""Keys of `columns` that are no quantities."""
-HEMISPHERES = {
-    "latitude": ("north_south", ("n", "north", "nord", "norte"), ("s", "south", "sud", "sur")),
-    "longitude": ("east_west", ("e", "east", "est", "ost", "este"), ("w", "west", "ouest")),
-}
-"""Key of the column of a coordinate's hemisphere, and its words for positive and negative ones."""
+from trackbench.scenarios.recordings.quantities import (
+    COURSE,
+    GEODETIC,
+    HEMISPHERES,
+    KEYS,
+    STAMP_PARTS,
+    plain_name,
+)
+from trackbench.scenarios.recordings.units import UNITS, mistaken_unit
+
 MOST_DISTANCE = 2e6
 """m from the origin; a plane there shortens distances along the way by 5 %"""
 FAR = 3e5
 """m from the origin, beyond which a note says by how much the plane shortens distances; 0.1 %"""
-STAMP_PARTS = {"week": 604800.0, "subsecond": 1e-9}
-"""Columns that are added to the time, if the config names them, and their usual unit, s."""
 _OBJECTS = ("mmsi", "icao24", "icao", "callsign", "trackid", "vessel", "object")
 """Columns that name what moves."""
-GEODETIC = ("latitude", "longitude", "altitude")
-COURSE = ("speed", "course")
 _DEFAULT_UNITS = {"latitude": "deg", "longitude": "deg", "course": "deg"}
 _PLANE = ("x", "y", "z")
 _VELOCITY = ("vx", "vy", "vz")
@@ -340,17 +91,18 @@ class Naming:
     def __post_init__(self) -> None:
         for key, unit in self.units.items():
             if unit not in UNITS:
-                what = f"{unit!r} is not one of {', '.join(UNITS)}"
-                raise InvalidKeyError(what, "units", key)
+                message = f"{unit!r} is not one of {', '.join(UNITS)}"
+                raise InvalidKeyError(message, "units", key)
         if self.zone and offset_of_zone(self.zone) is None:
             raise InvalidKeyError(mistake_in_zone(self.zone), "zone")
         if self.origin and len(self.origin) not in (2, 3):
             raise InvalidKeyError("is latitude, longitude and perhaps height", "origin")
         for name, degrees in zip(GEODETIC, self.origin[:2], strict=False):
-            least, largest, *_ = _LIMITS[name]
+            least, largest, *_ = LIMITS[name]
             if not least <= degrees <= largest:
-                what = f"{degrees:g} deg is impossible; a {name} is within {least:g} and {largest:g} deg"
-                raise InvalidKeyError(what, "origin", GEODETIC.index(name))
+                limits = f"a {name} is within {least:g} and {largest:g} deg"
+                message = f"{degrees:g} deg is impossible; {limits}"
+                raise InvalidKeyError(message, "origin", GEODETIC.index(name))
 
     @property
     def is_in_utc(self) -> bool:
@@ -392,19 +144,21 @@ class Naming:
         for part, keys in keys_of_parts.items():
             for key in keys:
                 if key not in known:
-                    what = f"there is no {key}; known: {', '.join(known)}"
-                    raise InvalidKeyError(what, *within, part, key)
+                    message = f"there is no {key}; known: {', '.join(known)}"
+                    raise InvalidKeyError(message, *within, part, key)
         for i, name in enumerate(self.clockwise):
             if name in components and plain_name(name) not in _NO_ANGLES:
                 continue
-            what = f"{name!r} is no angle that is measured here; there are {', '.join(components)}"
+            message = (
+                f"{name!r} is no angle that is measured here; there are {', '.join(components)}"
+            )
             if name == "course":
-                what = "a course always counts clockwise from north; leave it out"
-            raise InvalidKeyError(what, *within, "clockwise", i)
+                message = "a course always counts clockwise from north; leave it out"
+            raise InvalidKeyError(message, *within, "clockwise", i)
         # Without positions and velocities x and z are numbers of any unit.
         is_scalar = not {"px", "vx"} & {*components}
         for key, unit in self.units.items():
-            mistake = _mistaken_unit(key, unit, is_scalar)
+            mistake = mistaken_unit(key, unit, is_scalar)
             if mistake is not None:
                 raise InvalidKeyError(mistake, *within, "units", key)
 
@@ -435,40 +189,6 @@ class Naming:
         if unit is None:
             return 1.0
         return UNITS[unit]
-
-
-def is_unit_of(quantity: str, unit: str) -> bool:
-    """Test whether a unit is one of the quantity's dimension."""
-    return unit in _DIMENSIONS.get(_DIMENSION_OF.get(plain_name(quantity), ""), ())
-
-
-def usual_unit(quantity: str) -> str:
-    """Return a common unit of the quantity: deg of an angle, else that of the SI."""
-    dimension = _DIMENSION_OF.get(plain_name(quantity), "length")
-    if dimension == "angle":
-        return "deg"
-    return next(iter(_DIMENSIONS[dimension]))
-
-
-def have_one_dimension(unit: str, other: str) -> bool:
-    """Test whether two units are of one dimension, such as km and ft."""
-    return any(unit in units and other in units for units in _DIMENSIONS.values())
-
-
-def _mistaken_unit(key: str, unit: str, is_scalar: bool) -> str | None:
-    """Explain why a quantity cannot have this unit; None if it can.
-
-    A scalar state (``is_scalar``) may have any unit for x and z.
-    """
-    if key in KEYS and key not in _DIMENSION_OF:
-        return f"a {key} has no unit: leave it out"
-    if is_scalar and key in ("x", "z"):
-        return None
-    dimension = _DIMENSION_OF.get(plain_name(key))
-    if dimension is None or unit in _DIMENSIONS[dimension]:
-        return None
-    allowed = ", ".join(_DIMENSIONS[dimension])
-    return f"{unit!r} is not a unit of {dimension}, which {key} has; allowed: {allowed}"
 
 
 class _HemisphereColumn(NamedTuple):
@@ -568,8 +288,10 @@ class Columns:
             quantity = plain_name(name)
             other = self._used.setdefault(column, quantity)
             if other != quantity:
-                what = f"column {column} is both {other} and {quantity}; a quantity has a column of"
-                raise self.mistake(f"{what} its own (see `columns`)")
+                message = (
+                    f"column {column} is both {other} and {quantity}; a quantity has a column of"
+                )
+                raise self.mistake(f"{message} its own (see `columns`)")
             self.contents[column] = content
         return column
 
@@ -600,11 +322,11 @@ class Columns:
             wrong = np.flatnonzero(~is_right)
             if len(wrong):
                 value = table.columns[column][wrong[0]]
-                what = f"{column}: {value:.9g} is no part of a second; say its unit"
-                what += f" (`units: {{{name}: us}}`)"
+                message = f"{column}: {value:.9g} is no part of a second; say its unit"
+                message += f" (`units: {{{name}: us}}`)"
                 if np.isnan(value):
-                    what = f"{column}: is missing, and is a part of the time"
-                raise DataError(Place(self.path, int(table.lines[wrong[0]]), 1, what))
+                    message = f"{column}: is missing, and is a part of the time"
+                raise DataError(Place(self.path, int(table.lines[wrong[0]]), 1, message))
             added = added + seconds
         return added
 
@@ -632,15 +354,15 @@ class Columns:
         """
         known = ", ".join(self.names)[:200]
         column = self.naming.columns.get(name) or self.naming.columns.get(name.rpartition(".")[2])
-        what = f"no column {name}; there are {known}"
+        message = f"no column {name}; there are {known}"
         way = f" (see `{key}`)"
         if column:
             quantity = name.rpartition(".")[2]
-            what = f"no column {column}, which `{key}` has for {quantity}; there are {known}"
+            message = f"no column {column}, which `{key}` has for {quantity}; there are {known}"
             way = ""
         if self._keys.own and key == "columns":
             way = f": a file with other names needs `{self._keys.own}: {{columns: {{time: NAME}}}}`"
-        return self.mistake(f"{what}{way}")
+        return self.mistake(f"{message}{way}")
 
     def mistake(self, message: str) -> DataError:
         """Return the error for a mistake of the table as a whole."""
@@ -668,7 +390,7 @@ class Columns:
             impossible_value = impossible(quantity, values, scale)
             if impossible_value is not None:
                 line = int(table.lines[impossible_value.row])
-                mistakes.append(Place(self.path, line, 1, f"{column}: {impossible_value.what}"))
+                mistakes.append(Place(self.path, line, 1, f"{column}: {impossible_value.message}"))
         if mistakes:
             raise DataError(*mistakes)
         for quantity in self._hemispheres:
@@ -692,8 +414,8 @@ class Columns:
             table.columns[latitude], table.columns[longitude], self.naming.scale("latitude")
         )
         if has_no_fix.any():
-            what = f"{has_no_fix.sum()} rows with {latitude} = {longitude} = 0 have no fix"
-            self.notices.append(f"{self.path}: {what} and were left out")
+            message = f"{has_no_fix.sum()} rows with {latitude} = {longitude} = 0 have no fix"
+            self.notices.append(f"{self.path}: {message} and were left out")
         return ~has_no_fix
 
     def note_outliers(self, table: Table) -> None:
@@ -707,14 +429,14 @@ class Columns:
             if quantity == "longitude":
                 values = values[~_is_across_a_cut(values, self.naming.scale(quantity))]
             for value, n in outlying(values).items():
-                what = f"{n} cells are {value:.9g}, far outside the others: empty them"
+                message = f"{n} cells are {value:.9g}, far outside the others: empty them"
                 others = self._columns_with(table, value, column)
                 way = f", or say `missing: [{value:.15g}]`, if they hold no measurement"
                 if others:
                     key = f"`missing: {{{quantity}: [{value:.15g}]}}`"
                     way = f", or say {key}, if they hold no measurement"
                     way += f" (`missing: [{value:.15g}]` would also empty cells of {others})"
-                self.far.append(f"{self.path}: {column}: {what}{way}")
+                self.far.append(f"{self.path}: {column}: {message}{way}")
 
     def _columns_with(self, table: Table, value: float, column: str) -> str:
         """Return another column in which ``value`` is a usual number; empty if there is none."""
@@ -966,25 +688,29 @@ class Columns:
             )
             if len(contrary) and not unknown:
                 row = int(contrary[0])
-                what = f"{table.words[column][codes[row]]} beside a {quantity} of {values[row]:.9g}"
+                message = (
+                    f"{table.words[column][codes[row]]} beside a {quantity} of {values[row]:.9g}"
+                )
                 way = f"say `columns: {{{key}: {column}}}`, or {ignore}"
                 if values[row] < 0.0:
                     way = f"correct one of them, or say {ignore}"
-                place = Place(self.path, int(table.lines[row]), 1, f"{column}: {what}: {way}")
+                place = Place(self.path, int(table.lines[row]), 1, f"{column}: {message}: {way}")
                 raise DataError(place)
             return
         # Step 2: check the words, and the signs of numbers that have one.
         if unknown:
             row = int(np.flatnonzero(codes == unknown[0])[0])
             allowed = f"{positive[0].upper()} and {negative[0].upper()}"
-            what = f"{table.words[column][unknown[0]]!r} is no hemisphere; allowed: {allowed}"
-            raise DataError(Place(self.path, int(table.lines[row]), 1, f"{column}: {what}"))
+            message = f"{table.words[column][unknown[0]]!r} is no hemisphere; allowed: {allowed}"
+            raise DataError(Place(self.path, int(table.lines[row]), 1, f"{column}: {message}"))
         wrong = np.flatnonzero((values < 0.0) & is_positive)
         if len(wrong):
             row = int(wrong[0])
-            what = f"{values[row]:.9g} beside {table.words[column][codes[row]]} in column {column}"
+            message = (
+                f"{values[row]:.9g} beside {table.words[column][codes[row]]} in column {column}"
+            )
             way = f"correct one of them, or say {ignore}"
-            place = Place(self.path, int(table.lines[row]), 1, f"{coordinate}: {what}: {way}")
+            place = Place(self.path, int(table.lines[row]), 1, f"{coordinate}: {message}: {way}")
             raise DataError(place)
         # Step 3: south and west are negative; without a letter the place is unknown.
         values[is_negative] = -np.abs(values[is_negative])
@@ -1040,11 +766,3 @@ def _nearest_places(places: Geodetic, runs: Index) -> Geodetic:
     nearest = np.empty(len(order), dtype=np.intp)
     nearest[order] = order[source]
     return Geodetic(*(values[nearest] for values in places))
-
-
-def plain_name(name: str) -> str:
-    """Return the quantity of a component: x of ``px``, and of the second sensor's ``2.x``."""
-    plain = name.rpartition(".")[2]
-    if plain in ("px", "py", "pz"):
-        return plain.removeprefix("p")
-    return plain

@@ -1,15 +1,17 @@
-"""Guess the quantities and units of a table's columns from the words in their names."""
+"""Quantities and roles of columns by the words in their names."""
 
-import math
 import re
 import unicodedata
 from collections.abc import Collection, Iterable
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
-from trackbench.scenarios.recordings.column_mapping import (
-    UNITS,
-    have_one_dimension,
+from trackbench.scenarios.recordings.units import (
+    OTHER_UNITS,
+    UNIT_WORDS,
+    is_other_unit,
     is_unit_of,
+    spell_units,
+    unit_in,
 )
 
 _WORDS: dict[str, str] = {
@@ -55,30 +57,6 @@ _FILLERS = (
     "enhanced osd custom tagblock translation baseline"
 )
 """Words that may stand beside a quantity in a name: field.pose.pose.position.x, p_RS_R_x."""
-_UNITS = {
-    **{unit: unit for unit in UNITS},
-    **{"feet": "ft", "foot": "ft", "miles": "mi", "nm": "nmi", "metre": "m", "meter": "m"},
-    **{"meters": "m", "metres": "m", "kilometers": "km", "kilometres": "km"},
-    **{"umps": "um/s"},
-    **{"degree": "deg", "degrees": "deg", "grad": "deg", "radians": "rad", "radian": "rad"},
-    **{"knots": "kn", "knot": "kn", "kt": "kn", "kts": "kn", "kmh": "km/h", "kph": "km/h"},
-    **{"kmph": "km/h", "fps": "ft/s", "cmps": "cm/s", "mmps": "mm/s", "dps": "deg/s"},
-    **{"degps": "deg/s", "radps": "rad/s"},
-    **{"mps": "m/s", "e7": "degE7", "dege7": "degE7", "1e7": "degE7"},
-    **{"semicircles": "semicircle", "e6": "degE6", "dege6": "degE6", "1e6": "degE6"},
-    **{"milliarcsec": "mas", "milliarcsecond": "mas", "milliarcseconds": "mas"},
-    **{"sec": "s", "secs": "s", "second": "s", "seconds": "s", "sek": "s"},
-    **{"millis": "ms", "msec": "ms", "millisecond": "ms", "milliseconds": "ms"},
-    **{"usec": "us", "micros": "us", "microseconds": "us", "nsec": "ns", "nanos": "ns"},
-    **{"nanoseconds": "ns", "nanosecond": "ns", "hours": "h", "minutes": "min"},
-}
-_OTHER_UNITS = frozenset(
-    {"yd", "yds", "yard", "yards", "kyd", "fathom", "fathoms", "dm", "hm", "kft"}
-    | {"in", "inch", "inches", "zoll", "sm"}
-    | {"gon", "gons", "mil", "mils", "arcmin", "arcsec", "fpm"}
-    | {"grade", "grades", "grads", "gradian", "gradians"}
-)
-"""Words that are units of lengths, angles and speeds, and none that a recording may have."""
 _CLOCK_WORDS = re.compile(
     r"(?:unix|posix|epoch|utc|gps|gnss|time|timestamp|stamp|since|1970|t|ts|"
     r"(?:milli|micro|nano)?s(?:ec|ecs|econd|econds)?|millis|micros|nanos|msecs?|usecs?|nsecs?|[mun]s)+"
@@ -108,20 +86,6 @@ _FILLERS_OF_ODOMETRY = frozenset(("twist", "cmd", "imu", "vel", "velocity"))
 """Further words that may stand beside a speed or a turn rate: field.twist.twist.linear.x of ROS."""
 _HEADINGS = ("heading", "theta", "yaw", "psi", "phi", "orientation", "hdg")
 _ODOMETRY_UNITS = {"v": ("m/s", "km/h", "cm/s", "mm/s"), "w": ("rad/s", "deg/s")}
-_PER_SECOND = re.compile(
-    r"(?<![a-z])(km|m|cm|mm|um|ft|deg|rad)(?:[_ ]per[_ ]|[_ .]?(?=[sh]\^?-1)|_)"
-    r"(s|h)(?:\^?-1)?(?![a-z0-9])"
-)
-_NAUTICAL_MILES = re.compile(r"(?:nautical|sea)[ _-]?miles?|seemeilen?|milles? marins?")
-_MICROMETERS = re.compile(r"microns?(?![a-z])|micromet(?:er|re)s?(?![a-z])")
-_BRACKETS = re.compile(r"[\[(]([^\])]*)[\])]")
-_NUMBER = r"\d+(?:\.\d+)?(?:e[-+]?\d+)?(?:/\d+)?"
-_UNIT = "|".join(sorted(map(re.escape, {*_UNITS, *_OTHER_UNITS}), key=len, reverse=True))
-_SCALED_UNITS = (
-    re.compile(rf" *(?P<factor>{_NUMBER}) *[*x]? *(?P<unit>{_UNIT}) *"),
-    re.compile(rf" *(?P<unit>{_UNIT}) *(?P<sign>[*x/]) *(?P<factor>{_NUMBER}) *"),
-)
-"""A unit with a factor, as it stands in brackets: 0.1 m, 1/256 nm, 1e-7 deg, m*100."""
 _LETTERS = str.maketrans({"µ": "u", "μ": "u", "ø": "o", "ß": "s", "æ": "e"})
 
 
@@ -179,7 +143,7 @@ def _is_clock(words: list[str]) -> bool:
         return False
     if _EPOCHS.search(name):
         return True
-    has_unit = any(is_unit_of("time", _UNITS.get(word, "")) for word in words)
+    has_unit = any(is_unit_of("time", UNIT_WORDS.get(word, "")) for word in words)
     has_time = has_unit or bool({"t", "ts"} & {*words}) or bool(_TIME_WORDS.search(name))
     return has_time and bool({"utc", "gps", "gnss", "ts"} & {*words} or _TIME_WORDS.search(name))
 
@@ -211,7 +175,7 @@ def rest_of_stamp(
 def _words_before_unit(name: str) -> list[str]:
     """Return the words of a name without a unit at its end."""
     words = words_of(name)
-    if words and words[-1] in _UNITS:
+    if words and words[-1] in UNIT_WORDS:
         return words[:-1]
     return words
 
@@ -247,15 +211,15 @@ def odometry_of(names: Iterable[str]) -> dict[str, NamedColumn]:
     columns = {}
     fillers = _FILLERS_OF_ODOMETRY.union(_FILLERS.split())
     for quantity, text in _ODOMETRY.items():
-        found = []
+        candidates = []
         for place, name in enumerate(names):
             words = _without_units(words_of(name))
             spellings = ("".join(words), "".join(word for word in words if word not in fillers))
             ranks = [text.split().index(word) for word in spellings if word in text.split()]
             if ranks:
-                found.append((min(ranks), place, name))
-        if found:
-            *_, name = min(found)
+                candidates.append((min(ranks), place, name))
+        if candidates:
+            *_, name = min(candidates)
             columns[quantity] = NamedColumn(column=name, unit=unit_of(name, quantity))
     return columns
 
@@ -265,7 +229,7 @@ def unit_of(name: str, quantity: str) -> str | None:
     words = words_of(name)
     if quantity in _ODOMETRY_UNITS:
         # The first word is the quantity's.
-        units = [_UNITS[word] for word in words[1:] if word in _UNITS]
+        units = [UNIT_WORDS[word] for word in words[1:] if word in UNIT_WORDS]
         return next((unit for unit in units if unit in _ODOMETRY_UNITS[quantity]), None)
     # If all words together are the quantity's name, none is a unit: the D of ToD is no day.
     # But x_m and time_sec are words of the quantity, too, without their units.
@@ -297,7 +261,7 @@ def looks_like(name: str, quantity: str) -> bool:
 def other_unit_of(name: str) -> str | None:
     """Return the last word of a column's name if it is a unit that a recording cannot have."""
     words = words_of(name)
-    if len(words) > 1 and _is_other_unit(words[-1]):
+    if len(words) > 1 and is_other_unit(words[-1]):
         return words[-1]
     return None
 
@@ -305,23 +269,9 @@ def other_unit_of(name: str) -> str | None:
 def other_unit_in_line(cell: str) -> str | None:
     """Return the unit in a cell of a line of units if a recording cannot have it; None otherwise."""
     words = words_of(f"({cell})")
-    if words and _is_other_unit(words[-1]):
+    if words and is_other_unit(words[-1]):
         return words[-1]
     return None
-
-
-def _is_other_unit(word: str) -> bool:
-    """Test whether a word is a unit that a recording cannot have, such as yd and 0.1*m."""
-    return word in _OTHER_UNITS or "*" in word
-
-
-def unit_in(words: Collection[str], quantity: str) -> str | None:
-    """Return the unit that the last possible word names for the quantity; None without one."""
-    last = None
-    for word in words:
-        if word in _UNITS and is_unit_of(quantity, _UNITS[word]):
-            last = _UNITS[word]
-    return last
 
 
 def words_of(name: str) -> list[str]:
@@ -332,47 +282,64 @@ def words_of(name: str) -> list[str]:
     name = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
     # posX is pos x.
     name = re.sub(r"([a-z])([A-Z])", r"\1 \2", name.replace("°", " deg")).lower()
-    name = _MICROMETERS.sub("um", name)
-    # m_s, m per s and m s^-1 are m/s.
-    name = _PER_SECOND.sub(r"\1/\2", name)
-    name = _NAUTICAL_MILES.sub("nmi", name)
-    # [0.01 m] is cm; [0.1 m], which has no name, is one word, 0.1*m.
-    name = _BRACKETS.sub(_name_scaled_unit, name)
+    name = spell_units(name)
     # Units that are one word in spite of the slash; the last four are of whole numbers, such as AIS has.
     units = r"rad/s|deg/s|km/h|cm/s|mm/s|um/s|m/s|ft/s|deg/600000|deg/100|deg/10|kn/10"
     return re.findall(rf"[0-9.e/+-]+\*[a-z0-9/]+|{units}|[a-z0-9]+", name)
 
 
-def _name_scaled_unit(match: re.Match[str]) -> str:
-    """Replace a unit with a factor in brackets by the known unit of this size: 0.01 m by cm.
-
-    Without such a unit it becomes one word, such as 0.1*m.
-    """
-    text = re.sub(r"10\^(-?\d+)", r"1e\1", match[1].replace(" x 10^", "*10^"))
-    for pattern in _SCALED_UNITS:
-        scaled = pattern.fullmatch(text)
-        if scaled is None:
-            continue
-        number, _, divisor = scaled["factor"].partition("/")
-        factor = float(number) / float(divisor or 1)
-        if "sign" in scaled.groupdict():
-            # A number in m*100 or m/100 counts hundredths of a meter.
-            factor = 1.0 / factor
-        unit = _UNITS.get(scaled["unit"], "")
-        if unit == "h" and factor in (12.0, 24.0):
-            return ""  # a clock of 12 or 24 hours
-        for other, size in UNITS.items():
-            if (
-                unit
-                and math.isclose(size, factor * UNITS[unit])
-                and have_one_dimension(unit, other)
-            ):
-                return f"({other.lower()})"
-        return f"({factor:g}*{scaled['unit']})"
-    return match[0]
-
-
 def _without_units(words: list[str]) -> list[str]:
     """Return the words without units; the first word stays."""
-    units = _OTHER_UNITS.union(_UNITS)
+    units = OTHER_UNITS.union(UNIT_WORDS)
     return [word for i, word in enumerate(words) if i == 0 or not (word in units or "*" in word)]
+
+
+def _word_set(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
+_QUALITY = _word_set(
+    "fix fixtype quality qual q status state mode ns nsat nsats sats satellites numsat hdop pdop vdop "
+    "gdop valid validity flag flags solution sol soltype accuracy acc battery health error class level "
+    "confidence conf snr rssi amplitude gear switch armed"
+)
+"""Words in the names of columns that say how good a row is, not whose it is."""
+_SENSORS = _word_set(
+    "sensor source src provider device radar station receiver tracker camera lidar antenna instrument "
+    "quelle fuente fonte bron kilde capteur sensore geber"
+)
+_PLACES = _word_set(
+    "anchor beacon landmark landmarks marker tower reflector fiducial aruco apriltag"
+)
+"""Words for things at places of their own."""
+_TARGETS = _word_set(
+    "mmsi icao icao24 hex callsign flight tail vessel ship boat vehicle car truck bus drone uav "
+    "aircraft plane robot object target track trackid objectid person player animal bird "
+    "individual agent tag pedestrian bike rider runner schiff boot fahrzeug flugzeug navire bateau "
+    "avion buque barco nave skib schip vliegtuig"
+)
+LANDMARK_WORDS = _word_set(
+    "tag tagid id marker markerid feature featureid lm code signature subject target object"
+)
+"""Words in the name of a column that names landmarks, if the table is the log of a robot."""
+
+
+def joined_and_single_words(name: str) -> set[str]:
+    """Return the words of a column's name, and all of them joined to one."""
+    words = words_of(name)
+    return {*words, "".join(words)}
+
+
+def role_of(name: str) -> Literal["quality", "sensor", "place", "target", ""]:
+    """Return what the words of a column's name say that it names; empty if they say nothing."""
+    # The words without and with their digits, and all words as one.
+    words = {word.rstrip("0123456789") for word in words_of(name)} | joined_and_single_words(name)
+    if words & _QUALITY:
+        return "quality"
+    if words & _PLACES:
+        return "place"
+    if words & _SENSORS:
+        return "sensor"
+    if words & _TARGETS:
+        return "target"
+    return ""

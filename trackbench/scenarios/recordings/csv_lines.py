@@ -75,8 +75,8 @@ class TextFormat:
         if len(_WORDS.get(self.separator, self.separator)) > 1:
             raise InvalidKeyError("is one character, `tab` or `space`", "separator")
         if self.thousands and self.thousands == self.decimal:
-            what = f"is {self.thousands!r}, as the decimal sign is; leave one out"
-            raise InvalidKeyError(what, "thousands")
+            message = f"is {self.thousands!r}, as the decimal sign is; leave one out"
+            raise InvalidKeyError(message, "thousands")
         if self.header and self.names:
             raise InvalidKeyError("names replace the line of the header: leave one out", "names")
         if self.encoding:
@@ -137,10 +137,10 @@ def _opened(path: str, encoding: str) -> Iterator[TextIO]:
     except OSError as error:
         raise DataError(Place(path, 1, 1, reason(error))) from None
     except UnicodeError:
-        what = "is not a text file"
+        message = "is not a text file"
         if path.endswith((".gz", ".zip", ".bz2", ".xz")):
-            what = "is compressed: unpack it first"
-        raise DataError(Place(path, 1, 1, what)) from None
+            message = "is compressed: unpack it first"
+        raise DataError(Place(path, 1, 1, message)) from None
 
 
 def _layout(path: str, text: TextIO, form: TextFormat) -> Layout:
@@ -161,17 +161,17 @@ def _layout(path: str, text: TextIO, form: TextFormat) -> Layout:
         if len(lines) >= _LOOKED_AT or len(comments) >= _MOST_COMMENTS:
             break
     if not lines:
-        what = "has no rows" if comments else "is empty"
-        raise DataError(Place(path, 1, 1, what))
+        message = "has no rows" if comments else "is empty"
+        raise DataError(Place(path, 1, 1, message))
     first = next(iter(lines))
     if _CONTROL.search(lines[first]):
-        what = "is not a text file"
+        message = "is not a text file"
         if path.endswith((".gz", ".zip", ".bz2", ".xz")):
-            what = "is compressed: unpack it first"
-        raise DataError(Place(path, first, 1, what))
-    for letters, what in _OTHERS.items():
+            message = "is compressed: unpack it first"
+        raise DataError(Place(path, first, 1, message))
+    for letters, message in _OTHERS.items():
         if lines[first].startswith(letters):
-            raise DataError(Place(path, first, 1, f"is no table but {what}"))
+            raise DataError(Place(path, first, 1, f"is no table but {message}"))
     # Step 2: find the separator, and the usual number of cells.
     separator = separator or _guess_separator([*lines.values()])
     cells = {number: _split_cells(line, separator) for number, line in lines.items()}
@@ -267,8 +267,8 @@ def _check_kinds(path: str, cells: Mapping[int, list[str]], separator: str) -> N
         first = next(iter(kinds))
         marks = {" ": "[[:space:]]", "\t": "[[:space:]]"}
         way = f"split the file, such as `grep '^{first}{marks.get(separator, separator)}'`"
-        what = f"has rows of {len(kinds)} kinds: {shown[:100]}: {way}, and name the columns"
-        raise DataError(Place(path, next(iter(cells)), 1, what))
+        message = f"has rows of {len(kinds)} kinds: {shown[:100]}: {way}, and name the columns"
+        raise DataError(Place(path, next(iter(cells)), 1, message))
 
 
 def _find_header(
@@ -408,8 +408,10 @@ def _numbered_rows(path: str, text: TextIO, layout: Layout) -> Iterator[tuple[in
         for row in reader:
             end = layout.before + reader.line_num
             if end > line + 1 and _holds_rows(row, separator, width):
-                what = f"a quote that opens in this line closes in line {end}, after further rows"
-                raise DataError(Place(path, line + 1, 1, f"{what}: close it, or leave it out"))
+                message = (
+                    f"a quote that opens in this line closes in line {end}, after further rows"
+                )
+                raise DataError(Place(path, line + 1, 1, f"{message}: close it, or leave it out"))
             line = end
             # A separator at the end of a row gives an empty cell too many.
             if len(row) == width + 1 and not row[-1].strip():
@@ -417,8 +419,8 @@ def _numbered_rows(path: str, text: TextIO, layout: Layout) -> Iterator[tuple[in
             if row:
                 yield line, row
     except csv.Error as error:
-        what = f"not a CSV: {error}; is a quote in this line not closed?"
-        raise DataError(Place(path, line + 1, 1, what)) from None
+        message = f"not a CSV: {error}; is a quote in this line not closed?"
+        raise DataError(Place(path, line + 1, 1, message)) from None
 
 
 def _with_tabs(line: str, joined: int | None) -> str:

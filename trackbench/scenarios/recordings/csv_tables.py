@@ -126,6 +126,7 @@ _MOST_MISTAKES = 20
 _MOST_KINDS = 5
 _ROWS_AT_A_TIME = 50_000
 Column = NDArray[Any]
+WholeNumbers = NDArray[np.integer[Any]]
 _PARSERS: dict[Content, Parse] = {"number": number, "time": seconds, "step": whole}
 
 
@@ -154,9 +155,9 @@ def header(path: str, form: TextFormat | None = None) -> list[str]:
         return [str(name) for name in _parquet(path, None)]
     layout = layout_of(path, form)
     if layout.header and all(is_value(name) for name in layout.names if name):
-        what = f"holds {', '.join(layout.names)[:60]} and no names of columns: name all"
+        message = f"holds {', '.join(layout.names)[:60]} and no names of columns: name all"
         way = f"{len(layout.names)}, such as `format: {{names: [time, x, y]}}`"
-        raise DataError(Place(path, layout.header, 1, f"{what} {way}"))
+        raise DataError(Place(path, layout.header, 1, f"{message} {way}"))
     return layout.names
 
 
@@ -256,7 +257,7 @@ class _Reading:
         wrong = [(line, len(cells)) for line, cells in rows if len(cells) != width]
         if not wrong:
             return rows
-        what = f"cells under {width} columns"
+        message = f"cells under {width} columns"
         numbers = {number for _, number in wrong}
         # Decimal commas between commas cut every number in two.
         is_decimal_comma = layout.separator == "," and numbers == {2 * width}
@@ -268,19 +269,19 @@ class _Reading:
             if 1 < len(first_words) <= _MOST_KINDS:
                 kinds = ", ".join(sorted(first_words))[:60]
                 alike += f": rows of several kinds ({kinds}) need a file each"
-            self.mistakes.append(Place(self.path, line, 1, f"{number} {what}{alike}"))
+            self.mistakes.append(Place(self.path, line, 1, f"{number} {message}{alike}"))
             return [row for row in rows if len(row[1]) == width]
         if is_decimal_comma:
-            what += ": where decimals follow a comma, cells need another separator"
-        self._add_mistakes([(line, f"{number} {what}") for line, number in wrong], len(rows))
+            message += ": where decimals follow a comma, cells need another separator"
+        self._add_mistakes([(line, f"{number} {message}") for line, number in wrong], len(rows))
         return [row for row in rows if len(row[1]) == width]
 
     def _add_mistakes(self, wrong: Sequence[tuple[int, str]], rows: int) -> None:
         """Append mistakes, each a line and a text; only the first if most of so many rows have one."""
         if len(wrong) > max(_MOST_MISTAKES // 2, rows // 2):
-            (line, what), *more = wrong
-            wrong = [(line, f"{what} ({len(more)} more rows are alike)")]
-        self.mistakes += [Place(self.path, line, 1, what) for line, what in wrong]
+            (line, message), *more = wrong
+            wrong = [(line, f"{message} ({len(more)} more rows are alike)")]
+        self.mistakes += [Place(self.path, line, 1, message) for line, message in wrong]
 
     def add(self, lines: Index, cells: Mapping[str, Sequence[str]]) -> None:
         """Append rows with these lines in the file, whose cells are given by column."""
@@ -306,7 +307,7 @@ class _Reading:
                 parser = self._parser(content, column, Place(self.path, int(lines[0]), 1, name))
                 values, wrong = parse_cells(parser, column)
             self._pieces[name].append(values)
-            mistakes = [(int(lines[i]), f"{name}: {what}") for i, what in wrong]
+            mistakes = [(int(lines[i]), f"{name}: {message}") for i, message in wrong]
             self._add_mistakes(mistakes, len(column))
         self._lines.append(lines.astype(np.int32))
 
@@ -358,13 +359,13 @@ class _Reading:
             with suppress(ValueError):
                 plain(cell)
                 return ""
-        what = f"{first.what}: {cell[:40]!r} is no number of seconds and no date in ISO 8601"
+        message = f"{first.what}: {cell[:40]!r} is no number of seconds and no date in ISO 8601"
         if self.form:
-            what = f"{first.what}: {cell[:40]!r} is not a time as {self.form}"
+            message = f"{first.what}: {cell[:40]!r} is not a time as {self.form}"
         way = 'say how it is written, `time_format: "%d/%m/%Y %H:%M:%S"` (or %m/%d/%Y, %H:%M:%S.%f)'
         if cell and not any(map(str.isdigit, cell)):
             way = "say `format: {skip: 1}` if the line holds units, or correct it"
-        raise DataError(first._replace(what=f"{what}: {way}"))
+        raise DataError(first._replace(what=f"{message}: {way}"))
 
     def _encode_words(
         self, name: str, cells: Sequence[str]
@@ -391,8 +392,8 @@ def _parquet(path: str, columns: list[str] | None) -> Any:
     try:
         from pyarrow import parquet  # type: ignore[import-not-found,unused-ignore]
     except ImportError:
-        what = "reading Parquet takes pyarrow: pip install pyarrow, or write the table as CSV"
-        raise DataError(Place(path, 1, 1, what)) from None
+        message = "reading Parquet takes pyarrow: pip install pyarrow, or write the table as CSV"
+        raise DataError(Place(path, 1, 1, message)) from None
     try:
         file = require_regular_file(path)
         if columns is None:

@@ -175,22 +175,22 @@ def offset_of_zone(zone: str) -> float | None:
 
 def mistake_in_zone(zone: str) -> str:
     """Explain that a config's key ``zone`` is no offset from UTC, with the offsets of a known place."""
-    what = f"{zone!r} is neither UTC nor an offset from it, such as +02:00"
+    message = f"{zone!r} is neither UTC nor an offset from it, such as +02:00"
     names = {}
     for name in sorted(available_timezones()):
         names[name.lower()] = name
         names.setdefault(name.rpartition("/")[2].lower(), name)
     near = get_close_matches(zone.lower().replace(" ", "_"), names, 1, 0.7)
     if not near:
-        return what
+        return message
     name = names[near[0]]
     offsets = []
     for month in (1, 7):
         offset = datetime(_YEAR_OF_OFFSETS, month, 1, tzinfo=ZoneInfo(name)).strftime("%z")
         offsets.append(f"{offset[:3]}:{offset[3:5]}")
     if offsets[0] == offsets[1]:
-        return f"{what}; write {offsets[0]}, the offset of {name}"
+        return f"{message}; write {offsets[0]}, the offset of {name}"
     return (
-        f"{what}; {name} is {offsets[0]} in January and {offsets[1]} in July, so write the one that "
+        f"{message}; {name} is {offsets[0]} in January and {offsets[1]} in July, so write the one that "
         "the dates have"
     )

@@ -1,16 +1,20 @@
 """Guess of the direction from which measured azimuths count, and the question if it is open."""
 
-from typing import Literal, NamedTuple
+from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.field_types import Place
 from trackbench.scenarios.recordings.column_names import words_of
+from trackbench.scenarios.recordings.guess_record import Guess, Track
+from trackbench.scenarios.recordings.guess_sensors import ANGLES
+from trackbench.scenarios.recordings.rows import Gathered, Rows
 
 Convention = Literal["named", "compass", "polar", "open"]
 """Azimuths count clockwise from north as the column's name says (named) or as numbers beyond 180 deg do
 (compass), from x to y as polar coordinates do, or either way (open)."""
-
 _NORTH = frozenset(("north", "true", "compass", "magnetic", "mag", "clockwise", "cw"))
 _POLAR = frozenset(("theta", "phi", "angle"))
 _FEWEST = 5
@@ -19,14 +23,80 @@ _NEARER = 0.3
 """ratio of the distances from other positions of the right convention and of the wrong one"""
 
 
-class Track(NamedTuple):
-    """Measured rows of one sensor in the longest run."""
+def azimuths_of(
+    quantities_by_sensor: list[tuple[str, ...]], rows_by_sensor: list[Rows]
+) -> list[Array]:
+    """Return the angles (R,) of each sensor that measures one, which is its last quantity."""
+    azimuths = []
+    for names, rows in zip(quantities_by_sensor, rows_by_sensor, strict=True):
+        if names[-1] in ANGLES:
+            azimuths.append(rows.values[-1])
+    return azimuths
 
-    time: Array
-    """times (R,), s; those of dates and of UNIX times count from 1970"""
-    values: Array
-    """x and y, m, or range, m, and azimuth, rad (2, R)"""
-    is_dated: bool
+
+def track_of(gathered: Gathered, rows: Rows, scale: float = 1.0) -> Track:
+    """Return rows as a track; ``scale`` is the unit of their azimuths, rad."""
+    time = rows.time
+    if gathered.dated:
+        time = time + gathered.since / 1e6
+    values = np.stack([rows.values[0], rows.values[1] * scale])
+    # UNIX times count from 1970, too.
+    is_unix = gathered.clock is not None and gathered.clock.kind == "unix"
+    return Track(time=time, values=values, is_dated=bool(gathered.dated) or is_unix)
+
+
+def settle_azimuths(guess: Guess, angles: list[Array], is_said: bool) -> Guess:
+    """Return the guess with the direction from which azimuths count, or with the question if it is open.
+
+    ``angles`` are those of each sensor that measures one, rad. ``is_said`` if the user has said the
+    direction.
+    """
+    naming = guess.naming
+    column = naming.columns.get("azimuth")
+    if not angles or column is None or naming.clockwise:
+        return guess
+    if is_said:
+        guess.why["anticlockwise"] = "azimuths count from x to y"
+        return guess
+    convention = convention_of(column, naming.units.get("azimuth", ""), angles)
+    if guess.places is not None and convention != "named":
+        settled = with_places(guess, guess.places, "the other sensor's positions show")
+        if settled is not None:
+            return settled
+    if convention == "polar":
+        guess.why["anticlockwise"] = (
+            "guess: azimuths count from x to y; of radars from north say `clockwise: [azimuth]`"
+        )
+        return guess
+    if convention == "open":
+        questions = [Place(guess.path, 1, 1, line) for line in question_on_azimuths(column)]
+        return replace(guess, questions=questions)
+    guess.why["clockwise"] = (
+        "guess: from 0 to 360 deg, as of radars; leave it out if it counts from x to y"
+    )
+    if convention == "named":
+        guess.why["clockwise"] = "as the column's name says: from north"
+    return replace(guess, naming=replace(naming, clockwise=("azimuth",)))
+
+
+def with_places(guess: Guess, places: Track, reason: str) -> Guess | None:
+    """Return the guess with azimuths that count as other positions show; None if these do not decide.
+
+    ``reason`` says which positions they are.
+    """
+    if guess.radar is None:
+        return None
+    is_clockwise = is_clockwise_by_places(guess.radar, places)
+    if is_clockwise is None:
+        return None
+    why = {name: text for name, text in guess.why.items() if name != "clockwise"}
+    if is_clockwise:
+        why["clockwise"] = f"as {reason}"
+    else:
+        why["anticlockwise"] = f"azimuths count from x to y, as {reason}"
+    clockwise = ("azimuth",) if is_clockwise else ()
+    naming = replace(guess.naming, clockwise=clockwise)
+    return replace(guess, naming=naming, why=why, questions=[])
 
 
 def convention_of(column: str, unit: str, angles: list[Array]) -> Convention:

@@ -4,18 +4,24 @@ import json
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from trackbench.durations import time_text
 from trackbench.errors import in_line
 from trackbench.field_types import MOST_STEPS
-from trackbench.scenarios.recordings.column_mapping import STAMP_PARTS, Naming
-from trackbench.scenarios.recordings.csv_lines import TextFormat, plain_label
-from trackbench.scenarios.recordings.guess_errors import usual_process_noise
-from trackbench.scenarios.recordings.guess_format import Guess, SensorGuess
-from trackbench.scenarios.recordings.guess_sample import quoted
+from trackbench.scenarios.recordings.column_mapping import Naming
+from trackbench.scenarios.recordings.csv_lines import plain_label
+from trackbench.scenarios.recordings.guess_process_noise import usual_process_noise
+from trackbench.scenarios.recordings.guess_record import Guess, SensorGuess
 from trackbench.scenarios.recordings.guess_truth import TruthGuess
+from trackbench.scenarios.recordings.quantities import STAMP_PARTS
+from trackbench.scenarios.recordings.yaml_values import (
+    comment_on,
+    format_in_braces,
+    missing_in_yaml,
+    quoted,
+)
 
 _LOCATING = {"position", "range-azimuth"}
 """Types of sensors by which a filter can start."""
@@ -26,6 +32,7 @@ _LAST = 20_000  # step of a long recording, which all filters reach within minut
 _MOST_PARTICLE_STEPS = 20_000  # beyond which a particle filter takes longer than all other filters
 _POSE = ("X", "Y", "HEADING")
 """Words for the unknown numbers of a pose, which the user must write."""
+_WHY_NO_PARTICLES = "1000 particles take longer over so many steps than all other filters together"
 
 
 @dataclass(frozen=True)
@@ -120,13 +127,13 @@ def _naming_in_braces(naming: Naming) -> str:
             pairs = ", ".join(f"{key}: {quoted(value)}" for key, value in entries.items())
             keys.append(f"{name}: {{{pairs}}}")
     if naming.format is not None:
-        keys.append(f"format: {_format_in_braces(naming.format)}")
+        keys.append(f"format: {format_in_braces(naming.format)}")
     if naming.time_format:
         keys.append(f"time_format: {json.dumps(naming.time_format)}")
     if naming.zone:
         keys.append(f"zone: {quoted(naming.zone)}")
     if naming.missing:
-        keys.append(f"missing: {_missing_in_yaml(naming)}")
+        keys.append(f"missing: {missing_in_yaml(naming)}")
     if naming.same_time is not None:
         keys.append(f"same_time: {naming.same_time}")
     return f"{{{', '.join(keys)}}}"
@@ -158,8 +165,8 @@ def _grid_line(guess: Guess) -> str:
     if not 1 < len(names) <= 1 + _MOST_NAMES:
         return ""
     values = ", ".join(f"[{name}]" for name in names)
-    what = "all runs, each on a clock of its own"
-    return f"# grid: {{scenario.target.runs: [{values}]}}  # {what}\n"
+    comment = "all runs, each on a clock of its own"
+    return f"# grid: {{scenario.target.runs: [{values}]}}  # {comment}\n"
 
 
 def _table_lines(guess: Guess, truth: TruthGuess | None) -> Iterator[str]:
@@ -168,14 +175,15 @@ def _table_lines(guess: Guess, truth: TruthGuess | None) -> Iterator[str]:
         # Every fifth measurement, and up to every second one of a very short run.
         _, rows_of_longest_run = guess.runs[0]
         every = max(2, min(5, rows_of_longest_run // 2))
-        what = "every n-th measurement is not given to the filters, and predicted instead"
-        yield f"hold_out: {every}  # {what}; without this key leave out the column Held out"
+        comment = "every n-th measurement is not given to the filters, and predicted instead"
+        yield f"hold_out: {every}  # {comment}; without this key leave out the column Held out"
     yield "tables:"
     held = ""
-    what = "log score (higher is better); squared innovations (1 is right)"
+    scores = "log score (higher is better); squared innovations (1 is right)"
     if truth is None:
         held = "Held out: mean(held_log_score), "
-        what = "log score (higher is better), of what is held out, too; squared innovations (1 is right)"
+        scores = "log score (higher is better), of what is held out, too;"
+        scores += " squared innovations (1 is right)"
     else:
         columns = "RMSE: rms(rmse_position), Largest: mean(peak_position)"
         title = "Errors of the position, m"
@@ -192,7 +200,7 @@ def _table_lines(guess: Guess, truth: TruthGuess | None) -> Iterator[str]:
         yield f"    columns: {{{columns}}}"
     yield "  prediction:"
     yield "    kind: metrics"
-    yield f'    title: "Prediction: {what}"'
+    yield f'    title: "Prediction: {scores}"'
     yield f"    columns: {{Log score: mean(log_score), {held}Innovations: mean(anis)}}"
     if guess.inputs:
         yield "  innovations: {kind: innovations}  # errors of predicted ranges and bearings"
@@ -379,9 +387,6 @@ def _robot_assumption(sigmas: Mapping[str, float], late: str) -> str:
     )
 
 
-_WHY_NO_PARTICLES = "1000 particles take longer over so many steps than all other filters together"
-
-
 def _particle_filter_kind(guess: Guess) -> str:
     return "pf" if guess.inputs else "rpf"
 
@@ -445,8 +450,8 @@ def guessed_units(guess: Guess, prefix: str = "") -> list[str]:
         lines[-1] += f"; another unit: --set {prefix}units.NAME=UNIT"
     if guess.why.get("clockwise", "").startswith("guess"):
         column = quoted(guess.naming.columns["azimuth"])
-        what = f"read {column} clockwise from north (from 0 to 360 deg, as of radars)"
-        lines.append(f"{what}; from x to y: --set '{prefix}clockwise=[]'")
+        reading = f"read {column} clockwise from north (from 0 to 360 deg, as of radars)"
+        lines.append(f"{reading}; from x to y: --set '{prefix}clockwise=[]'")
     if "velocity" in guess.why:
         lines.append(guess.why["velocity"])
     return lines
@@ -614,11 +619,11 @@ def _naming_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
         line = f"  {name}: {quoted(column)}"
         # The reasons for other columns are those of their units, and stand beside these.
         if name in _LABEL_COLUMNS:
-            line += _comment(why, name)
+            line += comment_on(why, name)
         if name == "time":
-            line += _comment(why, "time_column")
+            line += comment_on(why, "time_column")
         if name == "vy":
-            line += _comment(why, "exchanged")
+            line += comment_on(why, "exchanged")
         yield line
     unused = unused_columns(guess)
     if unused:
@@ -630,21 +635,21 @@ def _naming_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
     units = {name: unit for name, unit in naming.units.items() if name in columns}
     if units:
         yield "units:"
-        yield from (f"  {name}: {unit}{_comment(why, name)}" for name, unit in units.items())
+        yield from (f"  {name}: {unit}{comment_on(why, name)}" for name, unit in units.items())
     if naming.format is not None:
-        yield f"format: {_format_in_braces(naming.format)}{_comment(why, 'format')}"
+        yield f"format: {format_in_braces(naming.format)}{comment_on(why, 'format')}"
     if naming.time_format:
-        yield f"time_format: {json.dumps(naming.time_format)}{_comment(why, 'time_format')}"
+        yield f"time_format: {json.dumps(naming.time_format)}{comment_on(why, 'time_format')}"
     if naming.zone:
         yield f"zone: {quoted(naming.zone)}"
     if naming.missing:
-        yield f"missing: {_missing_in_yaml(naming)}{_comment(why, 'missing')}"
+        yield f"missing: {missing_in_yaml(naming)}{comment_on(why, 'missing')}"
     if naming.clockwise and "azimuth" in columns:
-        yield f"clockwise: [{', '.join(naming.clockwise)}]{_comment(why, 'clockwise')}"
+        yield f"clockwise: [{', '.join(naming.clockwise)}]{comment_on(why, 'clockwise')}"
     elif "azimuth" in columns and "anticlockwise" in why:
         yield f"# {why['anticlockwise']}"
     if naming.same_time is not None:
-        yield f"same_time: {naming.same_time}{_comment(why, 'same_time')}"
+        yield f"same_time: {naming.same_time}{comment_on(why, 'same_time')}"
 
 
 def _sensor_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
@@ -703,39 +708,3 @@ def _sensor_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
     if guess.measures_velocity:
         velocity = float(f"{max(0.05 * guess.speed, 0.05):.1g}")
         yield f"- {{kind: velocity, sigma: {velocity:g}}}  # guess: 5 % of the usual speed"
-
-
-def _missing_in_yaml(naming: Naming) -> str:
-    """Write the numbers that stand for missing cells: of all columns, or of each quantity."""
-    if not isinstance(naming.missing, dict):
-        return f"[{', '.join(f'{value:.15g}' for value in naming.missing)}]"
-    entries = []
-    for quantity, numbers in naming.missing.items():
-        entries.append(f"{quantity}: [{', '.join(f'{value:.15g}' for value in numbers)}]")
-    return f"{{{', '.join(entries)}}}"
-
-
-def _comment(why: dict[str, str], key: str) -> str:
-    """Return the reason for a key as a comment of YAML; empty if there is none."""
-    if key not in why:
-        return ""
-    return f"  # {why[key]}"
-
-
-def _format_in_braces(form: TextFormat) -> str:
-    """Return the keys of a format that are set as YAML in braces."""
-    keys = []
-    for key in fields(form):
-        value = getattr(form, key.name)
-        if value:
-            keys.append(f"{key.name}: {_value_in_braces(value)}")
-    return f"{{{', '.join(keys)}}}"
-
-
-def _value_in_braces(value: object) -> str:
-    """Write a list, a word or a number as YAML in braces has it."""
-    if isinstance(value, (tuple, list)):
-        return f"[{', '.join(quoted(str(item)) for item in value)}]"
-    if isinstance(value, str):
-        return quoted(value)
-    return json.dumps(value)

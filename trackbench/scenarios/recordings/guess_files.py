@@ -6,9 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import COURSE, Naming
-from trackbench.scenarios.recordings.guess_errors import joined_process_noise
-from trackbench.scenarios.recordings.guess_format import Guess
+from trackbench.scenarios.recordings.column_mapping import Naming
+from trackbench.scenarios.recordings.guess_process_noise import joined_process_noise
+from trackbench.scenarios.recordings.guess_record import Guess
+from trackbench.scenarios.recordings.quantities import COURSE
 from trackbench.scenarios.recordings.time_alignment import ONE_RUN
 
 _VELOCITIES = ("vx", "vy", *COURSE)
@@ -57,13 +58,13 @@ def _of_one_sensor(path: str, guess: Guess) -> Guess:
     """
     name = Path(path).stem
     if guess.inputs:
-        what = "is the log of a robot, which is alone in a config that is written"
+        message = "is the log of a robot, which is alone in a config that is written"
         way = "write the config for it, and add the further files to its `measurements`"
-        raise DataError(Place(path, 1, 1, f"{what}: {way} (docs/your-robot.md)"))
+        raise DataError(Place(path, 1, 1, f"{message}: {way} (docs/your-robot.md)"))
     if len(guess.sensors) > 1:
         names = ", ".join(sensor.name for sensor in guess.sensors[:_MOST_NAMES])
-        what = f"has {len(guess.sensors)} sensors ({names}), and each of several files is of one"
-        raise DataError(Place(path, 1, 1, f"{what}: write a file for each sensor"))
+        message = f"has {len(guess.sensors)} sensors ({names}), and each of several files is of one"
+        raise DataError(Place(path, 1, 1, f"{message}: write a file for each sensor"))
     columns = {key: c for key, c in guess.naming.columns.items() if key not in _VELOCITIES}
     columns.pop("sensor", None)
     sensor = guess.sensors[0]._replace(name=name)
@@ -84,9 +85,9 @@ def _check_runs(paths: Sequence[str], files: Sequence[Guess]) -> None:
     names = [{name for name, _ in file.runs} for file in files]
     if set.intersection(*names):
         return
-    what = []
+    message = []
     for path, file in zip(paths, files, strict=True):
         runs = [name for name, _ in file.runs][:_MOST_NAMES]
-        what.append(f"{Path(path).name} has {', '.join(runs)}")
+        message.append(f"{Path(path).name} has {', '.join(runs)}")
     way = "no run is in all files: name each run alike in all of them"
-    raise DataError(Place(paths[0], 1, 1, f"{'; '.join(what)}; {way}"))
+    raise DataError(Place(paths[0], 1, 1, f"{'; '.join(message)}; {way}"))

@@ -1,7 +1,8 @@
-"""Guess of how a table writes its dates and times of day."""
+"""Guess of how a table writes its dates and times of day, and questions on its clock."""
 
 import re
 from collections.abc import Collection, Sequence
+from datetime import UTC, datetime
 from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
@@ -12,7 +13,8 @@ from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.csv_tables import number, parse_cells
 from trackbench.scenarios.recordings.dates import KNOWN_FORMS, STAMP_FORMS, instant, is_instant
-from trackbench.scenarios.recordings.rows import usual_interval
+from trackbench.scenarios.recordings.rows import Gathered, Rows, usual_interval
+from trackbench.scenarios.recordings.yaml_values import in_option
 
 _NAMED_CLOCKS = {"hhmm": "%H%M", "hhmmss": "%H%M%S", "mmss": "%M%S"}
 """Words in the name of a column that say how its numbers are times."""
@@ -26,6 +28,18 @@ _DIGITS_ALONE = re.compile(r"(%[YymdHMS])+(\.?%f)?")
 _YEARS = (1950, 2100)
 _LEAST_SECONDS = 10
 _STEADIER = 5.0  # times, as the ratio of largest and usual interval, so that an order is decided
+_DAY = 86400.0  # s
+_HOUR = 3600.0  # s
+_SUNDAY = 6
+_MONTHS_OF_SPRING = (3, 4, 9, 10)
+"""in which clocks are set forward, north and south of the equator"""
+_LATEST_HOUR = 4
+"""to which clocks are set forward"""
+_LONGEST_PAUSE = 200.0 * _DAY
+"""s: beyond it a pause is rather a clock that was set"""
+_FEWEST_MEASURED = 5
+"""rows beside which others may show that nothing was detected"""
+_LONG_INTERVAL = 600.0  # s
 
 
 class DateForm(NamedTuple):
@@ -75,35 +89,41 @@ def date_form(
             is_clock = True
     elif is_instant(cells[0]):
         return DateForm(is_date=True)
-    found = _fitting_forms(cells)
+    times_by_form = _fitting_forms(cells)
     if is_clock:
-        found = {form: values for form, values in found.items() if form.endswith(clock.form)}
-    if not found:
+        times_by_form = {
+            form: values for form, values in times_by_form.items() if form.endswith(clock.form)
+        }
+    if not times_by_form:
         # Dates of an unknown form are reported when the times are read.
         is_number = not dates and all(map(_is_number, times))
         return DateForm(is_date=not is_number)
     # 10:30 may be minutes and seconds, too; the usual speed decides later.
     other = ""
-    if "%H:%M" in found and "%M:%S" in found:
+    if "%H:%M" in times_by_form and "%M:%S" in times_by_form:
         other = "%M:%S"
-        found.pop(other)
+        times_by_form.pop(other)
     # Numbers of at most four digits are hours and minutes.
-    for form in [form for form in found if form.endswith("%H%M")]:
-        found.pop(f"{form}%S", None)
+    for form in [form for form in times_by_form if form.endswith("%H%M")]:
+        times_by_form.pop(f"{form}%S", None)
     # The best form comes first: times that never fall, then the most equal intervals. If two orders of
     # day and month are as good, the month is first only beside a.m. and p.m.
     first, *others = sorted(
-        found, key=lambda form: (_unsteady(found[form]), "%p" in form and form[:2] == "%d")
+        times_by_form,
+        key=lambda form: (_unsteady(times_by_form[form]), "%p" in form and form[:2] == "%d"),
     )
     for form in others:
-        if np.array_equal(found[form] - found[form][0], found[first] - found[first][0]):
+        if np.array_equal(
+            times_by_form[form] - times_by_form[form][0],
+            times_by_form[first] - times_by_form[first][0],
+        ):
             continue  # the same times since the first one
-        falls, gap = _unsteady(found[first])
-        other_falls, other_gap = _unsteady(found[form])
+        falls, gap = _unsteady(times_by_form[first])
+        other_falls, other_gap = _unsteady(times_by_form[form])
         if falls == other_falls and other_gap < _STEADIER * gap:
-            what = f"{cells[0]!r} may be a day in either order: say which, "
+            message = f"{cells[0]!r} may be a day in either order: say which, "
             way = f"`--set 'time_format=\"{first}\"'` or `--set 'time_format=\"{form}\"'`"
-            raise DataError(Place(path, line, 1, what + way))
+            raise DataError(Place(path, line, 1, message + way))
     if first.endswith(":%f"):
         _check_frames(path, cells, first, line)
     return DateForm(form=first, is_date=True, why=f"guess: {_explain_form(first)}", other=other)
@@ -125,21 +145,21 @@ def _check_zeros(path: str, cells: Sequence[str], line: int) -> None:
         if float(f"0.{after[2]}") < float(f"0.{before[2]}"):
             falling = falling or row
     if falling is not None:
-        what = (
+        message = (
             f"{cells[falling]!r} comes after {cells[falling - 1]!r}: are there no zeros behind the"
         )
         way = "point? Write all digits, such as 12.050 in place of 12.50, or sort the rows by time"
-        raise DataError(Place(path, line + falling, 1, f"{what} {way}"))
+        raise DataError(Place(path, line + falling, 1, f"{message} {way}"))
 
 
 def _check_frames(path: str, cells: Sequence[str], form: str, line: int) -> None:
     """Raise DataError if the last part of times such as 10:00:59:24 may be the number of a frame."""
     last_parts = [cell.rpartition(":")[2] for cell in cells]
     if all(len(part) <= 2 for part in last_parts) and max(map(int, last_parts)) < _MOST_FRAMES:
-        what = f"{cells[0]!r} may end with the number of a frame"
+        message = f"{cells[0]!r} may end with the number of a frame"
         way = "write seconds with decimals, such as 10:00:59.96"
         option = f"if these are hundredths of a second, say --set 'time_format=\"{form}\"'"
-        raise DataError(Place(path, line, 1, f"{what}: {way}; {option}"))
+        raise DataError(Place(path, line, 1, f"{message}: {way}; {option}"))
 
 
 def _clock_in_numbers(times: Sequence[str], words: Collection[str], has_dates: bool) -> DateForm:
@@ -272,9 +292,9 @@ def _explain_form(form: str) -> str:
 
 def _fitting_forms(cells: Sequence[str]) -> dict[str, Array]:
     """Return the forms that fit all cells, each with the times (R,), in microseconds, that it gives."""
-    found: dict[str, Array] = {}
+    times_by_form: dict[str, Array] = {}
     for form in KNOWN_FORMS:
-        if form.endswith("%f") and form[:-3] in found:
+        if form.endswith("%f") and form[:-3] in times_by_form:
             continue  # no cell has digits behind its seconds
         # Most forms do not fit the first cell.
         if not all(_has_digits_of(form, cell) for cell in cells[:1]):
@@ -283,13 +303,15 @@ def _fitting_forms(cells: Sequence[str]) -> dict[str, Array]:
         if not mistakes:
             values, mistakes = parse_cells(partial(instant, form=form), cells)
         if not mistakes and all(_has_digits_of(form, cell) for cell in cells):
-            found[form] = values
+            times_by_form[form] = values
     # A count of microseconds may look like a stamp. Its last two digits are then alike in all cells.
-    short = [form for form in STAMP_FORMS if form.startswith(("%y", "%d%m%y")) and form in found]
+    short = [
+        form for form in STAMP_FORMS if form.startswith(("%y", "%d%m%y")) and form in times_by_form
+    ]
     for form in short:
         if len({cell[-2:] for cell in cells}) == 1:
-            found.pop(form)
-    return found
+            times_by_form.pop(form)
+    return times_by_form
 
 
 def _has_digits_of(form: str, cell: str) -> bool:
@@ -326,3 +348,54 @@ def _unsteady(times: Array) -> tuple[bool, float]:
     if not len(intervals):
         return falls, 1.0
     return falls, float(intervals.max(initial=0.0)) / usual_interval(times)
+
+
+def check_clock(gathered: Gathered, rows: Rows) -> None:
+    """Raise DataError if a clock was set while it ran: dates of 1970 or 1980 before those of today."""
+    times, first_rows_of_times = np.unique(rows.time, return_index=True)
+    if gathered.stepped or len(times) < _FEWEST_MEASURED:
+        return
+    intervals = np.diff(times)
+    longest = int(np.argmax(intervals))
+    usual = usual_interval(times)
+    if intervals[longest] <= max(_LONGEST_PAUSE, 1e6 * usual):
+        return
+    message = (
+        f"time rises by {intervals[longest] / _DAY / 365.25:.3g} years, where rows usually are"
+    )
+    message += f" {usual:.6g} s apart: was the clock set only here?"
+    count = int((rows.time <= times[longest]).sum())
+    way = (
+        f"Leave out or correct the rows before ({count}); or give both parts a number in a column,"
+    )
+    row = int(first_rows_of_times[longest + 1])
+    raise DataError(gathered.place(rows, row, f"{message} {way} --set 'columns.run=ITS NAME'"))
+
+
+def check_daylight_saving(gathered: Gathered, rows: Rows) -> None:
+    """Raise DataError if local times lack an hour because clocks were set forward in spring.
+
+    It is an hour of a Sunday night, and the rows go on before and after it as usual. ``rows`` are in
+    order.
+    """
+    has_local_times = gathered.clock is not None and gathered.clock.kind == "date"
+    if not has_local_times or len(rows.time) < _FEWEST_MEASURED:
+        return
+    usual = usual_interval(rows.time)
+    if usual > _LONG_INTERVAL:
+        return
+    seconds = rows.time + gathered.since / 1e6
+    intervals = np.diff(seconds)
+    for row in np.flatnonzero(np.abs(intervals - usual - _HOUR) < 0.5 * usual + 0.5).tolist():
+        before = datetime.fromtimestamp(float(seconds[row]), UTC)
+        after = datetime.fromtimestamp(float(seconds[row + 1]), UTC)
+        is_full_hour = after.hour - before.hour == 2 and before.day == after.day
+        in_season = before.month in _MONTHS_OF_SPRING and before.weekday() == _SUNDAY
+        if not in_season or not is_full_hour or after.hour > _LATEST_HOUR:
+            continue
+        column = in_option(gathered.naming.columns["time"])
+        message = f"after {before:%H:%M:%S} comes {after:%H:%M:%S}, on a Sunday of {before:%B}:"
+        message += " are these local times, and was the clock set forward?"
+        way = "Write times in UTC, or with their zone (+01:00)"
+        option = f"if this hour has passed without a row, say --set 'columns.time={column}'"
+        raise DataError(gathered.place(rows, row + 1, f"{message} {way}; {option}"))

@@ -8,12 +8,15 @@ import numpy as np
 
 from trackbench.errors import in_line
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import GEODETIC, Naming
+from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.column_names import heading_of
 from trackbench.scenarios.recordings.csv_lines import TextFormat
-from trackbench.scenarios.recordings.guess_azimuths import Track
-from trackbench.scenarios.recordings.guess_format import Guess, recognized, with_places
-from trackbench.scenarios.recordings.guess_sample import Sample, quoted
+from trackbench.scenarios.recordings.guess_azimuths import with_places
+from trackbench.scenarios.recordings.guess_record import Guess, Track
+from trackbench.scenarios.recordings.guess_table import recognized
+from trackbench.scenarios.recordings.quantities import GEODETIC
+from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.yaml_values import quoted
 
 _MOST_INTERVALS = 1.5
 """usual intervals between two rows within which the truth is a straight line"""
@@ -50,60 +53,71 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
 
     Raises DataError if the table has no time or no positions.
     """
-    found = recognized(path, user_naming)
-    if [sensor.quantities for sensor in found.sensors] != [("x", "y")]:
-        measured = ", ".join(dict.fromkeys(sensor.kind for sensor in found.sensors))
-        what = f"a truth has positions, x and y or latitude and longitude, and this file {measured}"
+    table_guess = recognized(path, user_naming)
+    if [sensor.quantities for sensor in table_guess.sensors] != [("x", "y")]:
+        measured = ", ".join(dict.fromkeys(sensor.kind for sensor in table_guess.sensors))
+        message = (
+            f"a truth has positions, x and y or latitude and longitude, and this file {measured}"
+        )
         way = "say which columns these are, --set 'truth_naming.columns.x=NAME'"
-        raise DataError(Place(path, 1, 1, f"{what}: {way} --set 'truth_naming.columns.y=NAME'"))
-    columns = dict(found.naming.columns)
-    units = dict(found.naming.units)
+        raise DataError(Place(path, 1, 1, f"{message}: {way} --set 'truth_naming.columns.y=NAME'"))
+    columns = dict(table_guess.naming.columns)
+    units = dict(table_guess.naming.units)
     is_geodetic = not {"x", "y"} <= columns.keys()
-    kept = {"time", "date", "step", "week", "subsecond", "run", "north_south", "east_west"}
-    kept |= {*GEODETIC[:2]} if is_geodetic else {"x", "y"}
-    has_velocity = found.measures_velocity and not guess.inputs
+    read_quantities = {
+        "time",
+        "date",
+        "step",
+        "week",
+        "subsecond",
+        "run",
+        "north_south",
+        "east_west",
+    }
+    read_quantities |= {*GEODETIC[:2]} if is_geodetic else {"x", "y"}
+    has_velocity = table_guess.measures_velocity and not guess.inputs
     if has_velocity:
-        kept |= {"vx", "vy", "speed", "course"}
-    heading = heading_of(found.names)
+        read_quantities |= {"vx", "vy", "speed", "course"}
+    heading = heading_of(table_guess.names)
     # Without a sensor that measures x and y these are components of the state alone, px and py.
     if all("x" not in sensor.quantities for sensor in guess.sensors):
         columns = {{"x": "px", "y": "py"}.get(name, name): c for name, c in columns.items()}
         units = {{"x": "px", "y": "py"}.get(name, name): unit for name, unit in units.items()}
-        kept |= {"px", "py"}
-    columns = {name: column for name, column in columns.items() if name in kept}
-    units = {name: unit for name, unit in units.items() if name in kept}
+        read_quantities |= {"px", "py"}
+    columns = {name: column for name, column in columns.items() if name in read_quantities}
+    units = {name: unit for name, unit in units.items() if name in read_quantities}
     if guess.inputs and heading is not None:
         columns["heading"] = heading.column
-        units["heading"] = heading.unit or _unit_of_heading(path, found, heading.column)
+        units["heading"] = heading.unit or _unit_of_heading(path, table_guess, heading.column)
     # A truth of one run is that of every run, so the column of its name is not read.
-    if len(found.runs) == 1:
+    if len(table_guess.runs) == 1:
         columns.pop("run", None)
-        if "run" in found.names:
+        if "run" in table_guess.names:
             columns["run"] = ""
     return TruthGuess(
         # No azimuth is kept, so that none counts clockwise from north.
-        naming=replace(found.naming, columns=columns, units=units, clockwise=()),
-        gap=float(f"{_MOST_INTERVALS * found.interval:.3g}"),
+        naming=replace(table_guess.naming, columns=columns, units=units, clockwise=()),
+        gap=float(f"{_MOST_INTERVALS * table_guess.interval:.3g}"),
         is_geodetic=is_geodetic,
         has_velocity=has_velocity,
-        origin=found.origin,
-        places=found.places,
-        names=tuple(found.names),
+        origin=table_guess.origin,
+        places=table_guess.places,
+        names=tuple(table_guess.names),
     )
 
 
 def settled(
     guess: Guess,
     truth: TruthGuess | None,
-    said: Collection[str] = (),
+    user_keys: Collection[str] = (),
     others: Sequence[Guess] = (),
 ) -> Guess:
     """Return the guess at measurements whose open questions the truth or another file has answered.
 
-    ``said`` are the keys that the user set, ``others`` the guesses at further files of the recording.
-    Raises DataError with the questions that remain.
+    ``user_keys`` are the keys that the user set, ``others`` the guesses at further files of the
+    recording. Raises DataError with the questions that remain.
     """
-    is_known = "clockwise" in said or guess.why.get("clockwise", "").startswith("as ")
+    is_known = "clockwise" in user_keys or guess.why.get("clockwise", "").startswith("as ")
     tracks: list[tuple[Track | None, str]] = []
     if truth is not None:
         tracks.append((truth.places, "the truth shows"))
@@ -121,8 +135,8 @@ def settled(
     return guess
 
 
-def _unit_of_heading(path: str, found: Guess, column: str) -> str:
+def _unit_of_heading(path: str, table_guess: Guess, column: str) -> str:
     """Return the unit of headings, degrees if one of them is beyond a turn in radians."""
-    sample = Sample(path, found.names, found.naming.format or TextFormat())
+    sample = Sample(path, table_guess.names, table_guess.naming.format or TextFormat())
     largest = float(np.nanmax(np.abs(sample.numbers(column)), initial=0.0))
     return "deg" if largest > 2.0 * np.pi else "rad"

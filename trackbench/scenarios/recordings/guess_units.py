@@ -1,721 +1,567 @@
-"""Guess of the units of times, positions and speeds, by which of them agree.
+"""Guess of the units of a table, and the questions on units that remain open."""
 
-Each candidate unit has points against it: for a number that the unit rarely has, for a speed that few
-things have, for an unusual interval between rows, and for a measured speed that disagrees with the
-positions. The units with fewest points are written. If several are as likely, the user is asked.
-"""
-
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import product
-from typing import NamedTuple
+import json
+import re
+from collections.abc import Collection, Mapping
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Index
-from trackbench.core.conversions import SEMI_MAJOR_AXIS
-from trackbench.scenarios.recordings.column_mapping import UNITS
-from trackbench.scenarios.recordings.guess_errors import error_of_line
+from trackbench.core.arrays import Array, Mask
+from trackbench.field_types import DataError, Place
+from trackbench.scenarios.recordings.column_mapping import Naming
+from trackbench.scenarios.recordings.column_names import other_unit_of, rest_of_stamp, words_of
+from trackbench.scenarios.recordings.csv_tables import parse_cells
+from trackbench.scenarios.recordings.dates import instant
+from trackbench.scenarios.recordings.guess_axes import (
+    check_bearings,
+    check_course,
+    check_velocity,
+    has_north_first,
+)
+from trackbench.scenarios.recordings.guess_record import (
+    ColumnByQuantity,
+    ReasonByKey,
+    SensorGuess,
+    UnitByQuantity,
+)
+from trackbench.scenarios.recordings.guess_robot import UNITS_OF_ROBOT
+from trackbench.scenarios.recordings.guess_time import DateForm
+from trackbench.scenarios.recordings.missing_cells import no_fix
+from trackbench.scenarios.recordings.quantities import COURSE, GEODETIC, ODOMETRY, PLACE, VELOCITY
 from trackbench.scenarios.recordings.rows import usual_interval
-
-NEAR = 0.07
-"""Largest relative difference between a measured speed and that of the positions which agrees."""
-_MARGIN = 0.6  # points between candidates of which one is sure
-_DISAGREES = 2.0  # points for speeds that do not agree, and in another unit do
-_MANY = 20.0  # sigmas of an error, from which on a way between two rows is sure
-_FEW = 0.3  # points for what is rarer and fits exactly
-_SAME_WAY = 0.8  # cosine between directions that agree
-_LEAST_ANGLE = 0.03  # rad between directions that differ for sure
-_REGULAR = 0.8  # of the intervals are the usual one
-
-
-class TimeUnit(NamedTuple):
-    """Numbers that times in a unit have.
-
-    ``largest`` is that of a clock that began at zero; ``dates`` are numbers that count from a date.
-    """
-
-    unit: str
-    points: float
-    largest: float
-    dates: tuple[tuple[float, float], ...] = ()
-    is_whole: bool = False
-
-
-TIME_UNITS = (
-    TimeUnit("s", 0.0, 4e7, ((6.5e8, 5e9),)),
-    TimeUnit("ms", 0.0, 4e9, ((6.5e11, 5e12),), True),
-    TimeUnit("us", 0.0, 4e12, ((6.5e14, 5e15),), True),
-    TimeUnit("ns", 0.0, 4e15, ((6.5e17, 5e18),), True),
-    # Ticks of Windows since 1601, and since the year 1.
-    TimeUnit("100ns", 0.0, 0.0, ((1.2e17, 1.5e17), (6.25e17, 6.48e17)), True),
-    # Days of spreadsheets, since the year 0, and Julian dates.
-    TimeUnit("d", 0.0, 0.0, ((2e4, 8e4), (7e5, 8e5), (2.4e6, 2.5e6))),
-    TimeUnit("d", 2.0, 4e3),
-    TimeUnit("h", 2.0, 1e4),
-    TimeUnit("min", 2.0, 1e6),
+from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.unit_candidates import (
+    LENGTH_UNITS,
+    Candidate,
+    Numbers,
+    is_usual_speed,
+    likely_units,
+    look_like_degrees,
+    usual_acceleration,
 )
+from trackbench.scenarios.recordings.units import UNITS, usual_unit
+from trackbench.scenarios.recordings.yaml_values import in_option
+
+_TURN = 2.0 * np.pi
+_LONG_INTERVAL = 600.0  # s
+_FASTEST_IN_KM = 400.0
+"""m/s that something may have whose positions are in km without saying so"""
+_LARGEST_ACCELERATION = 35.0
+"""m/s^2, 3.5 times that of gravity, beyond which no vehicle turns for a quarter of the time"""
+_FAST = 50.0
+"""m/s, from which on positions in m may rather be in cm or mm"""
+_NAMES_IN_M = frozenset({"pose", "position", "odom", "odometry", "translation", "tx", "ty", "enu"})
+"""Words in names of columns whose lengths are in m by convention."""
+_MOST_TANGENTIAL = 20.0
+"""ratio of the ways across and along the line of sight, beyond which azimuths may have another unit"""
+_WEEK = 604800.0  # s
+_TIME_OF_WEEK = {"tow", "itow", "gms", "sow", "gpst", "secondsofweek"}
+_SECONDS = {"seconds", "sec", "secs", "second", "t", "tow", "itow", "gms", "sow", "sod"}
+_TIMES_OF_DAY = {"utc", "clock", "gmt", "uhrzeit", "heure", "hora", "klokkeslett", "local", "cet"}
+_ELAPSED = {"elapsed", "duration", "split", "lap", "laptime", "elapsedtime"}
 
 
-class AngleUnit(NamedTuple):
-    """Unit of latitude and longitude; names of columns that stand beside it are its ``words``."""
+def check_named_units(
+    sample: Sample, columns: dict[str, str], units: dict[str, str], measured: set[str]
+) -> None:
+    """Raise DataError for each column with a unit that no recording may have.
 
-    unit: str
-    points: float
-    is_whole: bool
-    words: tuple[str, ...] = ()
-
-
-_AIS = ("mmsi", "sog", "cog", "imo", "sourcemmsi")
-_RECEIVERS = (
-    *("timeusec", "itow", "eph", "epv", "hacc", "vacc", "fixtype", "headmot", "satellitesused"),
-    *("satellitesvisible", "timeutcusec", "late7", "lone7", "gpsraw", "hmsl"),
-)
-"""Names of columns of u-blox, MAVLink and PX4, whose positions are in 1e-7 deg."""
-PLACE_UNITS = (
-    AngleUnit("deg", 0.0, False),
-    AngleUnit("rad", 0.0, False),
-    AngleUnit("degE7", 0.0, True, _RECEIVERS),
-    AngleUnit("degE6", 0.1, True),
-    AngleUnit("semicircle", 0.2, True, ("positionlat", "positionlong")),
-    AngleUnit("mas", 0.3, True),
-    AngleUnit("deg/600000", 0.4, True, _AIS),
-    AngleUnit("degE5", 0.5, True),
-)
-"""Units of which none is sure without a word or a speed: their points differ by less than `_MARGIN`."""
-COURSE_UNITS = ("deg", "rad", "deg/10", "deg/100", "degE5")
-_SMALLEST_WHOLE = 1e4
-"""Whole numbers below are degrees."""
-LENGTH_UNITS = {"m": 0.0, "km": 1.0, "mm": 1.0, "cm": 1.0, "ft": 1.0, "mi": 1.0, "nmi": 1.0}
-SPEED_UNITS = {
-    **{"m/s": 0.0, "kn": 0.0, "km/h": 0.25, "mph": 0.25, "ft/s": 0.5, "cm/s": 0.5, "mm/s": 1.0},
-    "kn/10": 0.5,
-}
-"""Points against a unit. Lengths that are not m count only beside a speed that agrees."""
-_USUAL_SPEEDS = ((0.05, 400.0, 0.0), (0.01, 3000.0, 1.0), (1e-3, 11200.0, 2.0))
-"""Least and largest speed, m/s, and the points within; 4 beyond. 11.2 km/s leaves the Earth."""
-
-
-_STANDSTILL = 0.5
-"""m/s that something may seem to have whose measured speed is 0"""
-_TODAY = (1.0e9, 2.1e9)
-"""seconds since 1970 of the years 2001 to 2036"""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Numbers:
-    """Numbers (R,) of one target's rows as they are written, in order of the table.
-
-    ``time`` is in seconds if it is ``dated``. ``place`` (2, R) is longitude and latitude or x and y,
-    (1, R) a range; empty if there is no position. A velocity (2, R) is measured, or a ``speed``,
-    perhaps with a ``course``.
+    The unit stands in the column's name or in a line of units. ``columns`` and ``units`` are by
+    quantity. Only columns that are read count: those of the ``measured`` quantities, of velocities, of
+    a robot's inputs and of times.
     """
-
-    time: Array
-    dated: bool
-    place: Array
-    is_angle: bool
-    speed: Array | None = None
-    course: Array | None = None
-    velocity: Array | None = None
-    words: frozenset[str] = frozenset()
-    """names of all columns, in small letters without marks"""
-    least_digits: int = 0
-    """digits behind the point that cells of positions have"""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Candidate:
-    """One choice of units for a table, the points against it, and the speed that it gives, m/s."""
-
-    time: str
-    place: str
-    as_angle: bool
-    speed: str
-    course: str
-    points: float
-    usual_speed: float
-    agrees: bool
-    """True if a measured speed is that of the positions"""
-    same_way: bool
-    """True if a measured course is their direction"""
-
-    @property
-    def key(self) -> tuple[str, str]:
-        """Units of which no two candidates may remain."""
-        return self.time, self.place
-
-
-class Reflection(NamedTuple):
-    """Change of a plane's axes: they may be exchanged, and then have other signs."""
-
-    exchanged: bool
-    sign_of_east: float
-    sign_of_north: float
-
-
-REFLECTIONS = (
-    Reflection(True, 1.0, 1.0),
-    Reflection(False, -1.0, 1.0),
-    Reflection(False, 1.0, -1.0),
-    Reflection(False, -1.0, -1.0),
-    Reflection(True, -1.0, 1.0),
-    Reflection(True, 1.0, -1.0),
-    Reflection(True, -1.0, -1.0),
-)
-"""The symmetries of a square but the identity, the likeliest mistakes first."""
-
-
-def likely_units(
-    numbers: Numbers, known_units: Mapping[str, str], clocks: Mapping[str, tuple[float, float]] = {}
-) -> list[Candidate]:
-    """Return the likeliest choices of units, the best first.
-
-    ``known_units`` are units by quantity that need no guess. ``clocks`` are other possible forms of
-    dates, each with its factor on the times and the points against it.
-    """
-    candidates: list[Candidate] = []
-    times = list(_times(numbers, known_units, clocks))
-    for (place, as_angle, place_points), (time, seconds, time_points) in product(
-        _places(numbers, known_units), times
-    ):
-        meters = _meters(numbers.place, place, as_angle)
-        moves = _Moves.of_rows(numbers.time * seconds, meters)
-        points = place_points + time_points
-        # What stands still by its measured speed only seems to move, by its errors.
-        stands_still = numbers.speed is not None and not np.nan_to_num(numbers.speed).any()
-        if not (stands_still and moves.usual_speed < _STANDSTILL):
-            points += _points_of_speed(moves.usual_speed, as_angle)
-        if stands_still and moves.usual_speed >= _STANDSTILL:
-            points += 1.0
-        points += _points_of_interval(numbers.time * seconds, as_angle)
-        for speed, speed_points, agrees in _speeds(numbers, known_units, moves, as_angle):
-            course, same_way = _course(numbers, known_units, moves, agrees)
-            candidates.append(
-                Candidate(
-                    time=time,
-                    place=place,
-                    as_angle=as_angle,
-                    speed=speed,
-                    course=course,
-                    points=points + speed_points,
-                    usual_speed=moves.usual_speed,
-                    agrees=agrees,
-                    same_way=same_way,
-                )
-            )
-    candidates.sort(key=lambda candidate: candidate.points)
-    # Other lengths are likely only if a speed agrees.
-    best: dict[tuple[str, str], Candidate] = {}
-    for candidate in candidates:
-        is_length = not candidate.as_angle and candidate.place not in ("m", *known_units.values())
-        if candidate.agrees or not is_length:
-            best.setdefault(candidate.key, candidate)
-    ranked = list(best.values())
-    limit = ranked[0].points + _MARGIN
-    return [candidate for candidate in ranked if candidate.points < limit]
-
-
-def agreeing_reflection(numbers: Numbers, known_units: Mapping[str, str]) -> Reflection | None:
-    """Return the change of positions with which a measured speed and course agree; None without one."""
-    points: dict[Reflection, float] = {}
-    for change in REFLECTIONS:
-        first = likely_units(replace(numbers, place=_changed(numbers.place, change)), known_units)[
-            0
-        ]
-        if first.agrees and first.same_way:
-            points[change] = first.points
-    if not points:
-        return None
-    return min(points, key=lambda change: points[change])
-
-
-def reflection_of_course(numbers: Numbers, chosen: Candidate, course: Array) -> Reflection | None:
-    """Return the change of positions with which a course (R,), rad clockwise from north, agrees.
-
-    None if the course agrees as the positions are, or with none of the changes. The positions are those
-    of the ``numbers`` in the ``chosen`` units.
-    """
-    seconds = UNITS.get(chosen.time, 1.0)
-    along = np.stack([np.sin(course), np.cos(course)])
-    cosines: dict[Reflection, float] = {}
-    unchanged = -1.0
-    for change in (None, *REFLECTIONS):
-        place = numbers.place
-        if change is not None:
-            place = _changed(place, change)
-        meters = _meters(place, chosen.place, chosen.as_angle)
-        cosine = _cosine(along, _Moves.of_rows(numbers.time * seconds, meters))
-        if change is None:
-            unchanged = cosine
-        else:
-            cosines[change] = cosine
-    best = max(cosines, key=lambda change: cosines[change])
-    if cosines[best] < _SAME_WAY or not _is_nearer(cosines[best], unchanged):
-        return None
-    return best
-
-
-def _changed(place: Array, change: Reflection) -> Array:
-    """Return positions (2, R) with their axes exchanged and their signs changed."""
-    east, north = place
-    if change.exchanged:
-        east, north = north, east
-    return np.stack([change.sign_of_east * east, change.sign_of_north * north])
-
-
-def is_direction_of_movement(numbers: Numbers, chosen: Candidate, angles: Array) -> bool:
-    """Test whether angles (R,), rad clockwise from north or anticlockwise from x, are the movement's.
-
-    The positions are those of the ``numbers`` in the ``chosen`` units. True if nothing moves.
-    """
-    seconds = UNITS.get(chosen.time, 1.0)
-    meters = _meters(numbers.place, chosen.place, chosen.as_angle)
-    moves = _Moves.of_rows(numbers.time * seconds, meters)
-    if not np.isfinite(moves.usual_speed):
-        return True
-    along = np.stack([np.sin(angles), np.cos(angles)])
-    return max(_cosine(along, moves), _cosine(along[::-1], moves)) >= _SAME_WAY
-
-
-def usual_acceleration(numbers: Numbers, chosen: Candidate) -> float:
-    """Return an acceleration, m/s^2, that one of four ways exceeds; 0 if none is sure.
-
-    The positions are those of the ``numbers`` in the ``chosen`` units. Ways of several lengths are
-    compared, as errors of positions hide the acceleration of short ones, and long ones are bent.
-    """
-    seconds = UNITS.get(chosen.time, 1.0)
-    meters = _meters(numbers.place, chosen.place, chosen.as_angle)
-    largest = 0.0
-    for times_as_long in (5.0, 20.0, 80.0):
-        moves = _Moves.of_rows(numbers.time * seconds, meters, times_as_long * _MANY)
-        if np.isfinite(moves.usual_speed):
-            largest = max(largest, _sure_acceleration(moves, len(numbers.time)))
-    return largest
-
-
-def _sure_acceleration(moves: "_Moves", rows: int) -> float:
-    """Return the acceleration that one of four ways exceeds, less two standard deviations of its error.
-
-    ``rows`` is the number of rows of the table.
-    """
-    velocities = moves.ways / moves.time
-    # Ways that follow each other: each begins in the row in which the one before ends.
-    way_from_row = np.full(rows, -1)
-    way_from_row[moves.first] = np.arange(len(moves.first))
-    following = way_from_row[moves.last]
-    inside = np.flatnonzero(following >= 0)
-    following = following[inside]
-    if not len(following):
-        return 0.0
-    changes = np.hypot.reduce(velocities[:, following] - velocities[:, inside])
-    lasting = 0.5 * (moves.time[following] + moves.time[inside])
-    # (z_2 - 2 z_1 + z_0) / t^2 has the standard deviation sqrt(6) sigma / t^2.
-    error = np.sqrt(6.0) * moves.sigma / float(np.median(lasting)) ** 2
-    return max(float(np.quantile(changes / lasting, 0.75)) - 2.0 * error, 0.0)
-
-
-def is_usual_speed(speed: float) -> bool:
-    """Test whether most things that are tracked may have this usual speed, m/s."""
-    least, largest, _ = _USUAL_SPEEDS[0]
-    return least <= speed <= largest
-
-
-def _times(
-    numbers: Numbers, known_units: Mapping[str, str], clocks: Mapping[str, tuple[float, float]]
-) -> Iterator[tuple[str, float, float]]:
-    """Yield units of the time, their factor to seconds, and points against them.
-
-    Dates have no unit: in its place stands the form of the dates, empty for the usual one. The
-    arguments are those of `likely_units`.
-    """
-    if numbers.dated:
-        _, points_of_usual_form = clocks.get("", (1.0, 0.0))
-        yield "", 1.0, points_of_usual_form
-        for form, (factor, points) in clocks.items():
-            if form:
-                yield form, factor, points
-        return
-    if "time" in known_units:
-        yield known_units["time"], UNITS[known_units["time"]], 0.0
-        return
-    finite = numbers.time[np.isfinite(numbers.time)]
-    largest = float(np.abs(finite).max(initial=0.0))
-    is_whole = not (finite % 1.0).any()
-    whole_seconds = _whole_seconds_of_days(finite)
-    points_by_unit: dict[str, float] = {}
-    for row in TIME_UNITS:
-        points = row.points
-        is_date = any(least <= largest <= most for least, most in row.dates)
-        if not is_date and largest > row.largest:
-            points += 3.0
-        if row.is_whole and not is_whole:
-            points += 1.0
-        # Seconds since 1970 are likelier than a clock that has run so long in another unit.
-        if row.unit != "s" and not is_date and _TODAY[0] <= largest <= _TODAY[1]:
-            points += 1.0
-        # Dates in days have fractions of days that are whole seconds; whole days are rare.
-        if row.unit == "d" and is_date:
-            if whole_seconds:
-                points -= 1.0
-            elif is_whole:
-                points += 1.0
-        # 0.01667 and 0.03333 are whole seconds in min; in s they may be those of 60 pictures a second.
-        # Half seconds in min are 30 s in h.
-        if row.unit in ("min", "h") and _are_rounded_seconds(finite * UNITS[row.unit], finite):
-            points = _FEW
-        elif row.unit == "min" and _are_rounded_seconds(finite * UNITS["h"], finite):
-            points = 2.0 * _FEW
-        points_by_unit[row.unit] = min(points, points_by_unit.get(row.unit, np.inf))
-    for unit, points in points_by_unit.items():
-        yield unit, UNITS[unit], points
-
-
-def _whole_seconds_of_days(times: Array) -> bool:
-    """Test whether times as days are whole seconds with fractions of days.
-
-    Times in seconds with so many digits behind the point would not be whole seconds as days.
-    """
-    # Without a fourth digit behind the point the days are no whole seconds.
-    if not len(times) or not (np.abs(times * 1e3 % 1.0 - 0.5) < 0.49).any():
-        return False
-    seconds = times * 86400.0
-    # Nine digits behind the point are 1e-4 s, six are 0.09 s.
-    return bool((np.abs(seconds - np.rint(seconds)) < 0.09).mean() > 0.95)
-
-
-def _are_rounded_seconds(seconds: Array, written: Array) -> bool:
-    """Test whether times (R,) are whole seconds but for the rounding of the numbers that were written.
-
-    These must have three digits or more behind the point, and the rounding must be small.
-    """
-    digits = next(
-        (d for d in range(10) if not (np.abs(_off_whole(written * 10.0**d)) > 1e-3).any()), 9
-    )
-    if digits < 3 or not len(written):
-        return False
-    largest = np.abs(written).max()
-    rounding = 0.55 * 10.0**-digits * float(seconds.max() / largest) if largest > 0.0 else 0.0
-    return bool(0.0 < rounding < 0.05 and (np.abs(_off_whole(seconds)) <= rounding).all())
-
-
-def _off_whole(values: Array) -> Array:
-    """Return the differences of values from the nearest whole numbers."""
-    return values - np.rint(values)
-
-
-def _places(numbers: Numbers, known_units: Mapping[str, str]) -> Iterator[tuple[str, bool, float]]:
-    """Yield possible units of the position, whether each is of angles, and the points against it.
-
-    ``known_units`` are units by quantity that need no guess.
-    """
-    if not numbers.is_angle:
-        is_ais = bool(numbers.words.intersection(_AIS))
-        known = known_units.get("x", known_units.get("range"))
-        if known:
-            yield known, False, 0.0
-        else:
-            yield from _lengths(numbers, is_ais)
-        if known is None and _may_be_degrees(numbers):
-            yield "deg", True, 0.0 if is_ais else 1.0
-        return
-    if "latitude" in known_units or "longitude" in known_units:
-        yield known_units.get("latitude", known_units.get("longitude", "deg")), True, 0.0
-        return
-    longitude, latitude = _largest_sizes(numbers.place)
-    is_whole = not (numbers.place[np.isfinite(numbers.place)] % 1.0).any()
-    is_large = max(longitude, latitude) >= _SMALLEST_WHOLE
-    has_words = {row.unit: bool(numbers.words.intersection(row.words)) for row in PLACE_UNITS}
-    any_words = any(has_words.values())
-    fitting = []
-    for row in PLACE_UNITS:
-        in_degrees = UNITS[row.unit] / UNITS["deg"]
-        # 91 and 181 deg are codes of AIS.
-        if latitude * in_degrees > 91.001 or longitude * in_degrees > 360.001:
+    read = {*measured, *VELOCITY, *COURSE, *ODOMETRY, "time"}
+    if not {*PLACE} <= columns.keys():
+        read |= {*GEODETIC[:2]}
+    mistakes = []
+    for name, column in columns.items():
+        if name not in read or name in units or column not in sample.names:
             continue
-        # Large whole numbers are in a unit for whole numbers, all others are not.
-        if row.is_whole != (is_whole and is_large):
-            continue
-        points = 0.0
-        if not has_words[row.unit]:
-            points = row.points
-            if row.is_whole and any_words:
-                points += 1.0
-        # Six digits of a radian are 6 m; five are 64 m.
-        if row.unit == "rad" and numbers.least_digits <= 6:
-            points += 0.5 if numbers.least_digits == 6 else 1.0
-        fitting.append((row.unit, True, points))
-    yield from fitting or [("deg", True, 0.0)]
+        other = other_unit_of(column) or sample.other_unit(column)
+        if other is not None:
+            message = f"{column}: the unit {other.replace('*', ' ')} is unknown here"
+            unit = UNITS_OF_ROBOT[name][0] if name in ODOMETRY else usual_unit(name)
+            example = f"--set units.{name}={unit}"
+            way = f"write the numbers in a known unit, and say it, such as {example}"
+            mistakes.append(Place(sample.path, 1, 1, f"{message}: {way}"))
+    if mistakes:
+        raise DataError(*mistakes)
 
 
-def _lengths(numbers: Numbers, is_ais: bool) -> Iterator[tuple[str, bool, float]]:
-    """Yield units of lengths, as `_places` does: each with False, and the points against it.
+class UnitChoice:
+    """Choice of the units of a table, whose columns are known."""
 
-    ``is_ais`` if the names of the columns are those of AIS messages.
-    """
-    # Without a measured speed nothing shows that lengths are not in m.
-    is_alone = numbers.speed is None and numbers.velocity is None
-    for unit, unit_points in LENGTH_UNITS.items():
-        if unit != "m" and is_alone:
-            continue
-        points = unit_points
-        if is_ais and _may_be_degrees(numbers):
-            points += 1.0
-        yield unit, False, points
+    def __init__(
+        self,
+        sample: Sample,
+        columns: ColumnByQuantity,
+        units: UnitByQuantity,
+        clock: DateForm,
+        with_missing: Naming,
+        why: ReasonByKey,
+        user_columns: Collection[str],
+    ) -> None:
+        """Begin with the known ``units``, to which the methods add, with reasons in ``why``.
 
-
-def _largest_sizes(place: Array) -> tuple[float, float]:
-    """Return the largest absolute values of longitude and latitude, the rows of ``place`` (2, R)."""
-    longitude, latitude = place
-    largest_longitude = float(np.nanmax(np.abs(longitude), initial=0.0))
-    largest_latitude = float(np.nanmax(np.abs(latitude), initial=0.0))
-    return largest_longitude, largest_latitude
-
-
-def _may_be_degrees(numbers: Numbers) -> bool:
-    """Test whether x and y, the place in the ``numbers``, may be a longitude and a latitude."""
-    has_speed = numbers.speed is not None or numbers.velocity is not None
-    is_ais = bool(numbers.words.intersection(_AIS))
-    return (has_speed or is_ais) and look_like_degrees(numbers)
-
-
-def look_like_degrees(numbers: Numbers) -> bool:
-    """Test whether the place in the ``numbers`` has the size and the digits of degrees."""
-    # Degrees with less than four digits behind the point would be too coarse, beyond 10 m.
-    if len(numbers.place) != 2 or numbers.least_digits < 4:
-        return False
-    longitude, latitude = _largest_sizes(numbers.place)
-    # 181 and 91 deg are codes of AIS for a missing position.
-    return longitude <= 181.0 and latitude <= 91.0
-
-
-def _meters(place: Array, unit: str, as_angle: bool) -> Array:
-    """Return positions ``place`` (n, R), in ``unit``, in meters.
-
-    If they are longitude and latitude (``as_angle``), they are converted near their middle latitude.
-    """
-    if not as_angle:
-        return place * UNITS[unit]
-    longitude, latitude = place * UNITS[unit]
-    middle = 0.0
-    if np.isfinite(latitude).any():
-        middle = float(np.nanmedian(latitude))
-    # Differences of longitudes are those of angles.
-    first = 0.0
-    known = longitude[np.isfinite(longitude)]
-    if len(known):
-        first = float(known[0])
-    east = np.remainder(longitude - first + np.pi, 2.0 * np.pi) - np.pi
-    return SEMI_MAJOR_AXIS * np.stack([east * np.cos(middle), latitude])
-
-
-@dataclass(frozen=True)
-class _Moves:
-    """Ways (n, L) between rows that lie far enough apart to be sure, and the time that they took, s."""
-
-    first: Index
-    last: Index
-    time: Array
-    ways: Array
-    usual_speed: float
-    """median speed, m/s; NaN if nothing moved for sure"""
-    sigma: float = 0.0
-    """standard deviation of a position's error, m"""
-
-    @classmethod
-    def of_rows(cls, time: Array, meters: Array, many: float = _MANY) -> "_Moves":
-        """Return the ways over the smallest number of rows at which errors of the positions are small.
-
-        ``meters`` (n, R) are the positions. The number of rows is doubled until the median way is
-        ``many`` standard deviations of a position, or too few ways are left.
+        ``clock`` is the form of dates, ``with_missing`` has the numbers that stand for missing cells.
         """
-        rows = np.array([], dtype=np.intp)
-        if len(meters):
-            rows = np.flatnonzero(np.isfinite(time) & np.isfinite(meters).all(axis=0))
-        rows = rows[np.argsort(time[rows], kind="stable")]
-        time = time[rows]
-        meters = meters[:, rows]
-        nothing = np.array([], dtype=np.intp)
-        if len(rows) < 3:
-            return cls(nothing, nothing, np.array([]), meters[:, :0], np.nan)
-        sigma = float(np.hypot.reduce([error_of_line(time, axis) for axis in meters]))
-        lag = 1
-        while True:
-            ways = meters[:, lag:] - meters[:, :-lag]
-            sizes = np.sqrt(np.square(ways).sum(axis=0))
-            if 2 * lag > max(1, len(rows) // 4) or np.median(sizes) > many * sigma:
+        self._user_columns = user_columns
+        self._sample = sample
+        self._clock = clock
+        self._why = why
+        self._columns = columns
+        self._units = units
+        self._with_missing = with_missing
+        self._chosen_rows: Mask = np.array([], dtype=np.bool_)
+        """rows of one target and sensor, by which units are chosen"""
+
+    def choose_units(self, sensor: SensorGuess, has_velocity: bool) -> DateForm:
+        """Add the likeliest units to the known ones; return the form of dates.
+
+        ``sensor`` is the first sensor. The columns of a velocity that disagrees with the positions are
+        removed. Raises DataError with a line for each candidate if several are equally likely.
+        """
+        numbers = self._numbers(sensor)
+        clocks: dict[str, tuple[float, float]] = {}
+        if self._clock.other:
+            clocks = self._clocks()
+        known_units = self._known_units(sensor)
+        if numbers.is_angle and numbers.velocity is not None:
+            numbers = self._with_north_first(numbers, known_units, clocks)
+        first, *others = likely_units(numbers, known_units, clocks)
+        self._check_axes(sensor, numbers, first, known_units, has_velocity)
+        questions = []
+        if others:
+            questions = self._questions([first, *others], numbers)
+        for candidate in (first, *others):
+            question = self._question_on_length(candidate, numbers, known_units, bool(others))
+            if question is not None:
+                questions.append(question)
                 break
-            lag *= 2
-        duration = time[lag:] - time[:-lag]
-        later = duration > 0.0
-        speeds = sizes[later] / duration[later]
-        # The longest ways must be more than errors of position.
-        is_sure = later.any() and float(np.quantile(sizes, 0.9)) > 3.0 * sigma
-        usual = float(np.median(speeds)) if is_sure else np.nan
-        return cls(
-            rows[:-lag][later], rows[lag:][later], duration[later], ways[:, later], usual, sigma
+        if questions:
+            raise DataError(*questions)
+        self._write(first, numbers)
+        if has_velocity and not first.same_way:
+            for name in {*VELOCITY, *COURSE} & self._columns.keys():
+                self._columns.pop(name)
+                self._units.pop(name, None)
+            self._why["velocity"] = "velocities are left out: they disagree with the positions"
+        # The chosen one of two forms of dates; it is empty for the form that the clock has already.
+        if first.time in clocks and first.time:
+            if first.time == "s":
+                return DateForm()
+            self._why["time_format"] = f"guess: {self._reason(first)}"
+            return self._clock._replace(form=first.time)
+        return self._clock
+
+    def _with_north_first(
+        self,
+        numbers: Numbers,
+        known_units: UnitByQuantity,
+        clocks: Mapping[str, tuple[float, float]],
+    ) -> Numbers:
+        """Return the numbers with vx and vy exchanged, if only then they are the movement's.
+
+        The columns of vx and vy, and their units, are then exchanged, too. ``clocks`` are possible forms
+        of dates.
+        """
+        is_answered = not {*VELOCITY}.isdisjoint(self._user_columns)
+        if is_answered or not has_north_first(numbers, known_units, clocks):
+            return numbers
+        assert numbers.velocity is not None
+        columns = self._columns
+        columns["vx"], columns["vy"] = columns["vy"], columns["vx"]
+        for name, partner in (VELOCITY, VELOCITY[::-1]):
+            if name in known_units:
+                self._units[partner] = known_units[name]
+        self._why["exchanged"] = f"{columns['vy']} points north, as the positions show"
+        return replace(numbers, velocity=numbers.velocity[::-1])
+
+    def _check_axes(
+        self,
+        sensor: SensorGuess,
+        numbers: Numbers,
+        chosen: Candidate,
+        known_units: UnitByQuantity,
+        has_velocity: bool,
+    ) -> None:
+        """Raise DataError if bearings, velocities or courses contradict the positions' axes.
+
+        The positions are those of the ``numbers`` in the ``chosen`` units. ``has_velocity`` is True if
+        the sensor also measures a velocity.
+        """
+        columns = self._columns
+        is_position = sensor.quantities == PLACE
+        if is_position and "azimuth" in columns and "speed" not in columns:
+            angles = self._values("azimuth")[self._chosen_rows]
+            angles = angles * UNITS[self._unit_of_angles("azimuth", angles)]
+            check_bearings(self._sample, columns, self._user_columns, numbers, chosen, angles)
+        if has_velocity and not (chosen.agrees and chosen.same_way):
+            check_velocity(self._sample, columns, numbers, known_units)
+        if is_position and numbers.course is not None and numbers.speed is None:
+            course = numbers.course * UNITS[self._unit_of_angles("course", numbers.course)]
+            check_course(self._sample, columns, numbers, chosen, course)
+
+    def check_azimuths(self, sensors: list[SensorGuess]) -> None:
+        """Raise DataError if azimuths without a unit may be in radians as well as in degrees.
+
+        Numbers within a turn are taken for radians. Then a target that moves nearly always across the
+        line of sight may rather have azimuths in degrees.
+        """
+        is_radar = [sensor.kind for sensor in sensors] == ["range-azimuth"]
+        if not is_radar or "azimuth" in self._units:
+            return
+        azimuth = self._values("azimuth")
+        ranges = self._values("range")
+        known = np.flatnonzero(np.isfinite(azimuth) & np.isfinite(ranges))
+        azimuth = azimuth[known]
+        if len(known) < 3 or (np.abs(azimuth) > _TURN).any():
+            return
+        ranges = ranges[known]
+        across = np.median(np.abs(np.diff(azimuth)) * ranges[1:])
+        along = np.median(np.abs(np.diff(ranges)))
+        if across > _MOST_TANGENTIAL * along:
+            message = (
+                f"{self._columns['azimuth']}: no unit is named, and its numbers may be degrees"
+            )
+            way = "say --set units.azimuth=deg or --set units.azimuth=rad"
+            raise DataError(Place(self._sample.path, 1, 1, f"{message} or radians: {way}"))
+        self._units["azimuth"] = "rad"
+        self._why["azimuth"] = "guess: there is no angle beyond 2 pi"
+
+    def _question_on_length(
+        self,
+        chosen: Candidate,
+        numbers: Numbers,
+        known_units: UnitByQuantity,
+        has_others: bool,
+    ) -> Place | None:
+        """Ask for the unit of lengths if none is named, and in meters the speed would be unusual.
+
+        It is also asked if another unit is as likely, unless there are other choices of units to ask for
+        (``has_others``). ``chosen`` is a likely choice of units for the ``numbers``. None if there is
+        nothing to ask; a range without a unit then gets the unit m.
+        """
+        names = [name for name in ("x", "y", "range", "1.range") if name in self._columns]
+        is_named = not {"x", "range"}.isdisjoint(known_units)
+        if chosen.as_angle or numbers.is_angle or not names or is_named or chosen.agrees:
+            return None
+        speed = chosen.usual_speed
+        other_units: list[str] = []
+        if is_usual_speed(speed) and not has_others:
+            other_units = self._other_lengths(chosen, numbers)
+        if not np.isfinite(speed) or (is_usual_speed(speed) and not other_units):
+            # The config must have a unit of a range; x and y are in m without one.
+            if names == ["range"]:
+                self._units["range"] = "m"
+                self._why["range"] = f"guess: no unit is named; {self._reason(chosen)}"
+            return None
+        # What is measured once an hour may well be slow; and azimuths of unknown unit tell no speed.
+        seconds = 1.0 if numbers.dated else UNITS[chosen.time or "s"]
+        if usual_interval(numbers.time[np.isfinite(numbers.time)]) * seconds >= _LONG_INTERVAL:
+            return None
+        largest_azimuth = 0.0
+        if "azimuth" in self._columns and "azimuth" not in self._units:
+            largest_azimuth = float(np.nanmax(np.abs(self._values("azimuth")), initial=0.0))
+        if largest_azimuth > 360.0:
+            return None
+        fitting = [unit for unit in LENGTH_UNITS if is_usual_speed(speed * UNITS[unit])]
+        fitting = other_units or fitting
+        if not fitting:
+            return None
+        units = [*fitting, "m"]
+        options = " ".join(f"--set units.{name}={units[0]}" for name in names)
+        columns = ", ".join(self._columns[name] for name in names)
+        message = f"{columns}: no unit is named, and in m the usual speed would be {speed:.2g} m/s"
+        if other_units:
+            message += f", in {units[0]} {speed * UNITS[units[0]]:.2g} m/s"
+        way = f"say {options}, or with another unit: {', '.join(units[1:])}"
+        if names == ["x", "y"] and look_like_degrees(numbers):
+            x, y = (in_option(self._columns[name]) for name in names)
+            way += f"; or in degrees, --set 'columns.longitude={x}' --set 'columns.latitude={y}'"
+        return Place(self._sample.path, self._sample.line, 1, f"{message}: {way}")
+
+    def _other_lengths(self, chosen: Candidate, numbers: Numbers) -> list[str]:
+        """Return units that lengths without a named unit may have as well as m; empty for most tables.
+
+        Something slow in m may be something fast in km, unless it turns as nothing fast can. Something
+        fast that turns so in m is rather slow, in mm or cm. Names of ROS and of motion capture are in m.
+        """
+        speed = chosen.usual_speed
+        words = {word for name in PLACE for word in words_of(self._columns.get(name, ""))}
+        if not np.isfinite(speed) or (numbers.dated and "time" not in self._columns):
+            return []
+        acceleration = usual_acceleration(numbers, chosen)
+        turns_slowly = acceleration * 1e3 <= _LARGEST_ACCELERATION
+        if speed <= _FASTEST_IN_KM * 1e-3 and turns_slowly and words.isdisjoint(_NAMES_IN_M):
+            return [unit for unit in ("km", "nmi", "mi") if is_usual_speed(speed * UNITS[unit])]
+        if acceleration > _LARGEST_ACCELERATION and speed >= _FAST:
+            return [unit for unit in ("mm", "cm") if is_usual_speed(speed * UNITS[unit])]
+        return []
+
+    def _numbers(self, sensor: SensorGuess) -> Numbers:
+        """Return the numbers of the rows of one target and sensor, as `likely_units` compares them.
+
+        The words in the names of all columns tell formats, such as AIS, and units.
+        """
+        # Step 1: choose the rows of the sensor, and those of the longest run.
+        sample = self._sample
+        columns = self._columns
+        rows = np.ones(len(sample), dtype=np.bool_)
+        if sensor.name and columns.get("sensor"):
+            rows &= np.array([cell == sensor.name for cell in sample.cells(columns["sensor"])])
+        if columns.get("run"):
+            runs = np.array(sample.cells(columns["run"]))
+            labels, sizes = np.unique(runs[rows], return_counts=True)
+            rows &= runs == labels[sizes.argmax()]
+        self._chosen_rows = rows
+        # Step 2: read the times, and the positions as they are written.
+        time, is_dated = self._times()
+        is_angle = False
+        azimuth = None
+        if sensor.kind == "range-azimuth":
+            azimuth = self._azimuths()
+            place = self._values("range") * np.stack([np.cos(azimuth), np.sin(azimuth)])
+            named = ["range"]
+        elif sensor.kind in ("bearing", "odometry") or sensor.kind.startswith("landmark"):
+            place = np.empty((0, len(rows)))
+            named = []
+        elif sensor.kind == "range":
+            named = list(sensor.quantities)
+            place = np.stack([self._values(name) for name in named])
+        else:
+            is_angle = not {"x", "y"} <= columns.keys()
+            named = ["longitude", "latitude"] if is_angle else ["x", "y"]
+            place = np.stack([self._values(name) for name in named])
+            if is_angle:
+                place[:, no_fix(place[1], place[0], UNITS["deg"])] = np.nan
+        # Step 3: read the speeds, and take only the chosen rows.
+        speed = None
+        if "speed" in columns:
+            speed = self._values("speed")[rows]
+        course = None
+        if "course" in columns:
+            course = self._values("course")[rows]
+        velocity = None
+        if columns.keys() >= {*VELOCITY}:
+            velocity = np.stack([self._values(name)[rows] for name in VELOCITY])
+        marks = frozenset("".join(words_of(name)) for name in sample.names)
+        digits = [self._sample.decimals(columns[name]) for name in named]
+        return Numbers(
+            time=time[rows],
+            dated=is_dated,
+            place=place[:, rows],
+            is_angle=is_angle,
+            speed=speed,
+            course=course,
+            velocity=velocity,
+            words=marks,
+            least_digits=min(digits, default=0),
         )
 
+    def _values(self, name: str) -> Array:
+        """Parse a quantity's numbers, NaN where they are missing."""
+        values = self._sample.numbers(self._columns[name])
+        values[np.isin(values, self._with_missing.missing_numbers(name))] = np.nan
+        return values
 
-def _points_of_speed(speed: float, on_earth: bool) -> float:
-    """Return the points against a usual speed, m/s, that few things have.
+    def _azimuths(self) -> Array:
+        """Return the azimuths (R,) in radians."""
+        azimuth = self._values("azimuth")
+        return azimuth * UNITS[self._unit_of_angles("azimuth", azimuth)]
 
-    Slow things that are not ``on_earth``, such as cells, robots and pixels, get few points.
-    """
-    if not np.isfinite(speed) or speed == 0.0:
-        return 0.0
-    points = 4.0  # of a speed beyond all usual ones
-    for least, largest, points_within in _USUAL_SPEEDS:
-        if least <= speed <= largest:
-            points = points_within
-            break
-    if on_earth or speed > 1.0:
-        return points
-    return min(points, 1.0)
+    def _unit_of_angles(self, name: str, angles: Array) -> str:
+        """Return the unit of a quantity's angles.
 
+        If none is known, numbers beyond a turn are in degrees, and others in radians.
+        """
+        if name in self._units:
+            return self._units[name]
+        if (np.abs(angles) > _TURN).any():
+            return "deg"
+        return "rad"
 
-def _points_of_interval(times: Array, is_gps: bool) -> float:
-    """Return the points against the usual interval of times, s: whole seconds or a whole rate have none.
+    def _times(self) -> tuple[Array, bool]:
+        """Return the times (R,) of the sample, and whether they need no unit.
 
-    A receiver of GPS has fewer rows a second than other sensors (``is_gps``).
-    """
-    finite = np.sort(times[np.isfinite(times)])
-    apart = np.diff(finite)
-    apart = apart[apart > 0.0]
-    if not len(apart):
-        return 0.0
-    usual = usual_interval(finite)
-    points = 0.0
-    # More than 500 rows a second are rare; so are more than 67, or of GPS more than 25.
-    if usual < 0.002:
-        points += 3.0 if is_gps else 2.0
-    elif usual < (0.039 if is_gps else 0.015):
-        points += 1.0
-    # Intervals that differ say nothing more.
-    if (np.abs(apart - usual) > 0.02 * usual).mean() > 1.0 - _REGULAR:
-        return points
-    if usual >= 20.0:
-        # Multiples of 30 s, and 20 s, are usual; 1000 s are not, and may be 1000 ms.
-        if min(usual % 30.0, -usual % 30.0) <= 0.5 or abs(usual - 20.0) < 0.5:
-            return points
-        return points + (1.0 if usual > 60.0 else 0.5)
-    if usual >= 1.0:
-        return points + 0.5 * (min(usual % 0.5, -usual % 0.5) > 0.02 * usual)
-    rate = 1.0 / usual
-    return points + (abs(rate - np.rint(rate)) > 0.03 * rate)
+        Dates are in seconds, and further parts of a time are added. Numbers of steps need no unit,
+        either.
+        """
+        columns = self._columns
+        sample = self._sample
+        if "time" not in columns:
+            return sample.numbers(columns["step"]), True
+        cells = sample.cells(columns["time"])
+        if self._clock.is_date:
+            if "date" in columns and columns["time"] != columns["date"]:
+                dates = sample.cells(columns["date"])
+                cells = [f"{date} {time}" for date, time in zip(dates, cells, strict=True)]
+            microseconds, _ = parse_cells(partial(instant, form=self._clock.form), cells)
+            if np.isnan(microseconds).all():
+                # The times are dates without those of the other column.
+                microseconds, _ = parse_cells(instant, sample.cells(columns["time"]))
+            seconds = microseconds / 1e6
+        else:
+            seconds = sample.numbers(columns["time"])
+        return self._with_stamp_parts(seconds), self._clock.is_date
 
+    def _with_stamp_parts(self, time: Array) -> Array:
+        """Return the times (R,) with the week or the part of a second that a further column has.
 
-def _speeds(
-    numbers: Numbers, known_units: Mapping[str, str], moves: _Moves, as_angle: bool
-) -> Iterator[tuple[str, float, bool]]:
-    """Yield units of the measured speed, with points against each and whether it agrees.
+        The column is added to the guessed ones.
+        """
+        columns = self._columns
+        units = self._units
+        clock = columns["time"]
+        rest = rest_of_stamp(self._sample.names, clock, columns)
+        unit = units.get("time")
+        if "week" in rest and not self._clock.is_date and np.isfinite(time).any():
+            column = rest["week"].column
+            weeks = self._sample.numbers(column)
+            largest = float(np.nanmax(time))
+            if unit is None and largest <= _WEEK:
+                unit = "s"
+            elif unit is None and largest <= 1e3 * _WEEK:
+                unit = "ms"
+            # The clock's name says that it is a time of the week, or several weeks show it.
+            is_known = not _TIME_OF_WEEK.isdisjoint(words_of(clock)) or np.ptp(weeks) > 0.0
+            is_week = np.isfinite(weeks).all() and not (weeks % 1.0).any() and weeks.max() < 1e4
+            if unit is not None and is_known and is_week and largest * UNITS[unit] <= _WEEK:
+                columns["week"] = column
+                if unit != "s":
+                    units["time"] = unit
+                    self._why["time"] = "guess: a week has 604800 s"
+                return time + weeks * _WEEK / UNITS[unit]
+        if "subsecond" in rest:
+            column, part_unit = rest["subsecond"]
+            part = self._sample.numbers(column) * UNITS[part_unit or "ns"]
+            whole = np.isfinite(time).all() and not (time % 1.0).any() and unit in (None, "s")
+            is_part = np.isfinite(part).all() and ((part >= 0.0) & (part < 1.0)).all()
+            if whole and is_part and len(np.unique(time + part)) > len(np.unique(time)):
+                columns["subsecond"] = column
+                if part_unit not in (None, "ns"):
+                    units["subsecond"] = str(part_unit)
+                if not self._clock.is_date:
+                    units["time"] = "s"
+                self._why["subsecond"] = "guess: the part of a second"
+                return time + part
+        return time
 
-    The first units are those in which the speed agrees with that of the ``moves``. The last one is the
-    known unit, or none, with points for a disagreement. ``as_angle`` if positions are angles.
-    """
-    shown = _shown_speed(numbers)
-    if shown is None:
-        yield "", 0.0, False
-        return
-    ratio = _ratio(shown, moves)
-    known = known_units.get("speed", known_units.get("vx"))
-    agreeing = []
-    for unit, points in SPEED_UNITS.items():
-        if known is not None and unit != known:
-            continue
-        away = np.inf
-        if np.isfinite(ratio):
-            away = abs(ratio * UNITS[unit] - 1.0)
-        if away >= NEAR:
-            continue
-        # A knot is likelier beside latitudes.
-        is_ais = not numbers.words.isdisjoint(_AIS)
-        is_at_sea = (as_angle and unit == "kn") or (is_ais and unit.startswith("kn"))
-        unit_points = 0.0 if is_at_sea else points
-        agreeing.append((unit, unit_points + 0.5 * away / NEAR, True))
-    yield from agreeing
-    disagreement = _DISAGREES if np.isfinite(ratio) else 0.0
-    yield known or "", disagreement, False
+    def _clocks(self) -> dict[str, tuple[float, float]]:
+        """Return both possible forms of times, each with its factor and the points against it.
 
+        Times such as 10:30 or 1030 are hours and minutes (the empty key), or minutes and seconds.
+        Numbers from 1201 to 1259 may also be seconds.
+        """
+        cells = self._sample.cells(self._columns["time"])
+        words = words_of(self._columns["time"])
+        is_elapsed = not _ELAPSED.isdisjoint(words)
+        if self._clock.other == "s":
+            is_seconds = is_elapsed or not _SECONDS.isdisjoint(words)
+            is_time_of_day = not _TIMES_OF_DAY.isdisjoint(words)
+            as_clock, _ = self._times()
+            as_numbers = self._sample.numbers(self._columns["time"])
+            factor = usual_interval(as_numbers) / usual_interval(as_clock)
+            # Of 100, 200 and 300 the interval of 100 s is unusual, and does not decide alone.
+            return {"": (1.0, 0.5 + is_seconds), "s": (factor, 1.0 * is_time_of_day)}
+        # 00:12 and 0012
+        from_zero = bool(cells) and re.match(r"0+[:.,]|0*\d\d?$", cells[0]) is not None
+        hours = 1.0 * is_elapsed + 0.5 * from_zero
+        minutes = 0.0 if is_elapsed or from_zero else 1.0
+        return {"": (1.0, hours), self._clock.other: (1.0 / 60.0, minutes)}
 
-def _shown_speed(numbers: Numbers) -> Array | None:
-    """Return the measured speed (R,), in its unit; None if there is none."""
-    if numbers.velocity is not None:
-        return np.hypot(*numbers.velocity)
-    return numbers.speed
+    def _known_units(self, sensor: SensorGuess) -> dict[str, str]:
+        """Return the known units by quantity, with that of several columns of ranges as ``range``."""
+        known = dict(self._units)
+        if sensor.kind == "range":
+            for name in sensor.quantities:
+                if name in known:
+                    known["range"] = known[name]
+        return known
 
+    def _write(self, chosen: Candidate, numbers: Numbers) -> None:
+        """Add the chosen units to the columns that have none yet, with the reasons.
 
-def _ratio(shown: Array, moves: _Moves) -> float:
-    """Return the median ratio of the written speeds ``shown`` (R,) to those of the ``moves``.
+        ``numbers`` are those that were compared to choose them.
+        """
+        columns = self._columns
+        units = self._units
+        why = self._why
+        reason = f"guess: {self._reason(chosen)}"
+        if (
+            "time" in columns
+            and "time" not in units
+            and chosen.time in UNITS
+            and chosen.time != "s"
+        ):
+            units["time"] = chosen.time
+            why["time"] = reason
+        if chosen.as_angle and not numbers.is_angle:
+            columns["longitude"] = columns.pop("x")
+            columns["latitude"] = columns.pop("y")
+            why["x"] = "x and y are a longitude and a latitude"
+            units["longitude"] = units["latitude"] = chosen.place
+            why["longitude"] = why["latitude"] = reason
+        elif numbers.is_angle:
+            for name in GEODETIC[:2]:
+                if name not in units and chosen.place != "deg":
+                    units[name] = chosen.place
+                    why[name] = reason
+        elif chosen.place != "m":
+            for name in ("x", "y", "range"):
+                if name in columns and name not in units:
+                    units[name] = chosen.place
+                    why[name] = reason
+        names = VELOCITY if numbers.velocity is not None else ("speed",)
+        for name in names:
+            if name in columns and name not in units and chosen.speed and chosen.agrees:
+                units[name] = chosen.speed
+                why[name] = "guess: agrees with the positions"
+        if "course" in columns and "course" not in units and chosen.course not in ("", "deg"):
+            units["course"] = chosen.course
+            why["course"] = "guess: the direction of the positions"
 
-    NaN without any.
-    """
-    if not len(moves.first) or not np.isfinite(moves.usual_speed):
-        return np.nan
-    speed = np.sqrt(np.square(moves.ways).sum(axis=0)) / moves.time
-    # A way is compared with the mean of the speeds at both of its ends, where the target moves.
-    mean = 0.5 * (shown[moves.first] + shown[moves.last])
-    valid = np.isfinite(mean) & (mean > 0.0) & (speed > 0.0)
-    if not valid.any():
-        return np.nan
-    moving = valid & (speed >= 0.5 * np.median(speed[valid]))
-    return float(np.median(mean[moving] / speed[moving]))
+    def _reason(self, chosen: Candidate) -> str:
+        """Explain in a comment of the config why these units were chosen."""
+        if chosen.agrees:
+            return "times, positions and speeds agree"
+        if np.isfinite(chosen.usual_speed):
+            return f"the usual speed is {chosen.usual_speed:.2g} m/s"
+        return "as large as its numbers are"
 
-
-def _course(
-    numbers: Numbers, known_units: Mapping[str, str], moves: _Moves, agrees: bool
-) -> tuple[str, bool]:
-    """Return the unit in which the course is best the direction of the ways, and whether it agrees.
-
-    The ways are those of ``moves``. Without a speed that agrees with theirs (``agrees``) the course is
-    not compared. A measured velocity has no unit of a course, but its direction is compared, too.
-    """
-    if numbers.velocity is not None:
-        # North may stand before east.
-        cosine = _cosine(numbers.velocity, moves)
-        exchanged = _cosine(numbers.velocity[::-1], moves)
-        return "", agrees and cosine >= _SAME_WAY and not _is_nearer(exchanged, cosine)
-    if numbers.course is None or numbers.speed is None or not agrees:
-        return known_units.get("course", ""), False
-    largest = float(np.nanmax(np.abs(numbers.course), initial=0.0))
-    units: Sequence[str] = COURSE_UNITS
-    if "course" in known_units:
-        units = [known_units["course"]]
-    elif (numbers.course[np.isfinite(numbers.course)] % 1.0).any():
-        units = ("deg", "rad")  # the others are of whole numbers
-    best = ""
-    cosine = -1.0
-    exchanged = -1.0
-    for unit in units:
-        course = numbers.course * UNITS[unit]
-        # 511 deg is a code of AIS.
-        if largest * UNITS[unit] > UNITS["deg"] * 511.001:
-            continue
-        along = numbers.speed * np.stack([np.sin(course), np.cos(course)])
-        unit_cosine = _cosine(along, moves)
-        if unit_cosine > cosine + 0.01:
-            best = unit
-            cosine = unit_cosine
-            # A course that counts from x is one from north with both axes exchanged.
-            exchanged = _cosine(along[::-1], moves)
-    return best, cosine >= _SAME_WAY and not _is_nearer(exchanged, cosine)
-
-
-def _is_nearer(cosine: float, other: float) -> bool:
-    """Test whether directions with the median ``cosine`` agree clearly better than with the other one.
-
-    Their usual angle is then less than half as large, as 1 - cos(a) is a^2 / 2.
-    """
-    return 1.0 - other > 4.0 * (1.0 - cosine) + _LEAST_ANGLE**2 / 2.0
-
-
-def _cosine(velocity: Array, moves: _Moves) -> float:
-    """Return the median cosine between velocities (2, R) and the ways; -1 without any."""
-    if len(moves.ways) != 2 or not len(moves.first):
-        return -1.0
-    shown = 0.5 * (velocity[:, moves.first] + velocity[:, moves.last])
-    sizes = np.hypot(*shown) * np.hypot(*moves.ways)
-    valid = np.isfinite(sizes) & (sizes > 0.0)
-    if not valid.any():
-        return -1.0
-    return float(np.median((shown * moves.ways).sum(axis=0)[valid] / sizes[valid]))
+    def _questions(self, candidates: list[Candidate], numbers: Numbers) -> list[Place]:
+        """Return a question to the user: a line for each candidate, with the options that choose it."""
+        columns = self._columns
+        first = candidates[0]
+        questions = []
+        differ_in_time = any(candidate.time != first.time for candidate in candidates)
+        differ_in_place = any(candidate.place != first.place for candidate in candidates)
+        for candidate in candidates:
+            options = []
+            units = []
+            if differ_in_time:
+                clock = candidate.time or self._clock.form
+                if clock in UNITS:
+                    options.append(f"--set 'units.time={clock}'")
+                else:
+                    options.append(f"--set 'time_format={json.dumps(clock)}'")
+                units.append(f"{columns['time']} in {clock}")
+            if differ_in_place:
+                names = ["latitude", "longitude"] if numbers.is_angle else ["x", "y"]
+                if candidate.as_angle and not numbers.is_angle:
+                    options.append(f"--set 'columns.longitude={columns['x']}'")
+                    options.append(f"--set 'columns.latitude={columns['y']}'")
+                else:
+                    for name in names:
+                        if name in columns:
+                            options.append(f"--set units.{name}={candidate.place}")
+                shown = ", ".join(columns[name] for name in names if name in columns)
+                units.append(f"{shown} in {candidate.place}")
+            message = f"the units may be {' and '.join(units)}"
+            if np.isfinite(candidate.usual_speed):
+                message += f", with a usual speed of {candidate.usual_speed:.2g} m/s"
+            message += f": say {' '.join(options)}"
+            questions.append(Place(self._sample.path, self._sample.line, 1, message))
+        return questions

@@ -87,8 +87,8 @@ def input_notes(motion: SampledMotion, truth: Array, steps: Index, times: Array)
         )
         if _fits(changed[i]) and _fits(changed[j]):
             names = f"{known.names[i]} and {known.names[j]}"
-            what = f"the inputs {names} fit the truth if they are exchanged"
-            exchange_notes.append(f"{what}: check their columns under `input`")
+            message = f"the inputs {names} fit the truth if they are exchanged"
+            exchange_notes.append(f"{message}: check their columns under `input`")
     # A wrong input spoils the changes by the others, which then seem to be late.
     return exchange_notes or ratio_notes or delay_notes
 
@@ -211,21 +211,21 @@ def _ratio_note(name: str, changes: _Changes) -> list[str]:
         return []
     factor = _factor(changes)
     size = abs(factor)
-    what = f"the input {name} fits the truth if its values are"
+    message = f"the input {name} fits the truth if its values are"
     if factor < 0.0:
-        what += " of the other sign"
+        message += " of the other sign"
     if 1.0 / _LARGEST_RATIO < size < _LARGEST_RATIO:
         if factor > 0.0:
             return []
-        return [f"{what}: write `-{name}` in the equations"]
+        return [f"{message}: write `-{name}` in the equations"]
     if factor < 0.0:
-        what += " and"
-    what += f" multiplied by {two_digits(size)}"
+        message += " and"
+    message += f" multiplied by {two_digits(size)}"
     for units, usual in _FACTORS.items():
         for ratio in (usual, 1.0 / usual):
             if abs(size / ratio - 1.0) < _NEAR:
-                return [f"{what}: are {units} mixed up? See `units`"]
-    return [f"{what}: check its unit, `units`"]
+                return [f"{message}: are {units} mixed up? See `units`"]
+    return [f"{message}: check its unit, `units`"]
 
 
 def _delay_note(name: str, changes: _Changes, interval: float) -> list[str]:
@@ -248,5 +248,5 @@ def _delay_note(name: str, changes: _Changes, interval: float) -> list[str]:
     if abs(lag) == _LARGEST_LAG or remaining[best] > _EXPLAINS * remaining[_LARGEST_LAG]:
         return []
     way = "behind" if lag > 0 else "ahead of"
-    what = f"the input {name} is some {abs(lag) * interval:.2g} s {way} the truth"
-    return [f"{what}: check the clocks of both, and `input_holds`"]
+    message = f"the input {name} is some {abs(lag) * interval:.2g} s {way} the truth"
+    return [f"{message}: check the clocks of both, and `input_holds`"]

@@ -5,16 +5,17 @@ from dataclasses import replace
 import numpy as np
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import UNITS, Naming
-from trackbench.scenarios.recordings.column_names import columns_of
-from trackbench.scenarios.recordings.csv_lines import TextFormat, is_value, layout_of, plain_label
-from trackbench.scenarios.recordings.csv_tables import header, is_parquet
-from trackbench.scenarios.recordings.guess_sample import Sample
-from trackbench.scenarios.recordings.mixtures import (
+from trackbench.scenarios.recordings.column_mapping import Naming
+from trackbench.scenarios.recordings.column_names import (
     LANDMARK_WORDS,
+    columns_of,
     joined_and_single_words,
     role_of,
 )
+from trackbench.scenarios.recordings.csv_lines import TextFormat, is_value, layout_of, plain_label
+from trackbench.scenarios.recordings.csv_tables import header, is_parquet
+from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.units import UNITS
 
 _NAMELESS = ("landmark", "x", "y")
 """Columns of a table whose lines have a number and a place, and no line names them."""
@@ -32,8 +33,8 @@ def read_landmarks(path: str, user_naming: Naming | None = None) -> dict[str, tu
     user_naming = user_naming or Naming()
     for key in user_naming.columns:
         if key not in _KEYS:
-            what = f"there is no landmarks.columns.{key}; known: {', '.join(_KEYS)}"
-            raise DataError(Place(path, 1, 1, what))
+            message = f"there is no landmarks.columns.{key}; known: {', '.join(_KEYS)}"
+            raise DataError(Place(path, 1, 1, message))
     # Step 1: find the columns.
     form = _text_format(path, user_naming.format or TextFormat())
     names = header(path, form)
@@ -49,13 +50,15 @@ def read_landmarks(path: str, user_naming: Naming | None = None) -> dict[str, tu
     for row, cell in enumerate(sample.cells(columns["sensor"])):
         name = plain_label(cell)
         place = (float(f"{x[row]:.9g}"), float(f"{y[row]:.9g}"))
-        what = ""
+        message = ""
         if not np.isfinite(place).all():
-            what = f"landmark {name} has no place: write x and y as numbers, or leave the row out"
+            message = (
+                f"landmark {name} has no place: write x and y as numbers, or leave the row out"
+            )
         elif places.get(name, place) != place:
-            what = f"landmark {name} has two places: leave one of them out"
-        if what:
-            mistakes.append(Place(path, sample.line + row, 1, what))
+            message = f"landmark {name} has two places: leave one of them out"
+        if message:
+            mistakes.append(Place(path, sample.line + row, 1, message))
         places[name] = place
     if mistakes:
         raise DataError(*mistakes)
@@ -94,8 +97,10 @@ def _columns(sample: Sample, user_naming: Naming) -> dict[str, str]:
         meaning = {"sensor": "the name of a landmark", "x": "its x", "y": "its y"}
         words_of_missing = " and ".join(meaning[name] for name in missing)
         options = " ".join(f"--set 'landmarks.columns.{name}=ITS NAME'" for name in missing)
-        what = f"no column looks like {words_of_missing}; there are {', '.join(sample.names)[:200]}"
-        raise DataError(Place(sample.path, 1, 1, f"{what}: say {options}"))
+        message = (
+            f"no column looks like {words_of_missing}; there are {', '.join(sample.names)[:200]}"
+        )
+        raise DataError(Place(sample.path, 1, 1, f"{message}: say {options}"))
     return columns
 
 
@@ -109,7 +114,7 @@ def _scale(sample: Sample, column: str, name: str, user_naming: Naming) -> float
         return UNITS[unit]
     largest = float(np.nanmax(np.abs(sample.numbers(column)), initial=0.0))
     if largest > _LARGEST:
-        what = f"{column}: no unit is named, and {largest:.4g} m is far for a landmark"
+        message = f"{column}: no unit is named, and {largest:.4g} m is far for a landmark"
         options = " or ".join(f"--set landmarks.units.{name}={unit}" for unit in ("cm", "mm", "m"))
-        raise DataError(Place(sample.path, 1, 1, f"{what}: say {options}"))
+        raise DataError(Place(sample.path, 1, 1, f"{message}: say {options}"))
     return 1.0

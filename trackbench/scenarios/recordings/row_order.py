@@ -8,12 +8,8 @@ from trackbench.core.arrays import Array
 from trackbench.durations import time_text
 from trackbench.errors import and_others
 from trackbench.field_types import DataError
-from trackbench.scenarios.recordings.rows import (
-    Gathered,
-    Numbers,
-    Rows,
-    usual_interval,
-)
+from trackbench.scenarios.recordings.csv_tables import WholeNumbers
+from trackbench.scenarios.recordings.rows import Gathered, Rows, usual_interval
 
 _MOST_INTERVALS = 10.0
 """Largest fall of a clock, in usual intervals between rows, that late rows may explain."""
@@ -62,7 +58,9 @@ def _check_falls(gathered: Gathered, rows: Rows) -> None:
             place = int(indices[falls.argmax()])
             usual = usual_interval(time)
     if largest > _MOST_INTERVALS * usual:
-        what = f"time falls by {largest:.9g}{unit}, where rows usually are {usual:.9g}{unit} apart"
+        message = (
+            f"time falls by {largest:.9g}{unit}, where rows usually are {usual:.9g}{unit} apart"
+        )
         form = gathered.naming.time_format
         date_way = ""
         if form and "%d" not in form:
@@ -72,14 +70,14 @@ def _check_falls(gathered: Gathered, rows: Rows) -> None:
         if week_way:
             way = f"{week_way}; or {way}"
         raise DataError(
-            gathered.place(rows, place, f"{what} ({late} rows come after later ones): {way}")
+            gathered.place(rows, place, f"{message} ({late} rows come after later ones): {way}")
         )
-    what = f"{late} rows that came after later ones were put in order"
-    gathered.notices.append(f"{what}; the largest fall is {largest:.9g}{unit}")
+    message = f"{late} rows that came after later ones were put in order"
+    gathered.notices.append(f"{message}; the largest fall is {largest:.9g}{unit}")
 
 
 def _merge_equal_times(
-    gathered: Gathered, rows: Rows, again: Numbers, difference: Difference
+    gathered: Gathered, rows: Rows, again: WholeNumbers, difference: Difference
 ) -> Rows:
     """Leave out repeated rows, and treat different rows of one time as the key ``same_time`` says.
 
@@ -93,11 +91,13 @@ def _merge_equal_times(
     # With `same_time: spread` equal rows are those of a target at rest, and none is left out.
     differ |= gathered.naming.same_time == "spread"
     if (~differ).any():
-        what = "rows that say again what the one before says were left out"
-        gathered.notices.append(f"{(~differ).sum()} {what}")
+        message = "rows that say again what the one before says were left out"
+        gathered.notices.append(f"{(~differ).sum()} {message}")
         # A row was received when the first of its repetitions was.
-        kept = np.delete(np.arange(len(rows.run)), again[~differ])
-        rows = rows.at(kept)._replace(received=np.minimum.reduceat(rows.received, kept))
+        remaining_rows = np.delete(np.arange(len(rows.run)), again[~differ])
+        rows = rows.at(remaining_rows)._replace(
+            received=np.minimum.reduceat(rows.received, remaining_rows)
+        )
     if not differ.any():
         return rows
     # Step 2: number the times; rows of one time are neighbors.
@@ -114,11 +114,11 @@ def _merge_equal_times(
         if gathered.stepped:
             time = f"step {rows.time[row]:.0f}"
         place = f"run {gathered.runs[rows.run[row]]}: {time}"
-        what = f"{place} is there twice{and_others(len(repeated))}, and"
+        message = f"{place} is there twice{and_others(len(repeated))}, and"
         hint = "say `same_time: mean`, `last` or `spread` (evenly until the next time)"
         if rest_way:
             hint = f"{rest_way}; or {hint}"
-        raise DataError(gathered.place(rows, row, f"{what} not with the same values: {hint}"))
+        raise DataError(gathered.place(rows, row, f"{message} not with the same values: {hint}"))
     gathered.notices.append(
         f"{len(repeated)} rows of a time that is there already: `same_time: {way}`"
     )
@@ -150,7 +150,9 @@ def _way_to_rest_of_time(gathered: Gathered, key: str) -> str:
     return f"the column {column} may hold the rest of the time: say {way}"
 
 
-def _mean_of_groups(values: Array, first: Numbers, group: Numbers, difference: Difference) -> Array:
+def _mean_of_groups(
+    values: Array, first: WholeNumbers, group: WholeNumbers, difference: Difference
+) -> Array:
     """Return the mean values (n, G) of each group of rows with values (n, R); missing ones are left out.
 
     ``first`` (G,) are the groups' first rows, ``group`` (R,) is the number of each row's group.
@@ -171,7 +173,9 @@ def _mean_of_groups(values: Array, first: Numbers, group: Numbers, difference: D
     return np.where(count > 0.0, start + total / np.maximum(count, 1.0), np.nan)
 
 
-def _spread_times(rows: Rows, first: Numbers, last: Numbers, group: Numbers) -> Array:
+def _spread_times(
+    rows: Rows, first: WholeNumbers, last: WholeNumbers, group: WholeNumbers
+) -> Array:
     """Return the times of all rows, those of each group spread evenly until the next group of the run.
 
     ``first`` and ``last`` (G,) are the groups' rows, ``group`` (R,) is the number of each row's group.

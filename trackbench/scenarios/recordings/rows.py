@@ -13,9 +13,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from trackbench.core.arrays import Array, Mask
+from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.conversions import SEMI_MAJOR_AXIS, Geodetic, east_north_up
 from trackbench.errors import and_others, reason
 from trackbench.field_types import DataError, InvalidKeyError, Place, require_regular_file
@@ -30,27 +29,16 @@ from trackbench.scenarios.recordings.clock_kinds import (
 from trackbench.scenarios.recordings.column_mapping import (
     FAR,
     MOST_DISTANCE,
-    UNITS,
     Columns,
     Frame,
     Naming,
     NamingKeys,
 )
-from trackbench.scenarios.recordings.column_names import (
-    NamedColumn,
-    columns_of,
-    rest_of_stamp,
-)
+from trackbench.scenarios.recordings.column_names import NamedColumn, rest_of_stamp
 from trackbench.scenarios.recordings.csv_lines import plain_label
-from trackbench.scenarios.recordings.csv_tables import Table
-from trackbench.scenarios.recordings.mixtures import (
-    Split,
-    as_positions,
-    is_regular,
-    may_split,
-    role_of,
-    split_by,
-)
+from trackbench.scenarios.recordings.csv_tables import Table, WholeNumbers
+from trackbench.scenarios.recordings.interleaved_rows import check_label, possible_labels
+from trackbench.scenarios.recordings.units import UNITS
 
 TICK = 1e-6
 """s: times that are nearer to each other are one"""
@@ -62,26 +50,27 @@ _MOST_MISTAKES = 20
 _MOST_WORDS_SHOWN = 8
 _NEAR_ORIGIN = 5e4
 """m: an origin within is not asked whether its numbers are exchanged"""
-Numbers = NDArray[np.integer[Any]]
+_STAMPS = ((12, "%Y%m%d%H%M"), (14, "%Y%m%d%H%M%S"), (17, "%Y%m%d%H%M%S%f"))
+_EPOCHS = {"ms": 1e12, "us": 1e15, "ns": 1e18}
 
 
 class Rows(NamedTuple):
     """R rows of the files."""
 
-    run: Numbers
+    run: WholeNumbers
     """number (R,) of each row's run"""
     time: Array
     """time (R,), s, or number of the step"""
     values: Array
     """values (n, R)"""
-    file: Numbers
+    file: WholeNumbers
     """number (R,) of each row's file"""
-    line: Numbers
+    line: WholeNumbers
     """line (R,) in the file"""
     received: Array
     """time (R,) at which the row was received, by default its own"""
 
-    def at(self, chosen: Numbers) -> "Rows":
+    def at(self, chosen: WholeNumbers) -> "Rows":
         """Return the rows with these indices, in their order."""
         return Rows(
             run=self.run[chosen],
@@ -93,7 +82,7 @@ class Rows(NamedTuple):
         )
 
     @property
-    def ticks(self) -> Numbers:
+    def ticks(self) -> WholeNumbers:
         """Times as whole numbers of `TICK`, for comparison."""
         return np.rint(self.time / TICK).astype(np.int64)
 
@@ -160,16 +149,16 @@ class Gathered:
         ``path`` is the path of its key in the config.
         """
         if origin and not self.geodetic:
-            what = (
+            message = (
                 "no file has latitude and longitude, which alone count from an origin; leave it out"
             )
-            raise InvalidKeyError(what, *path)
+            raise InvalidKeyError(message, *path)
         if self.geodetic and self.planar and not origin:
-            what = (
+            message = (
                 f"{self.geodetic} has latitude and longitude, and {self.planar}, which counts from"
             )
             way = "x = y = 0: say where that is, `origin: [latitude, longitude]`"
-            raise InvalidKeyError(f"{what} {way}", *path)
+            raise InvalidKeyError(f"{message} {way}", *path)
 
     def place(self, rows: Rows, i: int, message: str) -> Place:
         """Return the place of row i in its file, with a message on a mistake there."""
@@ -181,35 +170,36 @@ class Gathered:
         ``clock`` is the column of the times; ``parts`` name further parts of a time that are added.
         Raises DataError if this file's clock and that of the first one share no time axis.
         """
-        own = clock_of_file(columns, table, clock, parts)
-        if own.has_unit:
+        file_clock = clock_of_file(columns, table, clock, parts)
+        if file_clock.has_unit:
             _check_size(columns, table, clock, self.keys.own)
         # The first file decides which clock all files have.
         if self.clock is None:
-            self.clock = own
-            self.stepped = own.kind == "step"
+            self.clock = file_clock
+            self.stepped = file_clock.kind == "step"
             self.dated = table.dated
             self.since = 0.0
             if table.dated:
-                self.since = float(microseconds_since_1970(columns, table, own).min())
+                self.since = float(microseconds_since_1970(columns, table, file_clock).min())
         mistake = ""
-        if not have_one_axis(self.clock, own):
-            mistake = reason_against(self.clock, own)
-        elif self.clock.path != own.path:
-            mistake = reason_against_spans(self.clock, own)
+        if not have_one_axis(self.clock, file_clock):
+            mistake = reason_against(self.clock, file_clock)
+        elif self.clock.path != file_clock.path:
+            mistake = reason_against_spans(self.clock, file_clock)
         if mistake:
             raise columns.mistake(mistake)
-        self._note_keys(columns, own)
+        self._note_keys(columns, file_clock)
         # Seconds: dates after the first one, times by their unit; numbers of steps are returned as such.
         time = table.columns[clock]
-        if parts and own.kind == "step":
-            what = f"{clock} has numbers of steps, to which `columns: {{{parts[0]}: ...}}` adds nothing"
-            raise columns.mistake(f"{what}: leave it out")
-        if own.kind == "step":
+        if parts and file_clock.kind == "step":
+            message = f"{clock} has numbers of steps, to which `columns: {{{parts[0]}: ...}}` adds"
+            message += " nothing"
+            raise columns.mistake(f"{message}: leave it out")
+        if file_clock.kind == "step":
             return time
         if table.dated or self.dated:
             # Dates, and UNIX times beside them, are compared in microseconds since 1970.
-            seconds = (microseconds_since_1970(columns, table, own) - self.since) / 1e6
+            seconds = (microseconds_since_1970(columns, table, file_clock) - self.since) / 1e6
         else:
             seconds = time * columns.naming.scale("time")
         if parts:
@@ -225,15 +215,15 @@ class Gathered:
         if unit is not None and clock.has_unit:
             self.used_keys.add(f"time: {unit}")
         elif unit is not None:
-            what = f"{clock.column} has {clock.in_words}, which have no unit"
-            mistake = columns.mistake(f"{what}: leave `time: {unit}` out of `units`")
+            message = f"{clock.column} has {clock.in_words}, which have no unit"
+            mistake = columns.mistake(f"{message}: leave `time: {unit}` out of `units`")
             self.idle_keys.setdefault(f"time: {unit}", mistake)
         zone = columns.naming.zone
         if zone and (clock.kind == "unix" or clock.lacks_zone):
             self.used_keys.add(f"zone: {zone}")
         elif zone:
-            what = f"{clock.column} has {clock.in_words}, which need no zone"
-            mistake = columns.mistake(f"{what}: leave `zone: {zone}` out")
+            message = f"{clock.column} has {clock.in_words}, which need no zone"
+            mistake = columns.mistake(f"{message}: leave `zone: {zone}` out")
             self.idle_keys.setdefault(f"zone: {zone}", mistake)
 
     def check_idle_keys(self) -> None:
@@ -242,13 +232,13 @@ class Gathered:
             if key not in self.used_keys:
                 raise mistake
 
-    def numbers_of(self, names: Sequence[str]) -> Numbers:
+    def numbers_of(self, names: Sequence[str]) -> WholeNumbers:
         """Return the number of each run; a name that is new gets the next number."""
         self.runs = list(dict.fromkeys([*self.runs, *names]))
         known = {name: i for i, name in enumerate(self.runs)}
         return np.array([known[name] for name in names], dtype=np.int32)
 
-    def numbers_of_known(self, names: Collection[str]) -> Numbers:
+    def numbers_of_known(self, names: Collection[str]) -> WholeNumbers:
         """Return the numbers of the runs with these names; names that no file has are left out."""
         return np.array([i for i, name in enumerate(self.runs) if name in names], dtype=np.int32)
 
@@ -258,22 +248,24 @@ class Gathered:
             shown = ", ".join(self.far_runs[:_MOST_WORDS_SHOWN])
             if len(self.far_runs) > _MOST_WORDS_SHOWN:
                 shown += ", ..."
-            what = f"runs that begin far from the first position that is read: {shown}"
-            self.notices.append(f"{what}; x and y of each count from its own first position")
+            message = f"runs that begin far from the first position that is read: {shown}"
+            self.notices.append(f"{message}; x and y of each count from its own first position")
         distance = self.largest_distance
         if distance > FAR:
             # The tangent plane shortens a way away from the origin by the share 1 - cos(d / R).
             share = 1.0 - np.cos(distance / SEMI_MAJOR_AXIS)
-            what = f"positions lie up to {_kilometers(distance)} from the origin"
+            message = f"positions lie up to {_kilometers(distance)} from the origin"
             why = f"where the tangent plane shortens distances by {100.0 * share:.2g} %"
-            self.notices.append(f"{what}, {why}: an `origin` in their middle halves the distance")
+            self.notices.append(
+                f"{message}, {why}: an `origin` in their middle halves the distance"
+            )
         if self.not_rotated and self.origin is not None and distance > _NEAR_ORIGIN:
             # Meridians converge by (d / R) tan(phi) on a way to the east.
             slope = np.tan(np.deg2rad(min(abs(self.origin[0]), 89.0)))
             turn = np.rad2deg(distance / SEMI_MAJOR_AXIS * slope)
-            what = f"{self.not_rotated} has velocities without latitude and longitude"
+            message = f"{self.not_rotated} has velocities without latitude and longitude"
             why = f"north at the target differs from that of the origin by up to {turn:.2g} deg"
-            self.notices.append(f"{what}, which are not rotated: {why}")
+            self.notices.append(f"{message}, which are not rotated: {why}")
 
 
 def _check_size(columns: Columns, table: Table, clock: str, own_key: str) -> None:
@@ -288,12 +280,8 @@ def _check_size(columns: Columns, table: Table, clock: str, own_key: str) -> Non
         row = late[0]
         more = and_others(len(late), "nor are")
         way = _way_to_read_time(time[row], own_key)
-        what = f"{clock}: {seconds[row]:.3g} s is no time{more}; {way}"
-        raise DataError(Place(columns.path, int(table.lines[row]), 1, what))
-
-
-_STAMPS = ((12, "%Y%m%d%H%M"), (14, "%Y%m%d%H%M%S"), (17, "%Y%m%d%H%M%S%f"))
-_EPOCHS = {"ms": 1e12, "us": 1e15, "ns": 1e18}
+        message = f"{clock}: {seconds[row]:.3g} s is no time{more}; {way}"
+        raise DataError(Place(columns.path, int(table.lines[row]), 1, message))
 
 
 def _way_to_read_time(value: float, own_key: str) -> str:
@@ -376,8 +364,8 @@ def read_rows(
                 pieces[m].append(rows)
     if gathered.unavailable:
         codes = ", ".join(f"{code} ({n})" for code, n in sorted(gathered.unavailable.items()))
-        what = 'cells hold a code for "not available" and count as missing'
-        gathered.notices.append(f"{gathered.unavailable.total()} {what}: {codes}")
+        message = 'cells hold a code for "not available" and count as missing'
+        gathered.notices.append(f"{gathered.unavailable.total()} {message}: {codes}")
     # Step 2: join the files of one sensor after the other; the pieces are dropped, to save memory.
     joined = []
     while pieces:
@@ -426,17 +414,17 @@ def _read_file(
     gathered.rest = gathered.rest or rest_of_stamp(columns.names, clock, parts)
     arrival = columns.take("received", columns.contents[clock])
     run = columns.take("run", "label")
-    which = columns.take("sensor", "word" if gathered.has_inputs else "label")
+    sensor_column = columns.take("sensor", "word" if gathered.has_inputs else "label")
     several = columns.take_unnamed_runs() if run is None else None
-    labels = _possible_labels(columns, [rest.column for rest in gathered.rest.values()])
+    labels = possible_labels(columns, [rest.column for rest in gathered.rest.values()])
     # Step 2: read them; times become seconds.
     table = columns.read()
     gathered.unavailable += columns.unavailable
     gathered.notices += columns.notices
     if several is not None and len(table.words[several]) > 1:
-        what = f"column {several} has {len(table.words[several])} values, which would be one run"
+        message = f"column {several} has {len(table.words[several])} values, which would be one run"
         way = f'say `columns: {{run: {several}}}`, or `columns: {{run: ""}}` to mix them'
-        raise columns.mistake(f"{what}: {way}")
+        raise columns.mistake(f"{message}: {way}")
     time = gathered.timed(columns, table, clock, parts)
     received = time
     if arrival is not None:
@@ -458,12 +446,14 @@ def _read_file(
     is_read = np.ones(len(time), dtype=np.bool_)
     if gathered.chosen:
         is_read = np.isin(runs, gathered.numbers_of_known(gathered.chosen))
-    rows_by_sensor: list[Numbers | slice] = [slice(None)] * len(sensors)
-    if which is not None and gathered.has_inputs:
-        _check_rows_without_sensor(columns, table, which, wanted)
-    if which is not None and (len(sensors) > 1 or len(table.words[which]) > 1 or names):
+    rows_by_sensor: list[WholeNumbers | slice] = [slice(None)] * len(sensors)
+    if sensor_column is not None and gathered.has_inputs:
+        _check_rows_without_sensor(columns, table, sensor_column, wanted)
+    if sensor_column is not None and (
+        len(sensors) > 1 or len(table.words[sensor_column]) > 1 or names
+    ):
         sensor_masks = [
-            _find_sensor_rows(gathered, columns, table, which, m, len(sensors), names)
+            _find_sensor_rows(gathered, columns, table, sensor_column, m, len(sensors), names)
             for m in range(len(sensors))
         ]
         is_read &= np.any(sensor_masks, axis=0)
@@ -484,7 +474,7 @@ def _read_file(
     for label in labels:
         for components, of_sensor in zip(sensors, rows_by_sensor, strict=True):
             measured = {name: quantities[name][of_sensor] for name in components}
-            _check_label(
+            check_label(
                 columns,
                 table,
                 label,
@@ -512,93 +502,8 @@ def _read_file(
     return rows_of_sensors
 
 
-class MixedRowsError(DataError):
-    """Rows of several targets or sensors, which a column names, would be those of one."""
-
-    def __init__(self, place: Place, column: str, role: str, split: Split) -> None:
-        super().__init__(place)
-        self.column = column
-        self.role = role
-        self.split = split
-
-
-def _possible_labels(columns: Columns, of_time: Collection[str]) -> list[str]:
-    """Return the unused columns that may name the target or the sensor of each row.
-
-    The words of these columns are read with the table. The columns ``of_time`` are parts of a time.
-    """
-    named = columns.naming.columns
-    if named.get("run") == "" or named.get("sensor") == "":
-        return []  # the config says that the rows are mixed
-    labels = []
-    quantities = columns_of(columns.names)
-    measured = {c.column for name, c in quantities.items() if name not in ("run", "sensor")}
-    for name, cells in columns.first_cells.items():
-        # A column with the name of a quantity is measured, unless it may also name targets, as a track.
-        is_measured = name in of_time or (name in measured and not role_of(name))
-        if not is_measured and may_split(name, cells) and columns.take_words(name):
-            labels.append(name)
-    return labels
-
-
-def _check_label(
-    columns: Columns,
-    table: Table,
-    label: str,
-    quantities: Mapping[str, Array],
-    runs: Numbers,
-    time: Array,
-    of_sensor: Numbers | slice,
-) -> None:
-    """Raise MixedRowsError if a column seems to name several targets or sensors of one sensor's rows.
-
-    The rows of the longest run are split by the words of the column ``label``. If the column's name
-    says that it names targets or sensors, this is an error unless the parts agree as one. For any other
-    column the parts must clearly differ. ``quantities``, ``runs`` and ``time`` are those of the
-    sensor's rows, and ``of_sensor`` are the indices of these rows in the table.
-    """
-    codes = table.columns[label][of_sensor]
-    words = table.words[label]
-    if not len(runs):
-        return
-    # In the header of a ROS message this is the frame of a camera, beside the names of what it sees.
-    is_frame = label.replace("_", "").lower().endswith("frameid")
-    if is_frame and columns.column("sensor") is not None:
-        return
-    empty = words.index("") if "" in words else -1  # code of empty cells; none has -1
-    is_longest = (runs == np.bincount(runs).argmax()) & (codes != empty)
-    rows = np.flatnonzero(is_longest)
-    found, counts = np.unique(codes[rows], return_counts=True)
-    values = as_positions({name: values[rows] for name, values in quantities.items()})
-    # At least two words, on two rows each on average, and two words that are on several rows.
-    is_repeated = len(found) >= 2 and len(rows) >= 2 * len(found) and (counts > 1).sum() > 1
-    if not (is_repeated and len(values)):
-        return
-    # The role is "target", "sensor", "place" or "quality", empty if the column's name does not say it.
-    role = role_of(label)
-    # The split is "apart", "errors" (of different sizes), "one" or "unknown".
-    split = split_by(codes[rows], time[rows], values)
-    # Parts that differ by the size of their errors alone are sensors only if they take turns.
-    is_mixed = split == "apart" or (split == "errors" and is_regular(codes[rows], time[rows]))
-    if role:
-        is_mixed = split != "one"
-    if not is_mixed:
-        return
-    shown = ", ".join(words[code] for code in found[:_MOST_WORDS_SHOWN].tolist())
-    more = ", ..." if len(found) > _MOST_WORDS_SHOWN else ""
-    what = (
-        f"column {label} has {len(found)} values ({shown}{more}), which would be one run and sensor"
-    )
-    if split in ("apart", "errors"):
-        what += "; the rows of each agree with themselves better than with the others"
-    way = f"say `columns: {{run: {label}}}` for a run each, `columns: {{sensor: {label}}}` for a sensor"
-    mix = "run" if columns.column("run") is None else "sensor"
-    way += f' each, or `columns: {{{mix}: ""}}` to mix them'
-    raise MixedRowsError(Place(columns.path, 1, 1, f"{what}: {way}"), label, role, split)
-
-
 def _frames_of_runs(
-    gathered: Gathered, columns: Columns, table: Table, runs: Numbers
+    gathered: Gathered, columns: Columns, table: Table, runs: WholeNumbers
 ) -> tuple[Geodetic, list[Frame]]:
     """Return the places of a table's rows, and frames: each an origin with the rows that count from it.
 
@@ -613,8 +518,8 @@ def _frames_of_runs(
     known = np.flatnonzero(np.isfinite(places.latitude))
     missing = columns.rows_without_height(table)
     if missing:
-        what = f"{missing} rows of {columns.path} have no altitude, and so no position in space"
-        gathered.notices.append(f"{what}: `axes: 2` takes their latitude and longitude alone")
+        message = f"{missing} rows of {columns.path} have no altitude, and so no position in space"
+        gathered.notices.append(f"{message}: `axes: 2` takes their latitude and longitude alone")
     if not len(known):
         return places, []
     # Step 1: the common origin.
@@ -635,14 +540,14 @@ def _frames_of_runs(
                 gathered.far_runs.append(f"{name} by {_kilometers(distance)}")
             gathered.placed_runs.add(name)
     # Step 3: the rows of each origin, and how far from it they lie.
-    own = [
+    far_runs = [
         number for number, name in zip(numbers, names, strict=True) if name in gathered.own_origins
     ]
-    shared = np.flatnonzero(~np.isin(runs, own))
+    shared = np.flatnonzero(~np.isin(runs, far_runs))
     frames = []
     if len(shared):
         frames.append(Frame(gathered.origin, shared))
-    for number in own:
+    for number in far_runs:
         origin = gathered.own_origins[gathered.runs[number]]
         frames.append(Frame(origin, np.flatnonzero(runs == number)))
     for frame in frames:
@@ -657,7 +562,7 @@ def _origin_at(places: Geodetic, row: int) -> tuple[float, ...]:
     return latitude, longitude, float(places.height[row])
 
 
-def _distances(places: Geodetic, rows: Numbers, origin: tuple[float, ...]) -> Array:
+def _distances(places: Geodetic, rows: WholeNumbers, origin: tuple[float, ...]) -> Array:
     """Return the distances (R,) of the R rows with these indices from an origin, m, along the Earth."""
     # Both at the height 0; the place of the frame is the origin, once for each row.
     on_ground = Geodetic(places.latitude[rows], places.longitude[rows], np.zeros(len(rows)))
@@ -682,10 +587,10 @@ def _check_distances(
     if is_given and away[0] > _NEAR_ORIGIN:
         hint = _mistaken_origin(frame.origin, places, int(known[0]), float(away[0]))
         where = f"{Path(columns.path).name}:{table.lines[known[0]]}"
-        what = f"lies {_kilometers(away[0])} from the first position ({where})"
+        message = f"lies {_kilometers(away[0])} from the first position ({where})"
         if hint or away[0] > MOST_DISTANCE:
             way = hint or f"{limit}: write latitude and longitude of a point near the positions"
-            raise InvalidKeyError(f"{what}; {way}", *gathered.origin_key)
+            raise InvalidKeyError(f"{message}; {way}", *gathered.origin_key)
     too_far = np.flatnonzero(away > MOST_DISTANCE)
     if len(too_far) and gathered.refuses_far_rows:
         row = int(known[too_far[0]])
@@ -696,9 +601,9 @@ def _check_distances(
             origin = f"the first position ({gathered.first_position}), the origin"
         more = and_others(len(too_far))
         distance = _kilometers(away[too_far[0]])
-        what = f"latitude and longitude: {distance} from {origin}{more}; {limit}"
+        message = f"latitude and longitude: {distance} from {origin}{more}; {limit}"
         way = "correct or empty the cells, or give an `origin: [latitude, longitude]` in the middle"
-        raise DataError(Place(columns.path, int(table.lines[row]), 1, f"{what}: {way}"))
+        raise DataError(Place(columns.path, int(table.lines[row]), 1, f"{message}: {way}"))
     gathered.largest_distance = max(gathered.largest_distance, float(away.max()))
 
 
@@ -713,13 +618,13 @@ def _mistaken_origin(origin: tuple[float, ...], places: Geodetic, row: int, dist
         "the other sign of the longitude": (latitude, -longitude),
         "the other sign of the latitude": (-latitude, longitude),
     }
-    for what, (new_latitude, new_longitude) in changes.items():
+    for message, (new_latitude, new_longitude) in changes.items():
         if abs(new_latitude) > 90.0:
             continue
         away = _distances(places, np.array([row]), (new_latitude, new_longitude))[0]
         if away < 0.1 * distance:
             changed = f"[{new_latitude:g}, {new_longitude:g}]"
-            return f"with {what}, {changed}, it would be {_kilometers(away)} away: correct it"
+            return f"with {message}, {changed}, it would be {_kilometers(away)} away: correct it"
     return ""
 
 
@@ -745,8 +650,8 @@ def _read_received(
         mistakes = []
         for row in early:
             lead = f"{time[row] - received[row]:.9g} {gathered.time_unit}"
-            what = f"{column}: received {lead} before its time"
-            mistakes.append(Place(columns.path, int(table.lines[row]), 1, what))
+            message = f"{column}: received {lead} before its time"
+            mistakes.append(Place(columns.path, int(table.lines[row]), 1, message))
         raise DataError(*mistakes)
     return received
 
@@ -771,14 +676,14 @@ def _find_sensor_rows(
     known = [label if label in words else _word_of_label(label, free_words) for label in known]
     other_words = [word for word in words if word not in known]
     if other_words and not names:
-        what = f"column {column} names {len(words)} sensors ({', '.join(words[:8])[:80]})"
+        message = f"column {column} names {len(words)} sensors ({', '.join(words[:8])[:80]})"
         way = "name them in the order of `sensor`, such as `sensors: "
         way += f'[{", ".join(map(json.dumps, words[:8]))}]`; `columns: {{sensor: ""}}` mixes all'
-        raise columns.mistake(f"{what}, and the config has {number}: {way}")
+        raise columns.mistake(f"{message}, and the config has {number}: {way}")
     absent = [name for name, word in zip(names, known, strict=False) if word not in words]
     if absent:
-        what = f"column {column} has no {absent[0]!r}; there are {', '.join(words[:20])[:200]}"
-        raise columns.mistake(what)
+        message = f"column {column} has no {absent[0]!r}; there are {', '.join(words[:20])[:200]}"
+        raise columns.mistake(message)
     # Rows of other sensors than those of the config are left out.
     if other_words and m == 0:  # noted once for all sensors
         codes = [table.words[column].index(word) for word in other_words]
@@ -811,8 +716,8 @@ def _check_rows_without_sensor(
             continue
         rows = np.flatnonzero(is_blank & np.isfinite(table.columns[source]))
         if len(rows):
-            what = f"{column}: is missing beside a value of {source}"
-            raise DataError(Place(columns.path, int(table.lines[rows[0]]), 1, what))
+            message = f"{column}: is missing beside a value of {source}"
+            raise DataError(Place(columns.path, int(table.lines[rows[0]]), 1, message))
 
 
 def chosen_runs(
@@ -833,8 +738,8 @@ def chosen_runs(
     known = set(gathered.runs)
     for i, name in enumerate(names):
         if name not in known:
-            what = f"there is no run {name!r}; there are {', '.join(gathered.runs[:20])}"
-            raise InvalidKeyError(what, *within, i)
+            message = f"there is no run {name!r}; there are {', '.join(gathered.runs[:20])}"
+            raise InvalidKeyError(message, *within, i)
     wanted = {name: i for i, name in enumerate(names)}
     # new_number[number in the files] = number among the chosen runs, -1 if not chosen
     new_number = np.array([wanted.get(name, -1) for name in gathered.runs], dtype=np.int32)
@@ -864,7 +769,7 @@ def check_turns(gathered: Gathered, rows: Rows, angles: Mapping[str, int]) -> No
         sizes = np.abs(rows.values[i])
         wide = np.flatnonzero(sizes > limit)
         if len(wide):
-            what = f"{name}: {rows.values[i, wide[0]]:.9g} rad is beyond {turn}"
+            message = f"{name}: {rows.values[i, wide[0]]:.9g} rad is beyond {turn}"
             more = and_others(len(wide))
             # A unit in which the numbers of all cells are possible.
             scale = gathered.naming.scale(name)
@@ -883,8 +788,8 @@ def check_turns(gathered: Gathered, rows: Rows, angles: Mapping[str, int]) -> No
                 )
             elif fitting:
                 way = f"say `units: {{{name}: {fitting[0]}}}`, or "
-            what = f"{what}{more}: {way}correct the cells"
-            raise DataError(gathered.place(rows, int(wide[0]), what))
+            message = f"{message}{more}: {way}correct the cells"
+            raise DataError(gathered.place(rows, int(wide[0]), message))
 
 
 class FromFiles:
@@ -950,3 +855,8 @@ class FromFiles:
 
     def __hash__(self) -> int:
         return hash(self._key)
+
+
+def longest_first(names: list[str], sizes: Index) -> list[tuple[str, int]]:
+    """Return the name and the number of rows of each run, the longest first."""
+    return sorted(zip(names, sizes.tolist(), strict=True), key=lambda run: -run[1])

@@ -10,7 +10,8 @@ from trackbench.core.angles import near
 from trackbench.core.arrays import Array, Index, fixed
 from trackbench.durations import time_text
 from trackbench.field_types import MOST_STEPS, DataError, InvalidKeyError, Place
-from trackbench.scenarios.recordings.rows import TICK, Gathered, Numbers, Rows, usual_interval
+from trackbench.scenarios.recordings.csv_tables import WholeNumbers
+from trackbench.scenarios.recordings.rows import TICK, Gathered, Rows, usual_interval
 
 ONE_RUN = "0"
 """Name of the run of one file without names of runs."""
@@ -58,8 +59,8 @@ def initial_scans(gathered: Gathered, rows: Rows, scans: int) -> Opened:
     first = np.searchsorted(rows.run[whole], np.arange(runs))
     number = np.searchsorted(rows.run[whole], np.arange(runs), side="right") - first
     for m in np.flatnonzero(number < scans).tolist():
-        what = f"run {gathered.runs[m]} has {number[m]} positions, and its start takes {scans}"
-        raise DataError(Place(gathered.files[0], 1, 1, what))
+        message = f"run {gathered.runs[m]} has {number[m]} positions, and its start takes {scans}"
+        raise DataError(Place(gathered.files[0], 1, 1, message))
     # The first scans of each run; the first state is that of the last of them.
     places = np.stack([whole[first + i] for i in range(scans)])
     times = rows.time[places]
@@ -122,10 +123,10 @@ def _checked_number(gathered: Gathered, number: float) -> int:
     """Return the number of steps as an integer. Raises DataError if there are too many to allocate."""
     if number > _MOST_RECORDED:
         # The message has the limit of a scenario, which is lower.
-        what = (
+        message = (
             f"gives {number:.9g} steps, more than {MOST_STEPS}: choose runs, or a longer `resample`"
         )
-        raise DataError(Place(gathered.files[0], 1, 1, what))
+        raise DataError(Place(gathered.files[0], 1, 1, message))
     return int(number)
 
 
@@ -187,10 +188,12 @@ def note_on_shared_clock(runs: Sequence[str], sensors: Sequence[Rows], clock: Cl
     names = ", ".join(f"{m} is {name}" for m, name in enumerate(runs[:_MOST_NAMES]))
     if len(runs) > _MOST_NAMES:
         names += ", ..."
-    what = f"{len(runs)} runs share {steps} steps, of which run {runs[0]} measured at {own_steps}"
+    message = (
+        f"{len(runs)} runs share {steps} steps, of which run {runs[0]} measured at {own_steps}"
+    )
     why = "each run is also judged at the times of the others"
     way = "a grid over `runs` gives each a clock of its own"
-    return [f"{what}: {why}; {way} (numbers of the runs: {names})"]
+    return [f"{message}: {why}; {way} (numbers of the runs: {names})"]
 
 
 def measurement_array(
@@ -205,8 +208,8 @@ def measurement_array(
     runs = len(gathered.runs)
     sizes = [len(rows.values) for rows in sensors]
     if sum(sizes) * steps * runs > _MOST_CELLS:
-        what = f"{runs} runs of {steps} steps are too many: choose runs, or `resample`"
-        raise InvalidKeyError(what, "target", "runs")
+        message = f"{runs} runs of {steps} steps are too many: choose runs, or `resample`"
+        raise InvalidKeyError(message, "target", "runs")
     measurements = np.full((sum(sizes), steps - 1, runs), np.nan)
     due = np.arange(steps - 1.0)[:, None]
     arrivals = None
@@ -233,15 +236,15 @@ def measurement_array(
             received = np.maximum(_received_steps(gathered, rows, clock), place) - 1
             arrivals[n, place[used] - 1, rows.run[used]] = received[used]
     if resampled:
-        what = f"resampled: measurements are taken to be up to {moved:.3g} s from when they were"
+        message = f"resampled: measurements are taken to be up to {moved:.3g} s from when they were"
         if left_out:
-            what += f", {left_out} of one step were left out"
-        gathered.notices.append(what)
+            message += f", {left_out} of one step were left out"
+        gathered.notices.append(message)
     if arrivals is not None:
         late = int((arrivals > due).sum())
         longest = int((arrivals - due).max())
-        what = f"{late} measurements were received late, by {longest} steps at most"
-        gathered.notices.append(what)
+        message = f"{late} measurements were received late, by {longest} steps at most"
+        gathered.notices.append(message)
     return fixed(measurements), arrivals
 
 
@@ -269,7 +272,7 @@ def _nearest_steps(gathered: Gathered, rows: Rows, clock: Clock) -> tuple[Index,
     return place, np.abs(clock.times[np.maximum(place, 0)] - times)
 
 
-def _nearest_rows(run: Numbers, place: Index, away: Array, rows: Index) -> Index:
+def _nearest_rows(run: WholeNumbers, place: Index, away: Array, rows: Index) -> Index:
     """Select, of the ``rows`` of a run in one step, the one nearest to the step's time.
 
     ``run``, ``place`` and ``away`` (R,) are the run, the step and the distance in time of all rows.
@@ -309,9 +312,9 @@ def check_runs_of_truth(of_truth: Gathered, rows: Rows, measured: Gathered) -> N
     if of_truth.runs == [ONE_RUN]:
         if measured.own_origins:
             name = next(iter(measured.own_origins))
-            what = f"names no runs, and run {name} has an origin of its own, far from the others"
+            message = f"names no runs, and run {name} has an origin of its own, far from the others"
             way = "give the truth a column `run`, or choose runs near each other by `runs`"
-            raise DataError(Place(path, 1, 1, f"{what}: {way}"))
+            raise DataError(Place(path, 1, 1, f"{message}: {way}"))
         return
     known = {of_truth.runs[number] for number in np.unique(rows.run).tolist()}
     without = [name for name in measured.runs if name not in known]
@@ -321,17 +324,17 @@ def check_runs_of_truth(of_truth: Gathered, rows: Rows, measured: Gathered) -> N
     shown = _first_names(without)
     if len(without) == len(measured.runs):
         existing = _first_names(of_truth.runs)
-        what = f"has no run {shown}; there are {existing}: give runs one name in both files"
-        raise DataError(Place(path, 1, 1, what))
+        message = f"has no run {shown}; there are {existing}: give runs one name in both files"
+        raise DataError(Place(path, 1, 1, message))
     others = {_plain_spelling(name): name for name in of_truth.runs if name not in measured.runs}
     for name in without:
         other = others.get(_plain_spelling(name))
         if other is not None:
-            what = (
+            message = (
                 f"has no run {name!r}, but {other!r} ({len(without)} runs have no truth: {shown})"
             )
             way = "write the name alike in both files, or leave the run out by `runs`"
-            raise DataError(Place(path, 1, 1, f"{what}: {way}"))
+            raise DataError(Place(path, 1, 1, f"{message}: {way}"))
 
 
 def _first_names(names: Sequence[str]) -> str:

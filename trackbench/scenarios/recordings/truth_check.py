@@ -112,7 +112,7 @@ def contradictions(
         return []
     row_of_x, _ = axes[0]
     has_truth = np.isfinite(truth[row_of_x])
-    found: list[_Contradiction] = []
+    contradicting: list[_Contradiction] = []
     samples: list[_Sample] = []
     sensors = sensors_of(sensor)
     for number, (each, rows) in enumerate(zip(sensors, rows_of(sensor), strict=True)):
@@ -142,7 +142,7 @@ def contradictions(
             remedy = _remedy(sample, axes, size)
         if not remedy:
             continue
-        found.append(
+        contradicting.append(
             _Contradiction(
                 name=name,
                 size=size,
@@ -154,10 +154,10 @@ def contradictions(
     # Step 4: delays. One explains the sensors that nothing else does.
     delay_texts = _delay_notes(samples, truth, clock, components, angles, in_one_file)
     if delay_texts:
-        found = [case for case in found if not case.remedy.startswith(_UNEXPLAINED)]
+        contradicting = [case for case in contradicting if not case.remedy.startswith(_UNEXPLAINED)]
     # Step 5: a text for the sensors that one remedy is for.
     groups: dict[tuple[bool, str], list[_Contradiction]] = {}
-    for case in found:
+    for case in contradicting:
         groups.setdefault((case.is_beyond, case.remedy), []).append(case)
     texts = []
     for (is_beyond, remedy), group in groups.items():
@@ -166,12 +166,12 @@ def contradictions(
         median = f"median: {medians[0]:.0f}"
         if len(group) > 1:
             median = f"medians: {medians[0]:.0f} to {medians[-1]:.0f}"
-        what = f"nearly every measurement of {words} disagrees with the truth"
+        message = f"nearly every measurement of {words} disagrees with the truth"
         if not is_beyond:
-            what = f"the truth and the measurements of {words} disagree"
-        texts.append(f"{what} ({median} standard deviations){remedy}")
+            message = f"the truth and the measurements of {words} disagree"
+        texts.append(f"{message} ({median} standard deviations){remedy}")
     is_every_landmark = len(texts) == len(sensors) > 1
-    if is_every_landmark and all(case.has_other_place for case in found):
+    if is_every_landmark and all(case.has_other_place for case in contradicting):
         texts.append("no landmark is where the truth says: or check the truth's origin and clock")
     return texts + delay_texts
 
@@ -275,12 +275,12 @@ def _delay_notes(
 def _thinned(sample: _Sample, runs: Index) -> _Sample:
     """Return some runs of a sample, and fewer steps if its sensor takes one step at a time."""
     most = _MOST_STEPS if is_equal_at_every_step(sample.sensor) else _FEW_STEPS
-    kept = np.linspace(0, len(sample.steps) - 1, min(len(sample.steps), most)).astype(int)
+    chosen_steps = np.linspace(0, len(sample.steps) - 1, min(len(sample.steps), most)).astype(int)
     return sample._replace(
-        truth=sample.truth[:, kept][..., runs],
-        z=sample.z[:, kept][..., runs],
-        steps=sample.steps[kept],
-        chosen=sample.chosen[kept],
+        truth=sample.truth[:, chosen_steps][..., runs],
+        z=sample.z[:, chosen_steps][..., runs],
+        steps=sample.steps[chosen_steps],
+        chosen=sample.chosen[chosen_steps],
     )
 
 

@@ -11,12 +11,7 @@ from trackbench.field_types import DataError, DataFile, Finite, Place, Positive,
 from trackbench.registry import register
 from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.row_order import in_order
-from trackbench.scenarios.recordings.rows import (
-    FromFiles,
-    Gathered,
-    chosen_runs,
-    read_rows,
-)
+from trackbench.scenarios.recordings.rows import FromFiles, Gathered, chosen_runs, read_rows
 from trackbench.scenarios.targets.base import Flown, Timeline
 
 

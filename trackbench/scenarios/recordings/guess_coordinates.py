@@ -1,4 +1,4 @@
-"""Questions on tables whose recognized columns are only a part of what was measured.
+"""Questions on coordinates that are only a part of the position, or count from another place.
 
 Each of these tables would be read without an error, and give wrong positions.
 """
@@ -9,9 +9,10 @@ from collections.abc import Collection, Mapping
 import numpy as np
 
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import UNITS
 from trackbench.scenarios.recordings.column_names import columns_of, unit_of, words_of
-from trackbench.scenarios.recordings.guess_sample import Sample, in_option
+from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.yaml_values import in_option
 
 _RADII = (6.33e6, 6.43e6)
 """m: least and largest distance from the center of the Earth near its surface"""
@@ -43,13 +44,13 @@ def check_split_angles(sample: Sample, columns: Mapping[str, str]) -> None:
             if len(numbers) and ((numbers >= 0.0) & (numbers < 60.0)).all():
                 parts.append(name)
         if parts:
-            what = (
+            message = (
                 f"{column} has whole degrees, and {' and '.join(parts)} the rest of the {quantity}"
             )
             way = f"write one column of decimal degrees, {column} + {parts[0]} / 60"
             if len(parts) > 1:
                 way += f" + {parts[1]} / 3600"
-            raise DataError(Place(sample.path, sample.line, 1, f"{what}: {way}"))
+            raise DataError(Place(sample.path, sample.line, 1, f"{message}: {way}"))
 
 
 def check_earth_centered(
@@ -75,9 +76,9 @@ def check_earth_centered(
             is_height = float(np.median(np.abs(z[known]))) * scale < _HIGHEST
             if _RADII[0] <= middle <= _RADII[1] and not is_height:
                 names = f"{columns['x']}, {columns['y']} and {name}"
-                what = f"{names} count from the center of the Earth, {middle / 1e3:.0f} km away"
+                message = f"{names} count from the center of the Earth, {middle / 1e3:.0f} km away"
                 way = "convert them to latitude and longitude (EPSG:4978 to EPSG:4326)"
-                raise DataError(Place(sample.path, sample.line, 1, f"{what}: {way}"))
+                raise DataError(Place(sample.path, sample.line, 1, f"{message}: {way}"))
 
 
 def check_zones(sample: Sample, columns: Mapping[str, str], user_columns: Collection[str]) -> None:
@@ -95,10 +96,12 @@ def check_zones(sample: Sample, columns: Mapping[str, str], user_columns: Collec
         is_utm = "utm" in words_of(name) or {*words_of(columns["x"])} & {"east", "easting"}
         has_letters = all(zone[-1:].isalpha() for zone in zones)
         if all(map(_ZONE.fullmatch, zones)) and (is_utm or has_letters):
-            what = f"{name} has {', '.join(zones[:4])}: each zone counts from a meridian of its own"
+            message = (
+                f"{name} has {', '.join(zones[:4])}: each zone counts from a meridian of its own"
+            )
             way = "convert all rows to one zone or to latitude and longitude"
             option = f"--set 'columns.run={in_option(name)}' makes each zone a run"
-            where = Place(sample.path, sample.line, 1, f"{what}; {way}; {option}")
+            where = Place(sample.path, sample.line, 1, f"{message}; {way}; {option}")
             raise DataError(where)
 
 
@@ -130,11 +133,11 @@ def check_slant_ranges(
         if not _LARGEST_SHARE < share < 1.0:
             continue
         column = in_option(columns["range"])
-        what = (
+        message = (
             f"{name} usually is {np.median(elevation):.3g} {unit}, so that a slant range is longer"
         )
-        what += f" by {100.0 * share:.2g} % than the distance in the plane"
+        message += f" by {100.0 * share:.2g} % than the distance in the plane"
         way = f"write {columns['range']} * cos({name}) into a column, or use the sensor"
         way += " range-azimuth-elevation"
         option = f"if ranges are along the ground, say --set 'columns.range={column}'"
-        raise DataError(Place(sample.path, sample.line, 1, f"{what}: {way}; {option}"))
+        raise DataError(Place(sample.path, sample.line, 1, f"{message}: {way}; {option}"))

@@ -1,7 +1,5 @@
-"""First rows of a table as text and numbers, from which a guess at its format is made."""
+"""First rows of a table as text and numbers, from which a guess at it is made."""
 
-import json
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +7,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.errors import counted
 from trackbench.field_types import DataError, Place, decimals
-from trackbench.scenarios.recordings.column_names import other_unit_in_line, unit_in, words_of
+from trackbench.scenarios.recordings.column_names import other_unit_in_line, words_of
 from trackbench.scenarios.recordings.csv_lines import TextFormat, layout_of, table_rows
 from trackbench.scenarios.recordings.csv_tables import (
     first_rows,
@@ -19,35 +17,9 @@ from trackbench.scenarios.recordings.csv_tables import (
     read_table,
     without_thousands,
 )
+from trackbench.scenarios.recordings.units import unit_in
 
 _SAMPLE = 10_000  # rows
-_NO_WORDS = ("null", "true", "false")
-"""Words that YAML reads as something else."""
-
-
-def in_option(name: str) -> str:
-    """Return a column's name as an option ``--set 'columns.x=NAME'`` has it: with escapes."""
-    return json.dumps(name)[1:-1]  # without the quotes
-
-
-def quoted(word: str) -> str:
-    """Return a word as YAML, in quotes if it has more than letters, digits and underscores.
-
-    Characters that cannot be printed, such as line breaks of Unicode, are escaped, so that words of an
-    unknown table cannot begin a new line of the config.
-    """
-    if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*|[1-9][0-9]*", word) and word.lower() not in _NO_WORDS:
-        return word
-    text = json.dumps(word, ensure_ascii=False)
-    return "".join(c if c.isprintable() else _escape(c) for c in text)
-
-
-def _escape(character: str) -> str:
-    """Escape a character as YAML does within double quotes."""
-    number = ord(character)
-    if number < 0x10000:
-        return f"\\u{number:04x}"
-    return f"\\U{number:08x}"
 
 
 class Sample:
@@ -84,11 +56,11 @@ class Sample:
             return
         read_table(self.path, {column: "label"}, form=self._form)  # which reports mistaken rows
         rows = counted(len(self), "row")
-        what = f"{column} is {times[0]} in {rows}: a recording needs rows of two times"
+        message = f"{column} is {times[0]} in {rows}: a recording needs rows of two times"
         way = (
             "take a longer recording, or say which column has the times, --set 'columns.time=NAME'"
         )
-        raise DataError(Place(self.path, self.line, 1, f"{what}: {way}"))
+        raise DataError(Place(self.path, self.line, 1, f"{message}: {way}"))
 
     def require_rows(self) -> None:
         """Raise DataError for a table of which no row can be read, or that has names alone."""
@@ -96,8 +68,8 @@ class Sample:
             if self._has_lines:
                 read_table(self.path, {self.names[0]: "label"}, form=self._form)  # which says why
             names = ", ".join(self.names)[:200]
-            what = f"has no rows below the names {names}: is it the right file, and complete?"
-            raise DataError(Place(self.path, 1, 1, what))
+            message = f"has no rows below the names {names}: is it the right file, and complete?"
+            raise DataError(Place(self.path, 1, 1, message))
 
     def cells(self, column: str) -> list[str]:
         """List the cells of a column; empty cells for the name "", no cells for an unknown name."""

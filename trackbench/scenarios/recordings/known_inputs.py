@@ -1,4 +1,4 @@
-"""Recorded inputs of motions, such as odometry: which values hold over which step."""
+"""Known inputs of motions, such as recorded odometry: the values that hold over each step."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,17 +12,11 @@ from trackbench.errors import counted
 from trackbench.field_types import DataError, InvalidKeyError, Place
 from trackbench.models.inputs import InputGap, KnownInputs
 from trackbench.scenarios.recordings.row_order import in_order
-from trackbench.scenarios.recordings.rows import (
-    TICK,
-    Gathered,
-    Rows,
-    usual_interval,
-)
+from trackbench.scenarios.recordings.rows import TICK, Gathered, Rows, usual_interval
 from trackbench.scenarios.recordings.time_alignment import ONE_RUN, Clock
 
 _MOST_INTERVALS = 1.5
 """Usual intervals between two rows over which a value holds, unless the config has a `gap`."""
-
 _MOST_MISTAKES = 20
 """mistakes that are listed, of which the last one has the number of all others"""
 _MOST_OUTSIDE = 0.5
@@ -49,16 +43,16 @@ def with_inputs_only(gathered: Gathered, names: Sequence[str], rows: Rows) -> In
         mistakes = []
         for row in partial[:_MOST_MISTAKES].tolist():
             name = names[int(np.flatnonzero(is_missing[:, row])[0])]
-            what = f"{name}: there is no value beside the other inputs: fill the cell"
-            mistakes.append(gathered.place(rows, row, what))
+            message = f"{name}: there is no value beside the other inputs: fill the cell"
+            mistakes.append(gathered.place(rows, row, message))
         left_out = len(partial) - len(mistakes)
         if left_out:
-            what = f"{mistakes[-1].what}; nor have {left_out} more rows all inputs"
-            mistakes[-1] = mistakes[-1]._replace(what=what)
+            message = f"{mistakes[-1].what}; nor have {left_out} more rows all inputs"
+            mistakes[-1] = mistakes[-1]._replace(what=message)
         raise DataError(*mistakes)
     if not has_all.any():
-        what = f"the columns of the inputs {', '.join(names)} are empty"
-        raise DataError(Place(gathered.files[0], 1, 1, what))
+        message = f"the columns of the inputs {', '.join(names)} are empty"
+        raise DataError(Place(gathered.files[0], 1, 1, message))
     measured = in_order(gathered, rows.at(np.flatnonzero(has_all)))
     return InputRows(measured=measured, blank=rows.at(np.flatnonzero(has_none)))
 
@@ -88,15 +82,15 @@ def rows_within(
     outside = number - sum(int(mask.sum()) for mask in inside)
     if outside == 0 or outside >= _MOST_OUTSIDE * number:
         return list(measured_rows)
-    what = f"{counted(outside, 'row')} of measurements before the first or after the last inputs"
-    gathered.notices.append(f"{what} ({of_inputs.files[0]}) left out")
+    message = f"{counted(outside, 'row')} of measurements before the first or after the last inputs"
+    gathered.notices.append(f"{message} ({of_inputs.files[0]}) left out")
     return [rows.at(np.flatnonzero(mask)) for rows, mask in zip(measured_rows, inside, strict=True)]
 
 
 def missing_run(path: str, run: str, names: Sequence[str]) -> Place:
     """Return the mistake of a file without rows of a run; ``names`` are those of the inputs."""
-    what = f"run {run} has no rows with the inputs {', '.join(names)}"
-    return Place(path, 1, 1, what)
+    message = f"run {run} has no rows with the inputs {', '.join(names)}"
+    return Place(path, 1, 1, message)
 
 
 def inputs_at(
@@ -130,9 +124,9 @@ def inputs_at(
     first = tables[0]
     for name, table in zip(runs, tables, strict=True):
         if not np.array_equal(first.values, table.values, equal_nan=True):
-            what = f"runs {runs[0]} and {name} have different inputs, and a motion has one table"
+            message = f"runs {runs[0]} and {name} have different inputs, and a motion has one table"
             way = f"choose one run, `runs: [{runs[0]}]`, or make the runs values of a grid"
-            raise InvalidKeyError(f"{what}; {way}", "target", "input")
+            raise InvalidKeyError(f"{message}; {way}", "target", "input")
     return first
 
 
@@ -232,25 +226,27 @@ def _describe_gap(
     low = row_times[before] if before >= 0 else -np.inf
     high = row_times[after] if after > before else np.inf
     if before < 0:
-        what = f"the first values of the inputs {inputs} are at {time_text(row_times[0])}{unit}"
-        what += f", and the first step begins at {time_text(times[step - 1])}{unit}"
-        place = gathered.place(rows.measured, 0, f"{what}: give earlier values")
+        message = f"the first values of the inputs {inputs} are at {time_text(row_times[0])}{unit}"
+        message += f", and the first step begins at {time_text(times[step - 1])}{unit}"
+        place = gathered.place(rows.measured, 0, f"{message}: give earlier values")
         return InputGap(place=place, step=step)
     if after == before:
-        what = f"the inputs {inputs} end at {time_text(row_times[-1])}{unit}"
-        what += f", and a step ends at {time_text(times[step])}{unit}"
-        place = gathered.place(rows.measured, before, f"{what}: give later values, or say `last`")
+        message = f"the inputs {inputs} end at {time_text(row_times[-1])}{unit}"
+        message += f", and a step ends at {time_text(times[step])}{unit}"
+        place = gathered.place(
+            rows.measured, before, f"{message}: give later values, or say `last`"
+        )
         return InputGap(place=place, step=step)
     length = float(row_times[after] - row_times[before])
     blank_times = rows.blank.time + shift
     blank = np.flatnonzero((blank_times > low + TICK) & (blank_times < high - TICK))
     if len(blank):
-        what = f"there is no value of the inputs {inputs}"
-        place = gathered.place(rows.blank, int(blank[0]), what)
+        message = f"there is no value of the inputs {inputs}"
+        place = gathered.place(rows.blank, int(blank[0]), message)
     else:
-        what = f"no values of the inputs {inputs} follow for {length:.4g}{unit}"
-        what += f", where {usual:.4g}{unit} are usual"
-        place = gathered.place(rows.measured, before, what)
+        message = f"no values of the inputs {inputs} follow for {length:.4g}{unit}"
+        message += f", where {usual:.4g}{unit} are usual"
+        place = gathered.place(rows.measured, before, message)
     return InputGap(place=place, step=step, length=length)
 
 
@@ -263,15 +259,15 @@ def check_gaps(inputs: KnownInputs, last_step: int) -> None:
     longest = max((gap.length for gap in gaps if gap.length is not None), default=0.0)
     mistakes = []
     for gap in gaps[:_MOST_MISTAKES]:
-        what = gap.place.what
+        message = gap.place.what
         if gap.length is not None:
             way = f"say `input_gap: {_rounded_up(longest):g}` to hold the nearest values"
-            what += f": fill them, or {way}"
-        mistakes.append(gap.place._replace(what=what))
+            message += f": fill them, or {way}"
+        mistakes.append(gap.place._replace(what=message))
     left_out = len(gaps) - len(mistakes)
     if left_out:
-        what = f"{mistakes[-1].what}; there are {counted(left_out, 'more gap')}"
-        mistakes[-1] = mistakes[-1]._replace(what=what)
+        message = f"{mistakes[-1].what}; there are {counted(left_out, 'more gap')}"
+        mistakes[-1] = mistakes[-1]._replace(what=message)
     raise DataError(*mistakes)
 
 

@@ -1,4 +1,4 @@
-"""Check that two files have times in common, and find the unit that would give them some."""
+"""Overlap of the periods of two files: common times, and the unit of time that would give them some."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -9,14 +9,9 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.durations import time_text
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.column_mapping import UNITS
-from trackbench.scenarios.recordings.guess_sample import quoted
-from trackbench.scenarios.recordings.rows import (
-    TICK,
-    Gathered,
-    Rows,
-    usual_interval,
-)
+from trackbench.scenarios.recordings.rows import TICK, Gathered, Rows, usual_interval
+from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.yaml_values import mapping_in_braces
 
 _FACTORS = (1e3, 1e6, 1e9, 1e-3, 1e-6, 1e-9)
 """ratios of the units s, ms, us and ns"""
@@ -24,8 +19,6 @@ _ALIKE = 0.5
 """share of the time of both files that is common to them, if their units are right"""
 _UNLIKE = 0.01
 """share of it below which a unit may be wrong"""
-_FEWEST = 3
-"""rows of a file that show an interval"""
 
 
 class _Span(NamedTuple):
@@ -55,9 +48,9 @@ def check_common_time(
     span = _span_of(all_times)
     other_span = _span_of(rows.time)
     unit = "" if measured.stepped else " s"
-    own = f"{time_text(other_span.first)} to {time_text(other_span.last)}{unit}"
-    of_measurements = f"{time_text(span.first)} to {time_text(span.last)}{unit}"
-    ends = f"its times are from {own}, and those of {measured.files[0]} from {of_measurements}"
+    other_period = f"{time_text(other_span.first)} to {time_text(other_span.last)}{unit}"
+    period = f"{time_text(span.first)} to {time_text(span.last)}{unit}"
+    ends = f"its times are from {other_period}, and those of {measured.files[0]} from {period}"
     is_apart = _share_in_common(span, other_span) == 0.0
     way = ""
     if not measured.stepped and not measured.dated:
@@ -148,11 +141,6 @@ def _keys_with_unit(other: Gathered, unit: str) -> str:
     units["time"] = unit
     entries = []
     if columns:
-        entries.append(f"columns: {{{_in_braces(columns)}}}")
-    entries.append(f"units: {{{_in_braces(units)}}}")
+        entries.append(f"columns: {{{mapping_in_braces(columns)}}}")
+    entries.append(f"units: {{{mapping_in_braces(units)}}}")
     return f"{other.keys.own}: {{{', '.join(entries)}}}"
-
-
-def _in_braces(mapping: dict[str, str]) -> str:
-    """Write the entries of a mapping as YAML has them."""
-    return ", ".join(f"{name}: {quoted(value)}" for name, value in mapping.items())

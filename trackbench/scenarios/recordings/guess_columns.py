@@ -1,0 +1,181 @@
+"""Guess of the column of each quantity, time, run and sensor of a table."""
+
+import re
+from typing import Literal, TypeAlias
+
+from trackbench.field_types import DataError, Place
+from trackbench.scenarios.recordings.column_mapping import Naming
+from trackbench.scenarios.recordings.column_names import columns_of, unit_of
+from trackbench.scenarios.recordings.csv_lines import is_value
+from trackbench.scenarios.recordings.csv_tables import parse_cells
+from trackbench.scenarios.recordings.dates import instant
+from trackbench.scenarios.recordings.guess_record import (
+    ColumnByQuantity,
+    ReasonByKey,
+    RobotTables,
+    UnitByQuantity,
+)
+from trackbench.scenarios.recordings.guess_robot import (
+    guess_units_of_robot,
+    settle_landmarks,
+    settle_odometry,
+)
+from trackbench.scenarios.recordings.quantities import (
+    COURSE,
+    GEODETIC,
+    HEMISPHERES,
+    KEYS,
+    MEASURED,
+    ODOMETRY,
+    VELOCITY,
+)
+from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.yaml_values import in_option
+
+_MOST_SENSORS = 50
+TableContent: TypeAlias = Literal["measurements", "odometry"]
+_GIVEN_KEYS = (
+    *KEYS,
+    *GEODETIC,
+    *COURSE,
+    *MEASURED,
+    *VELOCITY,
+    *ODOMETRY,
+)
+"""Keys of `columns` that a guess may be given."""
+_SENSOR_KEYS = ("landmark", "landmarks", "tag", "id", "marker", "station", "radar", "anchor")
+"""Words that a user may take for the key `sensor`."""
+
+
+def guess_columns(
+    sample: Sample,
+    user_naming: Naming,
+    why: ReasonByKey,
+    tables: RobotTables,
+    content: TableContent,
+) -> tuple[ColumnByQuantity, UnitByQuantity]:
+    """Return columns and units by quantity, guessed from the names of columns and a line of units.
+
+    Reasons are added to ``why``.
+    """
+    columns = {name: named.column for name, named in columns_of(sample.names).items()}
+    user_columns = user_naming.columns
+    columns = {n: c for n, c in columns.items() if c not in user_columns.values()} | user_columns
+    # An empty name means that no column is this quantity; of runs and sensors that their rows are mixed.
+    columns = {n: c for n, c in columns.items() if c or n in ("run", "sensor")}
+    for key, column in _hemispheres(sample, columns).items():
+        columns = {n: c for n, c in columns.items() if c != column} | {key: column}
+    # Two components of a velocity come before speed and course, a time before numbers of steps.
+    if columns.keys() >= {*VELOCITY}:
+        columns = {name: column for name, column in columns.items() if name not in COURSE}
+    if "date" in columns and "time" not in columns:
+        columns["time"] = columns.pop("date")
+    if "time" in columns:
+        columns.pop("step", None)
+    _settle_twice_named(columns, user_naming)
+    is_robot = True
+    if content == "odometry":
+        settle_odometry(sample, columns)
+    else:
+        is_robot = settle_landmarks(sample, columns, user_naming, tables)
+    # A column of sensors has a few words; one of runs has at least three rows for each on average.
+    most_runs = max(1, len(sample) // 3)
+    for key, least, most in (("sensor", 2, _MOST_SENSORS), ("run", 1, most_runs)):
+        words = set(sample.cells(columns.get(key, "")))
+        if key == "sensor" and is_robot:
+            words.discard("")  # of rows with odometry alone
+            if tables.landmarks:
+                least = 1
+        if key not in user_naming.columns and ("" in words or not least <= len(words) <= most):
+            columns.pop(key, None)
+    units = {}
+    for name, column in columns.items():
+        unit = unit_of(column, name)
+        if unit is not None:
+            units[name] = unit
+    why |= dict.fromkeys(units, "as the column's name says")
+    for name, column in columns.items():
+        unit = sample.unit(column, name)
+        if unit is not None:
+            units[name] = unit
+            why[name] = "as the line of units says"
+    units |= user_naming.units
+    if is_robot:
+        guess_units_of_robot(sample, columns, units, why)
+    return columns, units
+
+
+def check_given_keys(path: str, user_naming: Naming) -> None:
+    """Raise DataError for a column of an unknown quantity."""
+    for key, column in user_naming.columns.items():
+        # A quantity may have the number of its sensor before its name: 2.x.
+        if key in _GIVEN_KEYS or key.rpartition(".")[2] in MEASURED:
+            continue
+        message = f"there is no columns.{key}; known: {', '.join(_GIVEN_KEYS)}"
+        if key.lower() in _SENSOR_KEYS:
+            name = in_option(column)
+            message = f"there is no columns.{key}: a column that names landmarks or sensors is"
+            message += f" `--set 'columns.sensor={name}'`"
+        raise DataError(Place(path, 1, 1, message))
+
+
+def find_dates(sample: Sample, columns: ColumnByQuantity, why: ReasonByKey) -> None:
+    """Add the time to the columns if it is the only column whose cells are dates."""
+    dated = []
+    for name in sample.names:
+        cells = sample.cells(name)
+        # 2025-04-03 has digits with a separator; 20250403 may be a number.
+        has_separators = all(re.search(r"\d\D+\d", cell) for cell in cells)
+        _, no_dates = parse_cells(instant, cells)
+        if cells and has_separators and not no_dates:
+            dated.append(name)
+    if len(dated) == 1:
+        columns["time"] = dated[0]
+        why["time_column"] = "guess: its cells are dates"
+
+
+def _hemispheres(sample: Sample, columns: ColumnByQuantity) -> dict[str, str]:
+    """Find the columns of the letters N and S, and E and W, beside latitude and longitude.
+
+    Return them by their key of `columns`, ``north_south`` or ``east_west``.
+    """
+    hemispheres: dict[str, str] = {}
+    for quantity, (key, positive, negative) in HEMISPHERES.items():
+        if quantity not in columns or key in columns:
+            continue
+        for name in sample.names:
+            words = {cell.lower() for cell in sample.cells(name)} - {""}
+            if name != columns[quantity] and words and words <= {*positive, *negative}:
+                hemispheres.setdefault(key, name)
+    return hemispheres
+
+
+def _settle_twice_named(columns: ColumnByQuantity, user_naming: Naming) -> None:
+    """Decide, in place, which quantity a column is that may be two.
+
+    A track may be a course or a run, and an id may name runs or sensors.
+    """
+    run = columns.get("run")
+    if run is None or "run" in user_naming.columns:
+        return
+    if run == columns.get("course"):
+        # Beside a speed a track is a course; else it names what moves.
+        if "speed" in columns:
+            columns.pop("run")
+        else:
+            columns.pop("course")
+    elif run == columns.get("sensor"):
+        columns.pop("run")
+
+
+def explain_no_time(names: list[str]) -> str:
+    """Return the message and the advice for a table in which no column looks like a time."""
+    message = f"no column looks like a time or a step; there are {', '.join(names)[:200]}"
+    if {"year", "month", "day"} <= {name.lower() for name in names}:
+        return f"{message}: join the parts of dates into one column, 2025-04-03 10:00:00"
+    way = (
+        f"say which is one, `--set 'columns.time={names[0]}'` (or columns.step), or number the rows"
+    )
+    if any(map(is_value, names)):
+        way += f", or name all {len(names)} if no line does, `--set 'format.names=[time, x, y]'`"
+    return f"{message}: {way}"

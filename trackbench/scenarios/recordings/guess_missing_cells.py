@@ -1,0 +1,109 @@
+"""Guess of the numbers that stand for missing cells, such as -9999, or for no detection."""
+
+from collections.abc import Collection
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.field_types import DataError, Place
+from trackbench.scenarios.recordings.guess_record import ColumnByQuantity
+from trackbench.scenarios.recordings.missing_cells import no_fix, outlying
+from trackbench.scenarios.recordings.quantities import GEODETIC, PLACE, VELOCITY
+from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.units import UNITS
+
+_FEWEST_MEASURED = 5
+"""rows beside which others may show that nothing was detected"""
+_FEWEST_LARGEST = 3
+"""equal largest ranges that may stand for none"""
+_FAR_STEPS = 10.0
+"""steps of nine of ten rows, from which on a position of zeros is none"""
+
+
+def guess_missing(
+    sample: Sample,
+    columns: ColumnByQuantity,
+    measured: set[str],
+    user_columns: Collection[str],
+) -> tuple[float, ...]:
+    """Return whole numbers far outside the others, which stand for missing cells in all columns.
+
+    They are searched in the columns of the ``measured`` quantities and in latitude and longitude. The
+    ``user_columns`` are those that the user named.
+    """
+    names = sorted((measured | {*GEODETIC[:2], "speed", *VELOCITY}) & columns.keys())
+    values = {name: sample.numbers(columns[name]) for name in names}
+    if "latitude" in values and "longitude" in values:
+        has_fix = ~no_fix(values["latitude"], values["longitude"], UNITS["deg"])
+        values = {name: column[has_fix] for name, column in values.items()}
+    codes: list[float] = []
+    far = {name: outlying(column) for name, column in values.items()}
+    for name in sorted(values.keys() & (measured | {*GEODETIC[:2]})):
+        if name == "azimuth":
+            continue  # an azimuth of 0 may be far from others, and none of them is missing
+        for value in far[name]:
+            # A number that other columns measure is no code.
+            is_code = all(
+                value in far[other] or not (values[other] == value).any() for other in values
+            )
+            if value % 1 == 0 and is_code and value not in codes:
+                codes.append(value)
+    if not codes:
+        codes = _no_detections(sample, columns, values, user_columns)
+    return tuple(codes)
+
+
+def _no_detections(
+    sample: Sample,
+    columns: ColumnByQuantity,
+    values: dict[str, Array],
+    user_columns: Collection[str],
+) -> list[float]:
+    """Return the number that stands for a position or range if nothing was detected; empty without one.
+
+    It is 0, -1 or the largest range, and its rows lie far from all rows before and after. ``values``
+    (R,) are those of the quantities. Raises DataError if another quantity has the number, too. A user
+    who named the columns, among ``user_columns``, has said that they are measured.
+    """
+    for group in (PLACE, ("range",)):
+        if not all(name in values for name in group) or not {*group}.isdisjoint(user_columns):
+            continue
+        places = np.stack([values[name] for name in group])
+        codes = [0.0, -1.0]
+        if group == ("range",):
+            # Some radars write their largest range if nothing was detected.
+            largest = float(np.nanmax(places))
+            if (places == largest).sum() >= _FEWEST_LARGEST:
+                codes.append(largest)
+        for code in codes:
+            is_code = (places == code).all(axis=0)
+            measured = np.flatnonzero(np.isfinite(places).all(axis=0) & ~is_code)
+            if not is_code.any() or len(measured) < _FEWEST_MEASURED:
+                continue
+            steps = np.sqrt(np.square(np.diff(places[:, measured], axis=1)).sum(axis=0))
+            rows = np.flatnonzero(is_code)
+            after = np.searchsorted(measured, rows)
+            away = np.full(len(rows), np.inf)
+            for neighbor in (after - 1, after):
+                inside = (neighbor >= 0) & (neighbor < len(measured))
+                nearest = places[:, measured[neighbor[inside]]]
+                distance = np.sqrt(np.square(nearest - code).sum(axis=0))
+                away[inside] = np.minimum(away[inside], distance)
+            is_far = away > _FAR_STEPS * np.quantile(steps, 0.9)
+            # Some rows may be measured there, as those at the start of a path that begins at zero.
+            if not is_far.any() or (code not in (0.0, -1.0) and not is_far.all()):
+                continue
+            others = [name for name, column in values.items() if (column[~is_code] == code).any()]
+            if not others and is_far.all():
+                return [code]
+            rows = rows[is_far]
+            shown = " and ".join(columns[name] for name in group)
+            message = (
+                f"{len(rows)} rows with {shown} = {code:g} lie far from the rows before and after"
+            )
+            way = "empty these cells if nothing was measured"
+            option = " ".join(f"--set 'columns.{name}={columns[name]}'" for name in group)
+            advice = f"{way}; if they are measured, say {option}"
+            line = sample.line + int(rows[0])
+            raise DataError(Place(sample.path, line, 1, f"{message}: {advice}"))
+    return []

@@ -1,0 +1,114 @@
+"""Record of a guess at a table: columns and units, reasons, sensors, runs and noise levels."""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple, TypeAlias
+
+from trackbench.core.arrays import Array
+from trackbench.field_types import Place
+from trackbench.scenarios.recordings.column_mapping import Naming
+from trackbench.scenarios.recordings.quantities import COURSE, PLACE, VELOCITY
+from trackbench.scenarios.recordings.rows import Rows
+
+ColumnByQuantity: TypeAlias = dict[str, str]
+"""Name of the column of each quantity."""
+UnitByQuantity: TypeAlias = dict[str, str]
+ReasonByKey: TypeAlias = dict[str, str]
+"""Comments for the config on keys that are guessed."""
+
+
+class Track(NamedTuple):
+    """Measured rows of one sensor in the longest run."""
+
+    time: Array
+    """times (R,), s; those of dates and of UNIX times count from 1970"""
+    values: Array
+    """x and y, m, or range, m, and azimuth, rad (2, R)"""
+    is_dated: bool
+
+
+class SensorGuess(NamedTuple):
+    """A sensor of the table."""
+
+    name: str
+    """name in the table's column of sensors, if it has one"""
+    kind: str
+    """type, a key of `guess_sensors.SENSORS`"""
+    quantities: tuple[str, ...]
+    """names of the measured quantities"""
+    sigmas: tuple[float, ...] = ()
+    """standard deviations of the quantities' errors"""
+
+
+@dataclass(frozen=True)
+class Guess:
+    """Guess at a table: how it is read, why so, and noise levels by sensor for a first try."""
+
+    naming: Naming
+    why: ReasonByKey
+    """reason for each guessed key or unit"""
+    runs: list[tuple[str, int]]
+    """name and number of rows of each run, the longest first"""
+    sensors: list[SensorGuess]
+    speed: float
+    """usual speed, m/s"""
+    process_noise: float = 0.0
+    """process noise that its maneuvers, or a slow target, need; 0 if that of the usual speed serves"""
+    names: list[str] = field(default_factory=list)
+    """all columns of the table"""
+    steps: int = 0
+    """different times of the longest run"""
+    inputs: dict[str, float] = field(default_factory=dict)
+    """standard deviations of a robot's measured speed v and turn rate w, if it is one"""
+    odometry: Rows | None = None
+    """rows of a robot's speed and turn rate in the longest run, in order of time"""
+    interval: float = 0.0
+    """usual interval of the longest run's rows, s, or steps"""
+    origin: tuple[float, ...] = ()
+    """latitude and longitude of the first position, deg; empty without one"""
+    is_dated: bool = False
+    """True if times are dates"""
+    outliers: float = 0.0
+    """largest share of a sensor's rows that lie far from the line between their neighbors"""
+    path: str = ""
+    """the table"""
+    radar: Track | None = None
+    """ranges and azimuths of the first sensor that measures them"""
+    places: Track | None = None
+    """positions of the first sensor that measures them"""
+    questions: list[Place] = field(default_factory=list)
+    """what the table leaves open, and a truth may decide"""
+    files: tuple["Guess", ...] = ()
+    """guess at each file, if there are several"""
+
+    @property
+    def each_file(self) -> tuple["Guess", ...]:
+        """Guesses at the files, of which there may be one alone."""
+        return self.files or (self,)
+
+    @property
+    def measures_velocity(self) -> bool:
+        """True if velocities are measured beside positions."""
+        is_one = [sensor.quantities for sensor in self.sensors] == [PLACE]
+        return is_one and has_velocity(self.naming.columns)
+
+
+@dataclass(frozen=True)
+class RobotTables:
+    """Tables beside the measurements of a robot, by which these are recognized as such."""
+
+    odometry: Guess | None = None
+    """guess at the table of speeds and turn rates"""
+    landmarks: tuple[str, ...] = ()
+    """plain labels of the landmarks whose places are known"""
+    names_turn_rate: bool = False
+    """True if the user named the column of the turn rate in the table of odometry"""
+
+    @property
+    def is_empty(self) -> bool:
+        """True if there is no such table."""
+        return self.odometry is None and not self.landmarks
+
+
+def has_velocity(columns: ColumnByQuantity) -> bool:
+    """Test whether there are columns of a velocity, or of speed and course."""
+    return columns.keys() >= {*VELOCITY} or columns.keys() >= {*COURSE}

@@ -1,0 +1,321 @@
+"""Guess of the log of a robot: its odometry, its landmarks and the direction of its bearings."""
+
+from collections.abc import Collection
+from dataclasses import replace
+
+import numpy as np
+
+from trackbench.core.angles import wrap_angle
+from trackbench.core.arrays import Array
+from trackbench.field_types import DataError, Place
+from trackbench.scenarios.recordings.column_mapping import Naming
+from trackbench.scenarios.recordings.column_names import (
+    LANDMARK_WORDS,
+    joined_and_single_words,
+    odometry_of,
+    role_of,
+)
+from trackbench.scenarios.recordings.csv_lines import plain_label
+from trackbench.scenarios.recordings.csv_tables import header
+from trackbench.scenarios.recordings.guess_record import (
+    ColumnByQuantity,
+    Guess,
+    ReasonByKey,
+    RobotTables,
+    UnitByQuantity,
+)
+from trackbench.scenarios.recordings.interleaved_rows import is_word_column
+from trackbench.scenarios.recordings.quantities import COURSE, KEYS, ODOMETRY, VELOCITY
+from trackbench.scenarios.recordings.row_noise import scatter
+from trackbench.scenarios.recordings.row_order import in_order
+from trackbench.scenarios.recordings.rows import (
+    Gathered,
+    Rows,
+    longest_first,
+    read_rows,
+    usual_interval,
+)
+from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.yaml_values import in_option
+
+_TURNS_OF_ROBOT = (0.05, 2.0)
+"""rad between two bearings of a landmark, that show the direction of a robot's turn"""
+_FEWEST_TURNS = 10
+_LARGEST_OF_ROBOT = {"v": 20.0, "w": 3.5, "range": 100.0}
+"""m/s, rad/s and m that nearly all of a robot's measurements are below, if no unit is named"""
+UNITS_OF_ROBOT = {
+    "v": ("m/s", "km/h", "cm/s", "mm/s"),
+    "w": ("rad/s", "deg/s"),
+    "range": ("m", "cm", "mm", "ft"),
+}
+_MOST_IDS = 6  # that are shown
+_LEAST_KNOWN = 0.5
+"""share of a column's words that are known landmarks, if it names these"""
+
+
+def settle_odometry(sample: Sample, columns: ColumnByQuantity) -> None:
+    """Leave the columns of times, runs, speed and turn rate, in place.
+
+    Raises DataError if the speed or the turn rate is missing.
+    """
+    named = {quantity: column.column for quantity, column in odometry_of(sample.names).items()}
+    for name in [*columns]:
+        if name not in (*KEYS, *ODOMETRY) or name == "sensor":
+            columns.pop(name)
+    for name in ODOMETRY:
+        if name in named:
+            columns.setdefault(name, named[name])
+    if not columns.keys() >= {*ODOMETRY}:
+        raise DataError(Place(sample.path, 1, 1, _no_odometry(sample, columns)))
+
+
+def _no_odometry(sample: Sample, columns: ColumnByQuantity) -> str:
+    """Return the message and the advice for a table in which a speed or a turn rate is missing."""
+    missing = [name for name in ODOMETRY if name not in columns]
+    meaning = {"v": "the robot's speed (v)", "w": "its turn rate (w)"}
+    words = " and ".join(meaning[name] for name in missing)
+    options = " ".join(f"--set 'columns.{name}=ITS NAME'" for name in missing)
+    known = ", ".join(sample.names)[:200]
+    message = (
+        f"no column looks like {words}, by which the robot's heading moves on; there are {known}"
+    )
+    return f"{message}: say {options}"
+
+
+def settle_landmarks(
+    sample: Sample, columns: ColumnByQuantity, user_naming: Naming, tables: RobotTables
+) -> bool:
+    """Return whether the table is the log of a robot, whose bearings count from its heading.
+
+    The ``columns`` of such a log are changed in place. Raises DataError with the possible answers if
+    ``user_naming`` must say so, as a table does not show from where bearings count.
+    """
+    odometry = odometry_of(sample.names)
+    has_odometry = odometry.keys() >= {*ODOMETRY} or tables.odometry is not None
+    is_like_robot = "bearing" in columns or has_odometry or bool(tables.landmarks)
+    place = _landmark_column(sample, columns, user_naming, is_like_robot, tables.landmarks)
+    # Rows are split by landmark unless the user has named another column of sensors.
+    is_split = place is not None and user_naming.columns.get("sensor", place) == place
+    angle = columns.get("azimuth")
+    if tables.landmarks and angle is not None and "azimuth" not in user_naming.columns:
+        columns.setdefault("bearing", angle)
+    if "bearing" not in columns and (angle is not None or tables.is_empty):
+        if angle is None:
+            return False
+        if "azimuth" in user_naming.columns or not (is_split or has_odometry):
+            _check_names_of_ids(sample, columns, user_naming)
+            if tables.is_empty:
+                return False
+            message = (
+                "columns.azimuth: is of fixed sensors, and --input and --landmarks are of a robot"
+            )
+            raise DataError(Place(sample.path, 1, 1, f"{message}: leave out one of them"))
+        column = in_option(angle)
+        landmarks = f" of the landmarks ({place})" if is_split else ""
+        message = f"{angle}: do the bearings{landmarks} count from the robot's heading?"
+        other = "or do fixed sensors, such as radars, measure the direction to what moves, "
+        other += "from the axis x or from north?"
+        raise DataError(
+            Place(sample.path, 1, 1, f"{message} Say --set 'columns.bearing={column}'"),
+            Place(sample.path, 1, 1, f"{other} Say --set 'columns.azimuth={column}'"),
+        )
+    # A robot's log: its own motion comes from odometry.
+    if place is not None and is_split:
+        columns["sensor"] = place
+        if columns.get("run") == place:
+            columns.pop("run")
+    for name in ("azimuth", *COURSE, *VELOCITY):
+        columns.pop(name, None)
+    if tables.odometry is not None:
+        named = [name for name in ODOMETRY if name in user_naming.columns]
+        if named:
+            message = f"columns.{named[0]}: the inputs are those of the file --input"
+            way = f"say --set 'input_naming.columns.{named[0]}=ITS NAME'"
+            raise DataError(Place(sample.path, 1, 1, f"{message}: {way}"))
+        return True
+    for name, named_column in odometry.items():
+        columns.setdefault(name, named_column.column)
+    if not columns.keys() >= {*ODOMETRY}:
+        way = "of odometry in another file, name that, --input FILE (docs/your-robot.md)"
+        raise DataError(Place(sample.path, 1, 1, f"{_no_odometry(sample, columns)}; {way}"))
+    return True
+
+
+def _landmark_column(
+    sample: Sample,
+    columns: ColumnByQuantity,
+    user_naming: Naming,
+    is_like_robot: bool,
+    landmarks: Collection[str],
+) -> str | None:
+    """Return the column that names landmarks; None without one.
+
+    Its name says so, or its words are those of known ``landmarks``. In the log of a robot
+    (``is_like_robot``) it may also have another name, such as tag or id, if its cells are empty just
+    where nothing was measured.
+    """
+    if landmarks and "sensor" not in user_naming.columns:
+        shares = {}
+        for name in sample.names:
+            words = {plain_label(word) for word in sample.words(name)}
+            shares[name] = len(words.intersection(landmarks)) / max(len(words), 1)
+        best = max(sample.names, key=shares.__getitem__)
+        if shares[best] >= _LEAST_KNOWN:
+            return best
+    for name in sample.names:
+        if role_of(name) == "place":
+            return name
+    if not is_like_robot or "sensor" in user_naming.columns:
+        return None
+    measured = np.zeros(len(sample), dtype=np.bool_)
+    for quantity in ("range", "azimuth", "bearing"):
+        if quantity in columns:
+            measured |= np.isfinite(sample.numbers(columns[quantity]))
+    quantities = {name: c for name, c in columns.items() if name not in ("run", "sensor")}
+    free = [name for name in sample.names if name not in quantities.values()]
+    fitting = []
+    for name in free:
+        cells = sample.cells(name)
+        is_named = np.array([cell != "" for cell in cells], dtype=np.bool_)
+        if np.array_equal(is_named, measured) and is_word_column(cells):
+            fitting.append(name)
+    for name in fitting:
+        is_id = not LANDMARK_WORDS.isdisjoint(joined_and_single_words(name))
+        if is_id and name not in user_naming.columns.values():
+            return name
+    # Without such a word the empty cells must show it.
+    if len(fitting) == 1 and not measured.all() and fitting[0] not in user_naming.columns.values():
+        return fitting[0]
+    return None
+
+
+def _check_names_of_ids(sample: Sample, columns: ColumnByQuantity, user_naming: Naming) -> None:
+    """Raise DataError if a column such as id or tag may name targets, sensors or landmarks.
+
+    Azimuths to several of them do not show which of these they are. The user may say so.
+    """
+    if not {"run", "sensor"}.isdisjoint(user_naming.columns):
+        return
+    angle = in_option(columns["azimuth"])
+    for name in sample.names:
+        if name in columns.values() and name not in (columns.get("run"), columns.get("sensor")):
+            continue
+        words = sample.words(name)
+        is_id = not LANDMARK_WORDS.isdisjoint(joined_and_single_words(name))
+        if not is_id or len(words) < 2 or not is_word_column(sample.cells(name)):
+            continue
+        column = in_option(name)
+        azimuth = f"--set 'columns.azimuth={angle}'"
+        shown = ", ".join(words[:_MOST_IDS])
+        if len(words) > _MOST_IDS:
+            shown += ", ..."
+        lines = [
+            f"{name}: are {shown} landmarks that a robot sees? Say --set 'columns.bearing={angle}',"
+            " and name its odometry, --input FILE",
+            f"or targets, of a radar? Say {azimuth} --set 'columns.run={column}'",
+            f"or sensors, which see one target? Say {azimuth} --set 'columns.sensor={column}'",
+        ]
+        raise DataError(*(Place(sample.path, 1, 1, line) for line in lines))
+
+
+def guess_units_of_robot(
+    sample: Sample, columns: ColumnByQuantity, units: UnitByQuantity, why: ReasonByKey
+) -> None:
+    """Add the units of a robot's measurements that the names of their columns do not have.
+
+    Raises DataError if the numbers are too large for SI units.
+    """
+    for name, (si, *others) in UNITS_OF_ROBOT.items():
+        if name in units or name not in columns:
+            continue
+        numbers = np.abs(sample.numbers(columns[name]))
+        size = 0.0
+        if np.isfinite(numbers).any():
+            size = float(np.nanquantile(numbers, 0.9))
+        if size > _LARGEST_OF_ROBOT[name]:
+            options = " or ".join(f"--set units.{name}={unit}" for unit in (*others, si))
+            message = (
+                f"{columns[name]}: no unit is named, and {size:.3g} {si} is unusual for a robot"
+            )
+            raise DataError(Place(sample.path, 1, 1, f"{message}: say {options}"))
+        units[name] = si
+        why[name] = f"guess: nine of ten are below {size:.2g}"
+
+
+def guess_odometry(path: str, naming: Naming, why: ReasonByKey) -> Guess:
+    """Read all rows of a table of odometry and return the guess with what they show."""
+    rows, runs = read_odometry_rows(path, naming)
+    # Inputs of one run are those of every run, so the column of its name is not read.
+    columns = dict(naming.columns)
+    if len(runs) == 1:
+        columns.pop("run", None)
+        if "run" in header(path, naming.format):
+            columns["run"] = ""
+    naming = replace(naming, columns=columns)
+    return Guess(
+        naming=naming,
+        why=why,
+        runs=runs,
+        sensors=[],
+        speed=0.0,
+        steps=len(np.unique(rows.ticks)),
+        inputs=sigmas_of_inputs(rows),
+        odometry=rows,
+        interval=usual_interval(rows.time),
+    )
+
+
+def read_odometry_rows(path: str, naming: Naming) -> tuple[Rows, list[tuple[str, int]]]:
+    """Read the longest run's rows with a robot's speed and turn rate, in order of time.
+
+    Return also the name and the number of rows of each run, the longest first.
+    """
+    # These are no sensor's: names of sensors in the file are not looked for.
+    without_sensor = replace(naming, columns=naming.columns | {"sensor": ""})
+    gathered = Gathered(without_sensor, refuses_far_rows=False)
+    (rows,) = read_rows(gathered, [path], [ODOMETRY])
+    sizes = np.bincount(rows.run, minlength=len(gathered.runs))
+    runs = longest_first(gathered.runs, sizes)
+    is_longest_run = rows.run == sizes.argmax()
+    has_all = np.isfinite(rows.values).all(axis=0)
+    return in_order(gathered, rows.at(np.flatnonzero(has_all & is_longest_run))), runs
+
+
+def sigmas_of_inputs(rows: Rows) -> dict[str, float]:
+    """Estimate the standard deviations of a robot's measured speed and turn rate."""
+    sigmas = {}
+    for name, values in zip(ODOMETRY, rows.values, strict=True):
+        sigmas[name] = scatter(rows.time, values)
+    return sigmas
+
+
+def check_turns_of_robot(
+    guess: Guess, odometry: Rows, bearings: list[tuple[Array, Array]], table: Guess | None
+) -> None:
+    """Raise DataError if bearings and a robot's turn rate count in opposite directions.
+
+    While a robot turns to the left, landmarks move to its right. ``bearings`` are the times, s, and the
+    bearings, rad, of each landmark. ``table`` is the guess at a table of the odometry's own.
+    """
+    if not len(odometry.time):
+        return
+    # The turn rate of a row holds since the row before.
+    intervals = np.diff(odometry.time, prepend=odometry.time[0])
+    heading = np.cumsum(odometry.values[1] * intervals)
+    right = []
+    wrong = []
+    for times, angles in bearings:
+        turns = np.diff(np.interp(times, odometry.time, heading))
+        changes = np.diff(angles)
+        is_sure = (np.abs(turns) > _TURNS_OF_ROBOT[0]) & (np.abs(turns) < _TURNS_OF_ROBOT[1])
+        right += np.abs(wrap_angle(changes + turns))[is_sure].tolist()
+        wrong += np.abs(wrap_angle(changes - turns))[is_sure].tolist()
+    if len(right) < _FEWEST_TURNS or np.median(wrong) > 0.5 * np.median(right):
+        return
+    bearing = guess.naming.columns["bearing"]
+    turn_rate = (table or guess).naming.columns["w"]
+    key = "columns.w" if table is None else "input_naming.columns.w"
+    message = f"{bearing} and {turn_rate} agree only if one of them counts clockwise"
+    way = "change the signs of the one that does, as both are read anticlockwise"
+    option = f"to read them as they are, say --set '{key}={in_option(turn_rate)}'"
+    raise DataError(Place(guess.path, 1, 1, f"{message}: {way}; {option}"))

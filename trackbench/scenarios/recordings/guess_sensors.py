@@ -1,0 +1,208 @@
+"""Guess of the sensors of a table and of the kind of each."""
+
+import re
+
+import numpy as np
+
+from trackbench.core.arrays import Array, Mask
+from trackbench.field_types import DataError, Place
+from trackbench.scenarios.recordings.column_mapping import Naming
+from trackbench.scenarios.recordings.column_names import (
+    looks_like,
+    odometry_of,
+    ranges_of,
+    role_of,
+    words_of,
+)
+from trackbench.scenarios.recordings.guess_record import (
+    ColumnByQuantity,
+    SensorGuess,
+    UnitByQuantity,
+)
+from trackbench.scenarios.recordings.quantities import GEODETIC, MEASURED, ODOMETRY, PLACE
+from trackbench.scenarios.recordings.rows import Rows
+from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.yaml_values import in_option
+
+SENSORS = {
+    "landmark": ("range", "bearing"),
+    "landmark-bearing": ("bearing",),
+    "position": ("x", "y"),
+    "range-azimuth": ("range", "azimuth"),
+    "range": ("range",),
+    "bearing": ("azimuth",),
+}
+"""Types of sensors that a table may hold, the most telling first, and what they measure.
+
+A ``bearing`` counts from the heading of what moves, an ``azimuth`` from the axis x or from north.
+"""
+ANGLES = ("azimuth", "bearing")
+
+
+def guess_sensors(
+    sample: Sample,
+    columns: ColumnByQuantity,
+    units: UnitByQuantity,
+    user_naming: Naming,
+) -> list[SensorGuess]:
+    """Return the guessed sensors of a table, those first whose columns ``user_naming`` has.
+
+    Columns of ranges to several places are added to ``columns``, and their units to ``units``. Raises
+    DataError if a sensor measures nothing that is known.
+    """
+    # Quantities by row: a position is x and y, or latitude and longitude.
+    numbers = {n: np.isfinite(sample.numbers(c)) for n, c in columns.items() if n in MEASURED}
+    if not numbers.keys() >= {*PLACE} and numbers.keys() >= {*GEODETIC[:2]}:
+        numbers["x"] = numbers["longitude"]
+        numbers["y"] = numbers["latitude"]
+    # Names of the sensors; a table without them has one sensor.
+    words = [""]
+    if columns.get("sensor"):
+        words = sample.words(columns["sensor"])
+    # The most telling type of sensor counts, but one whose columns the user names comes first.
+    answered = {*user_naming.columns}
+    if answered & {*GEODETIC[:2]}:
+        answered |= {*PLACE}
+    kinds = sorted(SENSORS.items(), key=lambda kind: -len(answered.intersection(kind[1])))
+    sensors = []
+    for word in words:
+        cells = sample.cells(columns.get("sensor", ""))
+        rows = np.array([cell == word or not word for cell in cells], dtype=np.bool_)
+        if answered.isdisjoint((*PLACE, "range", "azimuth", "bearing")):
+            _check_one_kind(sample.path, columns, numbers, rows)
+        for kind, quantities in kinds:
+            if all(name in numbers and (numbers[name] & rows).any() for name in quantities):
+                sensors.append(SensorGuess(name=word, kind=kind, quantities=quantities))
+                break
+    has_position = {"x", "y"} <= numbers.keys() or {"range", "azimuth"} <= numbers.keys()
+    ranges = {} if has_position else ranges_of(sample.names)
+    if ranges and words == [""]:
+        columns.pop("range", None)
+        sensors = []
+        for number, (name, named) in enumerate(ranges.items(), 1):
+            quantity = f"{number}.range"
+            columns[quantity] = named.column
+            sensors.append(SensorGuess(name=name.upper(), kind="range", quantities=(quantity,)))
+            if named.unit is not None:
+                units[quantity] = named.unit
+    if len(sensors) < len(words):
+        measuring = {sensor.name for sensor in sensors}
+        idle = [word for word in words if word not in measuring]
+        if columns.keys() >= {"sensor", "bearing", *ODOMETRY} and sensors:
+            message = (
+                f"{columns['sensor']}: rows of {', '.join(idle)[:80]} have no range and no bearing"
+            )
+            way = "leave this cell of theirs empty, as rows of odometry alone see no landmark"
+            raise DataError(Place(sample.path, 1, 1, f"{message}; {way}"))
+        raise DataError(Place(sample.path, 1, 1, _no_position(columns, sample)))
+    return sensors
+
+
+def _check_one_kind(
+    path: str, columns: ColumnByQuantity, numbers: dict[str, Mask], rows: Mask
+) -> None:
+    """Raise DataError if rows have a position as well as a range and an azimuth.
+
+    One of them may be the truth of the other. ``numbers`` has the rows (R,) in which each quantity is a
+    number, and ``rows`` (R,) are those of one sensor.
+    """
+    radar = ("range", "azimuth")
+    for names in (PLACE, radar):
+        if not all(name in numbers and (numbers[name] & rows).any() for name in names):
+            return
+    positions = ("x", "y") if columns.keys() >= {*PLACE} else GEODETIC[:2]
+    ways = []
+    for names in (radar, positions):
+        options = (f"--set 'columns.{n}={in_option(columns[n])}'" for n in names)
+        ways.append(" ".join(options))
+    message = f"the rows have {columns['range']} and {columns['azimuth']}, and also"
+    message += f" {columns[positions[0]]} and {columns[positions[1]]}: which ones were measured?"
+    raise DataError(
+        Place(path, 1, 1, f"{message} Say {ways[0]}"),
+        Place(path, 1, 1, f"or say {ways[1]}; the others may be a truth in a file of their own"),
+    )
+
+
+def _no_position(columns: ColumnByQuantity, sample: Sample) -> str:
+    """Return the message and the advice for a table, or a sensor of it, without measured quantities."""
+    pairs = "x and y, latitude and longitude, range and azimuth, or range"
+    names = sample.names
+    known = ", ".join(names)[:200]
+    # Case 1: a column has the name of a measured quantity, and no numbers.
+    for name in filter(columns.get, MEASURED):
+        cell = next((cell for cell in sample.cells(columns[name]) if cell), "")
+        if cell and not np.isfinite(sample.numbers(columns[name])).any():
+            message = (
+                f"{columns[name]}: {cell[:40]!r} is not a number, nor is any other of its cells"
+            )
+            return f"{message}: write decimal numbers, such as -8.5042, without letters"
+    # Case 2: coordinates of another kind.
+    if any("ecef" in "".join(words_of(name)) for name in names):
+        message = "coordinates from the center of the Earth (ECEF) are not read; there are"
+        way = "convert them to latitude and longitude (EPSG:4978 to EPSG:4326)"
+        return f"{message} {known}: {way}"
+    # Case 3: a cell is 54.32, 10.13.
+    for name in names:
+        if any(re.fullmatch(r"-?\d+\.\d+, *-?\d+\.\d+", cell) for cell in sample.cells(name)[:1]):
+            return f"column {name} has two numbers in a cell: give each a column, latitude and longitude"
+    # Case 4: a sensor, or the whole table, measures nothing that is known.
+    if columns.get("sensor"):
+        words = ", ".join(sample.words(columns["sensor"]))[:80]
+        message = f"column {columns['sensor']} names {words}, and one of them has no {pairs}"
+        return f"{message}; there are {known}: `--set 'columns.sensor=\"\"'` mixes all"
+    # Case 5: the odometry of a robot has no measurements.
+    odometry = odometry_of(names)
+    if odometry.keys() >= {*ODOMETRY}:
+        shown = " and ".join(named.column for named in odometry.values())
+        message = f"this table has inputs, {shown}, and no measurements"
+        way = "name the table of what the robot measured, --from MEASUREMENTS"
+        return f"{message}: {way} --input {sample.path} (docs/your-robot.md)"
+    way = f"say which are, `--set 'columns.x={names[0]}' --set 'columns.y={names[-1]}'`"
+    return f"no columns look like {pairs}; there are {known}: {way}"
+
+
+def check_unused(
+    sample: Sample, columns: ColumnByQuantity, sensors: list[SensorGuess], user_naming: Naming
+) -> None:
+    """Raise DataError if only angles or only ranges are read, and another column may be the other part.
+
+    The name of such a column has a word or a unit of a range or of an angle. ``user_naming`` may already
+    say which column is the other part, or that none is.
+    """
+    if len(sensors) > 1:
+        return
+    # Quantity that a sensor of each kind may measure, too.
+    other_part = {"bearing": "range", "range": "azimuth", "landmark-bearing": "range"}
+    quantity = other_part.get(sensors[0].kind)
+    if quantity is None or quantity in user_naming.columns:
+        return
+    candidates = []
+    for name in sample.names:
+        has_numbers = np.isfinite(sample.numbers(name)).any()
+        if name in columns.values() or not has_numbers or role_of(name) == "quality":
+            continue
+        if looks_like(name, quantity):
+            candidates.append(in_option(name))
+    if candidates:
+        measured = columns[sensors[0].quantities[-1]]
+        ways = " or ".join(f"--set 'columns.{quantity}={name}'" for name in candidates)
+        doubt = f"is {' or '.join(candidates)} the {quantity}?"
+        message = f"only {measured} is recognized as measured; {doubt}"
+        way = f"Say {ways}, or --set 'columns.{quantity}=\"\"' if none is"
+        raise DataError(Place(sample.path, 1, 1, f"{message} {way}"))
+
+
+def unwrapped_values(rows: Rows, kind: str, in_degrees: bool) -> list[Array]:
+    """Return the values (R,) of each quantity of a sensor; angles are in radians and without jumps.
+
+    ``kind`` is a key of `SENSORS`. ``in_degrees`` is True if the angles of ``rows`` are in degrees.
+    """
+    # Rows of the values below those of the sensor's quantities are measured velocities.
+    values = [*rows.values[: len(SENSORS[kind])]]
+    if SENSORS[kind][-1] in ANGLES:
+        azimuth = values[-1]
+        if in_degrees:
+            azimuth = azimuth * UNITS["deg"]
+        values[-1] = np.unwrap(azimuth)
+    return values

@@ -1,0 +1,189 @@
+"""Order of the steps by which a table is guessed: format, columns, sensors, clock, units and errors."""
+
+from collections.abc import Collection
+from dataclasses import replace
+from itertools import chain
+
+from trackbench.field_types import DataError, Place
+from trackbench.scenarios.recordings.column_mapping import Naming
+from trackbench.scenarios.recordings.column_names import words_of
+from trackbench.scenarios.recordings.csv_lines import TextFormat
+from trackbench.scenarios.recordings.csv_tables import header, parse_cells
+from trackbench.scenarios.recordings.dates import instant
+from trackbench.scenarios.recordings.guess_columns import (
+    TableContent,
+    check_given_keys,
+    explain_no_time,
+    find_dates,
+    guess_columns,
+)
+from trackbench.scenarios.recordings.guess_coordinates import (
+    check_earth_centered,
+    check_slant_ranges,
+    check_split_angles,
+    check_zones,
+)
+from trackbench.scenarios.recordings.guess_errors import guess_from_all_rows
+from trackbench.scenarios.recordings.guess_format import check_thousands, guess_format
+from trackbench.scenarios.recordings.guess_missing_cells import guess_missing
+from trackbench.scenarios.recordings.guess_record import (
+    Guess,
+    ReasonByKey,
+    RobotTables,
+    SensorGuess,
+    has_velocity,
+)
+from trackbench.scenarios.recordings.guess_robot import guess_odometry
+from trackbench.scenarios.recordings.guess_sensors import check_unused, guess_sensors
+from trackbench.scenarios.recordings.guess_time import DateForm, date_form
+from trackbench.scenarios.recordings.guess_units import UnitChoice, check_named_units
+from trackbench.scenarios.recordings.interleaved_rows import (
+    MixedRowsError,
+    explain_labels,
+    key_of_labels,
+)
+from trackbench.scenarios.recordings.quantities import ODOMETRY, PLACE, STAMP_PARTS
+from trackbench.scenarios.recordings.table_sample import Sample
+
+
+def recognized(
+    path: str,
+    user_naming: Naming | None = None,
+    user_keys: Collection[str] = (),
+    tables: RobotTables | None = None,
+) -> Guess:
+    """Guess how a table of measurements is written.
+
+    Keys that are set in ``user_naming`` are not guessed. ``user_keys`` are the keys that the user set,
+    also to nothing, such as ``clockwise=[]``. ``tables`` are those beside it, if it is a robot's. Raises
+    DataError if no column is a time, or none is measured.
+    """
+    naming = user_naming or Naming()
+    return _recognized(path, naming, user_keys, tables or RobotTables(), "measurements")
+
+
+def recognized_odometry(path: str, user_naming: Naming | None = None) -> Guess:
+    """Guess how a table of a robot's speeds and turn rates is written, which has no sensors.
+
+    Keys that are set in ``user_naming`` are not guessed. Raises DataError if a column is missing.
+    """
+    return _recognized(path, user_naming or Naming(), (), RobotTables(), "odometry")
+
+
+def _recognized(
+    path: str,
+    user_naming: Naming,
+    user_keys: Collection[str],
+    tables: RobotTables,
+    content: TableContent,
+) -> Guess:
+    """Guess how a table with this content is written; the arguments are those of `recognized`."""
+    check_given_keys(path, user_naming)
+    label_columns: dict[str, str] = {}
+    # A column whose words split the rows names runs or sensors. There may be one of each, so that the
+    # guess is repeated with each such column.
+    while True:
+        try:
+            with_labels = replace(user_naming, columns=user_naming.columns | label_columns)
+            guess = _recognized_columns(path, with_labels, user_keys, tables, content)
+        except MixedRowsError as error:
+            key = key_of_labels(error)
+            if key in label_columns or key in user_naming.columns:
+                raise
+            label_columns[key] = error.column
+            continue
+        except DataError as error:
+            if not label_columns:
+                raise
+            raise DataError(*error.places, *explain_labels(path, label_columns)) from None
+        guess.why.update(
+            dict.fromkeys(label_columns, "guess: rows of one of its words agree with each other")
+        )
+        return guess
+
+
+def _recognized_columns(
+    path: str,
+    user_naming: Naming,
+    user_keys: Collection[str],
+    tables: RobotTables,
+    content: TableContent,
+) -> Guess:
+    """Guess how a table is written; raises MixedRowsError if a column splits its rows.
+
+    ``user_keys`` are the keys that the user set.
+    """
+    # Step 1: find the columns by their names.
+    why: ReasonByKey = {}
+    user_format = user_naming.format or TextFormat()
+    form = guess_format(path, user_format, why)
+    names = header(path, form)
+    sample = Sample(path, names, form)
+    sample.require_rows()
+    for key, column in user_naming.columns.items():
+        if column and column not in names:
+            message = (
+                f"no column {column}, which columns.{key} names; there are {', '.join(names)[:200]}"
+            )
+            raise DataError(Place(path, 1, 1, message))
+    columns, units = guess_columns(sample, user_naming, why, tables, content)
+    if "time" not in columns and "step" not in columns:
+        find_dates(sample, columns, why)
+    if "time" not in columns and "step" not in columns:
+        raise DataError(Place(path, 1, 1, explain_no_time(names)))
+    # Step 2: find the sensors, and the form of dates.
+    sensors = [SensorGuess(name="", kind="odometry", quantities=ODOMETRY)]
+    if content == "measurements":
+        sensors = guess_sensors(sample, columns, units, user_naming)
+    check_unused(sample, columns, sensors, user_naming)
+    if form.thousands and not user_format.thousands and form.decimal is None:
+        check_thousands(sample, columns, form.thousands)
+    measured = set(chain.from_iterable(sensor.quantities for sensor in sensors))
+    check_named_units(sample, columns, units, measured)
+    if {*PLACE} <= measured:
+        check_split_angles(sample, columns)
+        check_earth_centered(sample, columns, units)
+        check_zones(sample, columns, user_naming.columns)
+    check_slant_ranges(sample, columns, units, user_naming.columns)
+    if "time" in columns and not {"date", *STAMP_PARTS} & columns.keys():
+        sample.require_two_times(columns["time"])
+    clock = DateForm(user_naming.time_format, bool(user_naming.time_format))
+    if "time" in columns and not clock.form:
+        times = sample.cells(columns["time"])
+        dates = []
+        if "date" in columns:
+            dates = sample.cells(columns["date"])
+        words = words_of(columns["time"])
+        clock = date_form(path, times, dates, sample.line, words, "time" in units)
+        # A column `day` may be a number of days: only beside times of a day, and with whole dates.
+        day = next((name for name in names if name.lower() == "day"), "")
+        if clock.form and "%d" not in clock.form and not parse_cells(instant, sample.cells(day))[1]:
+            columns["date"] = day
+            clock = date_form(path, times, sample.cells(day), sample.line)
+    if clock.why:
+        why["time_format"] = clock.why
+    # Step 3: choose the units by which times, positions and speeds agree.
+    missing = user_naming.missing or guess_missing(sample, columns, measured, user_naming.columns)
+    is_one_position = sensors[0].quantities == PLACE and len(sensors) == 1
+    measures_velocity = is_one_position and has_velocity(columns)
+    with_missing = replace(user_naming, missing=missing)
+    reading = UnitChoice(sample, columns, units, clock, with_missing, why, user_naming.columns)
+    reading.check_azimuths(sensors)
+    clock = reading.choose_units(sensors[0], measures_velocity)
+    naming = replace(
+        user_naming,
+        columns=columns,
+        units=units,
+        time_format=clock.form,
+        missing=missing,
+        format=form if form != TextFormat() else None,
+    )
+    if missing and not user_naming.missing:
+        why["missing"] = "guess: far outside the others"
+    # Step 4: read all rows.
+    if content == "odometry":
+        return replace(guess_odometry(path, naming, why), names=names, path=path)
+    guess = guess_from_all_rows(
+        path, naming, why, sensors, sample, user_naming.columns, user_keys, tables
+    )
+    return replace(guess, names=names)

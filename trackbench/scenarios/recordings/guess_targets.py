@@ -1,0 +1,212 @@
+"""Questions on rows of several targets: jumps of place, and places of one time far apart."""
+
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from trackbench.core.arrays import Array
+from trackbench.field_types import DataError
+from trackbench.scenarios.recordings.row_noise import error_of_line
+from trackbench.scenarios.recordings.rows import Gathered, Rows
+from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.units import UNITS
+from trackbench.scenarios.recordings.yaml_values import in_option
+
+_FEWEST = 5
+"""rows before and after a jump; fewer may be outliers"""
+_MOST_JUMPS = 10
+"""more are those of a table of mixed rows, which are asked about otherwise"""
+_FASTER = 2.5
+"""times as fast as ever before and after, that a jump must be"""
+_SIGMAS = 20.0
+"""standard deviations of a position, that a jump must be long"""
+_FASTEST_AT_REST = 60.0
+"""m/s that something may have had in a pause, if it hardly moves before and after"""
+_MOST_A_SECOND = 20
+_MOST_COMPARED = 1000
+"""rows that show whether those of one time are several targets"""
+_TIMES_APART = 3.0
+"""ratio of the distance between rows of one time to that from the next time, of several targets"""
+_DAY = 86400.0  # s
+
+
+def guess_same_time(
+    gathered: Gathered, rows: Rows, kind: str, in_degrees: bool
+) -> Literal["spread"] | None:
+    """Return "spread" for the key `same_time` if rows of one second differ and times are whole seconds.
+
+    None otherwise. Raises DataError if these rows lie so far apart that they are those of several
+    targets. ``kind`` is the type of the rows' sensor; ``in_degrees`` if its angles are in degrees.
+    """
+    twice = (np.diff(rows.ticks) == 0) & (np.diff(rows.values, axis=1) != 0.0).any(axis=0)
+    if not twice.any():
+        return None
+    places = _places(rows, kind, in_degrees)
+    if places is not None and _lie_apart(rows.ticks[:_MOST_COMPARED], places[:, :_MOST_COMPARED]):
+        message = "rows of one time are far apart, and near those of other times: are they several"
+        message += " targets, or false detections?"
+        way = "Give each target a number in a column, and say --set 'columns.run=ITS NAME'"
+        option = "if they are one target, say --set same_time=spread, or mean or last"
+        place = gathered.place(
+            rows, int(np.flatnonzero(twice)[0]) + 1, f"{message} {way}; {option}"
+        )
+        raise DataError(place)
+    seconds = len(np.unique(rows.time))
+    if gathered.stepped or (rows.time % 1.0).any() or seconds < 2:
+        return None
+    # So many rows of one second may be those of many targets.
+    if len(rows.time) > _MOST_A_SECOND * seconds:
+        return None
+    if gathered.dated and not (rows.time % _DAY).any():
+        return None  # dates without a time of day
+    return "spread"
+
+
+def _lie_apart(ticks: NDArray[np.integer[Any]], places: Array) -> bool:
+    """Test whether places (2, R) of one time lie farther apart than from those of the next time."""
+    apart = []
+    nearest = []
+    times, first = np.unique(ticks, return_index=True)
+    groups = [places[:, ticks == tick] for tick in times[np.argsort(first)]]
+    for group, following in pairwise(groups):
+        apart += np.hypot(*np.diff(group, axis=1)).tolist()
+        away = group[:, :, None] - following[:, None, :]
+        nearest += np.hypot(*away).min(axis=1).tolist()
+    if not apart:
+        return False
+    # Of false detections most are far from all rows of the next time.
+    return bool(np.quantile(apart, 0.25) > _TIMES_APART * np.quantile(nearest, 0.25))
+
+
+def check_jumps(
+    gathered: Gathered, rows: Rows, kind: str, in_degrees: bool, sample: Sample
+) -> None:
+    """Raise DataError if a run jumps to a place that no motion explains, and goes on from there.
+
+    Its rows may be those of two targets: the name of the first one was given again, or two recordings
+    stand in one table. ``kind`` is the type of the rows' sensor; ``in_degrees`` if its angles are in
+    degrees. ``sample`` are the first rows as they are written.
+    """
+    places = _places(rows, kind, in_degrees)
+    if places is None:
+        return
+    jump = unexplained_jump(rows.time, places)
+    if jump is None:
+        return
+    column = gathered.naming.columns.get("run", "")
+    name = gathered.runs[rows.run[jump.row]]
+    message = f"{jump.distance:.3g} m in {jump.duration:.3g} {gathered.time_unit} are"
+    message += f" {jump.times_as_fast:.2g} times as fast as all rows before and after"
+    doubt = f"does {column} {name} name another target from here on?"
+    way = f"Give it another name; if it is one target, say --set 'columns.run={in_option(column)}'"
+    if not column:
+        doubt = "is this another target, or another recording, from here on?"
+        way = "Say which column names targets, --set 'columns.run=NAME'; if all rows are those of one,"
+        way += " say --set 'columns.run=\"\"'"
+    way += _way_without_fix(sample, gathered.naming.columns)
+    raise DataError(gathered.place(rows, jump.row, f"{message}: {doubt} {way}"))
+
+
+def _way_without_fix(sample: Sample, columns: Mapping[str, str]) -> str:
+    """Return the option for positions in which 0 stands for a missing fix; empty if none has zeros."""
+    options = []
+    for quantity in ("latitude", "longitude", "x", "y", "range"):
+        is_zero = sample.numbers(columns.get(quantity, "")) == 0.0
+        # A position that crosses an axis is seldom exactly 0 in row after row.
+        if (is_zero[1:] & is_zero[:-1]).any() and not is_zero.all():
+            options.append(f"--set 'missing.{quantity}=[0]'")
+    if not options:
+        return ""
+    return f"; if 0 stands for no fix, say {' '.join(options)}"
+
+
+class Jump(NamedTuple):
+    """Jump between two neighboring rows of one run."""
+
+    row: int
+    """the row after the jump"""
+    distance: float
+    duration: float
+    times_as_fast: float
+    """ratio of its speed to the largest one before and after"""
+
+
+def unexplained_jump(time: Array, places: Array) -> Jump | None:
+    """Return the first jump of a run that no motion explains; None without one.
+
+    ``time`` (R,) is in order, ``places`` (2, R) are in meters. The rows before and after a jump must go
+    on where it ends, so that outliers are none, and the jump must need a speed that is several times the
+    largest one of these rows over ways that last as long as the jump, or as long as there are rows.
+    """
+    distances = np.hypot(*np.diff(places, axis=1))
+    durations = np.diff(time)
+    moving = durations > 0.0
+    if moving.sum() < 2 * _FEWEST:
+        return None
+    sigma = float(np.hypot(error_of_line(time, places[0]), error_of_line(time, places[1])))
+    usual_interval = float(np.median(durations[moving]))
+    # Step 1: candidates are many times as long as the usual way from row to row.
+    usual = float(np.median(distances[moving]))
+    candidates = np.flatnonzero(distances > np.maximum(10.0 * usual, _SIGMAS * sigma))
+    if not 0 < len(candidates) <= _MOST_JUMPS:
+        return None
+    # Step 2: compare each with the rows on both sides, up to the next candidate.
+    bounds = np.concatenate([[-1], candidates, [len(distances)]])
+    for number, candidate in enumerate(candidates.tolist(), 1):
+        parts = [
+            slice(int(bounds[number - 1]) + 1, candidate + 1),
+            slice(candidate + 1, int(bounds[number + 1]) + 1),
+        ]
+        if any(rows.stop - rows.start < _FEWEST for rows in parts):
+            continue
+        duration = max(float(durations[candidate]), usual_interval)
+        speeds = [_largest_speed(time[rows], places[:, rows], duration) for rows in parts]
+        largest = max(speeds)
+        # What hardly moves shows no speed but that of its errors.
+        span = min(duration, max(float(np.ptp(time[rows])) for rows in parts))
+        if largest * span < _SIGMAS * sigma:
+            largest = max(largest, _FASTEST_AT_REST / _FASTER)
+        needed = (distances[candidate] - _SIGMAS * sigma) / duration
+        if needed > _FASTER * largest:
+            speed = float(distances[candidate]) / duration
+            return Jump(
+                row=candidate + 1,
+                distance=float(distances[candidate]),
+                duration=duration,
+                times_as_fast=speed / max(*speeds, 1e-9),
+            )
+    return None
+
+
+def _largest_speed(time: Array, places: Array, duration: float) -> float:
+    """Return the largest speed over ways that last at least ``duration``, or a third of the rows."""
+    lasting = min(duration, float(time[-1] - time[0]) / 3.0)
+    first = np.arange(len(time))
+    last = np.searchsorted(time, time + lasting, side="left")
+    # A way has at least one interval, and ends within the part.
+    last = np.maximum(last, first + 1)
+    inside = last < len(time)
+    first = first[inside]
+    last = last[inside]
+    lengths = time[last] - time[first]
+    known = lengths > 0.0
+    if not known.any():
+        return 0.0
+    ways = np.hypot(*(places[:, last] - places[:, first]))
+    return float((ways[known] / lengths[known]).max())
+
+
+def _places(rows: Rows, kind: str, in_degrees: bool) -> Array | None:
+    """Return the positions (2, R) of rows, m; None for a sensor that measures none.
+
+    ``kind`` is the type of the rows' sensor; ``in_degrees`` if its angles are in degrees.
+    """
+    if kind == "position":
+        return rows.values[:2]
+    if kind == "range-azimuth":
+        azimuth = rows.values[1] * (UNITS["deg"] if in_degrees else 1.0)
+        return rows.values[0] * np.stack([np.cos(azimuth), np.sin(azimuth)])
+    return None

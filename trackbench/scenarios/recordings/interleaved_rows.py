@@ -1,0 +1,305 @@
+"""Interleaved rows of several targets or sensors, and the column that splits them."""
+
+import re
+from collections.abc import Collection, Mapping, Sequence
+from typing import Literal
+
+import numpy as np
+
+from trackbench.core.arrays import Array, Index, Mask
+from trackbench.field_types import DataError, Place
+from trackbench.scenarios.recordings.column_mapping import Columns
+from trackbench.scenarios.recordings.column_names import columns_of, role_of
+from trackbench.scenarios.recordings.csv_lines import is_value
+from trackbench.scenarios.recordings.csv_tables import Table, WholeNumbers
+from trackbench.scenarios.recordings.row_noise import (
+    distances_from_other_line,
+    median_errors_of_lines,
+)
+from trackbench.scenarios.recordings.yaml_values import in_option
+
+Split = Literal["apart", "errors", "one", "unknown"]
+"""Parts are apart, have errors of different sizes, agree as one, or cannot be compared."""
+_MOST_WORDS = 50
+"""of a column whose name says nothing"""
+_MOST_PARTS = 12
+"""that are compared, the largest"""
+_MOST_ROWS = 20_000
+_MOST_NUMBERS = 12
+"""values of a column of numbers that may name targets though its own name does not say so"""
+_FEWEST = 8
+"""rows of a part that can be compared with another part"""
+_APART = 4.0
+"""distance between parts, in distances of a row from the line between its neighbors of the same part"""
+_ERRORS = 3.0
+"""ratio of the sizes of two parts' errors"""
+_JUMP = 20.0
+"""jump from one part to the next, in usual steps"""
+_MOST_WORDS_SHOWN = 8
+
+
+class MixedRowsError(DataError):
+    """Rows of several targets or sensors, which a column names, would be those of one."""
+
+    def __init__(self, place: Place, column: str, role: str, split: Split) -> None:
+        super().__init__(place)
+        self.column = column
+        self.role = role
+        self.split = split
+
+
+def possible_labels(columns: Columns, of_time: Collection[str]) -> list[str]:
+    """Return the unused columns that may name the target or the sensor of each row.
+
+    The words of these columns are read with the table. The columns ``of_time`` are parts of a time.
+    """
+    named = columns.naming.columns
+    if named.get("run") == "" or named.get("sensor") == "":
+        return []  # the config says that the rows are mixed
+    labels = []
+    quantities = columns_of(columns.names)
+    measured = {c.column for name, c in quantities.items() if name not in ("run", "sensor")}
+    for name, cells in columns.first_cells.items():
+        # A column with the name of a quantity is measured, unless it may also name targets, as a track.
+        is_measured = name in of_time or (name in measured and not role_of(name))
+        if not is_measured and may_split(name, cells) and columns.take_words(name):
+            labels.append(name)
+    return labels
+
+
+def may_split(name: str, cells: Sequence[str]) -> bool:
+    """Test whether a column may name the target or sensor of each row, by its name and first cells.
+
+    The cells must be words that are repeated, and no measured numbers. Rows may be sorted by target, so
+    that all of these cells are one word: then the name of the column must say that it names targets.
+    """
+    words = {cell for cell in cells if cell}
+    role = role_of(name)
+    if role == "quality" or _has_decimals(words):
+        return False
+    if role:
+        return 0 < len(words) < len(cells)
+    if not 2 <= len(words) <= _MOST_WORDS or len(cells) < 2 * len(words):
+        return False
+    # Many different numbers are rather measured ones.
+    return len(words) <= _MOST_NUMBERS or not all(map(is_value, words))
+
+
+def check_label(
+    columns: Columns,
+    table: Table,
+    label: str,
+    quantities: Mapping[str, Array],
+    runs: WholeNumbers,
+    time: Array,
+    of_sensor: WholeNumbers | slice,
+) -> None:
+    """Raise MixedRowsError if a column seems to name several targets or sensors of one sensor's rows.
+
+    The rows of the longest run are split by the words of the column ``label``. If the column's name
+    says that it names targets or sensors, this is an error unless the parts agree as one. For any other
+    column the parts must clearly differ. ``quantities``, ``runs`` and ``time`` are those of the
+    sensor's rows, and ``of_sensor`` are the indices of these rows in the table.
+    """
+    codes = table.columns[label][of_sensor]
+    words = table.words[label]
+    if not len(runs):
+        return
+    # In the header of a ROS message this is the frame of a camera, beside the names of what it sees.
+    is_frame = label.replace("_", "").lower().endswith("frameid")
+    if is_frame and columns.column("sensor") is not None:
+        return
+    empty = words.index("") if "" in words else -1  # code of empty cells; none has -1
+    is_longest = (runs == np.bincount(runs).argmax()) & (codes != empty)
+    rows = np.flatnonzero(is_longest)
+    found, counts = np.unique(codes[rows], return_counts=True)
+    values = as_positions({name: values[rows] for name, values in quantities.items()})
+    # At least two words, on two rows each on average, and two words that are on several rows.
+    is_repeated = len(found) >= 2 and len(rows) >= 2 * len(found) and (counts > 1).sum() > 1
+    if not (is_repeated and len(values)):
+        return
+    # The role is "target", "sensor", "place" or "quality", empty if the column's name does not say it.
+    role = role_of(label)
+    # The split is "apart", "errors" (of different sizes), "one" or "unknown".
+    split = split_by(codes[rows], time[rows], values)
+    # Parts that differ by the size of their errors alone are sensors only if they take turns.
+    is_mixed = split == "apart" or (split == "errors" and is_regular(codes[rows], time[rows]))
+    if role:
+        is_mixed = split != "one"
+    if not is_mixed:
+        return
+    shown = ", ".join(words[code] for code in found[:_MOST_WORDS_SHOWN].tolist())
+    more = ", ..." if len(found) > _MOST_WORDS_SHOWN else ""
+    message = (
+        f"column {label} has {len(found)} values ({shown}{more}), which would be one run and sensor"
+    )
+    if split in ("apart", "errors"):
+        message += "; the rows of each agree with themselves better than with the others"
+    way = f"say `columns: {{run: {label}}}` for a run each, `columns: {{sensor: {label}}}` for a sensor"
+    mix = "run" if columns.column("run") is None else "sensor"
+    way += f' each, or `columns: {{{mix}: ""}}` to mix them'
+    raise MixedRowsError(Place(columns.path, 1, 1, f"{message}: {way}"), label, role, split)
+
+
+def split_by(codes: Index, time: Array, values: Array) -> Split:
+    """Compare the parts into which codes (R,) split the rows of one run, as `Split` names the results.
+
+    ``time`` (R,) and ``values`` (n, R) are those of the rows, which need not be sorted by time.
+    """
+    complete_rows = np.flatnonzero(np.isfinite(values).all(axis=0))[:_MOST_ROWS]
+    order = complete_rows[np.argsort(time[complete_rows], kind="stable")]
+    time = time[order]
+    values = values[:, order]
+    codes = codes[order]
+    all_codes, counts = np.unique(codes, return_counts=True)
+    largest = all_codes[np.argsort(-counts, kind="stable")][:_MOST_PARTS]
+    parts = [np.flatnonzero(codes == code) for code in largest.tolist()]
+    parts = [part for part in parts if len(part) >= 3]
+    if len(parts) < 2:
+        return "unknown"
+    # Step 1: each part's own size of errors, from the lines between neighbors.
+    sizes = [median_errors_of_lines(time[part], values[:, part]) for part in parts]
+    compared = apart = unequal = 0
+    # Step 2: rows of one part beside the line between neighboring rows of another part.
+    for i, first in enumerate(parts):
+        for j, other in enumerate(parts):
+            if i == j:
+                continue
+            away = distances_from_other_line(time, values, first, other)
+            if away.shape[1] < min(_FEWEST, len(other) - 1):
+                continue  # too few rows of the other part lie between rows of the first
+            compared += 1
+            middle = np.median(away, axis=1)
+            noise = np.maximum(sizes[i], sizes[j])
+            apart += bool((middle > _APART * noise).any())
+            # The other part is less accurate than the first one: its rows are far from the line of the
+            # first, and from the lines between its own rows.
+            larger = (middle > _ERRORS * sizes[i]) & (sizes[j] > _ERRORS * sizes[i])
+            unequal += bool(larger.any())
+    if compared:
+        if 2 * apart > compared:
+            return "apart"
+        if unequal:
+            return "errors"
+        return "one"
+    # Step 3: parts one after the other: a jump wherever one part follows the other.
+    if _jumps(time, values, codes):
+        return "apart"
+    return "unknown"
+
+
+def _jumps(time: Array, values: Array, codes: Index) -> bool:
+    """Test whether the values (n, R) jump at more than half of the changes from one part to another.
+
+    ``codes`` (R,) number each row's part. A jump exceeds `_JUMP` usual steps within a part, and its
+    rows are at most five usual intervals apart, as a long gap explains a large step.
+    """
+    steps = np.abs(np.diff(values, axis=1))
+    intervals = np.diff(time)
+    is_change: Mask = np.diff(codes) != 0
+    usual_step = np.zeros(len(values))
+    if (~is_change).any():
+        usual_step = np.median(steps[:, ~is_change], axis=1)
+    is_short = intervals <= 5.0 * np.median(intervals)
+    is_large = (steps > _JUMP * np.maximum(usual_step, 1e-9)[:, None]).any(axis=0)
+    is_jump = is_large & is_change & is_short
+    return bool(is_jump.sum() > 0.5 * is_change.sum())
+
+
+def is_regular(codes: Index, time: Array) -> bool:
+    """Test whether the parts alternate in time, each at nearly equal intervals.
+
+    Rows of several sensors do so; rows of good and bad quality do not. ``codes`` (R,) number the parts.
+    """
+    order = np.argsort(time, kind="stable")
+    codes = codes[order]
+    time = time[order]
+    counts = np.unique(codes, return_counts=True)[1]
+    changes = int((np.diff(codes) != 0).sum())
+    # Two parts that alternate row by row change twice per row of the rarer one; 1.2 times is enough.
+    fewest_changes = 1.2 * (len(codes) - counts.max())
+    if changes < fewest_changes:
+        return False
+    # Seven of ten intervals of each part are within 20 % of the usual one.
+    for code in np.unique(codes).tolist():
+        apart = np.diff(time[codes == code])
+        if (
+            len(apart) < 2
+            or (np.abs(apart - np.median(apart)) <= 0.2 * np.median(apart)).mean() < 0.7
+        ):
+            return False
+    return True
+
+
+def as_positions(values: Mapping[str, Array]) -> Array:
+    """Return quantities (R,) by name as rows (n, R) without jumps: angles as points of a circle."""
+    rows = []
+    # Angles are points at the measured range, or of the unit circle.
+    radius: Array | float = 1.0
+    ranges = [value for name, value in values.items() if name.endswith("range")]
+    if ranges:
+        radius = ranges[0]
+    for name, value in values.items():
+        plain = name.rpartition(".")[2]
+        if plain in ("azimuth", "bearing", "heading", "course", "angle"):
+            rows += [radius * np.cos(value), radius * np.sin(value)]
+        elif np.isfinite(value).any():
+            rows.append(value)
+    if not rows:
+        return np.empty((0, 0))
+    return np.stack(rows)
+
+
+def key_of_labels(error: MixedRowsError) -> str:
+    """Return whether a column that splits the rows names runs or sensors, as a key of `columns`.
+
+    Raises DataError if neither is evident.
+    """
+    if error.role == "place":
+        return "sensor"
+    # Rows of one target whose errors differ in size are those of several sensors.
+    if error.split == "errors" or (error.role == "sensor" and error.split == "unknown"):
+        return "sensor"
+    if error.role != "sensor":
+        return "run"
+    # The column's name says sensors, and the rows say targets.
+    column = in_option(error.column)
+    message = (
+        f"column {column} splits the rows into parts that lie apart: are they several targets, or"
+    )
+    way = f"`--set 'columns.run={column}'`, `--set 'columns.sensor={column}'`, or to mix them"
+    place = error.places[0]
+    raise DataError(
+        place._replace(
+            what=f"{message} sensors of one with a bias? Say {way} `--set 'columns.run=\"\"'`"
+        )
+    )
+
+
+def explain_labels(path: str, label_columns: dict[str, str]) -> list[Place]:
+    """Say how to change the meaning of the columns that were taken to name runs or sensors.
+
+    ``label_columns`` are these columns by their key, ``run`` or ``sensor``.
+    """
+    places = []
+    for key, column in label_columns.items():
+        name = in_option(column)
+        other = "sensor" if key == "run" else "run"
+        meaning = {"run": "targets", "sensor": "sensors or landmarks"}
+        message = f"column {name} was taken to name {meaning[key]}, as its words split the rows"
+        way = f"if it names {meaning[other]}, say --set 'columns.{other}={name}'"
+        none = f"if neither, say --set 'columns.{key}=\"\"'"
+        places.append(Place(path, 1, 1, f"{message}: {way}; {none}"))
+    return places
+
+
+def is_word_column(cells: Sequence[str]) -> bool:
+    """Test whether the cells of a column are a few repeated words, which are no measured numbers."""
+    words = {cell for cell in cells if cell}
+    filled = sum(cell != "" for cell in cells)
+    return not _has_decimals(words) and 0 < len(words) <= _MOST_WORDS and filled >= 2 * len(words)
+
+
+def _has_decimals(words: Collection[str]) -> bool:
+    """Test whether a word is a number with decimals, such as 0.5 or 1,5e3."""
+    return any(re.fullmatch(r"[-+]?\d*[.,]\d+([eE][-+]?\d+)?", word) for word in words)

@@ -1,0 +1,36 @@
+"""Names of the quantities that columns of a table have, and of its further columns."""
+
+KEYS = (
+    "run",
+    "time",
+    "step",
+    "sensor",
+    "date",
+    "received",
+    "north_south",
+    "east_west",
+    "week",
+    "subsecond",
+)
+"""Keys of `columns` that are no quantities."""
+HEMISPHERES = {
+    "latitude": ("north_south", ("n", "north", "nord", "norte"), ("s", "south", "sud", "sur")),
+    "longitude": ("east_west", ("e", "east", "est", "ost", "este"), ("w", "west", "ouest")),
+}
+"""Key of the column of a coordinate's hemisphere, and its words for positive and negative ones."""
+STAMP_PARTS = {"week": 604800.0, "subsecond": 1e-9}
+"""Columns that are added to the time, if the config names them, and their usual unit, s."""
+GEODETIC = ("latitude", "longitude", "altitude")
+COURSE = ("speed", "course")
+PLACE = ("x", "y")
+VELOCITY = ("vx", "vy")
+MEASURED = ("x", "y", "latitude", "longitude", "range", "azimuth", "bearing")
+ODOMETRY = ("v", "w")
+
+
+def plain_name(name: str) -> str:
+    """Return the quantity of a component: x of ``px``, and of the second sensor's ``2.x``."""
+    plain = name.rpartition(".")[2]
+    if plain in ("px", "py", "pz"):
+        return plain.removeprefix("p")
+    return plain

@@ -1,0 +1,328 @@
+"""Order in which files become a recording: measurements, inputs, clock and truth of all runs."""
+
+import os
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.field_types import (
+    DataError,
+)
+from trackbench.models.base import measured_angle_rows
+from trackbench.models.inputs import KnownInputs
+from trackbench.models.sensors.base import Sensors, rows_of, sensors_of
+from trackbench.scenarios.recordings.column_mapping import Naming, NamingKeys
+from trackbench.scenarios.recordings.file_overlap import check_common_time, note_files_apart
+from trackbench.scenarios.recordings.known_inputs import (
+    InputRows,
+    aligned_with,
+    inputs_at,
+    missing_run,
+    rows_within,
+    with_inputs_only,
+)
+from trackbench.scenarios.recordings.quantities import plain_name
+from trackbench.scenarios.recordings.recording_keys import RecordingKeys
+from trackbench.scenarios.recordings.row_order import in_order
+from trackbench.scenarios.recordings.rows import (
+    Gathered,
+    Rows,
+    check_turns,
+    chosen_runs,
+    read_rows,
+)
+from trackbench.scenarios.recordings.time_alignment import (
+    ONE_RUN,
+    Clock,
+    check_runs_of_truth,
+    common_clock,
+    initial_scans,
+    measurement_array,
+    note_on_shared_clock,
+    truth_at,
+    with_scans,
+)
+from trackbench.scenarios.recordings.truth_check import StepClock, contradictions
+from trackbench.scenarios.starts.base import position_part
+
+
+class Recording(NamedTuple):
+    """M recorded runs on one clock."""
+
+    clock: Clock
+    names: tuple[str, ...]
+    """names of the runs"""
+    scans: Array
+    """scans (n_z, s, M) that the start uses up"""
+    apart: Array
+    """time (M,) between the last two of those scans, s"""
+    measurements: Array
+    """measurements (n_z, K, M) after those scans"""
+    truth: Array | None
+    """true states (n_x, K + 1, M)"""
+    notices: tuple[str, ...]
+    """notes on changes to the rows"""
+    arrivals: Array | None
+    """steps (S, K, M) at which measurements of S sensors were received, if that is known"""
+    inputs: KnownInputs | None
+    """inputs of motions"""
+
+
+def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float) -> Recording:
+    """Read the files of measurements, inputs and truth, and put all runs on one clock.
+
+    ``scans`` is the number of scans that the start uses up. Steps without times are T seconds apart.
+    """
+    # Step 1: read the chosen runs' rows of each sensor, in order of time.
+    sensor_rows = rows_of(sensor)
+    origin = target.origin
+    origin_key: tuple[str, ...] = ("target", "origin")
+    if not origin and target.truth_naming is not None and target.truth_naming.origin:
+        origin = target.truth_naming.origin
+        origin_key = ("target", "truth_naming", "origin")
+    in_frame = {name for name in target.components if name in ("x", "y", "z", "px", "py", "pz")}
+    in_frame |= _position_dependent(target.components, sensor)
+    components = [sensor.components[rows] for rows in sensor_rows]
+    quantities = {plain_name(c) for c in (*target.components, *sensor.components)}
+    chosen = [str(name) for name in target.runs]
+    gathered = Gathered(
+        target,
+        origin=origin or None,
+        origin_key=origin_key,
+        in_frame=in_frame,
+        in_space="z" in quantities,
+        chosen=chosen,
+        has_inputs=bool(target.input),
+    )
+    names = [str(name) for name in target.sensors]
+    namings = target.namings
+    rows = read_rows(gathered, target.measurement_files, components, names=names, namings=namings)
+    rows = chosen_runs(gathered, rows, chosen, ("target", "runs"))
+    for m, each in enumerate(sensors_of(sensor)):
+        gathered.naming = namings[m] if len(namings) > 1 else namings[0]
+        angles = {each.components[row]: row for row in measured_angle_rows(each)}
+        check_turns(gathered, rows[m], angles)
+        rows[m] = in_order(gathered, rows[m], each.innovation)
+    if len(target.measurement_files) > 1:
+        note_files_apart(gathered, rows)
+    # Step 2: read the inputs. Those of a file of their own may begin later or end earlier.
+    inputs = None
+    if target.input:
+        gathered_inputs, inputs = _read_inputs(target, gathered, rows)
+        if target.input_file:
+            rows = rows_within(gathered, rows, gathered_inputs, inputs)
+    # Step 3: take the first scans from the sensor that measures the position.
+    locating = position_part(sensor)
+    number = 0  # of that sensor
+    if locating is not None:
+        _, locating_rows = locating
+        number = sensor_rows.index(locating_rows)
+    start = None
+    if scans:
+        start = initial_scans(gathered, rows[number], scans)
+    # Step 4: put all runs on one clock, and the measurements on its steps.
+    timed_rows = rows
+    if inputs is not None:
+        # There is a step at every row of the inputs. The earliest rows give the usual interval.
+        timed_rows = [inputs.measured, *rows]
+        timed_rows.sort(key=lambda each: float(each.time.min()))
+    first_measured = min(map(_first_measurement, rows))
+    clock = common_clock(gathered, timed_rows, start, T, target.resample, first_measured)
+    resampled = target.resample is not None
+    if not resampled and not gathered.stepped:
+        gathered.notices += note_on_shared_clock(gathered.runs, rows, clock)
+    measurements, arrivals = measurement_array(gathered, rows, clock, resampled)
+    # Step 5: add the scans of the start and the truth.
+    runs = len(gathered.runs)
+    first_scans = np.full((len(sensor.components), scans, runs), np.nan)
+    apart = np.full(runs, np.nan)
+    if start is not None:
+        first_scans[sensor_rows[number]] = start.scans
+        apart = start.apart
+    truth = None
+    if target.truth is not None:
+        truth = _read_truth(target, gathered, rows, clock)
+        step_clock = StepClock(
+            steps=clock.steps[1:], times=clock.times[1:], stepped=gathered.stepped
+        )
+        gathered.notices += contradictions(
+            sensor,
+            target.components,
+            truth[:, 1:],
+            measurements,
+            step_clock,
+            names=names,
+            angles=target.angles,
+            in_one_file=len(target.measurement_files) == 1,
+        )
+    known_inputs = None
+    if inputs is not None:
+        known_inputs = inputs_at(
+            gathered_inputs,
+            [*target.input],
+            inputs,
+            clock,
+            gathered.runs,
+            holds=target.input_holds,
+            gap=target.input_gap,
+            resample=target.resample,
+        )
+    gathered.check_idle_keys()
+    gathered.check_origin(origin, *origin_key)
+    gathered.note_distances()
+    notices = _with_file_names(target, gathered.notices)
+    whole_clock = with_scans(clock, gathered, scans, apart)
+    if known_inputs is not None:
+        known_inputs = aligned_with(known_inputs, whole_clock.steps)
+    return Recording(
+        clock=whole_clock,
+        names=tuple(gathered.runs),
+        scans=first_scans,
+        apart=apart,
+        measurements=measurements,
+        truth=truth,
+        notices=notices,
+        arrivals=arrivals,
+        inputs=known_inputs,
+    )
+
+
+def _read_inputs(
+    target: RecordingKeys, gathered: Gathered, measured_rows: Sequence[Rows]
+) -> tuple[Gathered, InputRows]:
+    """Read the rows of the inputs, from their own file or that of the measurements.
+
+    Return the data gathered about their file, and their rows. ``measured_rows`` are those of each
+    sensor.
+    """
+    path = target.input_file or target.measurement_files[0]
+    own_naming: Naming = target.input_naming or target
+    # The empty name stands for no column: the inputs belong to no sensor.
+    columns = {**own_naming.columns, **target.input, "sensor": ""}
+    file_format = own_naming.format
+    if target.input_file and target.input_naming is None:
+        file_format = None
+    naming = Naming(
+        columns=columns,
+        units=own_naming.units,
+        time_format=own_naming.time_format,
+        zone=own_naming.zone,
+        missing=own_naming.missing,
+        same_time=own_naming.same_time,
+        format=file_format,
+    )
+    keys = NamingKeys(quantities="input")
+    if target.input_file:
+        clock_key = "columns" if target.input_naming is None else "input_naming.columns"
+        keys = NamingKeys(quantities="input", clock=clock_key, own="input_naming")
+    has_own_keys = target.input_naming is not None
+    gathered_inputs = _before_further_file(gathered, naming, keys, has_own_keys)
+    names = [*target.input]
+    (rows,) = read_rows(gathered_inputs, [path], [names])
+    if target.input_naming:
+        gathered_inputs.check_idle_keys()
+    if target.input_file:
+        check_common_time(gathered, measured_rows, gathered_inputs, rows)
+    # Number the runs as those of the measurements; inputs without names of runs are those of all.
+    is_shared = gathered_inputs.runs == [ONE_RUN]  # the name of a run without a name
+    chosen = [] if is_shared else gathered.runs
+    without = [name for name in chosen if name not in gathered_inputs.runs]
+    if without:
+        raise DataError(missing_run(path, without[0], names))
+    (rows,) = chosen_runs(gathered_inputs, [rows], chosen)
+    return gathered_inputs, with_inputs_only(gathered_inputs, names, rows)
+
+
+def _read_truth(
+    target: RecordingKeys, gathered: Gathered, measured_rows: Sequence[Rows], clock: Clock
+) -> Array:
+    """Read the truth (n_x, K + 1, M) at the clock's steps.
+
+    ``measured_rows`` are those of each sensor.
+    """
+    assert target.truth is not None
+    # By default the truth has the columns and units of the measurements.
+    naming: Naming = target.truth_naming or replace(target, format=None)
+    columns_key = "columns" if target.truth_naming is None else "truth_naming.columns"
+    keys = NamingKeys(quantities=columns_key, clock=columns_key, own="truth_naming")
+    has_own_keys = target.truth_naming is not None
+    gathered_truth = _before_further_file(gathered, naming, keys, has_own_keys)
+    (rows,) = read_rows(gathered_truth, [target.truth], [target.components], least=1)
+    if target.truth_naming:
+        gathered_truth.check_idle_keys()
+    (rows,) = chosen_runs(gathered_truth, [rows], ())
+    rows = in_order(gathered_truth, rows)
+    check_runs_of_truth(gathered_truth, rows, gathered)
+    check_common_time(gathered, measured_rows, gathered_truth, rows)
+    # Origin and distances are those of all files together.
+    gathered.geodetic = gathered_truth.geodetic
+    gathered.planar = gathered_truth.planar
+    gathered.largest_distance = gathered_truth.largest_distance
+    angles = [i for i, name in enumerate(target.components) if name in target.angles]
+    truth = truth_at(gathered_truth, rows, clock, gathered.runs, target.truth_gap, angles)
+    gathered.notices += [f"truth: {notice}" for notice in gathered_truth.notices]
+    return truth
+
+
+def _before_further_file(
+    gathered: Gathered, naming: Naming, keys: NamingKeys, has_own_keys: bool
+) -> Gathered:
+    """Return the properties of a file beside the measurements, before it is read.
+
+    ``gathered`` are those of the measurements. The file has its own keys of units and zones if
+    ``has_own_keys``, and else uses those of the measurements, too.
+    """
+    further = replace(
+        gathered,
+        naming=naming,
+        keys=keys,
+        runs=[],
+        files=[],
+        notices=[],
+        unavailable=Counter(),
+        chosen=(*gathered.runs, ONE_RUN),
+    )
+    if has_own_keys:
+        further.used_keys = set()
+        further.idle_keys = {}
+    return further
+
+
+def _first_measurement(rows: Rows) -> float:
+    """Return the time of the first row with any value, s or steps; infinite if there is none."""
+    is_measured = np.isfinite(rows.values).any(axis=0)
+    return float(rows.time[is_measured].min(initial=np.inf))
+
+
+def _position_dependent(components: Sequence[str], sensor: Sensors) -> set[str]:
+    """Return the names of the measured components that depend on the position."""
+    # Measure a state before and after an arbitrary move of its position, and compare.
+    is_position = np.array([name in ("px", "py", "pz") for name in components])
+    state = 1.0 + np.arange(len(is_position), dtype=float)[:, None]
+    moved = state + 7.0 * is_position[:, None]
+    with np.errstate(all="ignore"):
+        before = sensor.measurement(state, 1).mean
+        after = sensor.measurement(moved, 1).mean
+    dependent = set()
+    for component, is_equal in zip(sensor.components, before == after, strict=True):
+        if not is_equal.all():
+            dependent.add(component)
+    return dependent
+
+
+def _with_file_names(target: RecordingKeys, notices: Sequence[str]) -> tuple[str, ...]:
+    """Return each note once, in which files have their names in place of their absolute paths."""
+    patterns = target.measurements
+    if isinstance(patterns, str):
+        patterns = (patterns,)
+    named = list(notices)
+    for path in [*patterns, target.truth, target.input_file]:
+        if path is not None:
+            folder = f"{Path(path).parent}{os.sep}"
+            named = [notice.replace(folder, "") for notice in named]
+    return tuple(dict.fromkeys(named))

@@ -1,0 +1,94 @@
+"""Noise of rows: their distances from the line between neighboring rows."""
+
+import numpy as np
+
+from trackbench.core.arrays import Array, Index
+
+FAR_SIGMAS = 8.0
+_ONE_SIGMA = 0.683  # of a normal law's values are within its standard deviation
+_LONGEST_GAP = 2.5
+"""usual intervals between two rows of a part within which the other part's rows are compared"""
+
+
+def error_of_line(time: Array, value: Array) -> float:
+    """Estimate the standard deviation of errors of values (R,) from the line between neighbors.
+
+    Each value is compared with the line through those before and after it in time.
+    0 for fewer than three rows, or without intervals.
+    """
+    sizes = distances_from_neighbors(time, value)
+    if not np.isfinite(sizes).any():
+        return 0.0
+    # 68.3 % of the scaled |e| are below sigma.
+    return float(np.nanquantile(sizes, _ONE_SIGMA))
+
+
+def scatter(time: Array, value: Array) -> float:
+    """Estimate the standard deviation of a value's errors, to one digit; 1 if no row shows an error."""
+    sigma = error_of_line(time, value)
+    # Values on a straight line have only rounding errors.
+    if sigma > 1e-12 * np.nanmax(np.abs(value), initial=0.0):
+        return float(f"{sigma:.1g}")
+    return 1.0
+
+
+def distances_from_neighbors(time: Array, value: Array) -> Array:
+    """Return the distances (R - 2,) of values from the lines between their neighbors.
+
+    They are scaled to the standard deviation of one value; NaN without an interval.
+    """
+    wide = time[2:] - time[:-2]
+    if len(value) < 3 or not (wide > 0.0).any():
+        return np.full(max(len(value) - 2, 0), np.nan)
+    share = (time[1:-1] - time[:-2]) / np.where(wide > 0.0, wide, np.nan)
+    # e = z_1 - (1 - s) z_0 - s z_2 has the variance sigma^2 (1 + s^2 + (1 - s)^2).
+    off = value[1:-1] - (1.0 - share) * value[:-2] - share * value[2:]
+    size: Array = np.abs(off) / np.sqrt(1.0 + np.square(share) + np.square(1.0 - share))
+    return size
+
+
+def distances_from_other_line(time: Array, values: Array, first: Index, other: Index) -> Array:
+    """Compute distances (n, B) of another part's rows from the line between neighboring rows of a part.
+
+    ``time`` (R,) and ``values`` (n, R) are those of all rows.
+    ``first`` and ``other`` are the indices of both parts' rows. Only neighbors count that are at most
+    `_LONGEST_GAP` usual intervals apart, so that the path hardly bends between them. The usual interval
+    is the larger one of both parts' medians.
+    """
+    first_times = time[first]
+    after = np.searchsorted(first_times, time[other], side="left")
+    has_both_neighbors = (after > 0) & (after < len(first_times))
+    rows = other[has_both_neighbors]
+    after = after[has_both_neighbors]
+    before = after - 1
+    first_interval = float(np.median(np.diff(first_times)))
+    usual_interval = max(first_interval, float(np.median(np.diff(time[other]))))
+    share, interval = _shares(time[rows], first_times[before], first_times[after])
+    line = (1.0 - share) * values[:, first[before]] + share * values[:, first[after]]
+    is_short = interval <= _LONGEST_GAP * usual_interval
+    return np.asarray(np.abs(values[:, rows] - line)[:, is_short])
+
+
+def median_errors_of_lines(time: Array, values: Array) -> Array:
+    """Return the size (n,) of the errors of each of the ``values`` (n, R) of a part's rows.
+
+    It is the median distance of a row from the line between its neighbors, scaled to the standard
+    deviation of one row.
+    """
+    share, _ = _shares(time[1:-1], time[:-2], time[2:])
+    off = values[:, 1:-1] - (1.0 - share) * values[:, :-2] - share * values[:, 2:]
+    # e = z_1 - (1 - s) z_0 - s z_2 has the variance sigma^2 (1 + s^2 + (1 - s)^2).
+    sizes = np.abs(off) / np.sqrt(1.0 + np.square(share) + np.square(1.0 - share))
+    # Numbers that lie exactly on a line still have rounding errors.
+    least = 1e-9 * np.abs(values).max() + 1e-12
+    return np.maximum(np.median(sizes, axis=1), least)
+
+
+def _shares(time: Array, before: Array, after: Array) -> tuple[Array, Array]:
+    """Return the share of each interval that has passed at a time, and the length of each interval.
+
+    The intervals last from ``before`` to ``after``. The share of an interval of length zero is a half.
+    """
+    length = after - before
+    share = (time - before) / np.where(length > 0.0, length, 1.0)
+    return np.where(length > 0.0, share, 0.5), length

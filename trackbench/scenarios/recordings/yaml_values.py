@@ -1,0 +1,77 @@
+"""Words, formats, missing numbers and reasons as YAML of a config, and names in options."""
+
+import json
+import re
+from dataclasses import fields
+
+from trackbench.scenarios.recordings.column_mapping import Naming
+from trackbench.scenarios.recordings.csv_lines import TextFormat
+
+_NO_WORDS = ("null", "true", "false")
+"""Words that YAML reads as something else."""
+
+
+def mapping_in_braces(mapping: dict[str, str]) -> str:
+    """Write the entries of a mapping as YAML has them."""
+    return ", ".join(f"{name}: {quoted(value)}" for name, value in mapping.items())
+
+
+def missing_in_yaml(naming: Naming) -> str:
+    """Write the numbers that stand for missing cells: of all columns, or of each quantity."""
+    if not isinstance(naming.missing, dict):
+        return f"[{', '.join(f'{value:.15g}' for value in naming.missing)}]"
+    entries = []
+    for quantity, numbers in naming.missing.items():
+        entries.append(f"{quantity}: [{', '.join(f'{value:.15g}' for value in numbers)}]")
+    return f"{{{', '.join(entries)}}}"
+
+
+def comment_on(why: dict[str, str], key: str) -> str:
+    """Return the reason for a key as a comment of YAML; empty if there is none."""
+    if key not in why:
+        return ""
+    return f"  # {why[key]}"
+
+
+def format_in_braces(form: TextFormat) -> str:
+    """Return the keys of a format that are set as YAML in braces."""
+    keys = []
+    for key in fields(form):
+        value = getattr(form, key.name)
+        if value:
+            keys.append(f"{key.name}: {value_in_braces(value)}")
+    return f"{{{', '.join(keys)}}}"
+
+
+def value_in_braces(value: object) -> str:
+    """Write a list, a word or a number as YAML in braces has it."""
+    if isinstance(value, (tuple, list)):
+        return f"[{', '.join(quoted(str(item)) for item in value)}]"
+    if isinstance(value, str):
+        return quoted(value)
+    return json.dumps(value)
+
+
+def in_option(name: str) -> str:
+    """Return a column's name as an option ``--set 'columns.x=NAME'`` has it: with escapes."""
+    return json.dumps(name)[1:-1]  # without the quotes
+
+
+def quoted(word: str) -> str:
+    """Return a word as YAML, in quotes if it has more than letters, digits and underscores.
+
+    Characters that cannot be printed, such as line breaks of Unicode, are escaped, so that words of an
+    unknown table cannot begin a new line of the config.
+    """
+    if re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*|[1-9][0-9]*", word) and word.lower() not in _NO_WORDS:
+        return word
+    text = json.dumps(word, ensure_ascii=False)
+    return "".join(c if c.isprintable() else _escape(c) for c in text)
+
+
+def _escape(character: str) -> str:
+    """Escape a character as YAML does within double quotes."""
+    number = ord(character)
+    if number < 0x10000:
+        return f"\\u{number:04x}"
+    return f"\\U{number:08x}"
