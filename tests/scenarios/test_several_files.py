@@ -253,3 +253,16 @@ def test_marks_of_thousands_are_no_digits_behind_the_point(tmp_path: Path) -> No
             )
         )
     assert sigmas[0] == sigmas[1]
+
+
+def test_measurements_before_the_first_state_are_noted(tmp_path: Path) -> None:
+    radar_log = radar(tmp_path)
+    gps_logger = gps(tmp_path)
+    written(radar_log, gps_logger, changes=(f"origin={list(PLACE)}",))
+    config = tmp_path / "both.yaml"
+    late = "1 measurement of sensor 2 before the first state left out, up to 0.37 s earlier: "
+    assert any(late in note for note in load(config).points[0].scenario.target.notices)
+    # The sensor that begins first gives the first state.
+    config.unlink()
+    written(gps_logger, radar_log, changes=(f"origin={list(PLACE)}",))
+    assert not any("first state" in note for note in load(config).points[0].scenario.target.notices)

@@ -43,6 +43,7 @@ from trackbench.scenarios.recordings.time_alignment import (
     common_clock,
     initial_scans,
     measurement_array,
+    note_on_rows_before_start,
     note_on_shared_clock,
     truth_at,
     with_scans,
@@ -125,6 +126,9 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
     start = None
     if scans:
         start = initial_scans(gathered, rows[number], scans)
+        gathered.notices += note_on_rows_before_start(
+            rows, start, number, names, gathered.time_unit
+        )
     # Step 4: put all runs on one clock, and the measurements on its steps.
     timed_rows = rows
     if inputs is not None:

@@ -9,6 +9,7 @@ import numpy as np
 from trackbench.core.angles import near
 from trackbench.core.arrays import Array, Index, fixed
 from trackbench.durations import time_text
+from trackbench.errors import counted, sensor_name
 from trackbench.field_types import MOST_STEPS, DataError, InvalidKeyError, Place
 from trackbench.scenarios.recordings.csv_tables import WholeNumbers
 from trackbench.scenarios.recordings.rows import TICK, Gathered, Rows, usual_interval
@@ -68,6 +69,30 @@ def initial_scans(gathered: Gathered, rows: Rows, scans: int) -> Opened:
     if scans > 1:
         apart = times[-1] - times[-2]
     return Opened(time=times[-1], scans=rows.values[:, places], apart=apart)
+
+
+def note_on_rows_before_start(
+    sensors: Sequence[Rows], start: Opened, locating: int, names: Sequence[str], unit: str
+) -> list[str]:
+    """Return a note on each sensor with measurements before the first state, which are left out.
+
+    ``sensors`` are the rows of each sensor. The start takes the scans of the one with the number
+    ``locating``, from 0. ``names`` are those of the sensors in the recording, if it has any. Times are
+    in ``unit``.
+    """
+    notes = []
+    for number, rows in enumerate(sensors):
+        measured = np.isfinite(rows.values).any(axis=0)
+        early = measured & (rows.time < start.time[rows.run] - TICK)
+        if number == locating or not early.any():
+            continue
+        earlier = float((start.time[rows.run] - rows.time)[early].max())
+        left_out = counted(int(early.sum()), "measurement")
+        message = f"{left_out} of {sensor_name(number, names)} before the first state left out"
+        why = f"the start takes the first position of {sensor_name(locating, names)}"
+        way = "if it begins late, list a sensor that begins earlier before it"
+        notes.append(f"{message}, up to {earlier:.4g} {unit} earlier: {why}; {way}")
+    return notes
 
 
 def common_clock(
