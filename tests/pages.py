@@ -258,7 +258,7 @@ def known(words: list[str]) -> None:
         for after, file in pairwise(words):
             assert after != "-r" or (ROOT / file).is_file(), words
     elif words[0] == "trackbench" and not words[1].startswith("--"):
-        from trackbench.cli import app
+        from trackbench.cli.app import app
 
         command = typer.main.get_command(app).commands[words[1]]
         there = {option for param in command.params for option in param.opts}

@@ -25,8 +25,8 @@ from tests.test_shipped import NAMES
 from trackbench.commands.gate import NEGLIGIBLE
 from trackbench.commands.prepare import OPTION_NAMES
 from trackbench.config import shipped_experiments
-from trackbench.contract import Finding, check_filter
 from trackbench.contract.checks import CHECKS
+from trackbench.contract.run_contract import Finding, check_filter
 from trackbench.help import kinds as help_kinds
 from trackbench.metrics import METRICS
 from trackbench.registry import GROUPS, kinds

@@ -144,7 +144,7 @@ def _metrics() -> str:
 def _commands() -> str:
     import typer
 
-    from trackbench.cli import app
+    from trackbench.cli.app import app
 
     codes = "Exit codes: 0 done, 1 a filter failed, 2 bad input, 130 interrupted."
     lines = ["# Commands", f"`trackbench COMMAND --help` says the same. {codes}"]

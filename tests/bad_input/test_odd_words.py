@@ -18,7 +18,7 @@ from trackbench.config.dump import as_yaml
 from trackbench.config.load import load
 from trackbench.errors import UserError, WriteError
 from trackbench.results.folder_contents import remove_outputs
-from trackbench.verify import verify
+from trackbench.verify.verify_folder import verify
 from trackbench.yaml_source import formula, parse
 
 SCENARIO = merwe_text(T=3)

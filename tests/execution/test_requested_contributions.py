@@ -10,7 +10,7 @@ from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.results import Results
 from trackbench.statistics.sample_statistics import mean
-from trackbench.verify import verify
+from trackbench.verify.verify_folder import verify
 
 CONFIG = """
 name: shares

@@ -19,7 +19,7 @@ from trackbench.report.results import Results, own_values
 from trackbench.report.tables.efficiency import EqualCost
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.sample_statistics import influence, mean
-from trackbench.verify import verify
+from trackbench.verify.verify_folder import verify
 
 NOBODY = np.zeros(0)
 

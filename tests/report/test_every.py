@@ -14,7 +14,7 @@ from trackbench.report.expressions import Evaluator
 from trackbench.report.verdicts.claims import judge
 from trackbench.statistics import intervals as inference
 from trackbench.statistics.rules import weakest
-from trackbench.verify import verify
+from trackbench.verify.verify_folder import verify
 
 CONFIG = """
 name: every

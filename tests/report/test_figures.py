@@ -21,7 +21,7 @@ from trackbench.report.findings import phrases
 from trackbench.report.plotting import style
 from trackbench.report.results import Results
 from trackbench.statistics.estimates import RunEstimate
-from trackbench.verify import verify
+from trackbench.verify.verify_folder import verify
 
 GRID = """
 name: g

@@ -40,7 +40,7 @@ from trackbench.scaffold import write_config_for
 from trackbench.scenarios.base import Simulation
 from trackbench.scenarios.delays import arrivals
 from trackbench.scenarios.faults import Bias
-from trackbench.verify import verify
+from trackbench.verify.verify_folder import verify
 
 pytestmark = pytest.mark.usefixtures("no_report")
 

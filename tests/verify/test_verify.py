@@ -13,7 +13,7 @@ from tests.report.forging import edit, elsewhere, reseal
 from trackbench import api
 from trackbench.errors import UserError
 from trackbench.results.folder_contents import is_in_git, read_manifest, write_manifest
-from trackbench.verify import verify
+from trackbench.verify.verify_folder import verify
 
 CONFIG = """
 name: small

@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
+from trackbench.cli.json_objects import echo_line
 from trackbench.cli.options import AllowPlugins, Json, Name, all_kinds, configs, groups, one_of
-from trackbench.cli.output import echo_line
 
 
 def list_(
