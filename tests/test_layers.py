@@ -63,16 +63,17 @@ def _imports(path: Path) -> set[str]:
 
 
 REPORT = (
-    ("findings.phrases", "table", "paired"),
-    ("plotting",),
-    ("results",),
+    ("findings.phrases", "table", "compared_metrics", "pairs_of_filters"),
+    ("plotting", "default_exhibits", "output_errors", "units_of_keys"),
+    ("tables_and_figures",),
+    ("grid_scenes",),
     ("expressions",),
-    ("costs", "verdicts"),
+    ("errors_over_cpu_time", "verdicts"),
     ("findings",),
     ("kinds",),
     ("tables",),
     ("figures",),
-    ("render", "drawing_process", "open", "sweep", "compare_folders", "suite"),
+    ("render", "drawing_process", "open_results", "sweep_files", "compare_folders", "suite"),
     ("html",),
 )
 """Inner layers of ``report/`` from the bottom up. Captions rank the filters: figures use findings."""

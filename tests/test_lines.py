@@ -26,8 +26,8 @@ from trackbench.errors import WriteError
 from trackbench.registry import GROUPS, kinds
 from trackbench.report.compare_folders import COST, DIFFERS, EXACT, INDEPENDENT, PAIRED
 from trackbench.report.suite.scores import BEST, LOSES_MORE, Ratio, Score
-from trackbench.report.sweep import Best
-from trackbench.statistics import rules
+from trackbench.report.sweep_files import Best
+from trackbench.statistics import significance_rules as rules
 
 
 def lines(

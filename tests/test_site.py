@@ -31,7 +31,7 @@ from trackbench.help import kinds as help_kinds
 from trackbench.metrics import METRICS
 from trackbench.registry import GROUPS, kinds
 from trackbench.report.plotting import style
-from trackbench.statistics.rules import ALIKE, BETTER, EQUAL, UNTESTED, WORSE
+from trackbench.statistics.significance_rules import ALIKE, BETTER, EQUAL, UNTESTED, WORSE
 from trackbench.yaml_source import parse
 
 PAGES = cache(reference.pages)

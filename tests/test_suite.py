@@ -52,7 +52,7 @@ from trackbench.report.suite.scores import (
     typical_ratios,
 )
 from trackbench.report.suite.tables import fails, filter_sentences, filter_table, roster_table
-from trackbench.statistics.rules import FEWEST_RUNS
+from trackbench.statistics.significance_rules import FEWEST_RUNS
 
 SUITE = """\
 name: small

@@ -18,7 +18,7 @@ from trackbench.report.findings import sentences
 from trackbench.report.findings.ranking import rankings
 from trackbench.report.html.index_page import short_answer
 from trackbench.report.plotting import style
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 
 PLANE = """
 name: plane

@@ -14,7 +14,7 @@ from trackbench.report.html.svg import outline
 from trackbench.report.plotting import style
 from trackbench.report.plotting.svg_file import compact_paths
 from trackbench.report.render import draw_figure
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 
 SVG = "{http://www.w3.org/2000/svg}"
 

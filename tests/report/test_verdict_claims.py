@@ -14,14 +14,14 @@ from trackbench.report.expressions import Evaluator
 from trackbench.report.findings.ranking import Candidate, ranking_of
 from trackbench.report.verdicts import comparison_files
 from trackbench.report.verdicts.claims import judge
-from trackbench.results.frames import Columns
+from trackbench.results.csv_columns import Columns
 from trackbench.statistics import intervals as inference
-from trackbench.statistics import rules
 from trackbench.statistics import sample_statistics as st
+from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.comparison import Sample
 from trackbench.statistics.estimates import RunEstimate, Share
 from trackbench.statistics.intervals import studentized
-from trackbench.statistics.rules import Verdict
+from trackbench.statistics.significance_rules import Verdict
 
 NONE = table("filter metric value stderr runs lost", [("-", "-", 0.0, 0.0, 1, 0)])
 NO_TIMES = table("filter runs cpu_s_per_run stderr blocks", [("-", 1, 0.0, 0.0, "")])

@@ -15,7 +15,7 @@ from trackbench.errors import UserError
 from trackbench.evaluation.block import simulate
 from trackbench.execution.cache import BlockStore, block_key
 from trackbench.execution.engines import engine
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 from trackbench.tuning.tuner import Training, tune
 
 CONFIG = """

@@ -7,7 +7,7 @@ from importlib import import_module
 import pytest
 
 from tests.small_experiment import folder, hostile, made
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 
 __all__ = ["folder", "hostile", "made"]
 

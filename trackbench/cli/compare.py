@@ -40,7 +40,7 @@ def compare(
     if figure_file is not None:
         raise typer.BadParameter("--out draws two folders: trackbench compare DIR DIR2 --out FILE")
     from trackbench.commands import stored_results
-    from trackbench.report.results import Results
+    from trackbench.report.tables_and_figures import Results
     from trackbench.report.verdicts.comparison_files import (
         claim_rows,
         markdown,
@@ -79,8 +79,8 @@ def compare_two(
     from trackbench.errors import UserError, counted
     from trackbench.report import compare_folders as comparison
     from trackbench.report.compare_folders import compare_folders
-    from trackbench.report.open import open_with_notes
-    from trackbench.statistics.rules import EQUAL
+    from trackbench.report.open_results import open_with_notes
+    from trackbench.statistics.significance_rules import EQUAL
 
     # Step 1: compare.
     rows, why_not_paired = compare_folders(open_with_notes(first), open_with_notes(second))

@@ -104,7 +104,7 @@ def _gate_table(verdict: "Verdict", name: str, worse: str) -> "TextTable":
     from trackbench.errors import counted
     from trackbench.report import compare_folders as comparison
     from trackbench.report.findings import phrases
-    from trackbench.statistics.rules import EQUAL, WORSE
+    from trackbench.statistics.significance_rules import EQUAL, WORSE
 
     # The headline names the numbers that are worse or gone, else the filters that were compared.
     parts = []

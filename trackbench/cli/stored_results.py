@@ -57,7 +57,7 @@ def report(folder: Folder, allow_plugins: AllowPlugins = False) -> None:
 
 def _print_written_files(write: Callable[[], list[Path]]) -> None:
     """Call ``write`` and print the files that it wrote; report failures and exit with 1."""
-    from trackbench.report.results import PartialReportError
+    from trackbench.report.output_errors import PartialReportError
 
     failures: list[str] = []
     try:

@@ -32,7 +32,7 @@ from trackbench.execution.plan import Key, Plan, announced, check_memory, make_p
 from trackbench.execution.stop_when_precise import first_batch
 from trackbench.models.description import sensor_places
 from trackbench.plugins.errors import guarded
-from trackbench.report.sweep import as_sweep
+from trackbench.report.sweep_files import as_sweep
 from trackbench.results.folder_contents import DERIVED_FILES, RUN_FILES, TIMING, read_manifest
 from trackbench.tuning.search import Record
 from trackbench.tuning.tuner import Training, tune

@@ -50,8 +50,8 @@ from trackbench.progress_bar import progress_bar
 from trackbench.report import DRAWER
 from trackbench.report.html.report_page import write_report
 from trackbench.report.render import render
-from trackbench.report.results import Results
-from trackbench.report.sweep import write_sweep
+from trackbench.report.sweep_files import write_sweep
+from trackbench.report.tables_and_figures import Results
 from trackbench.results.folder_contents import locked, write_manifest
 from trackbench.results.number_arrays import array_notes
 from trackbench.results.write import Losses, write_results

@@ -16,7 +16,7 @@ from trackbench.evaluation.metric_expression import Measure, exact_label, measur
 from trackbench.evaluation.summary import statistic_of
 from trackbench.field_types import is_number
 from trackbench.metrics import FIRST_INDEFINITE, in_window
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import intervals as inference
 from trackbench.statistics.collapsed_runs import collapsed_in_words

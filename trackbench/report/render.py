@@ -36,22 +36,17 @@ from trackbench.field_types import require_regular_file
 from trackbench.plugins.load import loaded_identities
 from trackbench.progress_bar import progress_bar
 from trackbench.registry import is_plugin
+from trackbench.report.compared_metrics import compared_statistics
 from trackbench.report.findings.ranking_table import ranking_tables
 from trackbench.report.findings.sentences import answer, headline
 from trackbench.report.kinds import FigureKind, TableKind, figure_folder
-from trackbench.report.paired import compared_statistics
+from trackbench.report.output_errors import as_figure, as_table, catch_errors
 from trackbench.report.plotting import style
 from trackbench.report.plotting.page_formats import SHEETS, Style, drawing_for, is_crowded
-from trackbench.report.results import (
-    NO_FILTER_RAN,
-    Results,
-    as_figure,
-    as_table,
-    catch_errors,
-)
 from trackbench.report.table import Table, TextTable
+from trackbench.report.tables_and_figures import NO_FILTER_RAN, Results
 from trackbench.report.verdicts.comparison_files import write_comparison, write_paired
-from trackbench.report.verdicts.numbers import Verdicts, compare
+from trackbench.report.verdicts.published_numbers import Verdicts, compare
 from trackbench.results.folder_contents import FIGURE_FORMS, RUN_FILES, TABLE_FORMS
 
 Files: TypeAlias = list[tuple[str, bytes]]

@@ -21,6 +21,14 @@ from trackbench.errors import UserError, counted
 from trackbench.evaluation.metric_expression import exact_label
 from trackbench.plugins.errors import message_of
 from trackbench.registry import Group, kinds
+from trackbench.results.csv_columns import (
+    Columns,
+    PointRuns,
+    Runs,
+    parse_of,
+    read_columns,
+    read_runs,
+)
 from trackbench.results.folder_contents import (
     COLUMNS,
     DATA_FILES,
@@ -29,7 +37,6 @@ from trackbench.results.folder_contents import (
     TIMING,
     read_manifest,
 )
-from trackbench.results.frames import Columns, PointRuns, Runs, parse_of, read_columns, read_runs
 from trackbench.results.number_arrays import (
     PER_RUN_FILE,
     PER_STEP_FILE,

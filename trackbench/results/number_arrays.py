@@ -18,7 +18,7 @@ from trackbench.config.metric_names import is_stored, stored_metrics
 from trackbench.core.arrays import Array, Index, fixed
 from trackbench.evaluation.metric_expression import measured
 from trackbench.evaluation.summary import StepColumns
-from trackbench.results.frames import Columns, PointRuns, Runs
+from trackbench.results.csv_columns import Columns, PointRuns, Runs
 from trackbench.results.point_facts import array_prefix
 
 PER_STEP_FILE = "per_step.npz"

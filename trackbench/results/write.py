@@ -49,6 +49,7 @@ from trackbench.evaluation.timing import Measured
 from trackbench.execution.plan import Key
 from trackbench.execution.runner import Outcome
 from trackbench.results.arrivals import arrival_rows
+from trackbench.results.csv_columns import Runs
 from trackbench.results.folder_contents import (
     ARRIVAL_COLUMNS,
     ARRIVALS,
@@ -58,7 +59,6 @@ from trackbench.results.folder_contents import (
     TIMING,
     remove_outputs,
 )
-from trackbench.results.frames import Runs
 from trackbench.results.number_arrays import (
     PER_RUN_FILE,
     PER_STEP_FILE,

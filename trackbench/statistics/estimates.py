@@ -7,6 +7,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.statistics import intervals as inference
+from trackbench.statistics.correlated_series import series_mean
 from trackbench.statistics.intervals import (
     Events,
     Sides,
@@ -20,7 +21,6 @@ from trackbench.statistics.intervals import (
     studentized_difference,
 )
 from trackbench.statistics.sample_statistics import Estimate, influence_of_ratio, mean, z_score
-from trackbench.statistics.series import series_mean
 
 
 def in_words(events: int, runs: int, noun: str = " runs lost") -> str:

@@ -9,7 +9,7 @@ from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.engines import cpu_count, engine
 from trackbench.execution.plan import check_memory, make_plan
 from trackbench.execution.runner import execute
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 from trackbench.results.write import write_results
 
 

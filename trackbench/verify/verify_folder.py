@@ -17,13 +17,13 @@ from tempfile import TemporaryDirectory
 
 from trackbench import api
 from trackbench.config.experiment import Experiment
-from trackbench.report.open import (
+from trackbench.report.open_results import (
     IncompleteResultsError,
     changed_files,
     explain_content_errors,
     open_results,
 )
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import POINTS_FILE, points_in, points_text, same_points
 from trackbench.verify.compare_files import compare_all_runs, compare_derived, compare_first_runs
 from trackbench.verify.recompute import recompute

@@ -22,7 +22,7 @@ from trackbench.report.plotting import filter_lines, scales, style
 from trackbench.report.plotting.page_formats import sheet
 from trackbench.report.plotting.scales import length_unit
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint, PointFacts
 from trackbench.results.tracks import measured_positions, sensor_paths
 from trackbench.scenarios.base import Scenario

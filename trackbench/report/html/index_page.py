@@ -15,11 +15,11 @@ from trackbench.errors import Problem, UserError
 from trackbench.report.findings.ranking import Ranking, rankings
 from trackbench.report.html.report_page import key_picture, write_page
 from trackbench.report.html.svg import clean_svg, outline
-from trackbench.report.open import explain_content_errors, open_with_notes
-from trackbench.report.results import Results
+from trackbench.report.open_results import explain_content_errors, open_with_notes
+from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.comparison_files import bars, summary_lines, verdict_tables
 from trackbench.report.verdicts.cpu_times import TimeVerdict, time_tables, time_verdicts
-from trackbench.report.verdicts.numbers import Verdicts, compare
+from trackbench.report.verdicts.published_numbers import Verdicts, compare
 
 _SVG = "{http://www.w3.org/2000/svg}"
 _LEAST_DISTANCE = 2.0

@@ -27,7 +27,7 @@ from trackbench.report.suite.scores import (
     typical_ratios,
 )
 from trackbench.statistics.collapsed_runs import NOT_DEFINITE
-from trackbench.statistics.rules import ALIKE
+from trackbench.statistics.significance_rules import ALIKE
 
 _CELL_IN = 0.21
 """Height of a cell."""

@@ -12,27 +12,24 @@ from trackbench.core.elementary import exp
 from trackbench.evaluation.metric_expression import Expression, measure
 from trackbench.field_types import Digits
 from trackbench.registry import register
-from trackbench.report.costs import (
+from trackbench.report.errors_over_cpu_time import (
     COST,
     MICRO,
-    AtCost,
-    Curve,
-    Spot,
-    compare_at,
     compared_labels,
     cost_conflicts,
     curves,
-    logarithm,
 )
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
+from trackbench.report.grid_scenes import named_form, points_of, scenes
 from trackbench.report.kinds import TableKind
-from trackbench.report.results import Results, named_form, points_of, scenes
 from trackbench.report.table import Cell, Table
+from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
-from trackbench.statistics import rules
+from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.comparison import as_family
 from trackbench.statistics.efficiency import cross_share, efficiency, plain_efficiency, runs_saved
+from trackbench.statistics.error_at_cpu_time import AtCost, Curve, Spot, compare_at, logarithm
 from trackbench.statistics.sample_statistics import Estimate
 
 _NOT_EXACT = "the cross term is not zero, the reference is no exact mean: take the one without"

@@ -13,7 +13,7 @@ from trackbench.errors import RunError, UserError, reason
 from trackbench.plugins.errors import foreign_line, package_line
 from trackbench.registry import Group
 from trackbench.report.findings import phrases
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 from trackbench.results.folder import RUN_AGAIN
 from trackbench.results.folder_contents import FORMAT, RUN_FILES, Damage, check_digests
 
