@@ -73,7 +73,16 @@ REPORT = (
     ("kinds",),
     ("tables",),
     ("figures",),
-    ("render", "drawing_process", "open_results", "sweep_files", "compare_folders", "suite"),
+    (
+        "render",
+        "drawing_process",
+        "open_results",
+        "experiments_of_folder",
+        "readme_of_verdicts",
+        "sweep_files",
+        "compare_folders",
+        "suite",
+    ),
     ("html",),
 )
 """Inner layers of ``report/`` from the bottom up. Captions rank the filters: figures use findings."""

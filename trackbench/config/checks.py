@@ -14,9 +14,10 @@ from trackbench.config.experiment import (
 )
 from trackbench.config.mistakes import unknown
 from trackbench.config.plugin_checks import exhibit_conflicts
+from trackbench.config.requested_metrics import why_not_controlled
 from trackbench.errors import Problem
 from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.exact_errors import is_exact, why_not_exact
+from trackbench.evaluation.exact_errors import why_not_exact
 from trackbench.evaluation.metric_expression import Measure, exact_label
 from trackbench.extension_points import field_values, is_foreign, walk_parts
 from trackbench.field_types import InvalidKeyError
@@ -325,10 +326,9 @@ def check_named_filters(
                 if not isinstance(leaf, Measure) or not leaf.other:
                     continue
                 named_labels.append((where, leaf.other))
-                has_exact_value = leaf.other in settings.exact and is_exact(leaf)
-                if leaf.relation == "controlled" and not has_exact_value:
-                    message = f"'{leaf}' needs a filter of `exact` and a mean of squares"
-                    source.add_problem(where, f"{message}, such as rms(rmse) or anees")
+                message = why_not_controlled(leaf, settings.exact)
+                if message:
+                    source.add_problem(where, message)
         # Step 3: the filter whose tuning is shown.
         shown_filter = getattr(part, "filter", first_tuned)
         if part.kind == "tuning" and shown_filter not in settings.tune:

@@ -37,7 +37,11 @@ from trackbench.config.overrides import override, override_all
 from trackbench.config.plugin_checks import add_filters, load_plugins, show_filters
 from trackbench.config.published import Published, read_published
 from trackbench.config.python_tables import put_tables
-from trackbench.config.requested_metrics import check_metrics, check_trained_metrics
+from trackbench.config.requested_metrics import (
+    check_metrics,
+    check_trained_metrics,
+    fill_default_metrics,
+)
 from trackbench.config.training import training_point
 from trackbench.config.tuned_entries import (
     Chosen,
@@ -47,14 +51,12 @@ from trackbench.config.tuned_entries import (
     with_defaults,
 )
 from trackbench.errors import Mark, Problem, RunError, UserError
-from trackbench.evaluation.metric_expression import Measure
 from trackbench.filters.base import AnyFilter
 from trackbench.models.components import rows_in_plane
 from trackbench.plugins.checks import check_scenario
 from trackbench.plugins.errors import PluginError, foreign_line, guarded
 from trackbench.plugins.load import Plugin
-from trackbench.registry import Group, kinds
-from trackbench.scenarios.base import error_names
+from trackbench.registry import Group
 from trackbench.yaml_source import Assembled, Source, from_mapping, read, unprintable_reason
 
 _LEAST_SIMILARITY = 0.7  # of two keys: `title` and `titel` have 0.8, `bound` and `bogus` 0.6
@@ -388,29 +390,10 @@ def _check_components(source: Source) -> None:
 
 
 def _build_exhibits(group: Group, source: Source, points: list[Point]) -> dict[str, Any]:
-    """Build the tables or figures, by ``group``, without those that have mistakes.
-
-    The default metric of some kinds is an error such as the RMSE of the position. Where the scenario
-    lacks it, an entry without `metric` gets the scenario's first error.
-    """
-    entries = source.data.get(group) or {}
-    # Step 1: the default metric, where the scenario does not have it.
-    errors: Sequence[str] = []
-    if points and points[0].scenario.has_truth:
-        errors = error_names(points[0].scenario)
-    if errors:
-        for name, entry in entries.items():
-            if not isinstance(entry, dict) or "metric" in entry:
-                continue
-            default = getattr(kinds(group).get(str(entry.get("kind"))), "metric", None)
-            if not isinstance(default, Measure):
-                continue
-            if default.metric.startswith("rmse") and default.metric not in errors:
-                metric = str(default).replace(default.metric, errors[0])
-                override(source, (group, name, "metric"), metric, source.mark((group, name)))
-    # Step 2: build each.
+    """Build the tables or figures, by ``group``, without those that have mistakes."""
+    fill_default_metrics(group, source, points)
     exhibits = {}
-    for name in entries:
+    for name in source.data.get(group) or {}:
         exhibit = build_kind(group, source, (group, name))
         if exhibit is not None:
             exhibits[name] = exhibit

@@ -45,6 +45,20 @@ def has_many_runs(experiment: Experiment) -> bool:
     return experiment.settings.runs > MANY_RUNS
 
 
+def file_of_runs(folder: Path) -> str:
+    """Return the name of the file with the numbers per run: arrays if there are very many runs."""
+    if (folder / PER_RUN_FILE).is_file():
+        return PER_RUN_FILE
+    return "per_run.csv"
+
+
+def file_of_steps(folder: Path) -> str:
+    """Return the name of the file with the numbers per step: arrays if the runs are very long."""
+    if (folder / PER_STEP_FILE).is_file():
+        return PER_STEP_FILE
+    return "per_step.csv"
+
+
 def array_notes(experiment: Experiment) -> Iterator[str]:
     """Yield a note on each file of arrays that a run writes in place of a CSV file."""
     if is_long(experiment):
