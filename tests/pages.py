@@ -27,7 +27,7 @@ from docs.site.blocks import Block, blocks
 from tests.conftest import ROOT
 from trackbench import api
 from trackbench.__main__ import main
-from trackbench.commands import prepare, run_experiment
+from trackbench.commands import expected_time, run_experiment
 from trackbench.config.experiment import Settings
 from trackbench.config.load import load
 from trackbench.config.suite import load_suite
@@ -95,7 +95,7 @@ def quickly(*keys: str) -> Iterator[None]:
         yield from original(configs, few, *more, **other)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(prepare, "_MOST_TRIALS", 0)
+        patch.setattr(expected_time, "_MOST_TRIALS", 0)
         patch.setattr(contract_problems, "_MOST_STEPS", 15)
         for module in (run_experiment, api):
             patch.setattr(module, "run_each", run_each)

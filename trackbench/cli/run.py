@@ -255,7 +255,7 @@ def _run(command: str, configs: list[Path], options: "Options", print_report: _P
 
 def _watch(configs: list[Path], options: "Options", print_report: _PrintReport) -> None:
     """Run one config after each change, mistaken or not; Ctrl-C between runs exits with 0."""
-    from trackbench.commands.prepare import say
+    from trackbench.commands.options import say
     from trackbench.config.shipped_experiments import located
     from trackbench.errors import Mark, Problem, UserError
 

@@ -11,7 +11,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
-from trackbench.commands.prepare import Options, file_of, prepare
+from trackbench.commands.options import Options
+from trackbench.commands.prepare import file_of, prepare
 from trackbench.commands.run_experiment import run_all
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.evaluation.metric_expression import measured

@@ -9,20 +9,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from trackbench.atomic_files import ensure_folder
+from trackbench.commands.expected_time import CACHED, cpu_s_of_filter, expected_time
 from trackbench.commands.keyword_arguments import with_known_keywords
-from trackbench.commands.prepare import (
-    CACHED,
-    FIT,
-    OPTION_NAMES,
-    Job,
-    Options,
-    cpu_s_of_filter,
-    dry_run_line,
-    expected_time,
-    jobs_of,
-    most_workers,
-    say,
-)
+from trackbench.commands.options import OPTION_NAMES, Options, most_workers, say
+from trackbench.commands.prepare import FIT, Job, dry_run_line, jobs_of
 from trackbench.commands.run_experiment import run_each
 from trackbench.commands.stored_results import Report
 from trackbench.commands.suite_contract import ContractOutcome, check_own_filters

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from numpy.random import SFC64, Generator
 
-from trackbench.config.checks import meets_requirement
+from trackbench.config.filter_requirements import meets_requirement
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution, per_run_moments
 from trackbench.core.random_streams import RunStreams, Streams
