@@ -74,6 +74,7 @@ REPORT = (
     ("tables",),
     ("figures",),
     (
+        "figure_cache",
         "render",
         "drawing_process",
         "open_results",

@@ -16,7 +16,7 @@ from trackbench.evaluation.metric_expression import measure
 from trackbench.report.errors_over_cpu_time import curves
 from trackbench.report.expressions import Evaluator
 from trackbench.report.grid_scenes import own_values
-from trackbench.report.tables.efficiency import EqualCost
+from trackbench.report.tables.equal_cost import EqualCost
 from trackbench.report.tables_and_figures import Results
 from trackbench.statistics.error_at_cpu_time import Curve, Spot, compare_at, front
 from trackbench.statistics.estimates import RunEstimate

@@ -13,7 +13,8 @@ from trackbench.plugins import load
 from trackbench.plugins.load import Plugin
 from trackbench.report import render
 from trackbench.report.compared_metrics import compared_statistics
-from trackbench.report.render import FigureCache, draw_figure, drawing_pool
+from trackbench.report.figure_cache import FigureCache
+from trackbench.report.render import draw_figure, drawing_pool
 from trackbench.report.tables_and_figures import Results
 
 

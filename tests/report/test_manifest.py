@@ -16,7 +16,7 @@ from tests.report.forging import edit
 from trackbench import api
 from trackbench.errors import RunError, UserError
 from trackbench.report.open_results import _damage_lines, changed_files, open_results
-from trackbench.results.folder_contents import Damage, read_manifest
+from trackbench.results.manifest import Damage, read_manifest
 from trackbench.verify.verify_folder import verify
 
 CONFIG = """

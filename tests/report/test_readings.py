@@ -19,9 +19,9 @@ from trackbench.report.tables.readings import (
     distance,
 )
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.verdicts.comparison_files import markdown
 from trackbench.report.verdicts.published_numbers import compare
 from trackbench.report.verdicts.searches import ways_to_measure
+from trackbench.report.verdicts.verdict_files import markdown
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.sample_statistics import mean
 

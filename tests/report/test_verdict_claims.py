@@ -12,7 +12,7 @@ from trackbench.config.published import Claim
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings.ranking import Candidate, ranking_of
-from trackbench.report.verdicts import comparison_files
+from trackbench.report.verdicts import verdict_files as comparison_files
 from trackbench.report.verdicts.claims import judge
 from trackbench.results.csv_columns import Columns
 from trackbench.statistics import intervals as inference

@@ -19,7 +19,6 @@ from trackbench.report.expressions import Evaluator
 from trackbench.report.pairs_of_filters import pairs_of
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.claims import evidence_at, judge
-from trackbench.report.verdicts.comparison_files import bars, summary_lines, verdict_tables
 from trackbench.report.verdicts.published_numbers import (
     Compared,
     Reproduced,
@@ -28,6 +27,7 @@ from trackbench.report.verdicts.published_numbers import (
     compare,
     rank_agreement,
 )
+from trackbench.report.verdicts.verdict_files import bars, summary_lines, verdict_tables
 from trackbench.statistics.comparison import Sample
 from trackbench.statistics.estimates import MISSING, RunEstimate
 from trackbench.statistics.significance_rules import Verdict, claim_verdict, number_verdict

@@ -75,7 +75,7 @@ def is_real_stdout(stream: TextIO) -> bool:
 
 def report_as_data(report: "Report") -> dict[str, Any]:
     """Describe a run's files, tables and notes as data."""
-    from trackbench.report.verdicts.comparison_files import claim_rows, number_rows
+    from trackbench.report.verdicts.verdict_files import claim_rows, number_rows
 
     return {
         "experiment": report.results.config["name"],

@@ -304,7 +304,7 @@ def _print_report(
 
 def _verdict_lines(report: "Report", config: Path) -> Iterator[str]:
     """Yield the counts of verdicts on papers, or the number of runs that they need."""
-    from trackbench.report.verdicts.comparison_files import bars, needed_runs
+    from trackbench.report.verdicts.verdict_files import bars, needed_runs
 
     needed = needed_runs(report.comparison)
     if needed:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from trackbench.commands.options import Options, most_workers
 from trackbench.commands.prepare import FIT, Job
-from trackbench.config.dump import as_yaml, resolved
+from trackbench.config.resolved_config import as_yaml, resolved
 from trackbench.config.shipped_experiments import files as shipped_files
 from trackbench.config.shipped_experiments import listed, located
 from trackbench.durations import expected_time_in_words
@@ -19,7 +19,8 @@ from trackbench.evaluation.trial import estimate_cpu_s
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.plan import Key, Plan
 from trackbench.plugins.errors import guarded
-from trackbench.results.folder_contents import TIMING, read_manifest
+from trackbench.results.folder_contents import TIMING
+from trackbench.results.manifest import read_manifest
 from trackbench.tuning.tuner import Training
 from trackbench.yaml_source import Assembled, read
 

@@ -7,7 +7,7 @@ from collections.abc import Collection
 from contextlib import suppress
 from pathlib import Path
 
-from trackbench.config.dump import as_yaml
+from trackbench.config.resolved_config import as_yaml
 from trackbench.errors import Mark, Problem, UserError, reason
 from trackbench.results.folder_contents import DERIVED_FILES, RUN_FILES
 from trackbench.yaml_source import read

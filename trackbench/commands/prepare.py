@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 from trackbench.commands.options import Options, most_workers, say
 from trackbench.commands.output_folder import check_out, may_write, stored_runs
 from trackbench.config import load as configurations
-from trackbench.config.dump import data_from_python
 from trackbench.config.experiment import Experiment
 from trackbench.config.python_tables import name_rows
+from trackbench.config.resolved_config import data_from_python
 from trackbench.config.shipped_experiments import located
 from trackbench.config.tuned_entries import Chosen
 from trackbench.errors import Mark, Problem, UserError, few_names

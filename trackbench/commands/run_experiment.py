@@ -30,7 +30,8 @@ from trackbench.report.html.report_page import write_report
 from trackbench.report.render import render
 from trackbench.report.sweep_files import write_sweep
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.folder_contents import locked, write_manifest
+from trackbench.results.lock import locked
+from trackbench.results.manifest import write_manifest
 from trackbench.results.number_arrays import array_notes
 from trackbench.results.write import Losses, write_results
 from trackbench.tuning.search import write_tuning

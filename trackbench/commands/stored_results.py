@@ -31,16 +31,17 @@ from trackbench.report.render import conclusions, ranking, write_figures
 from trackbench.report.sweep_files import Best, best_points
 from trackbench.report.table import Table, TextTable, results_html
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.verdicts.comparison_files import (
-    summary_lines,
-    write_comparison,
-    write_paired,
-)
 from trackbench.report.verdicts.cpu_times import time_line
 from trackbench.report.verdicts.inconclusive import reasons
 from trackbench.report.verdicts.published_numbers import Verdicts
 from trackbench.report.verdicts.published_numbers import compare as compare_with_published
-from trackbench.results.folder_contents import locked, write_manifest
+from trackbench.report.verdicts.verdict_files import (
+    summary_lines,
+    write_comparison,
+    write_paired,
+)
+from trackbench.results.lock import locked
+from trackbench.results.manifest import write_manifest
 from trackbench.results.point_facts import GridPoint
 
 if TYPE_CHECKING:

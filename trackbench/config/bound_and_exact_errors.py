@@ -1,9 +1,7 @@
 """Keys `bound` and `exact`: check that the scenario and its filters have bounds and exact errors."""
 
-from trackbench.config.experiment import (
-    Point,
-    Settings,
-)
+from trackbench.config.experiment import Point
+from trackbench.config.settings import Settings
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.exact_errors import why_not_exact
 from trackbench.plugins.errors import plugin_code

@@ -2,14 +2,10 @@
 
 from collections.abc import Iterator
 
-from trackbench.config.experiment import (
-    Exhibit,
-    Labeled,
-    Settings,
-    labels_to_run,
-)
+from trackbench.config.experiment import Exhibit, Labeled, labels_to_run
 from trackbench.config.mistakes import unknown
 from trackbench.config.requested_metrics import why_not_controlled
+from trackbench.config.settings import Settings
 from trackbench.evaluation.metric_expression import Measure, exact_label
 from trackbench.extension_points import field_values
 from trackbench.registry import Group

@@ -3,10 +3,8 @@
 from dataclasses import fields, is_dataclass
 from typing import cast
 
-from trackbench.config.experiment import (
-    Point,
-    Settings,
-)
+from trackbench.config.experiment import Point
+from trackbench.config.settings import Settings
 from trackbench.filters.base import AnyFilter, Filter
 from trackbench.plugins.checks import call_hook
 from trackbench.registry import kinds

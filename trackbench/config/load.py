@@ -14,7 +14,7 @@ from typing import Any
 
 from trackbench.config.bound_and_exact_errors import check_bound, check_exact
 from trackbench.config.build import build, build_kind
-from trackbench.config.experiment import DrawnExhibit, Exhibit, Experiment, Point, Settings
+from trackbench.config.experiment import DrawnExhibit, Exhibit, Experiment, Point
 from trackbench.config.filter_labels import check_named_filters, check_problem, chosen_labels
 from trackbench.config.filter_model import check_assumed, check_idle_late, check_late, read_assumed
 from trackbench.config.filter_requirements import check_fit
@@ -31,6 +31,7 @@ from trackbench.config.requested_metrics import (
     check_trained_metrics,
     fill_default_metrics,
 )
+from trackbench.config.settings import Settings
 from trackbench.config.table_and_figure_checks import (
     check_drawable,
     check_figures,

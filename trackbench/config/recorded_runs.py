@@ -2,10 +2,8 @@
 
 from dataclasses import replace
 
-from trackbench.config.experiment import (
-    Point,
-    Settings,
-)
+from trackbench.config.experiment import Point
+from trackbench.config.settings import Settings
 from trackbench.yaml_source import Source
 
 QUICK = "--quick"

@@ -8,7 +8,7 @@ from difflib import SequenceMatcher
 from typing import TYPE_CHECKING
 
 from trackbench.config.build import hints_of
-from trackbench.config.experiment import Exhibit, Experiment, Point, Settings
+from trackbench.config.experiment import Exhibit, Experiment, Point
 from trackbench.config.metric_names import Names, names_of, stored_metrics
 from trackbench.config.mistakes import nearest, unknown
 from trackbench.config.overrides import override
@@ -20,6 +20,7 @@ from trackbench.config.requested_truth import (
     needs_truth,
     shows_default_errors,
 )
+from trackbench.config.settings import Settings
 from trackbench.config.tuning_objective import as_expression, bad_terms
 from trackbench.evaluation.block import Kind
 from trackbench.evaluation.consistency_and_calibration import bars

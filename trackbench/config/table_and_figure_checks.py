@@ -1,13 +1,9 @@
 """Checks of tables and figures: conflicts with the grid, numbers of runs and components, key figure."""
 
-from trackbench.config.experiment import (
-    DrawnExhibit,
-    Exhibit,
-    Point,
-    Settings,
-)
+from trackbench.config.experiment import DrawnExhibit, Exhibit, Point
 from trackbench.config.mistakes import add_conflicts, unknown
 from trackbench.config.plugin_checks import exhibit_conflicts
+from trackbench.config.settings import Settings
 from trackbench.extension_points import is_foreign
 from trackbench.registry import Group
 from trackbench.yaml_source import Source

@@ -62,7 +62,7 @@ def _keys_for_programs(group: str, cls: type[Part]) -> list[JsonRow]:
 
 def experiment_keys() -> list[dict[str, str]]:
     """Describe the top level of an experiment file: key, default and text."""
-    from trackbench.config.experiment import Settings
+    from trackbench.config.settings import Settings
 
     return _as_data(list(_key_rows(Settings, "")))
 

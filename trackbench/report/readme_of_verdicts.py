@@ -8,8 +8,8 @@ from trackbench.report.experiments_of_folder import (
     relative_link,
     result_in_words,
 )
-from trackbench.report.verdicts.comparison_files import summary_lines, verdict_tables
 from trackbench.report.verdicts.published_numbers import Verdicts
+from trackbench.report.verdicts.verdict_files import summary_lines, verdict_tables
 
 _HEAD = """# Published and measured
 

@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.atomic_files import free_name, write_csv
-from trackbench.config.experiment import DrawnExhibit, Experiment, Settings
+from trackbench.config.experiment import DrawnExhibit, Experiment
 from trackbench.config.grid import filters_of, independent_filter_paths, single_paths
 from trackbench.config.published import Published
+from trackbench.config.settings import Settings
 from trackbench.evaluation.metric_expression import measured
 from trackbench.report.figures.sweep import SweepFigure
 from trackbench.report.findings import phrases

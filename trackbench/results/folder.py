@@ -29,14 +29,8 @@ from trackbench.results.csv_columns import (
     read_columns,
     read_runs,
 )
-from trackbench.results.folder_contents import (
-    COLUMNS,
-    DATA_FILES,
-    DIGITS,
-    EXACT_DIGITS,
-    TIMING,
-    read_manifest,
-)
+from trackbench.results.folder_contents import COLUMNS, DATA_FILES, DIGITS, EXACT_DIGITS, TIMING
+from trackbench.results.manifest import read_manifest
 from trackbench.results.number_arrays import (
     PER_RUN_FILE,
     PER_STEP_FILE,

@@ -23,10 +23,10 @@ from trackbench.atomic_files import (
     write_csv,
     write_text,
 )
-from trackbench.config.dump import as_yaml, data_files, resolved
 from trackbench.config.experiment import Experiment
 from trackbench.config.metric_names import is_stored, stored_metrics
 from trackbench.config.requested_metrics import requested_contributions
+from trackbench.config.resolved_config import as_yaml, data_files, resolved
 from trackbench.core import compiled
 from trackbench.core.arrays import Array, Index, fixed
 from trackbench.core.sums import total
