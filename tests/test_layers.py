@@ -125,6 +125,19 @@ def _imported(path: Path, names: set[str]) -> set[str]:
     return found & names
 
 
+def _is_logic(node: ast.stmt) -> bool:
+    """Whether a statement is none of a docstring, an import and ``__all__``."""
+    if isinstance(node, ast.Assign):
+        return ast.unparse(node.targets[0]) != "__all__"
+    return not isinstance(node, ast.Expr | ast.Import | ast.ImportFrom)
+
+
+@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*/__init__.py")), ids=_name)
+def test_no_init_file_has_logic(path: Path) -> None:
+    """Nobody guesses that a rule stands in a file whose name says nothing; the API's file apart."""
+    assert not [ast.unparse(node) for node in ast.parse(path.read_text()).body if _is_logic(node)]
+
+
 def test_no_files_import_each_other_in_a_circle() -> None:
     """Nor by an import within a function; the package itself, which any import begins with, apart."""
     names = {_name(path) for path in _modules()}

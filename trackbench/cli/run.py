@@ -190,8 +190,8 @@ def _tune(config: Path, metric: str | None, evaluations: int | None, given: dict
 
 def _begin(given: dict[str, Any]) -> None:
     """Start importing in the fork server while this process imports and reads."""
+    from trackbench.commands.options import DRAWER
     from trackbench.execution.engines import begin
-    from trackbench.report import DRAWER
 
     if not given["dry_run"]:
         begin(given["engine"], given["workers"], DRAWER)

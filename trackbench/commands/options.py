@@ -9,6 +9,9 @@ from typing import Any
 from trackbench.commands.keyword_arguments import check_keywords
 from trackbench.execution.engines import Engine, cpu_count
 
+DRAWER = "trackbench.report.drawing_process"
+"""What a process that draws figures imports."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Options:

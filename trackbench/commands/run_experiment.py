@@ -10,7 +10,14 @@ from trackbench.atomic_files import record_writes
 from trackbench.commands.cpu_times import Times, measure_times
 from trackbench.commands.expected_time import expected_time, expected_time_of_tuning
 from trackbench.commands.keyword_arguments import with_known_keywords
-from trackbench.commands.options import OPTION_NAMES, Options, most_drawers, most_workers, say
+from trackbench.commands.options import (
+    DRAWER,
+    OPTION_NAMES,
+    Options,
+    most_drawers,
+    most_workers,
+    say,
+)
 from trackbench.commands.prepare import Job, dry_run_line, jobs_of, plan_of, with_tuned
 from trackbench.commands.shard import run_shard
 from trackbench.commands.stored_results import Report
@@ -25,7 +32,6 @@ from trackbench.execution.plan import Key, Plan, cautions
 from trackbench.execution.runner import Outcome, execute
 from trackbench.execution.stop_when_precise import next_batch, stop_reason
 from trackbench.filters.external import PRINT_ALL_DIGITS, External
-from trackbench.report import DRAWER
 from trackbench.report.html.report_page import write_report
 from trackbench.report.render import render
 from trackbench.report.sweep_files import write_sweep

@@ -1,4 +1,4 @@
-"""Experiment: points of the grid with their filters, tables and figures, as a valid config gives them."""
+"""Experiment: points of the grid with their filters, tables and figures, made of a valid config."""
 
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
