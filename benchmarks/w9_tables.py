@@ -6,7 +6,7 @@ from pathlib import Path
 
 from benchmarks.harness import Entrant, Limit, Outcome, Workload
 from trackbench import api
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 
 FILTERS = 50
 HEAD = """name: fifty

@@ -27,9 +27,9 @@ from docs.site.blocks import Block, blocks
 from tests.conftest import ROOT
 from trackbench import api
 from trackbench.__main__ import main
-from trackbench.commands import prepare, run_experiment
-from trackbench.config.experiment import Settings
+from trackbench.commands import expected_time, run_experiment
 from trackbench.config.load import load
+from trackbench.config.settings import Settings
 from trackbench.config.suite import load_suite
 from trackbench.contract import problems as contract_problems
 from trackbench.errors import UserError
@@ -95,7 +95,7 @@ def quickly(*keys: str) -> Iterator[None]:
         yield from original(configs, few, *more, **other)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(prepare, "_MOST_TRIALS", 0)
+        patch.setattr(expected_time, "_MOST_TRIALS", 0)
         patch.setattr(contract_problems, "_MOST_STEPS", 15)
         for module in (run_experiment, api):
             patch.setattr(module, "run_each", run_each)
@@ -258,7 +258,7 @@ def known(words: list[str]) -> None:
         for after, file in pairwise(words):
             assert after != "-r" or (ROOT / file).is_file(), words
     elif words[0] == "trackbench" and not words[1].startswith("--"):
-        from trackbench.cli import app
+        from trackbench.cli.app import app
 
         command = typer.main.get_command(app).commands[words[1]]
         there = {option for param in command.params for option in param.opts}

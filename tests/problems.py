@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from tests.conftest import EXPERIMENT_FILES, EXPERIMENTS, shipped
-from trackbench.config.dump import as_yaml, resolved
 from trackbench.config.experiment import Experiment
+from trackbench.config.resolved_config import as_yaml, resolved
 from trackbench.config.shipped_experiments import problems as listed
 from trackbench.config.shipped_experiments import with_parts
 

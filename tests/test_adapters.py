@@ -14,7 +14,7 @@ from tests.papers import maneuver, seen_as
 from trackbench.adapters import FilterPy, PerRun, StoneSoup
 from trackbench.adapters.per_run import loop_over_runs
 from trackbench.config.build import help_texts
-from trackbench.contract import check_filter
+from trackbench.contract.run_contract import check_filter
 from trackbench.core.arrays import Array
 from trackbench.core.random_streams import block_stream
 from trackbench.evaluation.block import BlockTask, simulate

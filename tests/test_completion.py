@@ -10,7 +10,7 @@ import pytest
 from tests.commands import trackbench
 from tests.conftest import ROOT
 
-START = "import sys; sys.argv[0] = 'trackbench'; from trackbench.cli import main; main()"
+START = "import sys; sys.argv[0] = 'trackbench'; from trackbench.cli.app import main; main()"
 
 
 def asked(line: str, shell: str) -> dict[str, str]:

@@ -11,8 +11,9 @@ import pytest
 from tests.commands import trackbench
 from tests.conftest import EXPERIMENT_FILES, shipped
 from tests.linear_problem import LINEAR
-from trackbench.contract import check_filter, checks
+from trackbench.contract import checks
 from trackbench.contract.checks import ContractError, _check_covariance
+from trackbench.contract.run_contract import check_filter
 from trackbench.core.distributions import Gaussian, per_run_moments
 from trackbench.filters.base import Steps
 from trackbench.filters.ekf import EKF

@@ -6,9 +6,9 @@ import pytest
 
 from trackbench.config.load import load
 from trackbench.config.plugin_checks import load_file
-from trackbench.contract import run_check
 from trackbench.contract.checks import CHECKS
 from trackbench.contract.problems import ModelDraws
+from trackbench.contract.run_contract import run_check
 from trackbench.registry import kinds
 
 FILTER = '''

@@ -11,9 +11,9 @@ from tests import planted
 from tests.commands import trackbench
 from tests.planted import HandEKF, HandKF, HandPF, HandUKF, problem, with_bug
 from trackbench.adapters import PerRun
-from trackbench.contract import Finding, check_filter
 from trackbench.contract.diagnosis import misfit
 from trackbench.contract.problems import RADAR, UNEQUAL, ModelDraws, why_not
+from trackbench.contract.run_contract import Finding, check_filter
 from trackbench.registry import kinds
 
 COMMON = ("missing is zero", "not definite", "not symmetric", "sigma", "dt ignored", "axes swapped")

@@ -5,7 +5,7 @@ from typer.testing import CliRunner
 
 from tests.conftest import EXPERIMENT_FILES, shipped
 from tests.papers import merwe_text
-from trackbench.cli import app
+from trackbench.cli.app import app
 from trackbench.config.metric_names import names_of
 from trackbench.evaluation.metric_expression import measured
 from trackbench.help import metrics

@@ -19,7 +19,7 @@ from trackbench.execution.cache import _foreign_code
 from trackbench.extension_points import InvalidHookError, hooks, mistakes, rebase
 from trackbench.filters.base import Filter
 from trackbench.filters.kf import KF
-from trackbench.help.kinds import description
+from trackbench.help.descriptions import description
 from trackbench.registry import GROUPS, Group, base_of, kinds, register
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from tests.papers import merwe_text
 from trackbench import api
-from trackbench.results.folder_contents import read_manifest
+from trackbench.results.manifest import read_manifest
 
 CONFIG = """
 name: small

@@ -63,16 +63,27 @@ def _imports(path: Path) -> set[str]:
 
 
 REPORT = (
-    ("findings.phrases", "table", "paired"),
-    ("plotting",),
-    ("results",),
+    ("findings.phrases", "table", "compared_metrics", "pairs_of_filters"),
+    ("plotting", "default_exhibits", "output_errors", "units_of_keys"),
+    ("tables_and_figures",),
+    ("grid_scenes",),
     ("expressions",),
-    ("costs", "verdicts"),
+    ("errors_over_cpu_time", "verdicts"),
     ("findings",),
     ("kinds",),
     ("tables",),
     ("figures",),
-    ("render", "drawing_process", "open", "sweep", "compare_folders", "suite"),
+    (
+        "figure_cache",
+        "render",
+        "drawing_process",
+        "open_results",
+        "experiments_of_folder",
+        "readme_of_verdicts",
+        "sweep_files",
+        "compare_folders",
+        "suite",
+    ),
     ("html",),
 )
 """Inner layers of ``report/`` from the bottom up. Captions rank the filters: figures use findings."""
@@ -112,6 +123,19 @@ def _imported(path: Path, names: set[str]) -> set[str]:
         if isinstance(node, ast.Import):
             found |= {a.name for a in node.names}
     return found & names
+
+
+def _is_logic(node: ast.stmt) -> bool:
+    """Whether a statement is none of a docstring, an import and ``__all__``."""
+    if isinstance(node, ast.Assign):
+        return ast.unparse(node.targets[0]) != "__all__"
+    return not isinstance(node, ast.Expr | ast.Import | ast.ImportFrom)
+
+
+@pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*/__init__.py")), ids=_name)
+def test_no_init_file_has_logic(path: Path) -> None:
+    """Nobody guesses that a rule stands in a file whose name says nothing; the API's file apart."""
+    assert not [ast.unparse(node) for node in ast.parse(path.read_text()).body if _is_logic(node)]
 
 
 def test_no_files_import_each_other_in_a_circle() -> None:

@@ -19,15 +19,15 @@ from docs.site.blocks import blocks
 from tests.commands import BARE, Command, spawned, trackbench
 from tests.conftest import PLANE, ROOT
 from trackbench import api
-from trackbench.cli.output import echo_line
+from trackbench.cli.json_objects import echo_line
 from trackbench.commands.gate import FAILED, NEGLIGIBLE, REMOVED, limit_of
-from trackbench.contract import Finding
+from trackbench.contract.run_contract import Finding
 from trackbench.errors import WriteError
 from trackbench.registry import GROUPS, kinds
 from trackbench.report.compare_folders import COST, DIFFERS, EXACT, INDEPENDENT, PAIRED
 from trackbench.report.suite.scores import BEST, LOSES_MORE, Ratio, Score
-from trackbench.report.sweep import Best
-from trackbench.statistics import rules
+from trackbench.report.sweep_files import Best
+from trackbench.statistics import significance_rules as rules
 
 
 def lines(

@@ -13,8 +13,8 @@ from tests import problems
 from tests.commands import trackbench
 from tests.conftest import EXPERIMENT_FILES, PLANE, plugins_forgotten, shipped
 from trackbench.config import shipped_experiments
-from trackbench.config.dump import resolved
 from trackbench.config.load import load
+from trackbench.config.resolved_config import resolved
 from trackbench.errors import UserError
 from trackbench.execution.cache import block_key
 from trackbench.execution.plan import make_plan

@@ -12,7 +12,7 @@ import pytest
 import trackbench
 from trackbench.commands.prepare import prepare
 from trackbench.core.arrays import Array
-from trackbench.verify import verify
+from trackbench.verify.verify_folder import verify
 
 SCENARIO: dict[str, Any] = {
     "kind": "tracking",

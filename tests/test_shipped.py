@@ -18,7 +18,7 @@ from tests.times import seconds
 from trackbench import yaml_source
 from trackbench.config import shipped_experiments
 from trackbench.config.load import load
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 from trackbench.yaml_source import read
 
 NAMES = [*EXPERIMENT_FILES]

@@ -23,15 +23,15 @@ from tests.browser import LETTER, PARTED, WIDE, paper, sized
 from tests.conftest import EXPERIMENT_FILES, ROOT
 from tests.test_shipped import NAMES
 from trackbench.commands.gate import NEGLIGIBLE
-from trackbench.commands.prepare import OPTION_NAMES
+from trackbench.commands.options import OPTION_NAMES
 from trackbench.config import shipped_experiments
-from trackbench.contract import Finding, check_filter
 from trackbench.contract.checks import CHECKS
+from trackbench.contract.run_contract import Finding, check_filter
 from trackbench.help import kinds as help_kinds
 from trackbench.metrics import METRICS
 from trackbench.registry import GROUPS, kinds
 from trackbench.report.plotting import style
-from trackbench.statistics.rules import ALIKE, BETTER, EQUAL, UNTESTED, WORSE
+from trackbench.statistics.significance_rules import ALIKE, BETTER, EQUAL, UNTESTED, WORSE
 from trackbench.yaml_source import parse
 
 PAGES = cache(reference.pages)

@@ -18,9 +18,9 @@ from matplotlib.figure import Figure
 from tests.commands import trackbench
 from tests.conftest import ROOT
 from tests.suite_scores import stored_suite
-from trackbench.commands import prepare, suite_contract
+from trackbench.commands import expected_time, suite_contract
 from trackbench.commands import run_suite as run_suite_module
-from trackbench.commands.prepare import Options
+from trackbench.commands.options import Options
 from trackbench.commands.run_suite import SuiteReport, _recorded_seconds, preview_suite, run_suite
 from trackbench.config.shipped_experiments import SuiteTime, suite_names, suite_times
 from trackbench.config.suite import QUICK_RUNS, load_suite
@@ -30,13 +30,8 @@ from trackbench.models.description import sensor_places
 from trackbench.report.plotting import style
 from trackbench.report.plotting.point_labels import PointLabel, label_points
 from trackbench.report.suite import tables as suite_tables
-from trackbench.report.suite.figures import (
-    cell_text,
-    draw_cost,
-    draw_matrix,
-    draw_profile,
-    ordered_problems,
-)
+from trackbench.report.suite.figures import draw_cost, draw_profile
+from trackbench.report.suite.matrix import cell_text, draw_matrix, ordered_problems
 from trackbench.report.suite.scores import (
     FILTER,
     WORST,
@@ -52,7 +47,7 @@ from trackbench.report.suite.scores import (
     typical_ratios,
 )
 from trackbench.report.suite.tables import fails, filter_sentences, filter_table, roster_table
-from trackbench.statistics.rules import FEWEST_RUNS
+from trackbench.statistics.significance_rules import FEWEST_RUNS
 
 SUITE = """\
 name: small
@@ -290,7 +285,7 @@ def test_a_dry_run_of_a_shipped_suite_times_the_users_filter(
         tried.append(task.filter.runs_program)
         return 3600.0
 
-    monkeypatch.setattr(prepare, "estimate_cpu_s", trial)
+    monkeypatch.setattr(expected_time, "estimate_cpu_s", trial)
     last = preview_suite(Path("standard"), options, problems)[-1]
     assert tried == [True, True]
     assert last.startswith("in all about 2 h on 1 workers")
@@ -301,7 +296,7 @@ def test_a_dry_run_of_a_shipped_suite_times_the_users_filter(
     assert len(tried) == 2
     # A filter that fails in its trial has no time.
     monkeypatch.setattr(run_suite_module, "_TRIALS_S", 10.0)
-    monkeypatch.setattr(prepare, "estimate_cpu_s", lambda task: 1 / 0)
+    monkeypatch.setattr(expected_time, "estimate_cpu_s", lambda task: 1 / 0)
     assert preview_suite(Path("standard"), options, problems)[-1].endswith("and without mine")
 
 

@@ -14,7 +14,7 @@ from trackbench import api
 from trackbench.config.grid import axis_values, combinations, number_of_points
 from trackbench.config.load import load
 from trackbench.errors import Mark, UserError
-from trackbench.results.folder_contents import read_manifest
+from trackbench.results.manifest import read_manifest
 
 CONFIG = """
 name: s

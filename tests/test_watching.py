@@ -14,7 +14,7 @@ import pytest
 from tests.commands import trackbench
 from tests.execution.test_resume import _heed_ctrl_c
 from tests.papers import merwe_text
-from trackbench.cli.run import _EVERY_S, _stamps, changed
+from trackbench.cli.watch import EVERY_S, changed, stamps_of
 from trackbench.config.shipped_experiments import with_parts
 
 CONFIG = """
@@ -137,13 +137,13 @@ def test_a_file_counts_if_its_content_does(tmp_path: Path) -> None:
     """Not if it is only written again; and so does one that was missing."""
     same, new = tmp_path / "same.yaml", tmp_path / "new.csv"
     same.write_text("a")
-    before = _stamps([same, new, tmp_path, Path("x" * 5000)], {})
+    before = stamps_of([same, new, tmp_path, Path("x" * 5000)], {})
     assert [path for path, stamp in before.items() if stamp is not None] == [same]
 
     def save() -> None:
         same.write_text("a")
         os.utime(same, ns=(1, 1))
-        time.sleep(3 * _EVERY_S)
+        time.sleep(3 * EVERY_S)
         new.write_text("1,2")
 
     saving = threading.Thread(target=save)

@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 from trackbench.config import shipped_experiments
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
 from trackbench.results.folder_contents import TIMING
 

@@ -12,7 +12,7 @@ def main() -> None:
     gc.set_threshold(50_000)
     atexit.register(gc.freeze)
     try:
-        from trackbench.cli import main as run
+        from trackbench.cli.app import main as run
 
         run()
     except KeyboardInterrupt:

@@ -4,6 +4,7 @@ import signal
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 
 @dataclass(frozen=True, order=True)
@@ -30,6 +31,13 @@ class Problem:
 
     def __str__(self) -> str:
         return in_line(": ".join(filter(None, [str(self.mark), self.path, self.what])))
+
+
+def mistake_as_data(problem: Problem | str) -> dict[str, Any]:
+    """Describe a mistake as ``--json`` prints it: by its position, path and text."""
+    if isinstance(problem, str):
+        return {"file": "", "line": 0, "column": 0, "path": "", "what": problem}
+    return {**vars(problem.mark), "path": problem.path, "what": problem.what}
 
 
 def in_line(text: str) -> str:

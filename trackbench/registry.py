@@ -150,8 +150,8 @@ def _homes(group: Group) -> dict[str, _Home]:
     package, *_ = _PLACES[group]
     folder = Path(__file__).parents[1].joinpath(*package.split("."))
     homes: dict[str, _Home] = {}
-    for file in [*folder.glob("*.py"), *folder.glob("*/__init__.py")]:
-        name = file.parent.name if file.stem == "__init__" else file.stem
+    for file in [*folder.glob("*.py"), *folder.glob("*/*.py")]:
+        name = ".".join(file.relative_to(folder).with_suffix("").parts)
         for of_group, kind, doc in _REGISTRATION.findall(file.read_text(encoding="utf-8")):
             if of_group == group:
                 homes[kind] = _Home(f"{package}.{name}", doc)

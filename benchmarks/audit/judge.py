@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks.audit.nonlinear import FORMULAS, Rule, off_the_formulas
 from benchmarks.audit.nonlinear import TOLERANCE as NONLINEAR_TOLERANCE
 from trackbench.config.load import load
-from trackbench.contract import Finding, check_file
+from trackbench.contract import check_file
 from trackbench.contract.problems import (
     PLANAR,
     PRECISE,
@@ -23,6 +23,7 @@ from trackbench.contract.problems import (
     simulate,
     with_gaps,
 )
+from trackbench.contract.run_contract import Finding
 from trackbench.core import linalg
 from trackbench.filters.base import AnyFilter
 from trackbench.filters.ekf import EKF

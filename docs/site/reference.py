@@ -144,7 +144,7 @@ def _metrics() -> str:
 def _commands() -> str:
     import typer
 
-    from trackbench.cli import app
+    from trackbench.cli.app import app
 
     codes = "Exit codes: 0 done, 1 a filter failed, 2 bad input, 130 interrupted."
     lines = ["# Commands", f"`trackbench COMMAND --help` says the same. {codes}"]
@@ -173,9 +173,9 @@ def _python() -> str:
             lines += [f"## {name}", *_class(found)]
         else:
             lines += [f"## {name} {{ #{name} }}", *_function(f"trackbench.{name}", found)]
-    from trackbench.report.results import Results
-    from trackbench.report.sweep import Best
+    from trackbench.report.sweep_files import Best
     from trackbench.report.table import Table
+    from trackbench.report.tables_and_figures import Results
 
     for cls in (Results, Table, Best):
         lines += [f"## {cls.__name__}", *_class(cls)]

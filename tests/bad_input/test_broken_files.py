@@ -115,7 +115,7 @@ CONTENTS: dict[str, tuple[str | bytes, str]] = {
 # The program as it is, in one folder after the other: exit code, largest memory so far.
 MEASURED = """
 import os, sys
-from trackbench.cli import main
+from trackbench.cli.app import main
 
 for folder in sys.argv[1:]:
     os.chdir(folder)

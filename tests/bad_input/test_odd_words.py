@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 from tests.bad_input.test_bad_input import LISTS, good_files
 from tests.papers import merwe_text
 from trackbench import api
-from trackbench.config.dump import as_yaml
 from trackbench.config.load import load
+from trackbench.config.resolved_config import as_yaml
 from trackbench.errors import UserError, WriteError
 from trackbench.results.folder_contents import remove_outputs
-from trackbench.verify import verify
+from trackbench.verify.verify_folder import verify
 from trackbench.yaml_source import formula, parse
 
 SCENARIO = merwe_text(T=3)

@@ -9,7 +9,7 @@ import pytest
 from tests.bad_input.test_bad_input import LISTS, good_files
 from tests.commands import trackbench
 from tests.conftest import make_filter
-from trackbench.cli import main
+from trackbench.cli.app import main
 from trackbench.config import requested_metrics
 from trackbench.plugins.errors import location_of
 

@@ -5,8 +5,8 @@ from pathlib import Path
 import yaml
 
 from tests.bad_input.test_bad_input import LISTS, good_files
-from trackbench.config.dump import resolved
 from trackbench.config.load import load
+from trackbench.config.resolved_config import resolved
 
 GOOD = good_files(LISTS["maneuver"])["c.yaml"]
 

@@ -11,7 +11,7 @@ from trackbench.config.load import load
 from trackbench.errors import UserError, WriteError
 from trackbench.execution.engines import engine
 from trackbench.models.motions.scalar import MerweMotion
-from trackbench.verify import verify
+from trackbench.verify.verify_folder import verify
 
 CONFIG = """
 name: a

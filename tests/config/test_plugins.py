@@ -15,7 +15,7 @@ from trackbench.execution.cache import block_key
 from trackbench.execution.plan import make_plan
 from trackbench.plugins.errors import PluginError
 from trackbench.plugins.load import load_plugin
-from trackbench.results.folder_contents import read_manifest
+from trackbench.results.manifest import read_manifest
 
 pytestmark = pytest.mark.usefixtures("no_report")
 

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from tests.conftest import PLANE
-from trackbench.config.dump import as_yaml, resolved
 from trackbench.config.load import load
+from trackbench.config.resolved_config import as_yaml, resolved
 
 FILTERS = "filters: {A: {kind: ekf}, B: {kind: ukf}}\n"
 

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
-from trackbench.commands import prepare
-from trackbench.commands.prepare import Options, expected_time, jobs_of
+from trackbench.commands import expected_time as expected_times
+from trackbench.commands.expected_time import expected_time
+from trackbench.commands.options import Options
+from trackbench.commands.prepare import jobs_of
 from trackbench.evaluation import trial
 from trackbench.evaluation.trial import estimate_cpu_s
 
@@ -64,7 +66,7 @@ def test_many_filters_and_failing_ones_have_no_trial(monkeypatch) -> None:
     (job,) = jobs_of([CONFIG], Options(quiet=True, fresh=True))
     assert "by a trial" in expected_time(job, Options(fresh=True))
     assert "time unknown" in expected_time(job, Options(fresh=True), tries=False)
-    monkeypatch.setattr(prepare, "_MOST_TRIALS", 1)
+    monkeypatch.setattr(expected_times, "_MOST_TRIALS", 1)
     assert "time unknown" in expected_time(job, Options(fresh=True))
     monkeypatch.undo()
     monkeypatch.setattr(trial, "run_filter", lambda task, data: 1 / 0)

@@ -9,14 +9,14 @@ import pytest
 
 from tests.papers import maneuver, merwe
 from trackbench.config.build import file_keys
-from trackbench.config.dump import as_config
 from trackbench.config.load import load
+from trackbench.config.resolved_config import as_config
 from trackbench.evaluation.block import BlockTask
 from trackbench.execution import code_digests
 from trackbench.execution.cache import block_key
 from trackbench.execution.plan import make_plan
-from trackbench.filters.adaptive_kf import AdaptiveKF
 from trackbench.filters.adaptive_kf.decision_keys import Detector, SecondDecision
+from trackbench.filters.adaptive_kf.kinds_and_presets import AdaptiveKF
 from trackbench.filters.imm import IMM
 from trackbench.filters.kf import KF
 from trackbench.filters.particle_filters import PF

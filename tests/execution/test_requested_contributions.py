@@ -8,9 +8,9 @@ from tests.papers import merwe_text
 from trackbench import api
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 from trackbench.statistics.sample_statistics import mean
-from trackbench.verify import verify
+from trackbench.verify.verify_folder import verify
 
 CONFIG = """
 name: shares

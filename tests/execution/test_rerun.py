@@ -10,11 +10,11 @@ from tests.commands import trackbench
 from tests.conftest import EXPERIMENT_FILES, PLANE, shipped
 from tests.papers import maneuver_text, merwe_text
 from trackbench import api
-from trackbench.config.dump import as_yaml, resolved
 from trackbench.config.experiment import Experiment
 from trackbench.config.load import load
-from trackbench.report.open import open_results
-from trackbench.verify import verify
+from trackbench.config.resolved_config import as_yaml, resolved
+from trackbench.report.open_results import open_results
+from trackbench.verify.verify_folder import verify
 from trackbench.yaml_source import parse
 
 CONFIG = """

@@ -17,7 +17,7 @@ from tests.commands import trackbench
 from tests.papers import merwe_text
 from trackbench import api
 from trackbench.execution.engines import cpu_count
-from trackbench.results.folder_contents import read_manifest
+from trackbench.results.manifest import read_manifest
 
 FILES = ("per_run.csv", "per_step.csv", "summary.csv")
 

@@ -8,7 +8,7 @@ import pytest
 
 from tests.conftest import make_filter
 from tests.papers import banana, maneuver, merwe
-from trackbench.config.checks import check_fit
+from trackbench.config.filter_requirements import check_fit
 from trackbench.errors import Problem
 from trackbench.models.sensors.base import Assume
 from trackbench.scenarios.score import Score

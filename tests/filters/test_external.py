@@ -19,8 +19,9 @@ import pytest
 from tests.commands import trackbench
 from tests.conftest import ROOT, forget_facts, make_filter, track
 from trackbench import api
-from trackbench.contract import check_file, check_filter
+from trackbench.contract import check_file
 from trackbench.contract.problems import UNEQUAL, ModelDraws, new_rng, planar, radar, simulate
+from trackbench.contract.run_contract import check_filter
 from trackbench.core.distributions import Gaussian
 from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask

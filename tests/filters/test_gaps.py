@@ -5,7 +5,7 @@ import pytest
 
 from tests.conftest import make_filter
 from tests.papers import banana, merwe
-from trackbench.config.checks import meets_requirement
+from trackbench.config.filter_requirements import meets_requirement
 from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.run_filter import FilterOutput, run_filter
 from trackbench.registry import kinds

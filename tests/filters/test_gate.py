@@ -26,11 +26,11 @@ from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.sensors.base import Outliers
 from trackbench.models.sensors.position import PositionSensor, VelocitySensor
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 from trackbench.scenarios.starts.without_scans import GaussianStart
 from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.tracking import Tracking
-from trackbench.statistics import rules
+from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.intervals import AcceptedNis, anees_band
 
 RUNS = 200

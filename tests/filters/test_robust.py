@@ -10,7 +10,7 @@ from scipy.special import gamma
 
 from tests.conftest import make_filter, per_run, simulate, track
 from tests.filters.test_conflicts import refusals
-from trackbench.contract import check_filter
+from trackbench.contract.run_contract import check_filter
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.filters.robust import Huber, StudentT

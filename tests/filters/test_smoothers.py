@@ -13,7 +13,7 @@ from trackbench.config.load import load
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.filters.base import FixedLag
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 
 pytestmark = pytest.mark.usefixtures("no_report")
 

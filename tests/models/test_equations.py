@@ -17,7 +17,7 @@ from trackbench.models.motions.turn import UnknownTurn
 from trackbench.models.sensors.base import StackedSensor
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 
 pytestmark = pytest.mark.usefixtures("no_report")
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from trackbench.help.kinds import description
+from trackbench.help.descriptions import description
 from trackbench.models.motions.kinematic import (
     ConstantAcceleration,
     ConstantVelocity,

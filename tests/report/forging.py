@@ -10,7 +10,7 @@ import pytest
 from trackbench import api
 from trackbench.evaluation import run_filter
 from trackbench.evaluation.block import BlockTask
-from trackbench.results.folder_contents import read_manifest, write_manifest
+from trackbench.results.manifest import read_manifest, write_manifest
 
 
 def reseal(folder: Path) -> None:

@@ -12,13 +12,13 @@ import yaml
 from tests.commands import ran
 from tests.conftest import PLANE as POSITIONS
 from trackbench import api
+from trackbench.report.experiments_of_folder import short_answer
 from trackbench.report.figures.over_time import RmseVsTime
 from trackbench.report.figures.sweep import RmseVsParameter, SweepFigure
 from trackbench.report.findings import sentences
 from trackbench.report.findings.ranking import rankings
-from trackbench.report.html.index_page import short_answer
 from trackbench.report.plotting import style
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 
 PLANE = """
 name: plane

@@ -14,8 +14,8 @@ from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import measure
 from trackbench.evaluation.uniformity_tests import kolmogorov, kolmogorov_band
 from trackbench.report.figures.calibration import Reliability
-from trackbench.report.results import Results
-from trackbench.verify import verify
+from trackbench.report.tables_and_figures import Results
+from trackbench.verify.verify_folder import verify
 
 CONFIG = """
 name: calibrated

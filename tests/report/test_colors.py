@@ -12,7 +12,7 @@ from tests.commands import ran
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.figures.over_time import RmseVsTime
 from trackbench.report.plotting import style
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 
 ONLY_OF_PARTICLES = ("F2", "F10")
 CONFIG = {

@@ -13,7 +13,7 @@ from tests.conftest import PLANE
 from trackbench import api
 from trackbench.commands.gate import Limit, judge, limit_of
 from trackbench.report.compare_folders import Row, compare_folders, judge_rows, rows_of
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 from trackbench.statistics.comparison import Sample
 
 CONFIG = f"""

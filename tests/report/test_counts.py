@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.commands import ran
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 from trackbench.statistics.sample_statistics import rms
 
 LEGS = """

@@ -17,9 +17,9 @@ from trackbench.evaluation import timing
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.html.index_page import write_overview
 from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts, write_time_verdicts
+from trackbench.results.csv_columns import Columns
 from trackbench.results.folder_contents import TIME_VERDICTS, TIMING
-from trackbench.results.frames import Columns
-from trackbench.verify import verify
+from trackbench.verify.verify_folder import verify
 
 REPEATS = 30
 TIME = measure("cpu_s_per_run")

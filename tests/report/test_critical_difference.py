@@ -16,7 +16,7 @@ from trackbench.report.figures.critical_difference import (
     mean_ranks,
     range_quantile,
 )
-from trackbench.report.verdicts.numbers import kendall
+from trackbench.report.verdicts.published_numbers import kendall
 
 FEW = st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4)), min_size=2, max_size=12)
 
@@ -56,7 +56,7 @@ def test_a_run_with_all_of_them_imports_no_scipy_stats(tmp_path: Path) -> None:
     code = (
         "import sys; sys.argv[1:] = ['run', 'hdepf', '--runs', '8', '--set', 'block=fit', "
         f"'--out', {str(tmp_path / 'out')!r}, '--engine', 'serial', '--only', 'PF', '--only', 'UKF']\n"
-        "from trackbench.cli import app\n"
+        "from trackbench.cli.app import app\n"
         "try:\n    app()\nexcept SystemExit as done:\n    assert not done.code\n"
         "assert 'matplotlib' in sys.modules and 'scipy.stats' not in sys.modules"
     )

@@ -23,7 +23,7 @@ from trackbench.report.figures.sweep import RmseVsParameter, SweepFigure
 from trackbench.report.figures.tuned_keys import _draw_panel
 from trackbench.report.plotting import scales, style
 from trackbench.report.plotting.page_formats import COLUMN, drawing_for
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 
 SIZE = "filters.PF.N"
 NOISE = "scenario.sensor.sigma"

@@ -14,7 +14,7 @@ from tests.commands import ran
 from tests.papers import banana_text
 from trackbench.registry import kinds
 from trackbench.report.plotting import style
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 
 CONFIG = f"""name: every
 runs: 12

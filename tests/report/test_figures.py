@@ -19,9 +19,9 @@ from trackbench.report.figures.per_run import RmsePerRun, _sort_over_shares
 from trackbench.report.figures.track import Track
 from trackbench.report.findings import phrases
 from trackbench.report.plotting import style
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 from trackbench.statistics.estimates import RunEstimate
-from trackbench.verify import verify
+from trackbench.verify.verify_folder import verify
 
 GRID = """
 name: g

@@ -16,8 +16,8 @@ from trackbench import api
 from trackbench.report.findings.ranking import Candidate, ranking_of, rankings
 from trackbench.report.findings.ranking_table import ranking_tables
 from trackbench.report.findings.sentences import answer
-from trackbench.report.results import Results
 from trackbench.report.table import Text
+from trackbench.report.tables_and_figures import Results
 from trackbench.results.folder_contents import COLUMNS
 from trackbench.results.point_facts import PointFacts
 from trackbench.statistics.comparison import Sample

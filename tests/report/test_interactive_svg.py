@@ -9,12 +9,12 @@ from matplotlib.figure import Figure
 
 from trackbench.report.figures.heat_map import HeatMap
 from trackbench.report.figures.over_time import EstimatesOfOneRun, RmseVsTime
-from trackbench.report.html.index_page import thumbnail
 from trackbench.report.html.svg import outline
+from trackbench.report.html.thumbnail import thumbnail
 from trackbench.report.plotting import style
 from trackbench.report.plotting.svg_file import compact_paths
 from trackbench.report.render import draw_figure
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 
 SVG = "{http://www.w3.org/2000/svg}"
 

@@ -9,7 +9,7 @@ from trackbench import api
 from trackbench.evaluation.block import simulate
 from trackbench.filters.kf import KF
 from trackbench.report.plotting import style
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 from trackbench.scenarios.base import Scenario
 
 CONFIG = """

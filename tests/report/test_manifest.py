@@ -15,9 +15,9 @@ from tests.papers import merwe_text
 from tests.report.forging import edit
 from trackbench import api
 from trackbench.errors import RunError, UserError
-from trackbench.report.open import _damage_lines, changed_files, open_results
-from trackbench.results.folder_contents import Damage, read_manifest
-from trackbench.verify import verify
+from trackbench.report.open_results import _damage_lines, changed_files, open_results
+from trackbench.results.manifest import Damage, read_manifest
+from trackbench.verify.verify_folder import verify
 
 CONFIG = """
 name: kept
@@ -103,7 +103,7 @@ def test_a_killed_run_leaves_nothing_of_the_one_before(folder: Path, where: str)
     kill = (
         f"import os, signal, trackbench.{module} as m\n"
         f"m.{where} = lambda *_, **__: os.kill(os.getpid(), signal.SIGKILL)\n"
-        "from trackbench.cli import main; main()"
+        "from trackbench.cli.app import main; main()"
     )
     command = [sys.executable, "-c", kill, "run", config, "--workers", "1", "--out", folder]
     done = subprocess.run([*command, "--seed", "5"])

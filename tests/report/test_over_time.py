@@ -18,7 +18,7 @@ from trackbench.report.figures.innovations import Nis
 from trackbench.report.figures.over_time import EstimatesOfOneRun, OverTime, RmseVsTime
 from trackbench.report.plotting import filter_lines, style
 from trackbench.report.render import draw_figure
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 
 LABELS = ["A", "B", "C", "D", "E", "A filter with a name of many words", "Bound"]
 CONFIG = """

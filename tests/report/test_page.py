@@ -17,7 +17,7 @@ from trackbench.errors import UserError
 from trackbench.report.html.report_page import _breakable
 from trackbench.report.html.svg import inline
 from trackbench.report.plotting.style import matplotlib_file
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 
 RESULTS = Path(__file__).parents[2] / "results"
 SVG = "{http://www.w3.org/2000/svg}"

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from tests.conftest import ROOT
 from trackbench import api
-from trackbench.cli import app
+from trackbench.cli.app import app
 from trackbench.report.plotting import style
 from trackbench.report.plotting.page_formats import (
     COLUMN,

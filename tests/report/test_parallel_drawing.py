@@ -11,9 +11,10 @@ import pytest
 
 from trackbench import api
 from trackbench.report.kinds import FigureKind
+from trackbench.report.output_errors import OutputError
 from trackbench.report.plotting import style
 from trackbench.report.render import draw_figure, drawing_pool
-from trackbench.report.results import OutputError, Results
+from trackbench.report.tables_and_figures import Results
 
 
 @dataclass(frozen=True, kw_only=True)

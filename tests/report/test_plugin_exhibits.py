@@ -9,7 +9,7 @@ import pytest
 from tests.commands import trackbench
 from tests.conftest import PLANE
 from trackbench import api
-from trackbench.report.results import PartialReportError
+from trackbench.report.output_errors import PartialReportError
 
 PLUGIN = """
 from dataclasses import dataclass

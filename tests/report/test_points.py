@@ -8,7 +8,7 @@ import pytest
 from tests.commands import ran
 from tests.papers import banana_text, merwe_text
 from trackbench.report.plotting import style
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import same_points
 
 PLUGIN = """

@@ -13,7 +13,7 @@ from tests.commands import ran, trackbench
 from tests.conftest import ROOT
 from tests.papers import merwe_text
 from trackbench import api
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 
 COMMANDS = ("plot", "report", "compare")
 

@@ -8,7 +8,7 @@ import pytest
 from tests.commands import ran
 from tests.execution.test_memory import peak
 from tests.papers import merwe_text
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 
 CONFIG = """
 name: pieces

@@ -11,7 +11,6 @@ from tests.papers import merwe_text
 from trackbench.config.published import PublishedNumber
 from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import measure
-from trackbench.report.results import Results
 from trackbench.report.tables.readings import (
     Distance,
     Number,
@@ -19,9 +18,10 @@ from trackbench.report.tables.readings import (
     _notes,
     distance,
 )
-from trackbench.report.verdicts.comparison_files import markdown
-from trackbench.report.verdicts.numbers import compare
+from trackbench.report.tables_and_figures import Results
+from trackbench.report.verdicts.published_numbers import compare
 from trackbench.report.verdicts.searches import ways_to_measure
+from trackbench.report.verdicts.verdict_files import markdown
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.sample_statistics import mean
 

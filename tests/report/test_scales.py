@@ -20,8 +20,8 @@ from trackbench.report.figures.sweep import RmseVsParameter, _is_level
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import filter_lines, scales, style
 from trackbench.report.render import draw_figure
-from trackbench.report.results import Results
 from trackbench.report.table import rounded
+from trackbench.report.tables_and_figures import Results
 
 KEYS: dict[str, Any] = {
     "name": "c",

@@ -12,9 +12,9 @@ from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.figures.heat_map import _z_text
 from trackbench.report.findings.ranking import rankings
-from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table, Text, TextTable, in_tex, one_zero, rounded
 from trackbench.report.tables.metrics import Metrics, _lost_notes, best_labels
+from trackbench.report.tables_and_figures import Results
 from trackbench.statistics.estimates import RunEstimate, Share
 from trackbench.statistics.sample_statistics import Estimate
 

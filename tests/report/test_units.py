@@ -10,7 +10,8 @@ from trackbench.field_types import Unit
 from trackbench.report.figures import captions
 from trackbench.report.findings import phrases
 from trackbench.report.plotting import style
-from trackbench.report.results import Results, _unit
+from trackbench.report.tables_and_figures import Results
+from trackbench.report.units_of_keys import _unit
 
 STORED = Path(__file__).parents[2] / "results"
 

@@ -12,16 +12,16 @@ from trackbench.config.published import Claim
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings.ranking import Candidate, ranking_of
-from trackbench.report.verdicts import comparison_files
+from trackbench.report.verdicts import verdict_files
 from trackbench.report.verdicts.claims import judge
-from trackbench.results.frames import Columns
+from trackbench.results.csv_columns import Columns
 from trackbench.statistics import intervals as inference
-from trackbench.statistics import rules
 from trackbench.statistics import sample_statistics as st
+from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.comparison import Sample
 from trackbench.statistics.estimates import RunEstimate, Share
 from trackbench.statistics.intervals import studentized
-from trackbench.statistics.rules import Verdict
+from trackbench.statistics.significance_rules import Verdict
 
 NONE = table("filter metric value stderr runs lost", [("-", "-", 0.0, 0.0, 1, 0)])
 NO_TIMES = table("filter runs cpu_s_per_run stderr blocks", [("-", 1, 0.0, 0.0, "")])
@@ -129,7 +129,7 @@ def test_parts_of_a_bar_have_the_order_of_the_words_and_their_verbs():
 
     words = ["differs", "agrees", "agrees", "inconclusive"]
     rows = [row(word, word == "differs") for word in words] + [row("compatible")] * 2
-    found = [(t.number, t.word, t.verb, t.fragile) for t in comparison_files.tallies(rows)]
+    found = [(t.number, t.word, t.verb, t.fragile) for t in verdict_files.tallies(rows)]
     assert found == [
         (2, "agrees", "agree", 0),
         (2, "compatible", "compatible", 0),
@@ -137,7 +137,7 @@ def test_parts_of_a_bar_have_the_order_of_the_words_and_their_verbs():
         (1, "inconclusive", "inconclusive", 0),
     ]
     claims = [row("inconclusive"), row("fails"), *[row("holds", True)] * 3]
-    bar = comparison_files.Bar("5 claims", comparison_files.tallies(claims))
+    bar = verdict_files.Bar("5 claims", verdict_files.tallies(claims))
     assert bar.words == "5 claims: 3 hold (3 fragile), 1 fails, 1 inconclusive"
     assert set(rules.NUMBER_WORDS) | set(rules.CLAIM_WORDS) >= set(words)
 

@@ -8,12 +8,12 @@ import pytest
 from scipy import stats
 
 from tests.report.test_verdicts import number
-from trackbench.report.verdicts.numbers import _is_near, _verdict
-from trackbench.statistics import rules
+from trackbench.report.verdicts.published_numbers import _is_near, _verdict
+from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.intervals import interval_of
-from trackbench.statistics.rules import claim_verdict, combine_batches, number_verdict
 from trackbench.statistics.sample_statistics import Estimate
+from trackbench.statistics.significance_rules import claim_verdict, combine_batches, number_verdict
 
 
 def word(published, value, stderr, *parts, runs=400):

@@ -16,11 +16,10 @@ from trackbench.config.published import Claim, PublishedNumber
 from trackbench.errors import UserError
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
-from trackbench.report.paired import pairs_of
-from trackbench.report.results import Results
+from trackbench.report.pairs_of_filters import pairs_of
+from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.claims import evidence_at, judge
-from trackbench.report.verdicts.comparison_files import bars, summary_lines, verdict_tables
-from trackbench.report.verdicts.numbers import (
+from trackbench.report.verdicts.published_numbers import (
     Compared,
     Reproduced,
     Verdicts,
@@ -28,9 +27,10 @@ from trackbench.report.verdicts.numbers import (
     compare,
     rank_agreement,
 )
+from trackbench.report.verdicts.verdict_files import bars, summary_lines, verdict_tables
 from trackbench.statistics.comparison import Sample
 from trackbench.statistics.estimates import MISSING, RunEstimate
-from trackbench.statistics.rules import Verdict, claim_verdict, number_verdict
+from trackbench.statistics.significance_rules import Verdict, claim_verdict, number_verdict
 
 
 def number(value, digits=4, runs=100, **keys):

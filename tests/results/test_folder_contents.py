@@ -10,9 +10,10 @@ from tests.conftest import ROOT
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.figures.bars import Bars
 from trackbench.report.kinds import figure_folder, shows_cpu_times
-from trackbench.report.tables.efficiency import EqualCost
+from trackbench.report.tables.equal_cost import EqualCost
 from trackbench.report.tables.metrics import Metrics
-from trackbench.results.folder_contents import FORMAT, is_in_git, read_manifest, write_manifest
+from trackbench.results.folder_contents import FORMAT, is_in_git
+from trackbench.results.manifest import read_manifest, write_manifest
 
 
 def ignored(names: list[str]) -> set[str]:

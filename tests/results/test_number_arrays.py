@@ -9,8 +9,8 @@ import pytest
 import trackbench
 from tests.report.forging import reseal
 from trackbench.results import number_arrays
-from trackbench.verify import verify
-from trackbench.verify.compare import compare_frames
+from trackbench.verify.compare_files import compare_frames
+from trackbench.verify.verify_folder import verify
 
 CONFIG = {
     "name": "long",

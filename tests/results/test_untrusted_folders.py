@@ -11,7 +11,9 @@ import pytest
 from trackbench import api
 from trackbench.atomic_files import write_text
 from trackbench.errors import WriteError
-from trackbench.results.folder_contents import locked, read_manifest, remove_outputs, write_manifest
+from trackbench.results.folder_contents import remove_outputs
+from trackbench.results.lock import locked
+from trackbench.results.manifest import read_manifest, write_manifest
 
 RUN = api.Options(engine="serial", quiet=True, formats=("svg",))
 

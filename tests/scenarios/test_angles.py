@@ -21,7 +21,7 @@ from trackbench.evaluation.block import simulate
 from trackbench.filters.base import AnyFilter
 from trackbench.models.motions.nonlinear import MapMotion, NonlinearMotion
 from trackbench.models.sensors.function import FunctionSensor
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 from trackbench.scenarios.starts.without_scans import GaussianStart
 from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.tracking import Tracking

@@ -35,12 +35,12 @@ from trackbench.filters.kf import KF
 from trackbench.models.delays import GeometricDelay, SharesDelay, UniformDelay
 from trackbench.models.sensors.base import Assume
 from trackbench.models.sensors.position import ScalarSensor
-from trackbench.results.folder_contents import read_manifest
+from trackbench.results.manifest import read_manifest
 from trackbench.scaffold import write_config_for
 from trackbench.scenarios.base import Simulation
 from trackbench.scenarios.delays import arrivals
 from trackbench.scenarios.faults import Bias
-from trackbench.verify import verify
+from trackbench.verify.verify_folder import verify
 
 pytestmark = pytest.mark.usefixtures("no_report")
 

@@ -25,7 +25,7 @@ from trackbench.statistics.intervals import (
     studentized,
     two_sided,
 )
-from trackbench.statistics.rules import loses_more
+from trackbench.statistics.significance_rules import loses_more
 
 
 @pytest.fixture(scope="module")

@@ -17,8 +17,8 @@ from trackbench.statistics.comparison import (
     compare_all,
     compare_estimates,
 )
+from trackbench.statistics.correlated_series import series_mean
 from trackbench.statistics.estimates import RunEstimate
-from trackbench.statistics.series import series_mean
 
 STEPS = 100
 RNG = np.random.default_rng(5)

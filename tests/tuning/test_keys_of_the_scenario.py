@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from trackbench import api
-from trackbench.commands import prepare
-from trackbench.commands.prepare import expected_time_of_tuning, jobs_of
+from trackbench.commands import expected_time
+from trackbench.commands.expected_time import expected_time_of_tuning
+from trackbench.commands.prepare import jobs_of
 from trackbench.config.load import load
 from trackbench.errors import UserError
 from trackbench.tuning.tuner import given_values
@@ -111,12 +112,12 @@ def test_the_longest_time_of_tuning_is_announced(
 ) -> None:
     """Four trials of 2 s each are 8 s; they are said if they are no shorter than the limit."""
     monkeypatch.setenv("TRACKBENCH_CACHE", str(config.parent / "cache"))
-    monkeypatch.setattr(prepare, "estimate_cpu_s", lambda task: 2.0)
+    monkeypatch.setattr(expected_time, "estimate_cpu_s", lambda task: 2.0)
     words = ["tune.KF={gate: 0.9..0.999}"]
     options = api.Options(engine="serial", formats=(), set=words, only=["KF"])
     (job,) = jobs_of([config], options)
     assert not expected_time_of_tuning(job, options)
-    monkeypatch.setattr(prepare, "_SHORT_TUNING_S", 8.0)
+    monkeypatch.setattr(expected_time, "_SHORT_TUNING_S", 8.0)
     api.run(config, options, out=config.parent / "out")
     assert ", at most about 8 s of tuning\n" in capsys.readouterr().err
     # The first trial is stored now, and the rest cannot be foretold.

@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 
 from trackbench.atomic_files import free_name
-from trackbench.config.dump import as_yaml, resolved
 from trackbench.config.load import load
+from trackbench.config.resolved_config import as_yaml, resolved
 from trackbench.errors import UserError
-from trackbench.report.sweep import as_sweep
+from trackbench.report.sweep_files import as_sweep
 
 CONFIG = """
 name: names

@@ -12,10 +12,10 @@ from tests.commands import trackbench as run_trackbench
 from trackbench import api
 from trackbench.commands.prepare import jobs_of, with_tuned
 from trackbench.errors import UserError
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 from trackbench.tuning.search import Record
-from trackbench.verify import verify
 from trackbench.verify.tuning import compare_tuning
+from trackbench.verify.verify_folder import verify
 
 CONFIG = """
 name: small

@@ -7,7 +7,7 @@ from importlib import import_module
 import pytest
 
 from tests.small_experiment import folder, hostile, made
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 
 __all__ = ["folder", "hostile", "made"]
 
@@ -15,7 +15,7 @@ __all__ = ["folder", "hostile", "made"]
 @pytest.fixture(autouse=True, scope="module")
 def _recomputed_once(tmp_path_factory):
     """Recompute equal experiments once: tests change the stored numbers, which it does not read."""
-    verify = import_module("trackbench.verify")  # its function has the same name
+    verify = import_module("trackbench.verify.verify_folder")
     recompute, computed = verify.recompute, {}
 
     def copied(experiment, folder, runs, tracks):

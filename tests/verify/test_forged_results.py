@@ -8,14 +8,14 @@ import pytest
 from tests.commands import ran
 from tests.papers import merwe_text
 from tests.report.forging import edit, reseal
-from trackbench.verify import verify
+from trackbench.verify.verify_folder import verify
 
 
 @pytest.fixture
 def nothing_computed(monkeypatch):
     """Only what follows from the stored runs."""
-    monkeypatch.setattr("trackbench.verify.recompute", lambda *_: None)
-    monkeypatch.setattr("trackbench.verify.compare_first_runs", lambda *_: [])
+    monkeypatch.setattr("trackbench.verify.verify_folder.recompute", lambda *_: None)
+    monkeypatch.setattr("trackbench.verify.verify_folder.compare_first_runs", lambda *_: [])
 
 
 def change(folder, name, wanted, column, by):

@@ -12,8 +12,9 @@ from tests.papers import banana_text, merwe_text
 from tests.report.forging import edit, elsewhere, reseal
 from trackbench import api
 from trackbench.errors import UserError
-from trackbench.results.folder_contents import is_in_git, read_manifest, write_manifest
-from trackbench.verify import verify
+from trackbench.results.folder_contents import is_in_git
+from trackbench.results.manifest import read_manifest, write_manifest
+from trackbench.verify.verify_folder import verify
 
 CONFIG = """
 name: small

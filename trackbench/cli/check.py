@@ -1,12 +1,12 @@
-"""Commands that check a config or a filter, and manage the cache."""
+"""Command `check`: validate a config, or check a filter against the contract."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from trackbench.cli.json_objects import echo_line
 from trackbench.cli.options import AllowPlugins, Json, Only, Set, api_options, configs
-from trackbench.cli.output import echo_line
 
 if TYPE_CHECKING:
     from trackbench.api import Options
@@ -60,33 +60,6 @@ def check(
         _check_contract(contract, on, allow_plugins, json)
 
 
-def cache(
-    clear: Annotated[bool, typer.Option("--clear", help="remove all of it")] = False,
-    prune: Annotated[
-        bool, typer.Option("--prune", help="remove blocks that other versions of the code made")
-    ] = False,
-) -> None:
-    """Show or clear the cache: finished blocks and drawn figures."""
-    from trackbench.errors import counted
-    from trackbench.execution.cache import FolderSize, cache_folder, cache_size, clear_cache
-
-    root = cache_folder()
-    if clear or prune:
-        clear_cache(root, old_only=not clear)
-    size = cache_size(root)
-
-    def number_and_size(files: FolderSize, noun: str) -> str:
-        return f"{counted(files.number, noun)}, {files.bytes / 1e6:.1f} MB"
-
-    typer.echo(f"{root}/: {number_and_size(size.blocks, 'block')}")
-    if size.old_blocks.number:
-        old_blocks = number_and_size(size.old_blocks, "block")
-        typer.echo(f"of other versions of the code: {old_blocks}; remove them with --prune")
-    if size.figures.number:
-        figures = number_and_size(size.figures, "file")
-        typer.echo(f"figures: {figures}; --clear removes them, too")
-
-
 def _check_config(config: Path, options: "Options", json: bool, picture: Path | None) -> None:
     """Validate a config, print a summary, and draw its scene to the file ``picture``."""
     from trackbench import api
@@ -101,7 +74,7 @@ def _check_config(config: Path, options: "Options", json: bool, picture: Path | 
     for caution in [*cautions(experiment.points), *training_cautions(experiment)]:
         typer.echo(f"note: {caution}", err=True)
     if picture is not None:
-        from trackbench.report.figures.track import draw_scene
+        from trackbench.report.figures.scene import draw_scene
 
         figure = draw_scene(experiment)
         with atomic_write(picture) as file:
@@ -129,7 +102,8 @@ def _check_config(config: Path, options: "Options", json: bool, picture: Path | 
 def _check_contract(path: Path, on: Path | None, allow_plugins: bool, json: bool) -> None:
     """Check the filters of a file, on the config ``on`` if it is given; exit with 1 if one is bad."""
     from trackbench.config.shipped_experiments import located
-    from trackbench.contract import check_file, report
+    from trackbench.contract import check_file
+    from trackbench.contract.run_contract import report
 
     if on is not None:
         on = located(on, lambda line: typer.echo(line, err=True))

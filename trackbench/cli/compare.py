@@ -1,44 +1,75 @@
-"""Commands on several results: two folders, and a gate for continuous integration."""
+"""Command `compare`: stored results against published numbers, or against another folder."""
 
-from collections.abc import Sequence
-from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from trackbench.cli.json_objects import echo_line
 from trackbench.cli.options import (
-    AllowPlugins,
-    Config,
     Json,
-    Only,
-    Runs,
-    Seed,
-    Set,
-    Workers,
-    api_options,
 )
-from trackbench.cli.output import echo_line
 
 if TYPE_CHECKING:
-    from trackbench.commands.gate import Verdict
-    from trackbench.report.compare_folders import Row
-    from trackbench.report.table import TextTable
+    pass
 
-_AGAINST = "stored results, or the folder that holds those of several experiments"
-_WORSE = "3sigma, or 3sigma,1%: normal tail of the gate's false alarms, least change"
-_COST = "also fail if times on one machine, or evaluations, grow beyond this"
-Against = Annotated[Path | None, typer.Option(metavar="DIR", help=_AGAINST)]
-Ref = Annotated[str, typer.Option(metavar="REF", help="git revision, which is run, too")]
-File = Annotated[
-    Path | None, typer.Option("--filter", metavar="FILE", help="filters; runs its code")
-]
-Worse = Annotated[str, typer.Option(metavar="LIMIT", help=_WORSE)]
-Cost = Annotated[float, typer.Option(min=0, metavar="RATIO", help=_COST)]
-AllowRemoved = Annotated[
-    bool, typer.Option("--allow-removed", help="pass without a filter or number that was compared")
-]
-Md = Annotated[Path | None, typer.Option(metavar="FILE", help="comment for a pull request")]
+
+from trackbench.cli.options import MARKDOWN, Folder, one_of
+
+
+def compare(
+    folder: Folder,
+    other: Annotated[
+        Path | None, typer.Argument(metavar="DIR2", help="results folder to compare the first with")
+    ] = None,
+    figure_file: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FILE", help="figure of two folders: .png, .svg or .pdf"),
+    ] = None,
+    format_: Annotated[
+        str, typer.Option("--format", metavar=MARKDOWN, help="print tables as Markdown")
+    ] = "",
+    json: Json = False,
+) -> None:
+    """Compare stored results with the published numbers and claims, or with another folder."""
+    if format_:
+        one_of("--format", format_, (MARKDOWN,))
+    if other is not None:
+        compare_two(folder, other, figure_file, json, format_ == MARKDOWN)
+        return
+    if figure_file is not None:
+        raise typer.BadParameter("--out draws two folders: trackbench compare DIR DIR2 --out FILE")
+    from trackbench.commands import stored_results
+    from trackbench.report.tables_and_figures import Results
+    from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
+    from trackbench.report.verdicts.verdict_files import (
+        claim_rows,
+        markdown,
+        number_rows,
+        summary_lines,
+        verdict_tables,
+    )
+
+    verdicts = stored_results.compare(folder)
+    results = Results(folder)
+    times = time_tables(time_verdicts(results))
+    if json:
+        for row in (*number_rows(verdicts), *claim_rows(verdicts)):
+            echo_line(row)
+        return
+    if not verdicts.rows and not verdicts.claims and not times:
+        text = "this experiment names no published numbers; compare two folders: trackbench compare"
+        typer.echo(f"{folder}: {text} {folder} DIR2", err=True)
+        return
+    if format_:
+        typer.echo("\n".join([markdown(results, verdicts), *(table.markdown() for table in times)]))
+        return
+    from trackbench.cli.screen import print_lines, print_tables
+    from trackbench.report.verdicts.inconclusive import reasons
+
+    print_lines([*summary_lines(verdicts), ""])
+    print_tables([*verdict_tables(verdicts), *times])
+    print_lines(reasons(verdicts, results.config["runs"]))
 
 
 def compare_two(
@@ -48,8 +79,8 @@ def compare_two(
     from trackbench.errors import UserError, counted
     from trackbench.report import compare_folders as comparison
     from trackbench.report.compare_folders import compare_folders
-    from trackbench.report.open import open_with_notes
-    from trackbench.statistics.rules import EQUAL
+    from trackbench.report.open_results import open_with_notes
+    from trackbench.statistics.significance_rules import EQUAL
 
     # Step 1: compare.
     rows, why_not_paired = compare_folders(open_with_notes(first), open_with_notes(second))
@@ -61,7 +92,8 @@ def compare_two(
     if figure_file is not None:
         comparison.save(comparison.draw(rows, names), figure_file)
     if json:
-        _echo_rows(rows)
+        for row in rows:
+            echo_line(row.fields)
         return
     # Step 2: a table of the primary numbers, or, if none of these changed, of all.
     if why_not_paired:
@@ -80,99 +112,3 @@ def compare_two(
         table.notes.append(f"{number} more of windows, components and diagnostics: --json")
     typer.echo(table.markdown() if markdown else table.aligned())
     typer.echo(comparison.conclusion(rows, names))
-
-
-def gate(
-    config: Config,
-    against: Against = None,
-    against_ref: Ref = "",
-    filter_: File = None,
-    worse: Worse = "3sigma",
-    cost: Cost = 0.0,
-    allow_removed: AllowRemoved = False,
-    md: Md = None,
-    set_: Set = None,
-    only: Only = None,
-    runs: Runs = None,
-    seed: Seed = None,
-    workers: Workers = None,
-    allow_plugins: AllowPlugins = False,
-    json: Json = False,
-) -> None:
-    """Fail with exit code 1 if a filter is worse than in stored results or at a git revision."""
-    from trackbench.atomic_files import write_text
-    from trackbench.commands.gate import FAILED, REMOVED, limit_of
-    from trackbench.commands.gate import gate as run_gate
-
-    if (against is None) == (not against_ref):  # neither is given, or both are
-        raise typer.BadParameter("name either --against DIR or --against-ref REF")
-    if md is not None and not md.absolute().parent.is_dir():
-        raise typer.BadParameter(f"--md {md}: there is no such folder")
-    limit = limit_of(worse)
-    options = api_options(locals())
-    verdict = run_gate(
-        config,
-        options,
-        limit,
-        against=against,
-        ref=against_ref,
-        file=filter_,
-        cost=cost,
-        allow_removed=allow_removed,
-    )
-    table = _gate_table(verdict, against_ref or str(against), worse)
-    if md is not None:
-        text = table.markdown()
-        if not table.rows:
-            text = "\n\n".join([f"**{table.title}**", *table.notes]) + "\n"
-        write_text(md, text)
-    if json:
-        _echo_rows(verdict.rows)
-        for removed in verdict.removed:
-            echo_line({**removed._asdict(), "verdict": REMOVED, "reason": ""})
-        for failure in verdict.failed:
-            failed_filter = {"point": None, "filter": failure.filter, "metric": None}
-            echo_line({**failed_filter, "verdict": FAILED, "reason": failure.reason})
-    else:
-        typer.echo(table.aligned())
-    raise typer.Exit(int(verdict.is_worse))
-
-
-def _gate_table(verdict: "Verdict", name: str, worse: str) -> "TextTable":
-    """Tabulate the numbers of the changed filters, with a headline and notes.
-
-    ``name`` is that of the stored results or revision, ``worse`` the limit as typed.
-    """
-    from trackbench.errors import counted
-    from trackbench.report import compare_folders as comparison
-    from trackbench.report.findings import phrases
-    from trackbench.statistics.rules import EQUAL, WORSE
-
-    # The headline names the numbers that are worse or gone, else the filters that were compared.
-    parts = []
-    worse_numbers = comparison.changes(verdict.rows, WORSE)
-    worse_numbers += [str(failure) for failure in verdict.failed]
-    if worse_numbers:
-        parts.append(f"worse: {phrases.listed(worse_numbers)}")
-    if verdict.removed:
-        removed = phrases.listed([str(item) for item in verdict.removed])
-        parts.append(f"incomplete: removed {removed}")
-    if not parts:
-        is_unchanged = all(row.how == EQUAL for row in verdict.rows)
-        compared = phrases.listed([phrases.named(label) for label in verdict.compared])
-        parts.append(f"{'unchanged' if is_unchanged else 'not worse'}: {compared}")
-    title = f"{verdict.name} is {'; '.join(parts)}"
-    table = comparison.table_of(title, verdict.rows, (name, "now"), has_tests=True)
-    runs_of_tests = [row.difference.runs for row in verdict.rows if not isnan(row.change.p)]
-    if runs_of_tests:
-        numbers = counted(len(runs_of_tests), "number")
-        runs = counted(max(runs_of_tests), "run")
-        limit = f"limit {worse} for all together (Holm's correction)"
-        table.notes.append(f"{numbers} tested on {runs}; {limit}.")
-    table.notes += verdict.notes
-    return table
-
-
-def _echo_rows(rows: "Sequence[Row]") -> None:
-    for row in rows:
-        echo_line(row.fields)

@@ -15,8 +15,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias, cast
 
 import typer
+from typer.core import TyperCommand, TyperOption
 
 if TYPE_CHECKING:
+    from typer._click import Context
+
     from trackbench.api import Options
 
 
@@ -86,7 +89,7 @@ def labels(ctx: typer.Context, incomplete: str) -> list[str]:
 @_completing
 def assignments(ctx: typer.Context, incomplete: str) -> Iterator[str]:
     """Yield ``PATH=`` for every key that the config has or may have."""
-    from trackbench.config.experiment import Settings
+    from trackbench.config.settings import Settings
 
     config = _config_in_line(ctx)
     for field in fields(Settings):
@@ -319,3 +322,21 @@ def one_of(option: str, value: str, known: tuple[str, ...]) -> str:
     if value not in known:
         raise UserError(Problem(Mark(option), "", f"{value!r} is not one of {', '.join(known)}"))
     return value
+
+
+class CommandWithSingleOptions(TyperCommand):
+    """Command that rejects a repeated option of one value, as only its last value would count."""
+
+    def parse_args(self, ctx: "Context", args: list[str]) -> list[str]:
+        """Parse the words of the command line; raises UsageError for an option that is there twice."""
+        if ctx.resilient_parsing:  # of a line that is being completed
+            return super().parse_args(ctx, args)
+        _, _, options = self.make_parser(ctx).parse_args(args=list(args))
+        earlier_options: list[object] = []
+        for option in options:
+            if not isinstance(option, TyperOption) or option.multiple or option.is_flag:
+                continue
+            if option in earlier_options:
+                ctx.fail(f"{option.opts[0]} is there twice, and takes one value: leave one out")
+            earlier_options.append(option)
+        return super().parse_args(ctx, args)

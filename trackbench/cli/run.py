@@ -1,18 +1,17 @@
 """Commands that run an experiment: once, over a grid, with tuned filters."""
 
-import hashlib
 import signal
-import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import closing, suppress
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from stat import S_ISREG
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import typer
 
+from trackbench.cli.errors_and_exit_codes import as_reportable, print_error, way_to_go_on
+from trackbench.cli.json_objects import echo_line, report_as_data
 from trackbench.cli.options import (
     MARKDOWN,
     Config,
@@ -26,13 +25,7 @@ from trackbench.cli.options import (
     api_options,
     runs_experiments,
 )
-from trackbench.cli.output import (
-    as_reportable,
-    echo_line,
-    print_error,
-    report_as_data,
-    way_to_go_on,
-)
+from trackbench.cli.watch import run_after_changes
 
 if TYPE_CHECKING:
     from trackbench.api import Options, Report
@@ -197,8 +190,8 @@ def _tune(config: Path, metric: str | None, evaluations: int | None, given: dict
 
 def _begin(given: dict[str, Any]) -> None:
     """Start importing in the fork server while this process imports and reads."""
+    from trackbench.commands.options import DRAWER
     from trackbench.execution.engines import begin
-    from trackbench.report import DRAWER
 
     if not given["dry_run"]:
         begin(given["engine"], given["workers"], DRAWER)
@@ -262,7 +255,7 @@ def _run(command: str, configs: list[Path], options: "Options", print_report: _P
 
 def _watch(configs: list[Path], options: "Options", print_report: _PrintReport) -> None:
     """Run one config after each change, mistaken or not; Ctrl-C between runs exits with 0."""
-    from trackbench.commands.prepare import say
+    from trackbench.commands.options import say
     from trackbench.config.shipped_experiments import located
     from trackbench.errors import Mark, Problem, UserError
 
@@ -277,7 +270,7 @@ def _watch(configs: list[Path], options: "Options", print_report: _PrintReport) 
             print_error(as_reportable(error))
 
     with suppress(KeyboardInterrupt):
-        _run_after_changes(config, run_config, [Path(file) for file in options.filters])
+        run_after_changes(config, run_config, [Path(file) for file in options.filters])
 
 
 def _print_report(
@@ -311,7 +304,7 @@ def _print_report(
 
 def _verdict_lines(report: "Report", config: Path) -> Iterator[str]:
     """Yield the counts of verdicts on papers, or the number of runs that they need."""
-    from trackbench.report.verdicts.comparison_files import bars, needed_runs
+    from trackbench.report.verdicts.verdict_files import bars, needed_runs
 
     needed = needed_runs(report.comparison)
     if needed:
@@ -327,97 +320,3 @@ def _verdict_lines(report: "Report", config: Path) -> Iterator[str]:
     if report.comparison.claims:
         first = report.comparison.claims[0]
         yield f"The first claim: {first.claim.claim}: {first.verdict.word}."
-
-
-_EVERY_S = 0.2
-"""Seconds between two looks at the files.
-
-No system call reports changes on every system, and a hundred files take a millisecond.
-"""
-
-
-class Stamp(NamedTuple):
-    """Modification time, size and digest of a file."""
-
-    time_ns: int
-    size: int
-    digest: str
-
-
-Stamps: TypeAlias = Mapping[Path, Stamp | None]
-"""Stamps by file; None for a missing file."""
-
-
-def _run_after_changes(
-    config: Path, run_config: Callable[[], None], others: Iterable[Path] = ()
-) -> None:
-    """Call ``run_config`` now and after each change, until an exception such as Ctrl-C.
-
-    ``others`` are files that are watched beside the config and those that it names.
-    """
-    from trackbench.errors import counted
-
-    files = {config, *others}
-    while True:
-        files |= _files_of_config(config, files)
-        before = _stamps(files, {})
-        run_config()
-        existing = sum(stamp is not None for stamp in before.values())
-        typer.echo(f"watching {counted(existing, 'file')}, until Ctrl-C: {config}", err=True)
-        for file in changed(before):
-            typer.echo(f"{time.strftime('%H:%M:%S')} {file} was saved", err=True)
-
-
-def changed(before: Stamps) -> list[Path]:
-    """Wait until a file's content has changed and writing has ended; return the changed files."""
-    last = before
-    while True:
-        time.sleep(_EVERY_S)
-        now = _stamps(before, last)
-        changed_files = [file for file in before if _digest(now[file]) != _digest(before[file])]
-        is_written_whole = now == last
-        if changed_files and is_written_whole:
-            return changed_files
-        last = now
-
-
-def _files_of_config(config: Path, known: Iterable[Path]) -> set[Path]:
-    """List the files that a config names; the ``known`` ones if it cannot be read."""
-    from trackbench.config.shipped_experiments import with_parts
-    from trackbench.errors import UserError
-
-    try:
-        return set(with_parts(config))
-    except UserError:
-        return set(known)
-
-
-def _stamps(files: Iterable[Path], known: Stamps) -> Stamps:
-    return {file: _stamp(file, known.get(file)) for file in files}
-
-
-def _stamp(file: Path, known: Stamp | None) -> Stamp | None:
-    """Stamp a file; its content is read only if it was written since the stamp ``known``.
-
-    Return None for a missing file.
-    """
-    try:
-        status = file.stat()
-        if not S_ISREG(status.st_mode):
-            return None
-        if known is not None:
-            is_as_known = (known.time_ns, known.size) == (status.st_mtime_ns, status.st_size)
-            if is_as_known:
-                return known
-        with file.open("rb") as content:
-            digest = hashlib.file_digest(content, "sha256").hexdigest()
-        return Stamp(status.st_mtime_ns, status.st_size, digest)
-    except (OSError, ValueError):  # a missing file, or a word that is no name of a file
-        return None
-
-
-def _digest(stamp: Stamp | None) -> str | None:
-    """Return the digest of a file's content; None for a missing file."""
-    if stamp is None:
-        return None
-    return stamp.digest

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import yaml
 
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 
 _HEAD = """\
 ---

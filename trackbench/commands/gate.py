@@ -11,21 +11,22 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
-from trackbench.commands.prepare import Options, file_of, prepare
+from trackbench.commands.options import Options
+from trackbench.commands.prepare import file_of, prepare
 from trackbench.commands.run_experiment import run_all
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.evaluation.metric_expression import measured
 from trackbench.report.compare_folders import COST, Row, compare_folders, is_event
+from trackbench.report.compared_metrics import primary_metrics
 from trackbench.report.findings.phrases import heading, named
-from trackbench.report.open import open_results
-from trackbench.report.paired import primary_metrics
-from trackbench.report.results import Results
+from trackbench.report.open_results import open_results
+from trackbench.report.tables_and_figures import Results
 from trackbench.results.folder_contents import TIMING
 from trackbench.results.point_facts import GridPoint
-from trackbench.statistics import rules
+from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.comparison import compare_independent
 from trackbench.statistics.estimates import RunEstimate
-from trackbench.statistics.rules import ALIKE, BETTER, EQUAL, UNTESTED, WORSE
+from trackbench.statistics.significance_rules import ALIKE, BETTER, EQUAL, UNTESTED, WORSE
 
 NEGLIGIBLE = "negligible"
 REMOVED = "removed"

@@ -1,58 +1,43 @@
 """Run experiments and report them, or compute one shard of their blocks."""
 
-import hashlib
-import json
-import os
-import platform
-import re
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import ExitStack, closing, suppress
-from dataclasses import replace
 from importlib import import_module
-from pathlib import Path
 from threading import Thread
-from typing import Any, NamedTuple
+from typing import Any
 
-from trackbench.atomic_files import record_writes, write_text
+from trackbench.atomic_files import record_writes
+from trackbench.commands.cpu_times import Times, measure_times
+from trackbench.commands.expected_time import expected_time, expected_time_of_tuning
 from trackbench.commands.keyword_arguments import with_known_keywords
-from trackbench.commands.prepare import (
+from trackbench.commands.options import (
+    DRAWER,
     OPTION_NAMES,
-    Job,
     Options,
-    dry_run_line,
-    expected_time,
-    expected_time_of_tuning,
-    jobs_of,
     most_drawers,
     most_workers,
-    plan_of,
     say,
-    with_tuned,
 )
+from trackbench.commands.prepare import Job, dry_run_line, jobs_of, plan_of, with_tuned
+from trackbench.commands.shard import run_shard
 from trackbench.commands.stored_results import Report
 from trackbench.config.experiment import Experiment
 from trackbench.config.python_tables import without_folders
-from trackbench.config.requested_metrics import takes_times
 from trackbench.config.training import held_out_data, training_cautions
 from trackbench.core.random_streams import RunStreams
-from trackbench.errors import Mark, Problem, UserError, WriteError, counted, in_line
-from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.timing import REPEATS, Measured, measure
-from trackbench.execution.cache import BlockStore, block_key, cache_folder, times_folder
-from trackbench.execution.engines import OpenEngine, begin, engine
+from trackbench.errors import counted
+from trackbench.execution.cache import BlockStore, cache_folder
+from trackbench.execution.engines import begin, engine
 from trackbench.execution.plan import Key, Plan, cautions
 from trackbench.execution.runner import Outcome, execute
 from trackbench.execution.stop_when_precise import next_batch, stop_reason
-from trackbench.field_types import require_regular_file
 from trackbench.filters.external import PRINT_ALL_DIGITS, External
-from trackbench.plugins.errors import guarded
-from trackbench.progress_bar import progress_bar
-from trackbench.report import DRAWER
 from trackbench.report.html.report_page import write_report
 from trackbench.report.render import render
-from trackbench.report.results import Results
-from trackbench.report.sweep import write_sweep
-from trackbench.results.folder_contents import locked, write_manifest
+from trackbench.report.sweep_files import write_sweep
+from trackbench.report.tables_and_figures import Results
+from trackbench.results.lock import locked
+from trackbench.results.manifest import write_manifest
 from trackbench.results.number_arrays import array_notes
 from trackbench.results.write import Losses, write_results
 from trackbench.tuning.search import write_tuning
@@ -291,112 +276,3 @@ def _failure_lines(
         if not loss.has_distance:
             reference = experiment.settings.reference
             yield f"{experiment.title_of(key)} has no distance: the reference {reference} failed"
-
-
-class Times(NamedTuple):
-    """CPU times of the filters of an experiment."""
-
-    measured: Mapping[Key, Measured]
-    """times by grid point and filter"""
-    failed: Mapping[str, str]
-    """reasons, by filter, why a time could not be measured"""
-
-
-def measure_times(
-    experiment: Experiment, outcome: Outcome, fresh: bool, progress: bool = False
-) -> Times:
-    """Measure the filters' CPU times if the config or a published row uses them.
-
-    They are measured in this process. Cached times are reused unless the code, the machine or a filter
-    has changed, or ``fresh`` is set. ``progress`` shows a progress bar.
-    """
-    if not takes_times(experiment):
-        return Times({}, {})
-    # Step 1: a block of each filter, as wide as the blocks that were computed, or of the only run.
-    tasks = {}
-    for key, blocks in outcome.plan.tasks.items():
-        if key in outcome.failures:
-            continue
-        width = 1 if experiment.settings.runs == 1 else blocks[0].width
-        tasks[key] = replace(
-            blocks[0].filtering_key, width=width, predictive_metrics=(), hold_out=None
-        )
-    unique_tasks = list(dict.fromkeys(tasks.values()))
-    # Step 2: stored times.
-    file = _times_file(unique_tasks)
-    if not fresh:
-        with suppress(OSError, ValueError, TypeError):
-            stored_times = _read_times(file)
-            measured = {key: stored_times[unique_tasks.index(task)] for key, task in tasks.items()}
-            return Times(measured=measured, failed={})
-    # Step 3: measure them.
-    description = f"{experiment.settings.name}: CPU times"
-    with progress_bar(len(unique_tasks) + REPEATS, "turn", progress, desc=description) as bar:
-        times = measure(unique_tasks, guarded, bar.update)
-    time_by_task = dict(zip(unique_tasks, times, strict=True))
-    # Step 4: separate the filters that failed.
-    measured = {}
-    failed = {}
-    for key, task in tasks.items():
-        time = time_by_task[task]
-        if isinstance(time, Measured):
-            measured[key] = time
-        else:
-            _, label = key
-            failed[label] = in_line(str(time))
-    if not failed:
-        _store_times(file, list(time_by_task.values()))
-    return Times(measured=measured, failed=failed)
-
-
-def _times_file(tasks: Sequence[BlockTask]) -> Path:
-    """Find the file of the times of these tasks on this machine."""
-    digests = [block_key(task, 0) for task in tasks]
-    # The properties of this machine that CPU times depend on.
-    machine = [platform.node(), platform.platform(), platform.processor(), str(os.cpu_count())]
-    name = hashlib.sha256(json.dumps([machine, digests]).encode()).hexdigest()
-    return times_folder() / f"{name}.json"
-
-
-def _read_times(file: Path) -> list[Measured]:
-    """Read stored times; raises OSError, ValueError or TypeError if there are none."""
-    return [Measured(*row) for row in json.loads(require_regular_file(file).read_bytes())]
-
-
-def _store_times(file: Path, times: Sequence[object]) -> None:
-    """Store times in the cache, if it can be written."""
-    # The file is none of the results folder's, so its writing is recorded apart.
-    with record_writes(), suppress(OSError, WriteError):
-        file.parent.mkdir(parents=True, exist_ok=True)
-        write_text(file, json.dumps(times) + "\n")
-
-
-def run_shard(jobs: Sequence[Job], options: Options, open_engine: OpenEngine, workers: int) -> None:
-    """Compute the missing blocks of one shard of every plan, and store them."""
-    shard, number_of_shards = _parse_shard(options.shard)
-    for job in jobs:
-        if job.experiment.tuned:
-            message = (
-                "the blocks of tuned filters follow from tuning; run this config without --shard"
-            )
-            raise UserError(job.experiment.source.problem(("tune",), message))
-    plans = [job.plan.of_shard(shard, number_of_shards) for job in jobs]
-    store = BlockStore(cache_folder())
-    outcomes = execute(
-        plans, store, open_engine, workers, fresh=options.fresh, progress=not options.quiet
-    )
-    with closing(outcomes):
-        for job, outcome in zip(jobs, outcomes, strict=True):
-            number = f"{len(outcome.plan.unique)} of {len(job.plan.unique)} blocks"
-            say(f"{outcome.plan.name}, shard {options.shard}: {number} in {store.root}/", options)
-            for key, why in outcome.failures.items():
-                say(f"note: {job.experiment.title_of(key)} failed: {why}", options)
-
-
-def _parse_shard(text: str) -> tuple[int, int]:
-    """Parse ``i/n``, the number of a shard and of all shards; raises UserError."""
-    match = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text)
-    if match is None or not 1 <= int(match[1]) <= int(match[2]):
-        message = f"{text!r} is no shard; allowed: 1/8 to 8/8 of eight shards"
-        raise UserError(Problem(Mark("--shard"), "", message))
-    return int(match[1]), int(match[2])

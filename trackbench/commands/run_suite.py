@@ -9,20 +9,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from trackbench.atomic_files import ensure_folder
+from trackbench.commands.expected_time import CACHED, cpu_s_of_filter, expected_time
 from trackbench.commands.keyword_arguments import with_known_keywords
-from trackbench.commands.prepare import (
-    CACHED,
-    FIT,
-    OPTION_NAMES,
-    Job,
-    Options,
-    cpu_s_of_filter,
-    dry_run_line,
-    expected_time,
-    jobs_of,
-    most_workers,
-    say,
-)
+from trackbench.commands.options import DRAWER, OPTION_NAMES, Options, most_workers, say
+from trackbench.commands.prepare import FIT, Job, dry_run_line, jobs_of
 from trackbench.commands.run_experiment import run_each
 from trackbench.commands.stored_results import Report
 from trackbench.commands.suite_contract import ContractOutcome, check_own_filters
@@ -32,7 +22,6 @@ from trackbench.durations import expected_time_in_words
 from trackbench.errors import Mark, Problem, UserError, counted
 from trackbench.execution.engines import begin
 from trackbench.models.motions.kinematic import Linear
-from trackbench.report import DRAWER
 from trackbench.report.findings.phrases import joined
 from trackbench.report.html.suite_page import write_suite_page
 from trackbench.report.plotting import style

@@ -18,28 +18,30 @@ from trackbench.atomic_files import record_writes
 from trackbench.commands.keyword_arguments import with_known_keywords
 from trackbench.core.arrays import Array
 from trackbench.errors import Mark, Problem, UserError
-from trackbench.report.open import (
+from trackbench.report.open_results import (
     check_folder,
     explain_content_errors,
     open_results,
     open_with_notes,
 )
-from trackbench.report.paired import Pair
+from trackbench.report.output_errors import PartialReportError
+from trackbench.report.pairs_of_filters import Pair
 from trackbench.report.plotting.page_formats import Style
 from trackbench.report.render import conclusions, ranking, write_figures
-from trackbench.report.results import PartialReportError, Results
-from trackbench.report.sweep import Best, best_points
+from trackbench.report.sweep_files import Best, best_points
 from trackbench.report.table import Table, TextTable, results_html
-from trackbench.report.verdicts.comparison_files import (
+from trackbench.report.tables_and_figures import Results
+from trackbench.report.verdicts.cpu_times import time_line
+from trackbench.report.verdicts.inconclusive import reasons
+from trackbench.report.verdicts.published_numbers import Verdicts
+from trackbench.report.verdicts.published_numbers import compare as compare_with_published
+from trackbench.report.verdicts.verdict_files import (
     summary_lines,
     write_comparison,
     write_paired,
 )
-from trackbench.report.verdicts.cpu_times import time_line
-from trackbench.report.verdicts.inconclusive import reasons
-from trackbench.report.verdicts.numbers import Verdicts
-from trackbench.report.verdicts.numbers import compare as compare_with_published
-from trackbench.results.folder_contents import locked, write_manifest
+from trackbench.results.lock import locked
+from trackbench.results.manifest import write_manifest
 from trackbench.results.point_facts import GridPoint
 
 if TYPE_CHECKING:

@@ -3,10 +3,13 @@
 from dataclasses import replace
 
 from trackbench.config.build import ENTRY_KEYS, build
-from trackbench.config.experiment import Point
+from trackbench.config.experiment import (
+    Point,
+)
 from trackbench.field_types import InvalidKeyError
 from trackbench.filters.base import AnyFilter
 from trackbench.models.sensors.base import Assume
+from trackbench.plugins.errors import PluginError, plugin_code
 from trackbench.scenarios.base import Scenario
 from trackbench.yaml_source import Keys, Source, dotted
 
@@ -85,3 +88,27 @@ def check_idle_late(source: Source, points: list[Point]) -> None:
         if source.is_set(keys):
             message = "has no effect: all measurements arrive on time; add a `delay` to a sensor"
             source.add_key_problem(keys, message)
+
+
+def check_assumed(source: Source, point: Point, label: str) -> Scenario | None:
+    """Return the scenario as the filter ``label`` models it; None if there is none.
+
+    The reason is then added to the source.
+    """
+    keys = ("filters", label, "assume")
+    try:
+        with plugin_code(point.assumed.get(label)):
+            try:
+                scenario = point.assumed_scenario(label)
+                # Both are computed at their first use, which may raise.
+                _ = scenario.model
+                _ = scenario.prior_type
+            except InvalidKeyError as error:
+                # The key stands in the filter's entry, or, if it has no model, in the scenario.
+                owner = keys[:2] if label in point.assumed else ("scenario",)
+                source.add_problem((*owner, *error.path), str(error))
+                return None
+    except (ValueError, PluginError) as error:
+        source.add_problem(keys, str(error))
+        return None
+    return scenario

@@ -12,32 +12,31 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
+from trackbench.config.bound_and_exact_errors import check_bound, check_exact
 from trackbench.config.build import build, build_kind
-from trackbench.config.checks import (
-    QUICK,
-    check_assumed,
-    check_bound,
-    check_drawable,
-    check_exact,
-    check_figures,
-    check_fit,
-    check_idle,
-    check_idle_settings,
-    check_key_figure,
-    check_named_filters,
-    check_problem,
-    chosen_labels,
-    with_recorded_runs,
-)
-from trackbench.config.experiment import DrawnExhibit, Exhibit, Experiment, Point, Settings
-from trackbench.config.filter_model import check_idle_late, check_late, read_assumed
+from trackbench.config.experiment import DrawnExhibit, Exhibit, Experiment, Point
+from trackbench.config.filter_labels import check_named_filters, check_problem, chosen_labels
+from trackbench.config.filter_model import check_assumed, check_idle_late, check_late, read_assumed
+from trackbench.config.filter_requirements import check_fit
 from trackbench.config.grid import add_axis, apply_point, grid_points
+from trackbench.config.idle_keys import check_idle, check_idle_settings
 from trackbench.config.includes import inline_parts
 from trackbench.config.overrides import override, override_all
 from trackbench.config.plugin_checks import add_filters, load_plugins, show_filters
 from trackbench.config.published import Published, read_published
 from trackbench.config.python_tables import put_tables
-from trackbench.config.requested_metrics import check_metrics, check_trained_metrics
+from trackbench.config.recorded_runs import QUICK, with_recorded_runs
+from trackbench.config.requested_metrics import (
+    check_metrics,
+    check_trained_metrics,
+    fill_default_metrics,
+)
+from trackbench.config.settings import Settings
+from trackbench.config.table_and_figure_checks import (
+    check_drawable,
+    check_figures,
+    check_key_figure,
+)
 from trackbench.config.training import training_point
 from trackbench.config.tuned_entries import (
     Chosen,
@@ -47,14 +46,12 @@ from trackbench.config.tuned_entries import (
     with_defaults,
 )
 from trackbench.errors import Mark, Problem, RunError, UserError
-from trackbench.evaluation.metric_expression import Measure
 from trackbench.filters.base import AnyFilter
 from trackbench.models.components import rows_in_plane
 from trackbench.plugins.checks import check_scenario
 from trackbench.plugins.errors import PluginError, foreign_line, guarded
 from trackbench.plugins.load import Plugin
-from trackbench.registry import Group, kinds
-from trackbench.scenarios.base import error_names
+from trackbench.registry import Group
 from trackbench.yaml_source import Assembled, Source, from_mapping, read, unprintable_reason
 
 _LEAST_SIMILARITY = 0.7  # of two keys: `title` and `titel` have 0.8, `bound` and `bogus` 0.6
@@ -388,29 +385,10 @@ def _check_components(source: Source) -> None:
 
 
 def _build_exhibits(group: Group, source: Source, points: list[Point]) -> dict[str, Any]:
-    """Build the tables or figures, by ``group``, without those that have mistakes.
-
-    The default metric of some kinds is an error such as the RMSE of the position. Where the scenario
-    lacks it, an entry without `metric` gets the scenario's first error.
-    """
-    entries = source.data.get(group) or {}
-    # Step 1: the default metric, where the scenario does not have it.
-    errors: Sequence[str] = []
-    if points and points[0].scenario.has_truth:
-        errors = error_names(points[0].scenario)
-    if errors:
-        for name, entry in entries.items():
-            if not isinstance(entry, dict) or "metric" in entry:
-                continue
-            default = getattr(kinds(group).get(str(entry.get("kind"))), "metric", None)
-            if not isinstance(default, Measure):
-                continue
-            if default.metric.startswith("rmse") and default.metric not in errors:
-                metric = str(default).replace(default.metric, errors[0])
-                override(source, (group, name, "metric"), metric, source.mark((group, name)))
-    # Step 2: build each.
+    """Build the tables or figures, by ``group``, without those that have mistakes."""
+    fill_default_metrics(group, source, points)
     exhibits = {}
-    for name in entries:
+    for name in source.data.get(group) or {}:
         exhibit = build_kind(group, source, (group, name))
         if exhibit is not None:
             exhibits[name] = exhibit

@@ -7,7 +7,8 @@ from typing import Any, TypeAlias, cast
 
 import numpy as np
 
-from trackbench.config.experiment import Point, Settings
+from trackbench.config.experiment import Point
+from trackbench.config.settings import Settings
 from trackbench.core.random_streams import block_stream
 from trackbench.evaluation.block import simulate
 from trackbench.evaluation.consistency_and_calibration import calibration_series

@@ -361,3 +361,10 @@ def shown(value: object) -> str:
     if len(text) >= 60:
         return text[:57] + "..."
     return text
+
+
+def add_conflicts(source: Source, keys: Keys, conflicts: dict[str, str]) -> None:
+    """Add the problems that a component reports by key; an empty key means the component."""
+    for key, message in conflicts.items():
+        place = (*keys, *key.split(".")) if key else keys
+        source.add_problem(place, message)

@@ -8,9 +8,10 @@ from difflib import SequenceMatcher
 from typing import TYPE_CHECKING
 
 from trackbench.config.build import hints_of
-from trackbench.config.experiment import Exhibit, Experiment, Point, Settings
+from trackbench.config.experiment import Exhibit, Experiment, Point
 from trackbench.config.metric_names import Names, names_of, stored_metrics
 from trackbench.config.mistakes import nearest, unknown
+from trackbench.config.overrides import override
 from trackbench.config.requested_truth import (
     SERIES_OF_ERRORS,
     RequestedTruth,
@@ -19,14 +20,17 @@ from trackbench.config.requested_truth import (
     needs_truth,
     shows_default_errors,
 )
+from trackbench.config.settings import Settings
 from trackbench.config.tuning_objective import as_expression, bad_terms
 from trackbench.evaluation.block import Kind
 from trackbench.evaluation.consistency_and_calibration import bars
+from trackbench.evaluation.exact_errors import is_exact
 from trackbench.evaluation.metric_expression import Measure, measured, role_of
 from trackbench.evaluation.summary import series_of
 from trackbench.extension_points import field_values
 from trackbench.filters.base import AnyFilter
-from trackbench.registry import Group
+from trackbench.registry import Group, kinds
+from trackbench.scenarios.base import error_names
 from trackbench.scenarios.score import has_position_and_velocity
 from trackbench.statistics.sample_statistics import STATISTICS
 from trackbench.yaml_source import Keys, Source
@@ -141,6 +145,40 @@ def check_metrics(
             source.add_problem(request.keys, message)
     if truth.why_missing and requests_truth:
         truth.add_problem(source)
+
+
+def fill_default_metrics(group: Group, source: Source, points: Sequence[Point]) -> None:
+    """Override the default metric of a table or figure where the scenario lacks it.
+
+    The default metric of some kinds is an error such as the RMSE of the position. An entry of ``group``
+    without `metric` gets the scenario's first error then.
+    """
+    if not points or not points[0].scenario.has_truth:
+        return
+    errors = error_names(points[0].scenario)
+    if not errors:
+        return
+    for name, entry in (source.data.get(group) or {}).items():
+        if not isinstance(entry, dict) or "metric" in entry:
+            continue
+        default = getattr(kinds(group).get(str(entry.get("kind"))), "metric", None)
+        if not isinstance(default, Measure):
+            continue
+        if default.metric.startswith("rmse") and default.metric not in errors:
+            metric = str(default).replace(default.metric, errors[0])
+            override(source, (group, name, "metric"), metric, source.mark((group, name)))
+
+
+def why_not_controlled(measure: Measure, exact_labels: Collection[str]) -> str:
+    """Explain why a measure ``controlled(...)`` has no exact value to correct by; empty if it has.
+
+    ``exact_labels`` are the filters of the key `exact`.
+    """
+    has_exact_value = measure.other in exact_labels and is_exact(measure)
+    if measure.relation != "controlled" or has_exact_value:
+        return ""
+    message = f"'{measure}' needs a filter of `exact` and a mean of squares"
+    return f"{message}, such as rms(rmse) or anees"
 
 
 def check_trained_metrics(source: Source, settings: Settings, training: Point | None) -> None:

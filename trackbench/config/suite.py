@@ -12,7 +12,7 @@ from pathlib import Path
 
 from trackbench.config import load as configurations
 from trackbench.config.build import build
-from trackbench.config.experiment import Experiment, Label, Name
+from trackbench.config.experiment import Experiment
 from trackbench.config.includes import deep_merge, inline_parts
 from trackbench.config.mistakes import unknown
 from trackbench.config.overrides import (
@@ -23,6 +23,7 @@ from trackbench.config.overrides import (
     split_path,
 )
 from trackbench.config.plugin_checks import add_filters
+from trackbench.config.settings import Label, Name
 from trackbench.config.shipped_experiments import located, suite_file
 from trackbench.config.tuning import tuned_label
 from trackbench.errors import Mark, Problem, UserError

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from trackbench.config.build import build_kind
-from trackbench.config.dump import as_config
 from trackbench.config.experiment import Experiment, Point
 from trackbench.config.includes import deep_merge
+from trackbench.config.resolved_config import as_config
 from trackbench.evaluation.block import simulate
 from trackbench.plugins.checks import check_scenario
 from trackbench.plugins.errors import PluginError

@@ -6,11 +6,13 @@ from dataclasses import dataclass, fields, replace
 
 from trackbench.atomic_files import free_name
 from trackbench.config.build import build_kind
-from trackbench.config.checks import add_label_problem, check_assumed, check_fit
-from trackbench.config.experiment import Point, Settings
-from trackbench.config.filter_model import check_late, read_assumed
+from trackbench.config.experiment import Point
+from trackbench.config.filter_labels import add_label_problem
+from trackbench.config.filter_model import check_assumed, check_late, read_assumed
+from trackbench.config.filter_requirements import check_fit
 from trackbench.config.overrides import override, split_path
 from trackbench.config.requested_truth import is_measured_in
+from trackbench.config.settings import Settings
 from trackbench.config.training import same_recordings
 from trackbench.config.tuning import Axis, read_axis, tuned_label
 from trackbench.config.tuning_objective import bad_terms, default_metric

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from numpy.random import SFC64, Generator
 
-from trackbench.config.checks import meets_requirement
+from trackbench.config.filter_requirements import meets_requirement
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution, per_run_moments
 from trackbench.core.random_streams import RunStreams, Streams
@@ -22,15 +22,17 @@ from trackbench.models.base import Model, Motion, extra_std
 from trackbench.models.description import description_of, with_description
 from trackbench.models.motions.irregular import Irregular
 from trackbench.models.motions.kinematic import ConstantVelocity, WhiteAcceleration
+from trackbench.models.motions.scalar import SineGamma
 from trackbench.models.priors import augment_prior
 from trackbench.models.sensors.angular import AngularSensor, Platform
 from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
+from trackbench.models.sensors.square_then_line import SquareThenLine
 from trackbench.plugins.checks import filter_conflicts
 from trackbench.plugins.errors import guarded
 from trackbench.scenarios.base import Scenario, Simulation, simulate_markov
-from trackbench.scenarios.starts.without_scans import GaussianStart
+from trackbench.scenarios.starts.without_scans import GaussianStart, Known
 from trackbench.scenarios.targets.base import Launch
 from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.tracking import Tracking
@@ -184,6 +186,14 @@ def with_white_sequence(problem: Tracking) -> Tracking:
 PLANAR = planar()
 RADAR = radar()
 PRECISE = radar(sigma=5.0, x=4000.0, y=3000.0)
+SCALAR = Tracking(
+    target=Driven(motion=SineGamma(), launch=Launch(x=1.0)),
+    sensor=SquareThenLine(R=0.1),
+    start=Known(),
+    first=1,
+    last=8,
+)
+"""Van der Merwe's scalar model, for filters that need one."""
 UNEQUAL = ModelDraws(base=PLANAR, unequal=True)
 PLACED = radar(x=4000.0, y=3000.0, at=(-1500.0, 2000.0))
 """Problem of a radar that does not stand at the origin."""

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
 from trackbench.atomic_files import ensure_folder, write_text
-from trackbench.config.dump import as_config
+from trackbench.config.resolved_config import as_config
 from trackbench.errors import Mark, Problem, UserError, WriteError
 from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.execution import code_digests

@@ -10,8 +10,9 @@ from math import ceil
 from pathlib import Path
 from typing import TypeAlias
 
-from trackbench.config.experiment import Experiment, Point, Settings
+from trackbench.config.experiment import Experiment, Point
 from trackbench.config.requested_metrics import requested_contributions, requested_predictions
+from trackbench.config.settings import Settings
 from trackbench.errors import Problem, UserError, counted
 from trackbench.evaluation.block import MOST_STACKED, BlockTask
 from trackbench.extension_points import foreign_parts

@@ -3,7 +3,7 @@
 from typing import Any, TypeAlias
 
 from trackbench.config.build import adapter, help_texts, hints_of
-from trackbench.config.experiment import Settings
+from trackbench.config.settings import Settings
 from trackbench.extension_points import Part
 from trackbench.field_types import part_group
 from trackbench.models.sensors.base import Assume

@@ -22,14 +22,14 @@ from trackbench.errors import Mark, Problem, UserError, counted
 from trackbench.evaluation.metric_expression import measured
 from trackbench.evaluation.summary import per_component
 from trackbench.metrics import unit_of
+from trackbench.report.compared_metrics import compared_statistic, primary_metrics, with_statistic
 from trackbench.report.findings import phrases
-from trackbench.report.paired import compared_statistic, primary_metrics, with_statistic
 from trackbench.report.plotting import style
-from trackbench.report.results import Results
 from trackbench.report.table import Text, TextTable, one_zero, rounded
+from trackbench.report.tables_and_figures import Results
 from trackbench.results.folder_contents import DIGITS
 from trackbench.results.point_facts import GridPoint
-from trackbench.statistics import rules
+from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.comparison import (
     Comparison,
     Sample,
@@ -40,7 +40,7 @@ from trackbench.statistics.comparison import (
 )
 from trackbench.statistics.estimates import RunEstimate, Share
 from trackbench.statistics.intervals import sign_test
-from trackbench.statistics.rules import ALIKE, BETTER, EQUAL, UNTESTED, WORSE
+from trackbench.statistics.significance_rules import ALIKE, BETTER, EQUAL, UNTESTED, WORSE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -5,11 +5,11 @@ import gc
 from matplotlib.backends import backend_svg
 
 from trackbench.registry import kinds
-from trackbench.report import paired, render
+from trackbench.report import pairs_of_filters, render
 from trackbench.report.plotting import canvas
-from trackbench.report.verdicts import numbers
+from trackbench.report.verdicts import published_numbers
 
-__all__ = ["backend_svg", "canvas", "numbers", "paired", "render"]
+__all__ = ["backend_svg", "canvas", "pairs_of_filters", "published_numbers", "render"]
 kinds("figures")  # imports the figure kinds
 # As in `__main__`.
 gc.set_threshold(50_000)

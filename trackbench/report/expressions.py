@@ -16,21 +16,19 @@ from trackbench.evaluation.metric_expression import Measure, exact_label, measur
 from trackbench.evaluation.summary import statistic_of
 from trackbench.field_types import is_number
 from trackbench.metrics import FIRST_INDEFINITE, in_window
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import intervals as inference
 from trackbench.statistics.collapsed_runs import collapsed_in_words
+from trackbench.statistics.comparison import difference_of_measures
 from trackbench.statistics.efficiency import efficiency
 from trackbench.statistics.estimates import (
     MISSING,
     OfSteps,
     RunEstimate,
     Share,
-    as_difference_of_proportions,
-    as_difference_of_variances,
     gain,
     ignore_float_errors,
-    linear_combination,
     quotient,
 )
 from trackbench.statistics.sample_statistics import OVER_RUNS, influence, median
@@ -184,14 +182,9 @@ class Evaluator:
         common = self._common_runs(left, right)
         a = self.term(left, common)
         b = self.term(right, common)
-        term = linear_combination(a.value - factor * b.value, a, b, 1.0, -factor)
         # Two variances as such, neither of them a gain or a ratio to another filter.
-        if all(m.statistic == "variance" and not m.relation for m in (left, right)):
-            return as_difference_of_variances(term, a, b, factor)
-        # A negative factor adds the shares, and the limits of a difference would be wrong for a sum.
-        if isinstance(a, Share) and isinstance(b, Share) and factor >= 0.0:
-            return as_difference_of_proportions(term, a, b, factor)
-        return term
+        are_variances = all(m.statistic == "variance" and not m.relation for m in (left, right))
+        return difference_of_measures(a, b, factor, are_variances)
 
     def _related(self, m: Measure, mine: Measure, other: Measure) -> RunEstimate:
         """Evaluate a relation such as a ratio of one filter's measure, ``mine``, to another's.

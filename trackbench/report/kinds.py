@@ -12,7 +12,7 @@ from trackbench.report.table import Table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from trackbench.report.results import Results
+    from trackbench.report.tables_and_figures import Results
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,27 +1,17 @@
 """Files that follow from a results folder: tables, figures, verdicts, pairs.
 
-Figures are drawn in parallel processes, while their parent writes everything else. The cache of drawn
-figures is keyed by results, options of the figure, source code, plugins that have run, and settings of
-matplotlib.
+Figures are drawn in parallel processes, while their parent writes everything else.
 """
 
-import hashlib
-import json
-import os
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Future
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
-from functools import cache
-from importlib.metadata import version
 from itertools import product
 from pathlib import Path
 from typing import Any, TypeAlias, cast
 
-import trackbench
 from trackbench.atomic_files import (
     ensure_folder,
-    record_writes,
     remove,
     within,
     write_bytes,
@@ -29,122 +19,22 @@ from trackbench.atomic_files import (
     write_text,
 )
 from trackbench.config.mistakes import unknown
-from trackbench.errors import Mark, Problem, UserError, WriteError
-from trackbench.execution.cache import figure_cache_folder
+from trackbench.errors import Mark, Problem, UserError
 from trackbench.execution.engines import pool, result_of
-from trackbench.field_types import require_regular_file
-from trackbench.plugins.load import loaded_identities
 from trackbench.progress_bar import progress_bar
 from trackbench.registry import is_plugin
+from trackbench.report.figure_cache import FigureCache, Files
 from trackbench.report.findings.ranking_table import ranking_tables
 from trackbench.report.findings.sentences import answer, headline
 from trackbench.report.kinds import FigureKind, TableKind, figure_folder
-from trackbench.report.paired import compared_statistics
+from trackbench.report.output_errors import as_figure, as_table, catch_errors
 from trackbench.report.plotting import style
 from trackbench.report.plotting.page_formats import SHEETS, Style, drawing_for, is_crowded
-from trackbench.report.results import (
-    NO_FILTER_RAN,
-    Results,
-    as_figure,
-    as_table,
-    catch_errors,
-)
 from trackbench.report.table import Table, TextTable
-from trackbench.report.verdicts.comparison_files import write_comparison, write_paired
-from trackbench.report.verdicts.numbers import Verdicts, compare
-from trackbench.results.folder_contents import FIGURE_FORMS, RUN_FILES, TABLE_FORMS
-
-Files: TypeAlias = list[tuple[str, bytes]]
-"""Format and content."""
-_EXHIBIT_KEYS = ("tables", "figures")
-"""Keys of the config that do not decide how a figure looks, beside those of the figure itself."""
-_MANIFEST_KEYS = ("steps", "loops_over_runs", "deterministic", "failed")
-"""Entries of the manifest that figures show."""
-
-
-@dataclass(frozen=True)
-class FigureCache:
-    """Cache of the figures of one state of a results folder."""
-
-    digest: str
-    """digest of all that any figure may show, beside its own keys"""
-
-    @classmethod
-    def from_results(cls, results: Results) -> "FigureCache | None":
-        """Return the cache of these results; None if a settings file sets up matplotlib.
-
-        Figures under such settings are not cached, as the digest does not cover the file.
-        """
-        if any(path.is_file() for path in _matplotlibrc_paths()):
-            return None
-        # Code of a plugin, or of a notebook, may change how matplotlib draws any figure.
-        changed_settings = style.changed_settings()
-        inputs = [
-            [version(name) for name in ("matplotlib", "numpy", "scipy")],
-            {key: value for key, value in results.config.items() if key not in _EXHIBIT_KEYS},
-            [results.manifest.get(name) for name in _MANIFEST_KEYS],
-            {label: results.line_style(label) for label in results.labels},
-            compared_statistics(results.config),
-            _digest_of_sources(),
-            {name: repr(value) for name, value in changed_settings.items()},
-            loaded_identities(),
-        ]
-        digest = hashlib.sha256(json.dumps(inputs, default=str).encode())
-        for name in (*RUN_FILES, "tuning.csv", *results.config.get("published", ())):
-            _add_file(digest, results.folder / name)
-        return cls(digest.hexdigest())
-
-    def get(self, spec: FigureKind, formats: Sequence[str]) -> Files | None:
-        """Return a figure's files; None if a format is not in the cache."""
-        try:
-            paths = [require_regular_file(self._path(spec, form)) for form in formats]
-            contents = [path.read_bytes() for path in paths]
-        except OSError:
-            return None
-        return list(zip(formats, contents, strict=True))
-
-    def put(self, spec: FigureKind, files: Files) -> None:
-        """Keep a figure's files. A file that cannot be written will be drawn again."""
-        # This block keeps the paths from the list of files that were written to the results folder.
-        with record_writes(), suppress(OSError, WriteError):
-            for form, content in files:
-                path = self._path(spec, form)
-                path.parent.mkdir(parents=True, exist_ok=True)
-                write_bytes(path, content)
-
-    def _path(self, spec: FigureKind, form: str) -> Path:
-        key = hashlib.sha256(f"{self.digest} {spec!r}".encode()).hexdigest()
-        return figure_cache_folder() / key[:2] / f"{key}.{form}"
-
-
-@cache
-def _digest_of_sources() -> str:
-    """Digest of the package's own source."""
-    digest = hashlib.sha256()
-    for path in sorted(Path(trackbench.__file__).parent.rglob("*.py")):
-        _add_file(digest, path)
-    return digest.hexdigest()
-
-
-def _add_file(digest: "hashlib._Hash", path: Path) -> None:
-    """Add a file's name and content to a digest; of a missing file the name."""
-    digest.update(f"\n{path.name}\n".encode())
-    if path.is_file():
-        digest.update(path.read_bytes())
-
-
-def _matplotlibrc_paths() -> Iterator[Path]:
-    """Yield where matplotlib looks for a settings file."""
-    yield Path("matplotlibrc")
-    if "MATPLOTLIBRC" in os.environ:
-        named = Path(os.environ["MATPLOTLIBRC"])
-        yield named
-        yield named / "matplotlibrc"
-    if os.environ.get("MPLCONFIGDIR"):
-        yield Path(os.environ["MPLCONFIGDIR"]) / "matplotlibrc"
-    home = os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config"
-    yield Path(home) / "matplotlib" / "matplotlibrc"
-    yield Path.home() / ".matplotlib" / "matplotlibrc"
+from trackbench.report.tables_and_figures import NO_FILTER_RAN, Results
+from trackbench.report.verdicts.published_numbers import Verdicts, compare
+from trackbench.report.verdicts.verdict_files import write_comparison, write_paired
+from trackbench.results.folder_contents import FIGURE_FORMS, TABLE_FORMS
 
 
 def draw_figure(spec: FigureKind, results: Results, formats: Sequence[str]) -> Files:

@@ -21,18 +21,21 @@ from trackbench.errors import UserError, counted
 from trackbench.evaluation.metric_expression import exact_label
 from trackbench.plugins.errors import message_of
 from trackbench.registry import Group, kinds
-from trackbench.results.folder_contents import (
-    COLUMNS,
-    DATA_FILES,
-    DIGITS,
-    EXACT_DIGITS,
-    TIMING,
-    read_manifest,
+from trackbench.results.csv_columns import (
+    Columns,
+    PointRuns,
+    Runs,
+    parse_of,
+    read_columns,
+    read_runs,
 )
-from trackbench.results.frames import Columns, PointRuns, Runs, parse_of, read_columns, read_runs
+from trackbench.results.folder_contents import COLUMNS, DATA_FILES, DIGITS, EXACT_DIGITS, TIMING
+from trackbench.results.manifest import read_manifest
 from trackbench.results.number_arrays import (
     PER_RUN_FILE,
     PER_STEP_FILE,
+    file_of_runs,
+    file_of_steps,
     read_run_arrays,
     read_steps,
     rows_of_runs,
@@ -389,9 +392,7 @@ class ResultsFolder:
     @property
     def per_run_file(self) -> str:
         """Name of the file with the numbers per run, which is another of very many runs."""
-        if (self.folder / PER_RUN_FILE).is_file():
-            return PER_RUN_FILE
-        return "per_run.csv"
+        return file_of_runs(self.folder)
 
     @property
     def has_runs(self) -> bool:
@@ -401,9 +402,7 @@ class ResultsFolder:
     @property
     def per_step_file(self) -> str:
         """Name of the file with the numbers per step, which is another of very long runs."""
-        if (self.folder / PER_STEP_FILE).is_file():
-            return PER_STEP_FILE
-        return "per_step.csv"
+        return file_of_steps(self.folder)
 
     def _points_as_read(self) -> list[dict[str, Any] | None]:
         """Return the points of the config's grid with the values that summary.csv has.

@@ -18,7 +18,7 @@ from trackbench.config.metric_names import is_stored, stored_metrics
 from trackbench.core.arrays import Array, Index, fixed
 from trackbench.evaluation.metric_expression import measured
 from trackbench.evaluation.summary import StepColumns
-from trackbench.results.frames import Columns, PointRuns, Runs
+from trackbench.results.csv_columns import Columns, PointRuns, Runs
 from trackbench.results.point_facts import array_prefix
 
 PER_STEP_FILE = "per_step.npz"
@@ -43,6 +43,20 @@ def is_long(experiment: Experiment) -> bool:
 def has_many_runs(experiment: Experiment) -> bool:
     """Test whether there are more than `MANY_RUNS` runs."""
     return experiment.settings.runs > MANY_RUNS
+
+
+def file_of_runs(folder: Path) -> str:
+    """Return the name of the file with the numbers per run: arrays if there are very many runs."""
+    if (folder / PER_RUN_FILE).is_file():
+        return PER_RUN_FILE
+    return "per_run.csv"
+
+
+def file_of_steps(folder: Path) -> str:
+    """Return the name of the file with the numbers per step: arrays if the runs are very long."""
+    if (folder / PER_STEP_FILE).is_file():
+        return PER_STEP_FILE
+    return "per_step.csv"
 
 
 def array_notes(experiment: Experiment) -> Iterator[str]:

@@ -12,9 +12,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from trackbench.config.dump import as_config, entry_keys
 from trackbench.config.experiment import Point
 from trackbench.config.python_tables import path_from
+from trackbench.config.resolved_config import as_config, entry_keys
 from trackbench.evaluation.consistency_and_calibration import sizes
 from trackbench.metrics import unit_of, without_unit
 from trackbench.statistics.intervals import AcceptedNis

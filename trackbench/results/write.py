@@ -23,10 +23,10 @@ from trackbench.atomic_files import (
     write_csv,
     write_text,
 )
-from trackbench.config.dump import as_yaml, data_files, resolved
 from trackbench.config.experiment import Experiment
 from trackbench.config.metric_names import is_stored, stored_metrics
 from trackbench.config.requested_metrics import requested_contributions
+from trackbench.config.resolved_config import as_yaml, data_files, resolved
 from trackbench.core import compiled
 from trackbench.core.arrays import Array, Index, fixed
 from trackbench.core.sums import total
@@ -49,6 +49,7 @@ from trackbench.evaluation.timing import Measured
 from trackbench.execution.plan import Key
 from trackbench.execution.runner import Outcome
 from trackbench.results.arrivals import arrival_rows
+from trackbench.results.csv_columns import Runs
 from trackbench.results.folder_contents import (
     ARRIVAL_COLUMNS,
     ARRIVALS,
@@ -58,7 +59,6 @@ from trackbench.results.folder_contents import (
     TIMING,
     remove_outputs,
 )
-from trackbench.results.frames import Runs
 from trackbench.results.number_arrays import (
     PER_RUN_FILE,
     PER_STEP_FILE,

@@ -16,12 +16,11 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import total
-from trackbench.statistics import rules
+from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.estimates import (
     OfSteps,
     RunEstimate,
     Share,
-    as_difference_of_variances,
     linear_combination,
     quotient,
     ratio_interval,
@@ -31,6 +30,7 @@ from trackbench.statistics.intervals import (
     Sides,
     deviations,
     normal_of_t,
+    stderr_of,
     studentized_difference,
     studentized_rows,
 )
@@ -188,7 +188,7 @@ def compare(a: Sample, b: Sample) -> Comparison | None:
     b = b.over(both)
     difference = _difference_of(a, b)
     if a.statistic == "variance":
-        difference = as_difference_of_variances(difference, a.overall, b.overall, factor=1.0)
+        difference = _as_difference_of_variances(difference, a.overall, b.overall, factor=1.0)
     return Comparison(a.overall, b.overall, difference, difference.z())
 
 
@@ -200,6 +200,51 @@ def compare_estimates(a: RunEstimate, b: RunEstimate, other: float = 0.0) -> Com
     """
     difference = linear_combination(a.value - b.value, a, b, 1.0, -1.0)
     return Comparison(a, b, difference, difference.z(0.0, other))
+
+
+@np.errstate(all="ignore")
+def difference_of_measures(
+    a: RunEstimate, b: RunEstimate, factor: float = 1.0, are_variances: bool = False
+) -> RunEstimate:
+    """Return ``a - factor b``, paired by runs, with the limits that suit what is subtracted.
+
+    The difference of two variances has the limits of both variances, and the difference of two shares
+    of runs has the limits of a difference of proportions. ``are_variances`` says that a and b are
+    variances as such, neither a gain nor a ratio to another filter.
+    """
+    term = linear_combination(a.value - factor * b.value, a, b, 1.0, -factor)
+    if are_variances:
+        return _as_difference_of_variances(term, a, b, factor)
+    # A negative factor adds the shares, and the limits of a difference would be wrong for a sum.
+    if isinstance(a, Share) and isinstance(b, Share) and factor >= 0.0:
+        return _as_difference_of_proportions(term, a, b, factor)
+    return term
+
+
+def _as_difference_of_variances(
+    term: RunEstimate, a: RunEstimate, b: RunEstimate, factor: float
+) -> RunEstimate:
+    """Return ``term``, the difference ``a - factor b`` of variances, with its `pair` set.
+
+    The confidence limits of both variances, a's and b's, then test the difference. Without influences of
+    all three, ``term`` is returned as it is.
+    """
+    if term.influences is None or a.influences is None or b.influences is None:
+        return term
+    return term._replace(pair=(a, b, factor))
+
+
+def _as_difference_of_proportions(
+    term: RunEstimate, a: Share, b: Share, factor: float
+) -> RunEstimate:
+    """Return ``term``, the difference ``a - factor b`` of shares of the same runs, with both limits.
+
+    A standard error of zero, as of two shares 0 or 1, is replaced by that of the interval.
+    """
+    if a.influences is None or b.influences is None:
+        return term
+    with_pair = term._replace(pair=(a, b, factor))
+    return with_pair._replace(stderr=term.stderr or stderr_of(*with_pair.interval()))
 
 
 @np.errstate(all="ignore")

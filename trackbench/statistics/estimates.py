@@ -7,6 +7,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.statistics import intervals as inference
+from trackbench.statistics.correlated_series import series_mean
 from trackbench.statistics.intervals import (
     Events,
     Sides,
@@ -15,12 +16,10 @@ from trackbench.statistics.intervals import (
     interval_of_difference,
     of_variances,
     quantile,
-    stderr_of,
     studentized,
     studentized_difference,
 )
 from trackbench.statistics.sample_statistics import Estimate, influence_of_ratio, mean, z_score
-from trackbench.statistics.series import series_mean
 
 
 def in_words(events: int, runs: int, noun: str = " runs lost") -> str:
@@ -445,29 +444,3 @@ def _combined_influences(
     if of_a is None or of_b is None or len(of_a) != len(of_b):
         return None
     return factor_a * of_a + factor_b * of_b
-
-
-def as_difference_of_variances(
-    term: RunEstimate, a: RunEstimate, b: RunEstimate, factor: float
-) -> RunEstimate:
-    """Return ``term``, the difference ``a - factor b`` of variances, with its `pair` set.
-
-    The confidence limits of both variances, a's and b's, then test the difference. Without influences of
-    all three, ``term`` is returned as it is.
-    """
-    if term.influences is None or a.influences is None or b.influences is None:
-        return term
-    return term._replace(pair=(a, b, factor))
-
-
-def as_difference_of_proportions(
-    term: RunEstimate, a: Share, b: Share, factor: float
-) -> RunEstimate:
-    """Return ``term``, the difference ``a - factor b`` of shares of the same runs, with both limits.
-
-    A standard error of zero, as of two shares 0 or 1, is replaced by that of the interval.
-    """
-    if a.influences is None or b.influences is None:
-        return term
-    with_pair = term._replace(pair=(a, b, factor))
-    return with_pair._replace(stderr=term.stderr or stderr_of(*with_pair.interval()))

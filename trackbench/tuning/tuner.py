@@ -10,9 +10,9 @@ from math import ceil
 from typing import Any
 
 from trackbench.config import tuned_entries
-from trackbench.config.dump import as_config
 from trackbench.config.experiment import Experiment
 from trackbench.config.requested_metrics import predictions_for
+from trackbench.config.resolved_config import as_config
 from trackbench.config.tuning import Axis
 from trackbench.config.tuning_objective import Objective
 from trackbench.core.arrays import Array

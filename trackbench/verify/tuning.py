@@ -16,7 +16,7 @@ from trackbench.execution.block_file import pack
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.engines import cpu_count, engine
 from trackbench.execution.merge_blocks import merge
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 from trackbench.tuning.search import Rank, Record, Search, Trial, Values
 from trackbench.tuning.tuner import Training, given_values, tune
 

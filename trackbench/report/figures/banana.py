@@ -7,8 +7,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.random import Generator
 
-from trackbench.config.dump import as_config
 from trackbench.config.experiment import Point
+from trackbench.config.resolved_config import as_config
 from trackbench.core.arrays import Array
 from trackbench.core.conversions import Conversion, Polar, convert, position
 from trackbench.core.distributions import Gaussian
@@ -22,7 +22,7 @@ from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
 from trackbench.report.plotting.scales import length_unit, with_true_minus
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 
 _SIMILAR = 4.0
 """Ratio of height and width up to which both axes have equal scales."""

@@ -14,7 +14,7 @@ from trackbench.report.findings import phrases
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import scales, style
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.claims import point_of
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics.sample_statistics import interval

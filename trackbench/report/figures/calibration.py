@@ -20,7 +20,6 @@ from trackbench.report.findings.phrases import joined, named, percent, verb
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style, svg_file
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
-from trackbench.report.results import Results
 from trackbench.report.tables.calibration import (
     check_rank,
     histogram,
@@ -29,6 +28,7 @@ from trackbench.report.tables.calibration import (
     pits,
     shares_of_runs,
 )
+from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
 
 _ALPHA = 0.01

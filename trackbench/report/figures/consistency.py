@@ -17,8 +17,8 @@ from trackbench.report.findings.phrases import joined, named
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import filter_lines, scales, style
 from trackbench.report.plotting.style import Axes, Figure
-from trackbench.report.results import Results
 from trackbench.report.tables.consistency import degrees_of
+from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics.intervals import anees_band
 

@@ -10,27 +10,26 @@ from trackbench.config.experiment import Point
 from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import Expression, measure
 from trackbench.registry import register
-from trackbench.report.costs import (
+from trackbench.report.errors_over_cpu_time import (
     COST,
     MICRO,
-    Curve,
-    Spot,
     compared_labels,
     cost_conflicts,
     curves,
-    front,
     own_sizes,
 )
 from trackbench.report.expressions import Evaluator
 from trackbench.report.figures import captions
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import joined
+from trackbench.report.grid_scenes import points_of, scenes
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import filter_lines, scales, style
 from trackbench.report.plotting.point_labels import PointLabel, label_points
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
-from trackbench.report.results import Results, points_of, scenes
+from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
+from trackbench.statistics.error_at_cpu_time import Curve, Spot, front
 
 _MARKERS = "osD^vP*X"
 _SIZE_POINTS = 7.0

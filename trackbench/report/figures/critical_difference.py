@@ -13,7 +13,7 @@ from trackbench.report.findings import phrases
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
 from trackbench.report.plotting.style import Axes, Figure
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
 
 

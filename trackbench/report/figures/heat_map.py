@@ -15,16 +15,17 @@ from trackbench.report.expressions import Evaluator
 from trackbench.report.figures import captions
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import joined
+from trackbench.report.grid_scenes import missing_paths, points_of
 from trackbench.report.kinds import FigureKind
-from trackbench.report.paired import Pair
+from trackbench.report.pairs_of_filters import Pair
 from trackbench.report.plotting import style
 from trackbench.report.plotting.page_formats import sheet
 from trackbench.report.plotting.scales import has_logarithm, with_true_minus
 from trackbench.report.plotting.style import Axes, Figure
-from trackbench.report.results import Results, missing_paths, points_of
 from trackbench.report.table import one_zero, rounded
+from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
-from trackbench.statistics import rules
+from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.estimates import MISSING
 from trackbench.statistics.sample_statistics import Estimate
 

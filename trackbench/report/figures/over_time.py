@@ -19,8 +19,8 @@ from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import filter_lines, scales, style
 from trackbench.report.plotting.page_formats import sheet
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
-from trackbench.report.results import Results
-from trackbench.results.frames import Columns
+from trackbench.report.tables_and_figures import Results
+from trackbench.results.csv_columns import Columns
 from trackbench.results.point_facts import GridPoint
 
 _MOST_CURVES = 5

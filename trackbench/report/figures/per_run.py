@@ -12,7 +12,7 @@ from trackbench.report.figures import captions
 from trackbench.report.figures.over_time import Curves
 from trackbench.report.plotting import filter_lines, style
 from trackbench.report.plotting.style import Figure
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 
 _MOST_POINTS = 200
 """Points of a line over the share of runs."""

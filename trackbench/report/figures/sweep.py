@@ -18,12 +18,13 @@ from trackbench.report.figures.heat_map import cell_texts, write_cells
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import head_of, joined, listed, named, rounded
 from trackbench.report.findings.ranking import ranking_metrics
+from trackbench.report.grid_scenes import missing_paths
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import filter_lines, scales, style
 from trackbench.report.plotting.page_formats import sheet
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
-from trackbench.report.results import Results, missing_paths
-from trackbench.results.frames import Columns
+from trackbench.report.tables_and_figures import Results
+from trackbench.results.csv_columns import Columns
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics.estimates import MISSING
 from trackbench.statistics.sample_statistics import Estimate

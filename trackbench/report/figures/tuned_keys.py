@@ -12,8 +12,8 @@ from trackbench.report.findings.phrases import joined, named
 from trackbench.report.kinds import FigureKind
 from trackbench.report.plotting import style
 from trackbench.report.plotting.style import Axes, Figure
-from trackbench.report.results import Results
 from trackbench.report.tables.tuning import axis_of, words_of
+from trackbench.report.tables_and_figures import Results
 from trackbench.tuning.search import Record
 
 _SPREADS = 3.0

@@ -16,17 +16,18 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Mask
 from trackbench.evaluation.metric_expression import Measure, measured
-from trackbench.report.findings import phrases
-from trackbench.report.findings.phrases import named
-from trackbench.report.paired import (
+from trackbench.report.compared_metrics import (
     compared_statistic,
     compared_statistics,
     named_errors_first,
     primary_metrics,
 )
-from trackbench.report.results import Results, own_values, points_of, scenes
+from trackbench.report.findings import phrases
+from trackbench.report.findings.phrases import named
+from trackbench.report.grid_scenes import own_values, points_of, scenes
+from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
-from trackbench.statistics import rules
+from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.comparison import Comparison, Sample, compare_all
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.sample_statistics import Estimate

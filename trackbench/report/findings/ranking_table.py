@@ -19,10 +19,10 @@ from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import head_of, metric_words, named, statistic_words
 from trackbench.report.findings.ranking import Candidate, Ranking, best_settings, rankings
 from trackbench.report.findings.recording_notes import recording_notes
-from trackbench.report.results import Results
 from trackbench.report.table import Text, TextTable, rounded
+from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
-from trackbench.statistics import rules
+from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.collapsed_runs import (
     COLLAPSED_NOTE,
     INDEFINITE_NOTE,

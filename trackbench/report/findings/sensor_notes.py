@@ -9,8 +9,8 @@ from trackbench.core.arrays import Array, Mask
 from trackbench.errors import sensor_name
 from trackbench.report.findings.phrases import listed, rounded
 from trackbench.report.findings.ranking import Candidate
-from trackbench.report.results import Results
-from trackbench.results.frames import Columns
+from trackbench.report.tables_and_figures import Results
+from trackbench.results.csv_columns import Columns
 from trackbench.results.point_facts import PointFacts
 
 _FEWEST_OF_SENSOR = 10

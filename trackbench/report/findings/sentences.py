@@ -15,8 +15,8 @@ from trackbench.report.findings.ranking import (
     ranking_metrics,
     rankings,
 )
-from trackbench.report.results import Results
-from trackbench.statistics import rules
+from trackbench.report.tables_and_figures import Results
+from trackbench.statistics import significance_rules as rules
 
 _FAR_OFF = 10.0
 """Multiple of the best error, or of the density of the best score, beyond which a filter is far off."""

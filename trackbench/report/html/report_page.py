@@ -19,18 +19,18 @@ from trackbench.report.findings.sentences import HOW_DECIDED, unranked_count
 from trackbench.report.html.svg import inline
 from trackbench.report.kinds import FigureKind, figure_folder
 from trackbench.report.render import best_filter, conclusions, draw_figure, ranking
-from trackbench.report.results import Results
 from trackbench.report.table import Text, TextTable, one_zero, rounded
-from trackbench.report.verdicts.comparison_files import (
+from trackbench.report.tables_and_figures import Results
+from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
+from trackbench.report.verdicts.published_numbers import Verdicts, compare
+from trackbench.report.verdicts.verdict_files import (
     bars,
     needed_runs,
     summary_lines,
     verdict_tables,
 )
-from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
-from trackbench.report.verdicts.numbers import Verdicts, compare
-from trackbench.statistics import rules
-from trackbench.statistics.rules import NOT_MEASURED, TOO_FEW_RUNS, UNDECIDED
+from trackbench.statistics import significance_rules as rules
+from trackbench.statistics.significance_rules import NOT_MEASURED, TOO_FEW_RUNS, UNDECIDED
 
 if TYPE_CHECKING:
     from jinja2 import Environment

@@ -22,6 +22,7 @@ import numpy as np
 from trackbench.atomic_files import write_csv
 from trackbench.config.suite import FittedProblem, shown_label
 from trackbench.core.arrays import Array
+from trackbench.report.compared_metrics import compared_statistic
 from trackbench.report.findings.ranking import (
     Candidate,
     Ranking,
@@ -34,13 +35,12 @@ from trackbench.report.findings.ranking_table import (
     cpu_seconds,
     first_indefinite_steps,
 )
-from trackbench.report.paired import compared_statistic
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 from trackbench.statistics.collapsed_runs import collapsed_runs, indefinite_runs
 from trackbench.statistics.comparison import Comparison, compare
 from trackbench.statistics.estimates import RunEstimate
-from trackbench.statistics.rules import ALIKE, UNTESTED, WORSE
 from trackbench.statistics.sample_statistics import mean
+from trackbench.statistics.significance_rules import ALIKE, UNTESTED, WORSE
 
 WORST = 10.0
 """Ratio to the best from which on a filter counts as useless for the problem."""

@@ -30,7 +30,7 @@ from trackbench.statistics.collapsed_runs import (
     NOT_DEFINITE,
     indefinite_in_words,
 )
-from trackbench.statistics.rules import ALIKE, FEWEST_RUNS, UNTESTED, WORSE
+from trackbench.statistics.significance_rules import ALIKE, FEWEST_RUNS, UNTESTED, WORSE
 
 NEAR = 1.1
 """Factor within which a filter is near the best."""

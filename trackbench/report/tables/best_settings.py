@@ -8,8 +8,8 @@ from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import head_of
 from trackbench.report.findings.ranking import best_settings
 from trackbench.report.kinds import TableKind
-from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
+from trackbench.report.tables_and_figures import Results
 
 _MOST_TIES = 6
 

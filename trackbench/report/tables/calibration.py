@@ -15,8 +15,8 @@ from trackbench.field_types import Digits, InvalidKeyError, OpenShare
 from trackbench.registry import register
 from trackbench.report.findings.phrases import joined
 from trackbench.report.kinds import TableKind
-from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
+from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics.intervals import holm
 from trackbench.statistics.sample_statistics import Estimate

@@ -16,9 +16,9 @@ from trackbench.registry import of_kind, register
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.kinds import TableKind
-from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
-from trackbench.results.frames import Columns
+from trackbench.report.tables_and_figures import Results
+from trackbench.results.csv_columns import Columns
 from trackbench.statistics.estimates import MISSING
 from trackbench.statistics.intervals import AcceptedNis, nis_band
 from trackbench.statistics.sample_statistics import Estimate

@@ -11,11 +11,11 @@ from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
 from trackbench.report.kinds import TableKind
-from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
-from trackbench.statistics import rules
+from trackbench.report.tables_and_figures import Results
+from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.estimates import RunEstimate
-from trackbench.statistics.rules import NOT_MEASURED, UNDECIDED
+from trackbench.statistics.significance_rules import NOT_MEASURED, UNDECIDED
 
 
 @register("tables", "differences")

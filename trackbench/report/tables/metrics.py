@@ -18,10 +18,10 @@ from trackbench.report.expressions import Evaluator
 from trackbench.report.findings.phrases import listed, named, time_of_programs
 from trackbench.report.findings.ranking import Candidate, ranking_of
 from trackbench.report.kinds import TableKind
-from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
+from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
-from trackbench.statistics import rules
+from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.comparison import Sample
 from trackbench.statistics.intervals import has_heavy_tail
 from trackbench.statistics.sample_statistics import STATISTICS, influence, interval

@@ -13,8 +13,8 @@ from trackbench.evaluation.summary import FilterResult
 from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.kinds import TableKind
-from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
+from trackbench.report.tables_and_figures import Results
 from trackbench.statistics.sample_statistics import Estimate
 
 

@@ -18,14 +18,14 @@ from trackbench.field_types import Count, Digits
 from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
 from trackbench.report.kinds import TableKind
-from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table, rounded
+from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.claims import judge
 from trackbench.report.verdicts.searches import searched_points, ways_to_measure
 from trackbench.statistics.comparison import as_family, compare_estimates
 from trackbench.statistics.estimates import RunEstimate
-from trackbench.statistics.rules import CLAIM_WORDS, NEAR, UNDECIDED
 from trackbench.statistics.sample_statistics import Estimate, mean
+from trackbench.statistics.significance_rules import CLAIM_WORDS, NEAR, UNDECIDED
 
 
 class Number(NamedTuple):

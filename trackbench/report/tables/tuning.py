@@ -14,8 +14,8 @@ from trackbench.field_types import Digits
 from trackbench.registry import register
 from trackbench.report.findings import phrases
 from trackbench.report.kinds import TableKind
-from trackbench.report.results import Results
 from trackbench.report.table import Cell, Table
+from trackbench.report.tables_and_figures import Results
 from trackbench.statistics.comparison import (
     Comparison,
     Sample,

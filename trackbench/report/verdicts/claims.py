@@ -9,11 +9,11 @@ from trackbench.errors import counted
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.findings import phrases
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
-from trackbench.statistics import rules
+from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.estimates import RunEstimate, gain, quotient
-from trackbench.statistics.rules import NOT_MEASURED, TOO_FEW_RUNS, UNDECIDED, Verdict
+from trackbench.statistics.significance_rules import NOT_MEASURED, TOO_FEW_RUNS, UNDECIDED, Verdict
 
 
 class ClaimVerdict(NamedTuple):

@@ -15,12 +15,12 @@ from typing import Any, NamedTuple
 from trackbench.atomic_files import ensure_folder, remove, within, write_csv
 from trackbench.config.published import Claim, Published, PublishedNumber
 from trackbench.report.expressions import repeats_of
-from trackbench.report.results import Results
 from trackbench.report.table import Text, TextTable
+from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.claims import point_of
 from trackbench.results.folder_contents import TIME_VERDICTS
-from trackbench.statistics.rules import NOT_MEASURED, UNDECIDED
 from trackbench.statistics.sample_statistics import interval, median
+from trackbench.statistics.significance_rules import NOT_MEASURED, UNDECIDED
 
 SCATTER = 2.0
 """Factor by which a ratio of two filters' times may differ on another machine or at another time."""

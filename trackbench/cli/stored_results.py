@@ -1,4 +1,4 @@
-"""Commands on a results folder; only `verify` computes runs."""
+"""Commands on results folders: `plot`, `report`, `codecheck`, `verify`; only `verify` computes runs."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -6,65 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
-from trackbench.cli.options import MARKDOWN, AllowPlugins, Folder, Json, formats, one_of
-from trackbench.cli.output import echo_line
-
-
-def compare(
-    folder: Folder,
-    other: Annotated[
-        Path | None, typer.Argument(metavar="DIR2", help="results folder to compare the first with")
-    ] = None,
-    figure_file: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="FILE", help="figure of two folders: .png, .svg or .pdf"),
-    ] = None,
-    format_: Annotated[
-        str, typer.Option("--format", metavar=MARKDOWN, help="print tables as Markdown")
-    ] = "",
-    json: Json = False,
-) -> None:
-    """Compare stored results with the published numbers and claims, or with another folder."""
-    from trackbench.cli.compare import compare_two
-
-    if format_:
-        one_of("--format", format_, (MARKDOWN,))
-    if other is not None:
-        compare_two(folder, other, figure_file, json, format_ == MARKDOWN)
-        return
-    if figure_file is not None:
-        raise typer.BadParameter("--out draws two folders: trackbench compare DIR DIR2 --out FILE")
-    from trackbench.commands import stored_results
-    from trackbench.report.results import Results
-    from trackbench.report.verdicts.comparison_files import (
-        claim_rows,
-        markdown,
-        number_rows,
-        summary_lines,
-        verdict_tables,
-    )
-    from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
-
-    verdicts = stored_results.compare(folder)
-    results = Results(folder)
-    times = time_tables(time_verdicts(results))
-    if json:
-        for row in (*number_rows(verdicts), *claim_rows(verdicts)):
-            echo_line(row)
-        return
-    if not verdicts.rows and not verdicts.claims and not times:
-        text = "this experiment names no published numbers; compare two folders: trackbench compare"
-        typer.echo(f"{folder}: {text} {folder} DIR2", err=True)
-        return
-    if format_:
-        typer.echo("\n".join([markdown(results, verdicts), *(table.markdown() for table in times)]))
-        return
-    from trackbench.cli.screen import print_lines, print_tables
-    from trackbench.report.verdicts.inconclusive import reasons
-
-    print_lines([*summary_lines(verdicts), ""])
-    print_tables([*verdict_tables(verdicts), *times])
-    print_lines(reasons(verdicts, results.config["runs"]))
+from trackbench.cli.options import AllowPlugins, Folder, formats, one_of
 
 
 def plot(
@@ -115,7 +57,7 @@ def report(folder: Folder, allow_plugins: AllowPlugins = False) -> None:
 
 def _print_written_files(write: Callable[[], list[Path]]) -> None:
     """Call ``write`` and print the files that it wrote; report failures and exit with 1."""
-    from trackbench.report.results import PartialReportError
+    from trackbench.report.output_errors import PartialReportError
 
     failures: list[str] = []
     try:
@@ -156,7 +98,7 @@ def verify(
 ) -> None:
     """Compute the first runs of stored results again, rebuild the other files, and compare bytes."""
     from trackbench.errors import Problem, UserError
-    from trackbench.verify import verify as verify_folder
+    from trackbench.verify.verify_folder import verify as verify_folder
 
     is_changed = False
     problems: list[Problem | str] = []

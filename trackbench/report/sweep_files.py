@@ -9,17 +9,18 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.atomic_files import free_name, write_csv
-from trackbench.config.experiment import DrawnExhibit, Experiment, Settings
+from trackbench.config.experiment import DrawnExhibit, Experiment
 from trackbench.config.grid import filters_of, independent_filter_paths, single_paths
 from trackbench.config.published import Published
+from trackbench.config.settings import Settings
 from trackbench.evaluation.metric_expression import measured
 from trackbench.report.figures.sweep import SweepFigure
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import listed, metric_words, with_unit
 from trackbench.report.findings.ranking import best_settings
-from trackbench.report.results import Results
 from trackbench.report.table import rounded
 from trackbench.report.tables.best_settings import BestSettings
+from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
 
 _AXES = 2

@@ -15,7 +15,7 @@ import numpy as np
 from trackbench.config.published import PublishedNumber
 from trackbench.errors import counted
 from trackbench.report.expressions import Evaluator
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.claims import (
     ClaimVerdict,
     evidence_at,
@@ -25,9 +25,9 @@ from trackbench.report.verdicts.claims import (
 )
 from trackbench.report.verdicts.cpu_times import without_times
 from trackbench.report.verdicts.searches import searched_numbers
-from trackbench.statistics import rules
+from trackbench.statistics import significance_rules as rules
 from trackbench.statistics.estimates import MISSING, RunEstimate
-from trackbench.statistics.rules import (
+from trackbench.statistics.significance_rules import (
     NEAR,
     NOT_MEASURED,
     NUMBER_WORDS,

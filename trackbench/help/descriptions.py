@@ -1,120 +1,23 @@
-"""Names that a config may use: kinds, their keys, defaults and sources.
-
-A listing reads docstrings without importing what it lists.
-"""
+"""Descriptions that `trackbench describe` prints: a kind with its keys, hooks of a group."""
 
 import dataclasses
 import inspect
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, cast
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
 
-from trackbench.durations import listed_time_in_words
 from trackbench.extension_points import Part, hooks, key_of, overridden_hooks
 from trackbench.field_types import dataclasses_in, part_group
 from trackbench.help.metrics import (
     JsonRow,
     columns,
-    common_metrics,
     described,
     facts,
-    statistics_known,
 )
 from trackbench.metrics import METRICS
-from trackbench.registry import GROUPS, Group, base_of, documentation, kinds
+from trackbench.registry import GROUPS, Group, base_of, kinds
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
-
-
-def listing(group: str) -> str:
-    """List the kinds of a group with the first line of their documentation."""
-    docs = documentation(cast(Group, group))
-    rows = columns((kind, _paragraphs(doc)[0]) for kind, doc in docs.items())
-    return "\n".join([f"{group}:", *rows])
-
-
-def groups_with_counts() -> str:
-    """List the groups, with their numbers of kinds and the first ones."""
-    from trackbench.config.shipped_experiments import names
-
-    known: dict[str, list[str]] = {group: list(documentation(group)) for group in GROUPS}
-    known["metrics"] = common_metrics()
-    known["experiments"] = names()
-    rows = []
-    for group, group_names in known.items():
-        number = len(group_names)
-        if group == "metrics":
-            number = len(METRICS)  # the names are the common ones alone
-        # Five names and dots; with at most five names the slice drops the dots.
-        first_names = ", ".join([*group_names[:5], "..."][:number])
-        rows.append((group, f"{number:>3}", first_names))
-    return "\n".join(["groups (trackbench list GROUP):", *columns(rows)])
-
-
-def experiments() -> str:
-    """List the shipped experiments grouped by paper, with their run times."""
-    from itertools import groupby
-
-    from trackbench.config.shipped_experiments import listed
-
-    # Experiments without a paper come last.
-    shipped = sorted(listed(), key=lambda entry: (not entry.paper, entry.paper, entry.name))
-    width = max(len(entry.name) for entry in shipped)
-    lines = ["experiments (trackbench run NAME; time on one processor):"]
-    for paper, entries_of_paper in groupby(shipped, key=lambda entry: entry.paper):
-        lines.append(f"\n  {paper or 'Beyond the papers'}")
-        for entry in entries_of_paper:
-            time = listed_time_in_words(entry.cpu_s)
-            lines.append(f"    {entry.name:<{width}}  {time:>6}  {entry.title}")
-    return "\n".join(lines)
-
-
-def problems() -> str:
-    """List the standard problems with their versions, published numbers, references and times."""
-    from trackbench.config.shipped_experiments import problems
-
-    rows = [("name", "version", "numbers", "time", "reference", "title")]
-    for problem in problems():
-        rows.append(
-            (
-                problem.name,
-                f"v{problem.version}",
-                str(problem.numbers),
-                listed_time_in_words(problem.cpu_s),
-                problem.reference,
-                problem.title,
-            )
-        )
-    heading = "standard problems (trackbench run NAME; cited as trackbench/NAME vVERSION, N runs;"
-    return "\n".join([f"{heading} time on one processor):", "", *columns(rows)])
-
-
-def rows(groups: Sequence[str]) -> Iterator[JsonRow]:
-    """Yield a row per kind, per shipped experiment and per standard problem."""
-    from trackbench.config.shipped_experiments import listed, problems
-
-    for group in groups:
-        if group == "metrics":
-            yield from _rows_of_metrics(METRICS)
-        elif group == "statistics":
-            yield from _rows_of_metrics(statistics_known())
-        elif group == "experiments":
-            for experiment in listed():
-                yield {"group": group, **experiment._asdict()}
-        elif group == "problems":
-            for problem in problems():
-                yield {"group": group, **problem._asdict()}
-        else:
-            for kind, doc in documentation(cast(Group, group)).items():
-                yield {"group": group, "kind": kind, "text": _paragraphs(doc)[0]}
-
-
-def _rows_of_metrics(words: Iterable[str]) -> Iterator[JsonRow]:
-    """Yield a row for each metric or statistic that is documented."""
-    for word in words:
-        row = facts(word)
-        if row:
-            yield row
 
 
 def description(kind: str) -> str:
@@ -138,7 +41,7 @@ def entries(kind: str) -> Iterator[JsonRow]:
         yield {
             "group": group,
             "kind": kind,
-            "text": "\n\n".join(_paragraphs(cls.__doc__ or "")),
+            "text": "\n\n".join(paragraphs(cls.__doc__ or "")),
             "keys": _keys_for_programs(group, cls),
             "presets": cls.presets if group == "filters" else {},
             "notes": list(_notes(group, cls)),
@@ -159,7 +62,7 @@ def _keys_for_programs(group: str, cls: type[Part]) -> list[JsonRow]:
 
 def experiment_keys() -> list[dict[str, str]]:
     """Describe the top level of an experiment file: key, default and text."""
-    from trackbench.config.experiment import Settings
+    from trackbench.config.settings import Settings
 
     return _as_data(list(_key_rows(Settings, "")))
 
@@ -219,7 +122,7 @@ def _describe_hooks(group: Group) -> str:
     declared = list(hooks(base))
     rows = list(columns((hook.form, hook.text) for hook in declared))
     number_of_needed = sum(hook.needed for hook in declared)  # these come first
-    lines = [_paragraphs(base.__doc__ or "")[0], ""]
+    lines = [paragraphs(base.__doc__ or "")[0], ""]
     lines += [f"a class of the group {group} has:", *rows[:number_of_needed], ""]
     lines += ["and may have:", *rows[number_of_needed:]]
     return "\n".join(lines)
@@ -228,7 +131,7 @@ def _describe_hooks(group: Group) -> str:
 def _describe_kind(kind: str, group: Group, cls: type[Part]) -> str:
     """Document a kind: its docstring, keys, presets, notes and explanation."""
     lines = [f"{kind} ({group[:-1]})", ""]  # without the plural's s: filter, target
-    lines += [paragraph + "\n" for paragraph in _paragraphs(cls.__doc__ or "")]
+    lines += [paragraph + "\n" for paragraph in paragraphs(cls.__doc__ or "")]
     lines += columns(_rows_of_keys(group, cls))
     for name, keys in cls.presets.items():
         lines.append(f"\n  preset {name}: {preset_text(keys)}")
@@ -272,7 +175,7 @@ def _notes(group: Group, cls: type[Part]) -> Iterator[str]:
             yield f"components of the state: {','.join(model.motion.components)}"
             yield f"components of the measurement: {','.join(model.sensor.components)}"
     if issubclass(cls, Target) and "windows" in vars(cls):
-        text = " ".join(_paragraphs(cls.windows.__doc__ or "")).replace("``", "")
+        text = " ".join(paragraphs(cls.windows.__doc__ or "")).replace("``", "")
         yield f"windows of metrics: {text.removeprefix('Select ')}"
     if issubclass(cls, SensorBase):
         yield f"components of the measurement: {','.join(cls.components)}"
@@ -330,7 +233,7 @@ def _default_text(field: "dataclasses.Field[object]") -> str:
     return _yaml_text(field.default)
 
 
-def _paragraphs(doc: str) -> list[str]:
+def paragraphs(doc: str) -> list[str]:
     """Split a docstring into paragraphs, each on one line."""
-    paragraphs = inspect.cleandoc(doc).split("\n\n")
-    return [" ".join(paragraph.split()) for paragraph in paragraphs]
+    raw_paragraphs = inspect.cleandoc(doc).split("\n\n")
+    return [" ".join(paragraph.split()) for paragraph in raw_paragraphs]

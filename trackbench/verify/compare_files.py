@@ -13,17 +13,12 @@ from trackbench.atomic_files import shortened
 from trackbench.core.arrays import Array
 from trackbench.evaluation.metric_expression import TIME_MEAN, measured
 from trackbench.report.render import write_tables
-from trackbench.report.results import Results
-from trackbench.report.sweep import write_sweep
-from trackbench.report.verdicts.comparison_files import FILES, write_comparison, write_paired
-from trackbench.report.verdicts.numbers import compare
-from trackbench.results.folder_contents import (
-    ARRIVALS,
-    DATA_FILES,
-    DIGITS,
-    TIME_VERDICTS,
-    check_digests,
-)
+from trackbench.report.sweep_files import write_sweep
+from trackbench.report.tables_and_figures import Results
+from trackbench.report.verdicts.published_numbers import compare
+from trackbench.report.verdicts.verdict_files import FILES, write_comparison, write_paired
+from trackbench.results.folder_contents import ARRIVALS, DATA_FILES, DIGITS, TIME_VERDICTS
+from trackbench.results.manifest import check_digests
 from trackbench.results.number_arrays import PER_RUN_FILE
 
 if TYPE_CHECKING:

@@ -8,14 +8,14 @@ from typing import Any, NamedTuple
 from trackbench.atomic_files import remove, write_csv, write_text
 from trackbench.config.published import PublishedNumber
 from trackbench.errors import counted
-from trackbench.report.paired import COLUMNS
-from trackbench.report.results import Results
+from trackbench.report.pairs_of_filters import COLUMNS
 from trackbench.report.table import Text, TextTable, rounded
+from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.claims import ClaimVerdict, noted
 from trackbench.report.verdicts.cpu_times import time_verdicts, write_time_verdicts
-from trackbench.report.verdicts.numbers import Compared, Ranked, Reproduced, Verdicts
+from trackbench.report.verdicts.published_numbers import Compared, Ranked, Reproduced, Verdicts
 from trackbench.results.folder_contents import DIGITS, TIME_VERDICTS
-from trackbench.statistics.rules import (
+from trackbench.statistics.significance_rules import (
     HOW_DECIDED,
     MEANINGS,
     NOT_MEASURED,

@@ -1,44 +1,38 @@
-"""A results folder: its tables and figures by name, the points of its grid.
+"""Tables and figures of an experiment by name, made of a results folder, and their units and colors.
 
 A table or figure that fails becomes a line with its place; the others are made.
 """
 
-import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from trackbench.config.build import build_kind, hints_of
-from trackbench.config.experiment import Point
-from trackbench.config.grid import filters_of, is_of_scenario, single_paths, values_of
+from trackbench.config.build import build_kind
+from trackbench.config.grid import single_paths
 from trackbench.config.mistakes import unknown
 from trackbench.config.overrides import split_path
 from trackbench.core.arrays import Array
-from trackbench.errors import Mark, Problem, RunError, UserError, counted
-from trackbench.evaluation.metric_expression import measure, measured
-from trackbench.extension_points import is_foreign
-from trackbench.field_types import Unit, UnitIf, annotations_of, dataclasses_in, part_group
-from trackbench.filters.base import WrongReturnError
-from trackbench.metrics import unit_of
-from trackbench.models.sensors.base import Assume
-from trackbench.plugins.errors import PluginError, message_of, package_line, plugin_code
+from trackbench.errors import Mark, Problem, UserError, counted
+from trackbench.evaluation.metric_expression import measured
 from trackbench.registry import Group, kinds
-from trackbench.report.findings import phrases
-from trackbench.report.paired import (
-    Pair,
+from trackbench.report.compared_metrics import (
     compared_statistic,
-    named_errors_first,
-    pairs_of,
     primary_metrics,
 )
+from trackbench.report.default_exhibits import default_keys
+from trackbench.report.findings import phrases
+from trackbench.report.output_errors import OutputError, as_table, catch_errors
+from trackbench.report.pairs_of_filters import Pair, pairs_of
 from trackbench.report.plotting import style
+from trackbench.report.plotting.filter_colors import usual_looks
 from trackbench.report.table import LinkedTexts, Table, results_html
+from trackbench.report.units_of_keys import unit_of_setting
 from trackbench.results.folder import ResultsFolder
 from trackbench.results.folder_contents import DEFAULT, TRACK
 from trackbench.results.point_facts import GridPoint
@@ -49,47 +43,8 @@ if TYPE_CHECKING:
 
 
 T = TypeVar("T")
-
-_ERROR = re.compile(r"rms\((?P<metric>rmse(?:_(?P<quantity>\w+))?)\)")
-"""A row of summary.csv: ``rms(rmse_position)``."""
 NO_FILTER_RAN = "none of its filters ran"
 """Why a figure is not drawn."""
-_MOST_ROWS = 50
-"""Of more there is `sweep.csv`."""
-
-
-def default_keys(
-    group: Group, metrics: Iterable[str], points: int, filters: int, config: Mapping[str, Any]
-) -> dict[str, Any]:
-    """Return the config keys of the default table or figure; empty if there is none.
-
-    ``group`` is "tables" or "figures". The table shows the first two errors over the whole run among
-    ``metrics``, those of summary.csv. Errors that ``config`` names under `score` come first. ``points``
-    and ``filters`` are the numbers of grid points and filters: a table with too many rows is left out.
-    """
-    metrics = list(dict.fromkeys(metrics))
-    # A row such as rms(rmse_position), by its metric rmse_position.
-    rows = {match["metric"]: match for match in map(_ERROR.fullmatch, metrics) if match}
-    errors = [rows[name] for name in named_errors_first(config, [*rows])]
-    if group == "figures":
-        if points > 1 or not errors:
-            return {}
-        return {"kind": "rmse-vs-time", "x": "time", "metric": measure(errors[0]["metric"])}
-    columns = {}
-    for error in errors[:2]:
-        words = "RMSE"
-        if error["quantity"]:
-            words += f" of {error['quantity']}"
-        row = error[0]  # the whole text
-        columns[phrases.in_unit(words, unit_of(error["metric"]))] = row
-    if errors and "anees" in metrics:
-        columns["ANEES"] = "anees"
-    if not errors and "mean(nis)" in metrics:
-        columns["NIS"] = "mean(nis)"
-    if not columns or points * filters > _MOST_ROWS:
-        return {}
-    measures = {head: measure(text) for head, text in columns.items()}
-    return {"kind": "metrics", "title": "Errors over the whole run", "columns": measures}
 
 
 @dataclass(frozen=True, repr=False)
@@ -387,27 +342,7 @@ class Results(ResultsFolder):
     @cached_property
     def _usual_looks(self) -> dict[str, dict[str, Any]]:
         """Color and dash of each label of the config, also of filters that this run leaves out."""
-        black: list[str] = []
-        gray: list[str] = []
-        for figure in self.figure_configs.values():
-            for key, labels in (("floor", black), ("baseline", gray)):
-                if isinstance(figure.get(key), str):
-                    labels.append(figure[key])
-        black += [
-            label for label in (self.config.get("reference"), self.config.get("bound")) if label
-        ]
-        black += self.exact
-        looks = dict.fromkeys(gray, style.BASELINE)
-        for number, label in enumerate(dict.fromkeys(black)):
-            looks[label] = style.reference_line(number)
-        others = [label for label in self.config["filters"] if label not in looks]
-        drawn_together: list[list[str]] = []
-        for figure in self.figure_configs.values():
-            wanted = figure.get("filters") or others
-            drawn_together.append([label for label in others if label in wanted])
-        for label, number in style.number_lines(others, drawn_together).items():
-            looks[label] = style.line(number)
-        return looks
+        return usual_looks(self.config, self.figure_configs, self.exact)
 
     def axis(self, path: str) -> str:
         """Return a swept path as the label of an axis: ``q (m^2/s^3)``."""
@@ -464,181 +399,4 @@ class Results(ResultsFolder):
             inner_keys = keys[1:]
         if not inner_keys:  # the path is that of a whole filter or scenario
             return ""
-        return _unit(settings, group=group, cls=None, keys=inner_keys)
-
-
-def _unit(
-    settings: Any, group: str | None, cls: type[Any] | None, keys: Sequence[str | int]
-) -> str:
-    """Return the unit of the key at the path ``keys`` in ``settings``.
-
-    The settings are those of a component of ``group``, or of the dataclass ``cls``. Empty if the
-    component is unknown or the key has no unit.
-    """
-    key = str(keys[0])
-    inner_keys = keys[1:]
-    if group is not None:
-        # Only a filter may lack its kind: it is an EKF.
-        cls = kinds(cast(Group, group)).get(settings.get("kind", "ekf"))
-    hint = None
-    if cls is not None:
-        hint = hints_of(cls).get(key)
-    if key == "assume" and hint is None and inner_keys:
-        # A filter without this key takes the model of the scenario.
-        return _unit(settings.get(key) or {}, group=None, cls=Assume, keys=inner_keys)
-    if hint is None:
-        return ""
-    # A key of a component or dataclass inside this one.
-    if inner_keys:
-        inner_settings = settings.get(key)
-        # The item of a list, such as one of several sensors.
-        index = inner_keys[0]
-        if isinstance(index, int) and isinstance(inner_settings, list | tuple):
-            inner_settings = inner_settings[index]
-            inner_keys = inner_keys[1:]
-        if not inner_keys:
-            return ""
-        if not isinstance(inner_settings, dict):
-            return ""
-        inner_classes = dataclasses_in(hint)
-        inner_class = inner_classes[0] if len(inner_classes) == 1 else None
-        return _unit(inner_settings, part_group(hint), inner_class, inner_keys)
-    # The unit that another key's value decides, else the unit of the key.
-    annotations = annotations_of(hint)
-    for annotation in annotations:
-        if isinstance(annotation, UnitIf) and settings.get(annotation.key) == annotation.value:
-            return annotation.unit
-    for annotation in annotations:
-        if isinstance(annotation, Unit):
-            return annotation.unit
-    return ""
-
-
-class OutputError(Exception):
-    """Reason why an output is missing, as text: a drawing process may be unable to pickle the error."""
-
-
-class PartialReportError(RunError):
-    """Some tables or figures could not be made; all else is written."""
-
-    def __init__(self, lines: Sequence[str], written: Sequence[Path]) -> None:
-        super().__init__("; ".join(lines))
-        self.lines = list(lines)
-        self.written = list(written)
-
-
-@contextmanager
-def catch_errors(exhibit: Any = None) -> Iterator[None]:
-    """Raise OutputError for an exception of a plugin's table or figure, and for a bug of the package.
-
-    A finished run is worth more than any of its outputs. Errors with a line of their own pass.
-    ``exhibit`` is the table or figure that is made, if it is one.
-    """
-    try:
-        with plugin_code(exhibit) if is_foreign(exhibit) else nullcontext():
-            yield
-    except PluginError as error:
-        raise OutputError(str(error)) from None
-    except (OutputError, UserError, RunError, OSError):
-        raise
-    except Exception as error:
-        raise OutputError(package_line(error)) from error
-
-
-def as_table(table: object, exhibit: Any) -> Table:
-    """Return ``table``, which the table kind ``exhibit`` returned, if it can be written.
-
-    Raises WrongReturnError if it is not a `Table`, or if it is a plugin's and cannot be written. An
-    error of the package's own kinds passes.
-    """
-    if not isinstance(table, Table):
-        raise WrongReturnError("table", f"table gives a {type(table).__name__}, not a Table")
-    # Every form of the table is made once, so that an error shows before any file is written.
-    try:
-        table.csv_rows()
-        table.markdown()
-        table.texts().tex("")
-    except Exception as error:
-        if not is_foreign(exhibit):
-            raise
-        message = f"the table cannot be written: {message_of(error)}"
-        raise WrongReturnError("table", message) from None
-    return table
-
-
-def as_figure(figure: object) -> "Figure":
-    """Return a plugin's figure; raises WrongReturnError if it is none."""
-    from matplotlib.figure import Figure
-
-    if not isinstance(figure, Figure):
-        raise WrongReturnError("draw", f"draw gives a {type(figure).__name__}, not a Figure")
-    return figure
-
-
-def missing_paths(points: Sequence[Point], **paths: str | None) -> dict[str, str]:
-    """Return the mistakes of keys that name no path of the grid, by key; empty if there are none.
-
-    ``paths`` are the keys with their values; None stands for a key that is not set.
-    """
-    grid = list(points[0].values)
-    problems = {}
-    for key, path in paths.items():
-        if path is None or path in grid:
-            continue
-        if grid:
-            problems[key] = f"{path!r} is no path of the grid; {unknown(path, grid)}"
-        else:
-            problems[key] = "there is no grid"
-    return problems
-
-
-def scenes(results: Results) -> list[GridPoint]:
-    """List the combinations of the values that the grid gives the scenario, in order.
-
-    If the grid does not vary the scenario, the list has one empty combination.
-    """
-    paths = [path for path in results.grid if is_of_scenario(path)]
-    combinations: list[GridPoint] = []
-    for point in results.points():
-        scene = {path: point[path] for path in paths}
-        if scene not in combinations:
-            combinations.append(scene)
-    return combinations
-
-
-def points_of(results: Results, scene: GridPoint) -> list[GridPoint]:
-    """Select the points of the grid with these scenario values, one of `scenes`."""
-    return [point for point in results.points() if scene.items() <= point.items()]
-
-
-def own_values(results: Results, point: GridPoint, label: str) -> GridPoint:
-    """Return the values that a point of the grid gives the filter ``label``, by single path."""
-    # Paths that vary together have a list of values. It is a text in a point that is read from a file,
-    # so take the point of the config.
-    values = point
-    index = results.index_of(point)
-    if index is not None:
-        values = results.grid_points[index]
-    value_by_path: GridPoint = {}
-    for path, value in values.items():
-        value_by_path |= zip(single_paths(path), values_of(path, value), strict=True)
-    labels = results.config["filters"]
-    filter_values = {}
-    for path, value in value_by_path.items():
-        if label in filters_of(path, labels):
-            filter_values[path] = value
-    return filter_values
-
-
-def named_form(label: str, keys: GridPoint, variants: Sequence[GridPoint]) -> str:
-    """Name a form of a filter by its label and the keys that differ between its forms: ``EKF (q = 2)``.
-
-    ``keys`` are those of this form with their values, ``variants`` those of every form of the filter.
-    """
-    differing = {}
-    for key, value in keys.items():
-        if any(variant.get(key) != value for variant in variants):
-            differing[key] = value
-    if not differing:
-        return label
-    return f"{label} ({phrases.heading(differing)})"
+        return unit_of_setting(settings, group=group, cls=None, keys=inner_keys)

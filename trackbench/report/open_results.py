@@ -7,15 +7,16 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from trackbench.config.build import build
-from trackbench.config.experiment import Settings
 from trackbench.config.plugin_checks import load_plugins
+from trackbench.config.settings import Settings
 from trackbench.errors import RunError, UserError, reason
 from trackbench.plugins.errors import foreign_line, package_line
 from trackbench.registry import Group
 from trackbench.report.findings import phrases
-from trackbench.report.results import Results
+from trackbench.report.tables_and_figures import Results
 from trackbench.results.folder import RUN_AGAIN
-from trackbench.results.folder_contents import FORMAT, RUN_FILES, Damage, check_digests
+from trackbench.results.folder_contents import FORMAT, RUN_FILES
+from trackbench.results.manifest import Damage, check_digests
 
 _MANIFEST_TYPES: dict[str, type] = {
     "packages": dict,

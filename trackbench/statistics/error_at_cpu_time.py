@@ -1,4 +1,4 @@
-"""Error of a filter over its cost: points over particle counts, interpolated between them.
+"""Error of a filter at a given CPU time, interpolated between two of its sizes.
 
 Between two of a filter's sizes the logarithm of its error is linear in the logarithm of its CPU time, as
 it is wherever the error falls with a power of the number of particles. Three things make that uncertain:
@@ -8,28 +8,16 @@ formula, with the nearest further size on either side, the larger of both (Abram
 25.2.4 and 25.1.4).
 """
 
-import json
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.config.experiment import Point
 from trackbench.core.arrays import Array
 from trackbench.core.elementary import exp, log
-from trackbench.evaluation.metric_expression import Measure, measure
-from trackbench.field_types import is_number
-from trackbench.report.expressions import Evaluator
-from trackbench.report.results import Results, named_form, points_of
-from trackbench.results.point_facts import GridPoint
 from trackbench.statistics.comparison import Comparison, compare_estimates
 from trackbench.statistics.estimates import RunEstimate, ignore_float_errors, linear_combination
-
-_TIME = measure("cpu_s_per_run")
-COST = "CPU time per step (µs)"
-MICRO = 1e6
-"""Microseconds of a second."""
 
 
 class Spot(NamedTuple):
@@ -152,96 +140,6 @@ class Curve:
             curvature=max(next_terms, default=np.nan),
             lost=np.maximum(a.lost, b.lost),
         )
-
-
-def own_sizes(points: Sequence[Point], label: str, key: str) -> list[Any]:
-    """Return the numbers that a key of a filter takes over the grid; empty if it has no such key."""
-    values = [getattr(point.filters.get(label), key, None) for point in points]
-    return [value for value in dict.fromkeys(values) if is_number(value)]
-
-
-def cost_conflicts(
-    points: Sequence[Point], metric: Measure, key: str, varied: Mapping[str, str]
-) -> dict[str, str]:
-    """Return what is wrong with a table or figure over costs, by the key that is wrong.
-
-    ``key`` is the filters' key for the size, such as the number of particles. ``varied`` has the labels
-    of filters for which the grid must vary it, by the key of the table or figure that names the filter.
-    """
-    if not points[0].values:
-        return {"": f"there is no grid: give {key} of the filters several values"}
-    conflicts = {}
-    if not (metric.is_efficiency or metric.definition.over_steps == "rms"):
-        conflicts["metric"] = f"'{metric}' is no RMSE, distance or efficiency"
-    for naming_key, label in varied.items():
-        number = len(own_sizes(points, label, key))
-        if label in points[0].filters and number < 2:
-            values = "one value" if number else "no value"
-            conflicts[naming_key] = f"{key} of {label} takes {values} over the grid; two are needed"
-    return conflicts
-
-
-def compared_labels(results: Results, labels: Collection[str] | None) -> list[str]:
-    """Return the filters that are compared: those of ``labels``, or if it is None all but the reference.
-
-    Bounds and exact errors are left out.
-    """
-    reference = None
-    if labels is None:
-        reference = results.config.get("reference")
-    chosen = results.chosen(labels)
-    return [label for label in chosen if label in results.filters and label != reference]
-
-
-class _Form(NamedTuple):
-    """A filter with one set of all its keys but the size, and its errors and times by size."""
-
-    label: str
-    other_keys: dict[str, Any]
-    spots: dict[float, Spot]
-
-
-def curves(
-    results: Results, scene: GridPoint, labels: Sequence[str], metric: Measure, key: str
-) -> list[Curve]:
-    """Return curves of the filters' errors over their times in one scenario of the grid.
-
-    ``key`` is the filters' key for the size, such as the number of particles. A filter has a curve for
-    each set of values that the grid gives its other keys.
-    """
-    # Step 1: error and time of each form of a filter at each of its sizes.
-    forms: dict[tuple[str, str], _Form] = {}
-    for point in points_of(results, scene):
-        filters = results.facts(point).filters
-        evaluator = Evaluator(results, point)
-        for label in labels:
-            if label not in filters:
-                continue
-            other_keys = {name: value for name, value in filters[label].items() if name != key}
-            size = float(filters[label].get(key, np.nan))
-            new_form = _Form(label=label, other_keys=other_keys, spots={})
-            form = forms.setdefault((label, json.dumps(other_keys)), new_form)
-            # If several points of the grid give the filter the same keys, the first one counts.
-            if size not in form.spots:
-                time = evaluator.term(_TIME.of(label))
-                steps = results.steps(point)
-                form.spots[size] = Spot(
-                    size=size,
-                    cost=time.scaled(time.value / steps, divisor=steps),
-                    error=evaluator.term(metric.of(label)),
-                    lost=evaluator.runs.get((label, "lost"), np.empty(0)),
-                )
-    # Step 2: a curve of each form, over the sizes at which the filter did not fail.
-    drawn: list[Curve] = []
-    for form in forms.values():
-        in_order = [form.spots[size] for size in sorted(form.spots)]
-        finite = [spot for spot in in_order if 0.0 < spot.cost.value < np.inf]
-        usable = [spot for spot in finite if 0.0 < spot.error.value < np.inf]
-        if usable:
-            variants = [other.other_keys for other in forms.values() if other.label == form.label]
-            name = named_form(form.label, form.other_keys, variants)
-            drawn.append(Curve(label=form.label, spots=tuple(usable), name=name))
-    return drawn
 
 
 @ignore_float_errors

@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
+from trackbench.cli.json_objects import echo_line
 from trackbench.cli.options import AllowPlugins, Json, Name, all_kinds, configs, groups, one_of
-from trackbench.cli.output import echo_line
 
 
 def list_(
@@ -28,7 +28,7 @@ def list_(
 ) -> None:
     """List what a config may name; `list metrics CONFIG` lists what an experiment can measure."""
     from trackbench.help import metrics
-    from trackbench.help.kinds import rows
+    from trackbench.help.lists import rows
     from trackbench.registry import GROUPS
 
     known_words = (*GROUPS, "experiments", "problems", "metrics", "statistics")
@@ -52,7 +52,7 @@ def list_(
 def _list_as_text(word: str | None, config: Path | None, allow_plugins: bool) -> str:
     """List one word, or the metrics of a config; without a word, the groups with their sizes."""
     from trackbench.help import metrics
-    from trackbench.help.kinds import experiments, groups_with_counts, listing, problems
+    from trackbench.help.lists import experiments, groups_with_counts, listing, problems
 
     if config:
         return metrics.metrics_of_config(config, allow_plugins)
@@ -80,7 +80,7 @@ def describe(
     json: Json = False,
 ) -> None:
     """Print the keys, defaults and source of a kind, or the hooks of a group."""
-    from trackbench.help.kinds import description, entries
+    from trackbench.help.descriptions import description, entries
 
     if json:
         for entry in entries(kind):

@@ -1,0 +1,141 @@
+"""Typer application: the commands by task, their names, and the exit codes.
+
+Heavy modules are imported when needed.
+"""
+
+import sys
+from collections.abc import Callable
+from contextlib import nullcontext
+from functools import wraps
+from io import TextIOWrapper
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from trackbench import __version__
+from trackbench.cli.cache import cache
+from trackbench.cli.check import check
+from trackbench.cli.compare import compare
+from trackbench.cli.errors_and_exit_codes import (
+    as_reportable,
+    echo_mistakes,
+    exit_if_stdout_fails,
+    print_error,
+)
+from trackbench.cli.gate import gate
+from trackbench.cli.json_objects import stdout_for_objects
+from trackbench.cli.list_and_describe import copy, describe, list_, schema, show
+from trackbench.cli.new import new
+from trackbench.cli.options import CommandWithSingleOptions
+from trackbench.cli.run import fit, run, suite, sweep, tune
+from trackbench.cli.stored_results import codecheck, plot, report, verify
+from trackbench.core import compiled
+
+if TYPE_CHECKING:
+    from typer._click import Context, HelpFormatter
+
+_TASKS: dict[str, tuple[Callable[..., None], ...]] = {
+    "Run experiments": (run, suite, sweep, tune, fit),
+    "Read results": (codecheck, compare, gate, plot, report, verify),
+    "Write configs": (list_, describe, show, copy, check, schema),
+    "Write components": (new,),
+    "Free disk space": (cache,),
+}
+"""Commands by task."""
+
+
+class _Tasks(TyperGroup):
+    """Help that groups commands by task, and prints each command's line whole."""
+
+    def format_commands(self, ctx: "Context", formatter: "HelpFormatter") -> None:
+        """Write the commands into the help, each with a line, by the task that they are for."""
+        for task, commands in _TASKS.items():
+            rows = []
+            for command in commands:
+                name = _command_name(command)
+                rows.append((name, self.commands[name].get_short_help_str(_MOST_LETTERS)))
+            with formatter.section(task):
+                formatter.write_dl(rows)
+
+
+_MOST_LETTERS = 1000
+"""Largest length of a command's line: every line is printed whole."""
+app = typer.Typer(
+    cls=_Tasks,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    help="Monte Carlo experiments with target-tracking filters, from YAML to tables and figures.\n\n"
+    "Start with `trackbench run air-traffic` or `trackbench new experiment`.",
+)
+
+
+def _print_version(is_requested: bool) -> None:
+    """Print the version, if it is requested, and exit."""
+    if is_requested:
+        kernels = "compiled kernels" if compiled.kernels else "numpy alone"
+        typer.echo(f"trackbench {__version__}, {kernels}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_print_version, is_eager=True, help="print the version"),
+    ] = False,
+) -> None:
+    """Run Monte Carlo experiments with target-tracking filters."""
+
+
+def _with_eof_as_error(command: Callable[..., None]) -> Callable[..., None]:
+    """Hide an EOFError of a command from click, which would print "Aborted!" as after Ctrl-D."""
+
+    @wraps(command)
+    def run_command(*words: Any, **options: Any) -> None:
+        """Run the command; an EOFError of it, which typer would hide, becomes a RuntimeError."""
+        try:
+            command(*words, **options)
+        except EOFError as error:
+            raise RuntimeError(f"EOFError: {error}") from error
+
+    return run_command
+
+
+def _command_name(command: Callable[..., None]) -> str:
+    """Return the name on the command line: that of `list_` is ``list``."""
+    return command.__name__.removesuffix("_")
+
+
+for _commands in _TASKS.values():
+    for _command in _commands:
+        app.command(_command_name(_command), cls=CommandWithSingleOptions)(
+            _with_eof_as_error(_command)
+        )
+
+
+def main() -> None:
+    """Run the command line.
+
+    Exit codes: 0 done, 1 a filter failed or stdout cannot be written, 2 bad input, 130 interrupted.
+    """
+    if sys.stdout is None:
+        sys.exit("error: stdout is closed; redirect it to a file or to /dev/null")
+    if isinstance(sys.stdout, TextIOWrapper):  # the name of a folder need not be UTF-8
+        sys.stdout.reconfigure(errors="backslashreplace")
+    output = stdout_for_objects() if "--json" in sys.argv else nullcontext()
+    with exit_if_stdout_fails(), output:
+        try:
+            app()
+        except Exception as error:
+            sys.exit(print_error(as_reportable(error)))
+        except SystemExit as end:
+            # An unknown option or a missing argument: typer has printed the reason on stderr.
+            format_message = getattr(end.__context__, "format_message", None)
+            if format_message is not None:
+                echo_mistakes([format_message()])
+            # Typer exits without a message after Ctrl-C.
+            if isinstance(getattr(end.__context__, "__cause__", None), KeyboardInterrupt):
+                typer.echo("\ninterrupted", err=True)
+            raise

@@ -1,0 +1,104 @@
+"""Option `--watch`: wait until a file of a config is saved, and run again."""
+
+import hashlib
+import time
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from stat import S_ISREG
+from typing import NamedTuple, TypeAlias
+
+import typer
+
+EVERY_S = 0.2
+"""Seconds between two looks at the files.
+
+No system call reports changes on every system, and a hundred files take a millisecond.
+"""
+
+
+class Stamp(NamedTuple):
+    """Modification time, size and digest of a file."""
+
+    time_ns: int
+    size: int
+    digest: str
+
+
+Stamps: TypeAlias = Mapping[Path, Stamp | None]
+"""Stamps by file; None for a missing file."""
+
+
+def run_after_changes(
+    config: Path, run_config: Callable[[], None], others: Iterable[Path] = ()
+) -> None:
+    """Call ``run_config`` now and after each change, until an exception such as Ctrl-C.
+
+    ``others`` are files that are watched beside the config and those that it names.
+    """
+    from trackbench.errors import counted
+
+    files = {config, *others}
+    while True:
+        files |= _files_of_config(config, files)
+        before = stamps_of(files, {})
+        run_config()
+        existing = sum(stamp is not None for stamp in before.values())
+        typer.echo(f"watching {counted(existing, 'file')}, until Ctrl-C: {config}", err=True)
+        for file in changed(before):
+            typer.echo(f"{time.strftime('%H:%M:%S')} {file} was saved", err=True)
+
+
+def changed(before: Stamps) -> list[Path]:
+    """Wait until a file's content has changed and writing has ended; return the changed files."""
+    last = before
+    while True:
+        time.sleep(EVERY_S)
+        now = stamps_of(before, last)
+        changed_files = [file for file in before if _digest(now[file]) != _digest(before[file])]
+        is_written_whole = now == last
+        if changed_files and is_written_whole:
+            return changed_files
+        last = now
+
+
+def _files_of_config(config: Path, known: Iterable[Path]) -> set[Path]:
+    """List the files that a config names; the ``known`` ones if it cannot be read."""
+    from trackbench.config.shipped_experiments import with_parts
+    from trackbench.errors import UserError
+
+    try:
+        return set(with_parts(config))
+    except UserError:
+        return set(known)
+
+
+def stamps_of(files: Iterable[Path], known: Stamps) -> Stamps:
+    """Stamp files; those in ``known`` that were not written since keep their stamps."""
+    return {file: _stamp(file, known.get(file)) for file in files}
+
+
+def _stamp(file: Path, known: Stamp | None) -> Stamp | None:
+    """Stamp a file; its content is read only if it was written since the stamp ``known``.
+
+    Return None for a missing file.
+    """
+    try:
+        status = file.stat()
+        if not S_ISREG(status.st_mode):
+            return None
+        if known is not None:
+            is_as_known = (known.time_ns, known.size) == (status.st_mtime_ns, status.st_size)
+            if is_as_known:
+                return known
+        with file.open("rb") as content:
+            digest = hashlib.file_digest(content, "sha256").hexdigest()
+        return Stamp(status.st_mtime_ns, status.st_size, digest)
+    except (OSError, ValueError):  # a missing file, or a word that is no name of a file
+        return None
+
+
+def _digest(stamp: Stamp | None) -> str | None:
+    """Return the digest of a file's content; None for a missing file."""
+    if stamp is None:
+        return None
+    return stamp.digest

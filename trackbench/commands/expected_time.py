@@ -1,0 +1,250 @@
+"""Expected time of a run or of tuning: from stored times, shipped ones, or a trial of each filter."""
+
+import csv
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from math import ceil, nan
+from pathlib import Path
+from typing import NamedTuple
+
+from trackbench.commands.options import Options, most_workers
+from trackbench.commands.prepare import FIT, Job
+from trackbench.config.resolved_config import as_yaml, resolved
+from trackbench.config.shipped_experiments import files as shipped_files
+from trackbench.config.shipped_experiments import listed, located
+from trackbench.durations import expected_time_in_words
+from trackbench.errors import UserError
+from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.trial import estimate_cpu_s
+from trackbench.execution.cache import BlockStore, cache_folder
+from trackbench.execution.plan import Key, Plan
+from trackbench.plugins.errors import guarded
+from trackbench.results.folder_contents import TIMING
+from trackbench.results.manifest import read_manifest
+from trackbench.tuning.tuner import Training
+from trackbench.yaml_source import Assembled, read
+
+_SHORT_TUNING_S = 10.0
+"""Seconds of tuning below which nothing is said about its time."""
+CACHED = "every block is in the cache"
+"""Time of a job whose blocks are all kept."""
+_SIMILAR_RATIO = 1.2
+"""Ratio of two filters' shares of work below which one share stands for both."""
+_MOST_TRIALS = 40
+"""Largest number of filters, over all points of the grid, that a dry run tries.
+
+A trial takes some 0.3 s.
+"""
+_KEYS_OF_TIME = ("scenario", "filters", "grid", "only")
+"""Keys of a config that its time depends on, apart from the runs."""
+
+
+def expected_time(job: Job, options: Options, tries: bool = True) -> str:
+    """Write how long the filters will take for the missing blocks, in words.
+
+    The estimate is made from stored results of the same scenario and filters. Without such results each
+    filter is timed over the beginning of a block, if ``tries``. Simulation, errors, tables and figures
+    take further time.
+    """
+    # Step 1: CPU time of the missing blocks.
+    missing = _missing_blocks(job.plan.unique, options)
+    if not missing:
+        return CACHED
+    cost = _cost_in_folder(job, missing) or _cost_of_shipped(job, options, missing)
+    basis = ""
+    if cost is None and tries:
+        cost = _cost_by_trial(job, missing)
+        basis = ", by a trial of the first steps"
+    if cost is None:
+        return "time unknown: no results of the same scenario and filters are stored"
+    # Step 2: time on all workers. The plan has the first batch of runs, and `until` may continue up to
+    # ``job.most`` runs. The filters take at least as long as their longest block.
+    workers = min(most_workers(options), len(job.plan.unique))
+    seconds = cost.cpu_s * job.most / job.experiment.settings.runs / workers
+    seconds = max(seconds, cost.longest_block_s)
+    about = "at most about" if cost.is_bound else "about"
+    return f"{about} {expected_time_in_words(seconds)} of filtering{basis}"
+
+
+def expected_time_of_tuning(job: Job, options: Options) -> str:
+    """Write how long tuning will take at most, in words.
+
+    The text is empty if the time is unknown or too short to matter. Each tuned filter is timed over the
+    beginning of its first trial, unless that trial is stored. The trials of a filter mostly follow each
+    other, those of several filters run on all workers.
+    """
+    experiment = job.experiment
+    if not experiment.tuned or len(experiment.tuned) > _MOST_TRIALS:
+        return ""
+    workers = most_workers(options)
+    all_cpu_s = 0.0
+    longest_s = 0.0
+    for label in experiment.tuned:
+        tasks = Training(experiment, label).first_tasks
+        if not _missing_blocks(tasks, options) or tasks[0].filter.runs_program:
+            continue
+        block_s = _block_s_by_trial(tasks[0])
+        if block_s is None:
+            return ""
+        trials = experiment.settings.tuning.evaluations
+        all_cpu_s += trials * len(tasks) * block_s
+        longest_s = max(longest_s, trials * ceil(len(tasks) / workers) * block_s)
+    seconds = max(all_cpu_s / workers, longest_s)
+    if seconds < _SHORT_TUNING_S:
+        return ""
+    return f"at most about {expected_time_in_words(seconds)} of tuning"
+
+
+class _Cost(NamedTuple):
+    """CPU seconds of blocks."""
+
+    cpu_s: float
+    is_bound: bool
+    """whether the blocks may take less, such as those that are wider than the stored ones"""
+    longest_block_s: float = 0.0
+    """CPU seconds of the block that takes longest, if that is known"""
+
+
+def _cost_in_folder(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
+    """Estimate the CPU time of the missing blocks from the times in the results folder.
+
+    None if the folder is not of the same scenario and filters. The estimate is a bound if a stored block
+    has fewer runs than a missing one, as wide blocks take less time per run.
+    """
+    config = resolved(job.experiment, job.folder)
+    grid = job.experiment.settings.grid
+    with suppress(OSError, UserError, ValueError, LookupError, TypeError):
+        # Step 1: the folder must be of the same scenario and filters.
+        read_manifest(job.folder)
+        stored_config = read(job.folder / "config.yaml").data
+        for key in _KEYS_OF_TIME:
+            if as_yaml({key: stored_config.get(key)}) != as_yaml({key: config.get(key)}):
+                return None
+        # Step 2: the times, by the grid's values and the filter's label.
+        with (job.folder / TIMING).open(encoding="utf-8", newline="") as file:
+            rows = list(csv.DictReader(file))
+        if not rows:
+            return None
+        times = {}
+        for row in rows:
+            times[(*(row[path] for path in grid), row["filter"])] = row
+        # Step 3: scale them.
+        cpu_s = 0.0
+        is_bound = False
+        for (point_number, label), task in _filter_passes(job.plan, missing):
+            values = job.experiment.points[point_number].values.values()
+            # A filter that failed has no time, and will fail again.
+            time = times.get((*(str(value) for value in values), label))
+            if time is not None:
+                computed_runs = int(time["runs"])
+                cpu_s += float(time["cpu_s"]) / computed_runs * task.width
+                is_bound = is_bound or computed_runs < task.width
+        return _Cost(cpu_s=cpu_s, is_bound=is_bound)
+    return None
+
+
+def _filter_passes(plan: Plan, missing: Sequence[BlockTask]) -> Iterator[tuple[Key, BlockTask]]:
+    """Yield the missing blocks with the point and filter of each.
+
+    Several blocks may share one pass of the filter over its data: the first one is yielded.
+    """
+    missing_tasks = set(missing)
+    filtering_keys: set[BlockTask] = set()
+    for key, tasks in plan.tasks.items():
+        for task in tasks:
+            if task in missing_tasks and task.filtering_key not in filtering_keys:
+                filtering_keys.add(task.filtering_key)
+                yield key, task
+
+
+def _cost_of_shipped(job: Job, options: Options, missing: Sequence[BlockTask]) -> _Cost | None:
+    """Estimate the CPU time of the missing blocks from the known time of a shipped experiment.
+
+    None if the config is no shipped experiment, or is changed by options. The known time is that of all
+    filters together. It is scaled by the largest ratio, over filters and points of the grid, of missing
+    blocks to shipped ones. The estimate is a bound unless the ratios are similar.
+    """
+    # `--quick` sets FIT, the override block=fit, which changes no filter.
+    is_changed = options.grid or options.only or any(word != FIT for word in options.set)
+    if isinstance(job.config, Mapping | Assembled) or is_changed:
+        return None
+    with suppress(UserError):
+        path = located(Path(job.config), lambda line: None)
+        shipped_file = shipped_files().get(path.stem)
+        if shipped_file is None or not path.samefile(shipped_file):
+            return None
+        cpu_s_by_name = {shipped.name: shipped.cpu_s for shipped in listed()}
+        cpu_s = cpu_s_by_name.get(path.stem)
+        if cpu_s is None:
+            return None
+        shipped_runs = int(read(path).data.get("runs", 1))
+        missing_tasks = set(missing)
+        ratios = []
+        for tasks in job.plan.tasks.values():  # the blocks of one filter at one point of the grid
+            shipped_blocks = ceil(shipped_runs / tasks[0].width)
+            ratios.append(len(missing_tasks.intersection(tasks)) / shipped_blocks)
+        is_bound = max(ratios) > _SIMILAR_RATIO * min(ratios)
+        return _Cost(cpu_s=cpu_s * max(ratios), is_bound=is_bound)
+    return None
+
+
+def _cost_by_trial(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
+    """Estimate the CPU time of the missing blocks by a trial of each filter's first missing block.
+
+    None if there are too many filters for a short trial, if a filter fails, or if it is a program.
+    """
+    passes: dict[Key, list[BlockTask]] = {}
+    for key, task in _filter_passes(job.plan, missing):
+        passes.setdefault(key, []).append(task)
+    if len(passes) > _MOST_TRIALS:
+        return None
+    cpu_s = 0.0
+    longest_block_s = 0.0
+    for tasks in passes.values():
+        if tasks[0].filter.runs_program:
+            return None
+        block_s = _block_s_by_trial(tasks[0])
+        if block_s is None:
+            return None
+        cpu_s += block_s * len(tasks)
+        longest_block_s = max(longest_block_s, block_s)
+    return _Cost(cpu_s=cpu_s, is_bound=False, longest_block_s=longest_block_s)
+
+
+def cpu_s_of_filter(job: Job, label: str, options: Options, tries: bool) -> tuple[float, float]:
+    """Estimate the CPU seconds that one filter takes for its missing blocks, and the size of its work.
+
+    The size is the number of runs times steps of the missing blocks. The seconds are found by a trial if
+    ``tries``, and NaN without a trial or if the filter fails in it.
+    """
+    tasks: list[BlockTask] = []
+    for (_, name), tasks_of_point in job.plan.tasks.items():
+        if name == label:
+            tasks += tasks_of_point
+    missing = _missing_blocks(tasks, options)
+    if not missing:
+        return 0.0, 0.0
+    size = sum(task.width * len(task.scenario.steps) for task in missing)
+    block_s = None
+    if tries:
+        block_s = _block_s_by_trial(missing[0])
+    if block_s is None:
+        return nan, size
+    return block_s * len(missing), size
+
+
+def _missing_blocks(tasks: Sequence[BlockTask], options: Options) -> list[BlockTask]:
+    """List the blocks that a run with these options would compute."""
+    if options.fresh:
+        return list(tasks)
+    store = BlockStore(cache_folder())
+    return [task for task in tasks if not store.has_file(task)]
+
+
+def _block_s_by_trial(task: BlockTask) -> float | None:
+    """Estimate the CPU seconds of a block by a trial of its first steps; None if the filter fails."""
+    try:
+        with guarded():
+            return estimate_cpu_s(task)
+    except Exception:  # of a plugin: the run itself, or tuning, will report it
+        return None

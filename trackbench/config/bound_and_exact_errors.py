@@ -1,0 +1,44 @@
+"""Keys `bound` and `exact`: check that the scenario and its filters have bounds and exact errors."""
+
+from trackbench.config.experiment import Point
+from trackbench.config.settings import Settings
+from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.exact_errors import why_not_exact
+from trackbench.plugins.errors import plugin_code
+from trackbench.scenarios.base import Scenario
+from trackbench.yaml_source import Source
+
+
+def check_bound(source: Source, scenario: Scenario) -> None:
+    """Check that a requested lower bound exists."""
+    if source.data.get("bound") is None:
+        return
+    why = scenario.why_no_bound
+    if why is not None:
+        message = f"scenario {scenario.kind} has no lower bounds"
+        if why:
+            message += f": {why}"
+        source.add_problem(("bound",), message)
+
+
+def check_exact(source: Source, settings: Settings, point: Point) -> None:
+    """Check that the filters whose exact errors are requested are linear, and so is the scenario."""
+    for i, label in enumerate(settings.exact):
+        if label not in point.filters:
+            continue  # `only` leaves it out
+        tracker = point.filters[label]
+        assume = point.assumed.get(label)
+        with plugin_code(tracker, point.scenario, assume):
+            # Neither the seed nor the number of runs matters.
+            one_run = BlockTask(
+                scenario=point.scenario,
+                filter=tracker,
+                seed=0,
+                index=0,
+                width=1,
+                runs_used=1,
+                assume=assume,
+            )
+            why = why_not_exact(one_run)
+        if why is not None:
+            source.add_problem(("exact", i), f"{label} has no exact errors: {why}")

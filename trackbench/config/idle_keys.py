@@ -1,0 +1,85 @@
+"""Keys that have no effect: those of filters, and settings that need another key."""
+
+from dataclasses import fields, is_dataclass
+from typing import cast
+
+from trackbench.config.experiment import Point
+from trackbench.config.settings import Settings
+from trackbench.filters.base import AnyFilter, Filter
+from trackbench.plugins.checks import call_hook
+from trackbench.registry import kinds
+from trackbench.yaml_source import Source, dotted
+
+
+def check_idle(source: Source, points: list[Point]) -> None:
+    """Reject keys of filters that are set in the config and have no effect at any point.
+
+    A key with the value of its default or of a preset is no mistake. Filters with other mistakes are
+    left out: their methods may rely on what is mistaken.
+    """
+    if not points:
+        return
+    mistaken = [f"{problem.path}." for problem in source.problems]
+    for label in points[0].filters:
+        entry = f"{dotted(('filters', label))}."
+        if any(path.startswith(("scenario.", entry)) for path in mistaken):
+            continue
+        trackers = [point.filters[label] for point in points]
+        # Reasons by key, at each point. A key that is idle everywhere is so at the first point.
+        idle_keys = [
+            call_hook(tracker.idle_keys, dict, point.assumed_scenario(label))
+            for tracker, point in zip(trackers, points, strict=True)
+        ]
+        for key, why in idle_keys[0].items():
+            path = key.split(".")
+            keys = ("filters", label, *path)
+            is_idle_everywhere = all(key in idle for idle in idle_keys)
+            if not source.is_set(keys) or not is_idle_everywhere:
+                continue
+            if not all(_has_usual_value(tracker, path) for tracker in trackers):
+                source.add_problem(keys, f"has no effect {why}; leave it out")
+
+
+def _has_usual_value(tracker: AnyFilter, path: list[str]) -> bool:
+    """Test whether a key has its default, or the value that a preset gives it."""
+    # Step 1: follow the path to the key's owner, in the filter and in each of its presets.
+    *owners, name = path
+    owner: object = tracker
+    presets = list(tracker.presets.values())
+    for owner_name in owners:
+        owner = getattr(owner, owner_name, None)
+        presets = [cast(dict[str, object], preset.get(owner_name, {})) for preset in presets]
+    if not is_dataclass(owner):  # `assume` is no key of the class
+        return False
+    # Step 2: compare.
+    usual_values: list[object] = [key.default for key in fields(owner) if key.name == name]
+    usual_values += [preset.get(name) for preset in presets]
+    return getattr(owner, name) in usual_values
+
+
+def check_idle_settings(source: Source, settings: Settings, points: list[Point]) -> None:
+    """Reject settings that have no effect, mostly as they need another key that is not set."""
+    steps = max((len(point.scenario.steps) - 1 for point in points), default=0)
+    if points and settings.hold_out is not None and settings.hold_out > steps:
+        message = f"holds out none of {steps} measurements: give a number from 2 to {max(steps, 2)}"
+        source.add_problem(("hold_out",), message)
+    if settings.min_runs != Settings.min_runs and "until" not in source.data:
+        source.add_key_problem(("min_runs",), "has no effect without `until`; leave it out")
+    if settings.tuning != Settings.tuning and "tune" not in source.data:
+        source.add_key_problem(("tuning",), "has no effect without `tune`; leave it out")
+    has_program = any(_runs_program(entry) for entry in settings.filters.values())
+    for key in ("files", "environment"):
+        if getattr(settings, key) and not (settings.plugins or has_program):
+            message = "is what plugins and programs read, and there are no `plugins`; leave it out"
+            source.add_key_problem((key,), message)
+
+
+def _runs_program(entry: object) -> bool:
+    """Test whether a filter's entry names a kind that runs a program."""
+    if not isinstance(entry, dict):
+        return False
+    kind = entry.get("kind")
+    if not isinstance(kind, str):
+        return False
+    cls = kinds("filters").get(kind)
+    return cls is not None and issubclass(cls, Filter) and cls.runs_program

@@ -1,0 +1,182 @@
+"""Check a filter class: shapes, purity, independence of the runs, agreement with the Kalman filter.
+
+Every check reports in one line, with the verdict good, bad or left out.
+"""
+
+import pickle
+from collections.abc import Iterator, Sequence
+from dataclasses import MISSING, fields, is_dataclass
+from typing import Literal, NamedTuple
+from warnings import catch_warnings, simplefilter
+
+import numpy as np
+
+from trackbench.contract.checks import CHECKS, Check, ContractError, LeftOutError
+from trackbench.contract.exemptions import find_exemptions
+from trackbench.contract.problems import (
+    PLANAR,
+    RADAR,
+    SCALAR,
+    ModelDraws,
+    why_not,
+    why_program_fails,
+)
+from trackbench.errors import in_line
+from trackbench.filters.base import AnyFilter
+from trackbench.filters.external import External
+from trackbench.plugins.errors import guarded, located_message
+from trackbench.scenarios.base import Scenario
+
+_NAME_A_CONFIG = "a filter of one sensor is checked on an experiment with it, by `--on CONFIG`"
+
+
+class Finding(NamedTuple):
+    """Result of one check: its name, the verdict, and the reason."""
+
+    check: str
+    verdict: Literal["good", "bad", "left out"]
+    why: str = ""
+
+    def __str__(self) -> str:
+        line = f"{self.verdict:>8}  {self.check}"
+        if self.why:
+            line += f": {self.why}"
+        return line
+
+
+def check_filter(
+    cls: type[AnyFilter],
+    tracker: AnyFilter | None = None,
+    scenarios: Sequence[Scenario] = (),
+    on: ModelDraws | None = None,
+) -> Iterator[Finding]:
+    """Check a registered filter class; each check runs when the iterator comes to its finding.
+
+    Parameters
+    ----------
+    cls
+        the filter class
+    tracker
+        the instance to check; default: one with the default keys
+    scenarios
+        further scenarios, which are tried if the filter cannot run on the contract's
+    on
+        the problem that the filter's constants belong to, in place of the contract's
+
+    Returns
+    -------
+    iterator
+        findings, one for each check
+    """
+    # Step 1: an instance with the default keys.
+    check_of_defaults = "has a default for every key"
+    if tracker is None:
+        required = _keys_without_default(cls)
+        if required:
+            why = f"{', '.join(required)} have none: `--on CONFIG` names an experiment with values"
+            yield Finding(check_of_defaults, "left out", why)
+            yield Finding("everything else", "left out", why)
+            return
+        try:
+            tracker = _with_defaults(cls)
+        except ContractError as error:
+            yield Finding(check_of_defaults, "bad", str(error))
+            return
+    if on is None and not tracker.runs_program:
+        yield Finding(check_of_defaults, "good")
+    # Step 2: a scenario that it can run on.
+    scenario, why_not_linear = _choose_scenario(tracker, scenarios, on)
+    if scenario is None and tracker.runs_program and why_not_linear:
+        # Every check would fail by this text.
+        why = why_not_linear
+        is_silent = isinstance(tracker, External) and tracker.is_silent
+        if on is None and not is_silent:
+            why += f"; {_NAME_A_CONFIG}"
+        yield Finding("runs on a problem", "bad", why)
+        return
+    if scenario is None:
+        yield Finding("everything else", "left out", why_not_linear)
+        return
+    # Step 3: the checks.
+    exemptions = find_exemptions(tracker, scenario, why_not_linear)
+    for key, (name, check) in CHECKS.items():
+        if key == "digits" and not isinstance(tracker, External):
+            continue
+        if key in exemptions:
+            yield Finding(name, "left out", exemptions[key])
+        else:
+            yield run_check(name, check, tracker, scenario)
+
+
+def _keys_without_default(cls: type[AnyFilter]) -> list[str]:
+    """Name the keys that every entry of the filter must set."""
+    if not is_dataclass(cls):
+        return []
+    names = []
+    for field in fields(cls):
+        has_default = field.default is not MISSING or field.default_factory is not MISSING
+        if field.init and not has_default:
+            names.append(field.name)
+    return names
+
+
+def report(findings: dict[str, list[Finding]]) -> Iterator[str]:
+    """Yield the lines of a report on each kind."""
+    for kind, findings_of_kind in findings.items():
+        yield f"{kind}:"
+        for finding in findings_of_kind:
+            yield f"  {finding}"
+
+
+def run_check(name: str, check: Check, tracker: AnyFilter, scenario: Scenario) -> Finding:
+    """Run one check and return its finding; an exception of the filter is a breach of the contract."""
+    try:
+        with guarded(), np.errstate(all="ignore"), catch_warnings():
+            simplefilter("ignore")
+            note = check(tracker, scenario)
+    except LeftOutError as error:
+        return Finding(name, "left out", str(error))
+    except ContractError as error:
+        return Finding(name, "bad", str(error))
+    except Exception as error:
+        return Finding(name, "bad", in_line(located_message(error, tracker)))
+    return Finding(name, "good", note or "")
+
+
+def _with_defaults(cls: type[AnyFilter]) -> AnyFilter:
+    """Return the filter with its default keys.
+
+    Raises ContractError unless the filter can be hashed, compared and pickled.
+    """
+    if not is_dataclass(cls):
+        raise ContractError("is not a dataclass (frozen=True, kw_only=True)")
+    tracker = cls()
+    equal_tracker = cls()
+    try:
+        if hash(tracker) != hash(equal_tracker) or tracker != equal_tracker:
+            raise ContractError("two equal filters differ: make it @dataclass(frozen=True)")
+    except TypeError as error:
+        what = f"cannot be hashed ({error}): frozen=True, tuples and not lists"
+        raise ContractError(what) from None
+    if pickle.loads(pickle.dumps(tracker)) != tracker:
+        raise ContractError("does not survive the way to another process")
+    return tracker
+
+
+def _choose_scenario(
+    tracker: AnyFilter, scenarios: Sequence[Scenario], on: Scenario | None
+) -> tuple[Scenario | None, str]:
+    """Choose the first scenario that the filter can run on; explain why it cannot run on earlier ones.
+
+    The candidates are the contract's scenarios and ``scenarios``, or only ``on`` if that is given.
+    """
+    candidates = (PLANAR, SCALAR, RADAR, *scenarios) if on is None else (on,)
+    reasons: list[str] = []
+    for scenario in candidates:
+        why = why_not(tracker, scenario) or why_program_fails(tracker, scenario)
+        if not why:
+            # Without reasons the scenario is ``on``, or PLANAR, for which no caller reads the text.
+            return scenario, "; ".join(reasons) or "is checked on the config's problem"
+        if why not in reasons:
+            reasons.append(why)
+    return None, "; ".join(reasons)

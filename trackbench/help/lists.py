@@ -1,0 +1,110 @@
+"""Lists that `trackbench list` prints: groups, kinds of a group, experiments, standard problems.
+
+A listing reads docstrings without importing what it lists.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import cast
+
+from trackbench.durations import listed_time_in_words
+from trackbench.help.descriptions import paragraphs
+from trackbench.help.metrics import (
+    JsonRow,
+    columns,
+    common_metrics,
+    facts,
+    statistics_known,
+)
+from trackbench.metrics import METRICS
+from trackbench.registry import GROUPS, Group, documentation
+
+
+def listing(group: str) -> str:
+    """List the kinds of a group with the first line of their documentation."""
+    docs = documentation(cast(Group, group))
+    rows = columns((kind, paragraphs(doc)[0]) for kind, doc in docs.items())
+    return "\n".join([f"{group}:", *rows])
+
+
+def groups_with_counts() -> str:
+    """List the groups, with their numbers of kinds and the first ones."""
+    from trackbench.config.shipped_experiments import names
+
+    known: dict[str, list[str]] = {group: list(documentation(group)) for group in GROUPS}
+    known["metrics"] = common_metrics()
+    known["experiments"] = names()
+    rows = []
+    for group, group_names in known.items():
+        number = len(group_names)
+        if group == "metrics":
+            number = len(METRICS)  # the names are the common ones alone
+        # Five names and dots; with at most five names the slice drops the dots.
+        first_names = ", ".join([*group_names[:5], "..."][:number])
+        rows.append((group, f"{number:>3}", first_names))
+    return "\n".join(["groups (trackbench list GROUP):", *columns(rows)])
+
+
+def experiments() -> str:
+    """List the shipped experiments grouped by paper, with their run times."""
+    from itertools import groupby
+
+    from trackbench.config.shipped_experiments import listed
+
+    # Experiments without a paper come last.
+    shipped = sorted(listed(), key=lambda entry: (not entry.paper, entry.paper, entry.name))
+    width = max(len(entry.name) for entry in shipped)
+    lines = ["experiments (trackbench run NAME; time on one processor):"]
+    for paper, entries_of_paper in groupby(shipped, key=lambda entry: entry.paper):
+        lines.append(f"\n  {paper or 'Beyond the papers'}")
+        for entry in entries_of_paper:
+            time = listed_time_in_words(entry.cpu_s)
+            lines.append(f"    {entry.name:<{width}}  {time:>6}  {entry.title}")
+    return "\n".join(lines)
+
+
+def problems() -> str:
+    """List the standard problems with their versions, published numbers, references and times."""
+    from trackbench.config.shipped_experiments import problems
+
+    rows = [("name", "version", "numbers", "time", "reference", "title")]
+    for problem in problems():
+        rows.append(
+            (
+                problem.name,
+                f"v{problem.version}",
+                str(problem.numbers),
+                listed_time_in_words(problem.cpu_s),
+                problem.reference,
+                problem.title,
+            )
+        )
+    heading = "standard problems (trackbench run NAME; cited as trackbench/NAME vVERSION, N runs;"
+    return "\n".join([f"{heading} time on one processor):", "", *columns(rows)])
+
+
+def rows(groups: Sequence[str]) -> Iterator[JsonRow]:
+    """Yield a row per kind, per shipped experiment and per standard problem."""
+    from trackbench.config.shipped_experiments import listed, problems
+
+    for group in groups:
+        if group == "metrics":
+            yield from _rows_of_metrics(METRICS)
+        elif group == "statistics":
+            yield from _rows_of_metrics(statistics_known())
+        elif group == "experiments":
+            for experiment in listed():
+                yield {"group": group, **experiment._asdict()}
+        elif group == "problems":
+            for problem in problems():
+                yield {"group": group, **problem._asdict()}
+        else:
+            for kind, doc in documentation(cast(Group, group)).items():
+                yield {"group": group, "kind": kind, "text": paragraphs(doc)[0]}
+
+
+def _rows_of_metrics(words: Iterable[str]) -> Iterator[JsonRow]:
+    """Yield a row for each metric or statistic that is documented."""
+    for word in words:
+        row = facts(word)
+        if row:
+            yield row

@@ -1,0 +1,100 @@
+"""Figure kind `mean-and-std`: mean error and standard deviation of x and y over time."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from trackbench.config.experiment import Point
+from trackbench.registry import register
+from trackbench.report.figures import captions
+from trackbench.report.kinds import FigureKind
+from trackbench.report.plotting import filter_lines, scales, style
+from trackbench.report.plotting.style import Figure
+from trackbench.report.tables_and_figures import Results
+
+_AXES = ("x", "y")
+
+
+@register("figures", "mean-and-std")
+@dataclass(frozen=True, kw_only=True)
+class MeanAndStd(FigureKind):
+    """Mean error and standard deviation over the runs, per axis and step; maneuvers are shaded.
+
+    Adaptive Kalman filter paper, eqs. 13 and 14: truth minus estimate, the opposite sign of `bias` in
+    per_step.csv. The quantities are those the scenario calls x and y.
+    """
+
+    requires: ClassVar[dict[str, str]] = dict.fromkeys(
+        ("bias_x", "bias_y", "std_x", "std_y"), "per_step"
+    )
+
+    filters: tuple[str, ...] | None = None
+    """labels to draw; default: all"""
+
+    def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
+        """Reject a scenario without errors of a position in x and y."""
+        scenario = points[0].scenario
+        # The names of the errors are those of any state, such as zero.
+        any_state = np.zeros((len(scenario.components), 1))
+        moving = scenario.components[:2] == ("px", "vx")
+        if moving and set(_AXES) <= set(scenario.errors(any_state, any_state)):
+            return {}
+        return {"": "there are no errors in x and y to show"}
+
+    def default_caption(self, results: Results) -> str:
+        """Return filters and number of runs."""
+        # If the figure names no filters, it also has the exact errors of the config's key `exact`.
+        labels = results.chosen(self.filters, exact=True)
+        words = f"of {captions.filters(labels)} over time, {captions.runs(results)}"
+        caption = f"Mean error and standard deviation in x and y {words}."
+        if results.facts(results.points()[0]).spans:
+            caption += " Maneuvers are shaded."
+        return caption
+
+    def draw(self, results: Results) -> Figure:
+        """Return the mean error above, standard deviation below; x left, y right."""
+        figure, axes = style.subplots(2, 2, 4.4, sharex=True, sharey="row")
+        point = results.points()[0]
+        frame = results.columns("per_step", point)
+        labels = results.chosen(self.filters, exact=True)
+        looks = results.line_styles(labels)
+        for statistic, row in zip(_STATISTICS, axes, strict=True):
+            for quantity, ax in zip(_AXES, row, strict=True):
+                for start, end in results.facts(point).spans:
+                    ax.axvspan(
+                        start,
+                        end,
+                        color=style.MANEUVER,
+                        alpha=0.5,
+                        lw=0,
+                        zorder=0,
+                        label="Maneuvers",
+                    )
+                rows = frame.where(metric=f"{statistic.metric}_{quantity}")
+                for label in labels:
+                    curve = rows.where(filter=label)
+                    value = statistic.sign * curve["value"]
+                    look = looks[label] | {"linewidth": 0.8, "label": label}
+                    filter_lines.draw_filter_line(ax, curve["time"], value, look)
+                ax.set_ylabel(statistic.axis_label.format(quantity))
+        for ax in axes[1]:
+            ax.set_xlabel("Time (s)")
+            ax.set_ylim(bottom=0)
+        scales.count_times_from_start(figure, "Time (s)")
+        return style.add_title_and_legend(figure, self.title)
+
+
+class _Statistic(NamedTuple):
+    """A statistic of per_step.csv that a row of panels shows for x and y."""
+
+    metric: str
+    sign: float
+    axis_label: str
+
+
+_STATISTICS = (
+    _Statistic(metric="bias", sign=-1.0, axis_label="Mean error of {} (m)"),
+    _Statistic(metric="std", sign=1.0, axis_label="Std. deviation of {} (m)"),
+)

@@ -1,0 +1,76 @@
+"""Errors of a table or figure: a failing one becomes a line, and the others are made."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from trackbench.errors import RunError, UserError
+from trackbench.extension_points import is_foreign
+from trackbench.filters.base import WrongReturnError
+from trackbench.plugins.errors import PluginError, message_of, package_line, plugin_code
+from trackbench.report.table import Table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+class OutputError(Exception):
+    """Reason why an output is missing, as text: a drawing process may be unable to pickle the error."""
+
+
+class PartialReportError(RunError):
+    """Some tables or figures could not be made; all else is written."""
+
+    def __init__(self, lines: Sequence[str], written: Sequence[Path]) -> None:
+        super().__init__("; ".join(lines))
+        self.lines = list(lines)
+        self.written = list(written)
+
+
+@contextmanager
+def catch_errors(exhibit: Any = None) -> Iterator[None]:
+    """Raise OutputError for an exception of a plugin's table or figure, and for a bug of the package.
+
+    A finished run is worth more than any of its outputs. Errors with a line of their own pass.
+    ``exhibit`` is the table or figure that is made, if it is one.
+    """
+    try:
+        with plugin_code(exhibit) if is_foreign(exhibit) else nullcontext():
+            yield
+    except PluginError as error:
+        raise OutputError(str(error)) from None
+    except (OutputError, UserError, RunError, OSError):
+        raise
+    except Exception as error:
+        raise OutputError(package_line(error)) from error
+
+
+def as_table(table: object, exhibit: Any) -> Table:
+    """Return ``table``, which the table kind ``exhibit`` returned, if it can be written.
+
+    Raises WrongReturnError if it is not a `Table`, or if it is a plugin's and cannot be written. An
+    error of the package's own kinds passes.
+    """
+    if not isinstance(table, Table):
+        raise WrongReturnError("table", f"table gives a {type(table).__name__}, not a Table")
+    # Every form of the table is made once, so that an error shows before any file is written.
+    try:
+        table.csv_rows()
+        table.markdown()
+        table.texts().tex("")
+    except Exception as error:
+        if not is_foreign(exhibit):
+            raise
+        message = f"the table cannot be written: {message_of(error)}"
+        raise WrongReturnError("table", message) from None
+    return table
+
+
+def as_figure(figure: object) -> "Figure":
+    """Return a plugin's figure; raises WrongReturnError if it is none."""
+    from matplotlib.figure import Figure
+
+    if not isinstance(figure, Figure):
+        raise WrongReturnError("draw", f"draw gives a {type(figure).__name__}, not a Figure")
+    return figure

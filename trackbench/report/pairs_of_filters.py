@@ -1,0 +1,44 @@
+"""Differences of every two filters on common runs, with the word of the rule for filters; paired.csv."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from trackbench.evaluation.metric_expression import measured
+from trackbench.report.compared_metrics import with_statistic
+from trackbench.statistics.comparison import Comparison, Sample, compare_all
+
+
+class Pair(NamedTuple):
+    """Two filters with the comparison of a metric."""
+
+    filter_a: str
+    filter_b: str
+    metric: str
+    """`rmse` of the mean over the runs, `rms(rmse)` of another statistic"""
+    comparison: Comparison
+
+    @property
+    def word(self) -> str:
+        """Better, worse, no significant difference, equal or untested: the word on ``filter_a``."""
+        return self.comparison.word(measured(self.metric).definition.more_is_better)
+
+    @property
+    def cells(self) -> list[Any]:
+        """Columns of paired.csv after those of the grid."""
+        difference = self.comparison.difference
+        return [
+            *[self.filter_a, self.filter_b, self.metric],
+            *[difference.value, difference.stderr, self.comparison.z, difference.runs],
+        ]
+
+
+COLUMNS = ("filter_a", "filter_b", "metric", "difference", "stderr", "z", "runs")
+"""Columns of paired.csv after those of the grid."""
+
+
+def pairs_of(metric: str, samples: Mapping[str, Sample]) -> list[Pair]:
+    """Compare every two filters with common runs, from their samples of a metric by label."""
+    # All samples have the same statistic.
+    statistic = next((sample.statistic for sample in samples.values()), "mean")
+    name = with_statistic(statistic, metric)
+    return [Pair(a, b, name, comparison) for (a, b), comparison in compare_all(samples).items()]

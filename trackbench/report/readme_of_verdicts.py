@@ -1,0 +1,36 @@
+"""README.md of a folder of experiments: all verdicts on published numbers and claims, by topic."""
+
+from pathlib import Path
+
+from trackbench.report.experiments_of_folder import (
+    Overview,
+    group_by_topic,
+    relative_link,
+    result_in_words,
+)
+from trackbench.report.verdicts.published_numbers import Verdicts
+from trackbench.report.verdicts.verdict_files import summary_lines, verdict_tables
+
+_HEAD = """# Published and measured
+
+Every number, word and claim of the papers that an experiment here measures, with its verdict. Of a
+number only `agrees` says that it reproduces; `compatible` is an error too wide to show it. Written by
+`trackbench report results`; `make check-results` fails if a verdict is not reproduced.
+"""
+
+
+def readme_text(folder: Path, experiments: Overview, everything: Verdicts) -> str:
+    """Write README.md: the counts, then each experiment with its verdicts, by topic."""
+    counts = "\n".join(f"- {line}" for line in summary_lines(everything))
+    paragraphs = [_HEAD.rstrip(), counts or "Nothing is published about these experiments."]
+    for topic, group in group_by_topic(experiments).items():
+        paragraphs.append(f"## {topic}")
+        for results, comparison in group:
+            link = relative_link(results.folder.relative_to(folder))
+            paragraphs.append(f"### [{results.config['name']}]({link}/): {results.title}")
+            result = result_in_words(results)
+            if result:
+                paragraphs.append(f"- Result: {result}")
+            paragraphs += [f"- {line}" for line in summary_lines(comparison)]
+            paragraphs += [table.markdown().rstrip() for table in verdict_tables(comparison)]
+    return "\n\n".join(paragraphs) + "\n"

@@ -1,0 +1,116 @@
+"""File manifest.json of a results folder: facts of the run, and digests of the files."""
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+from trackbench.atomic_files import ensure_folder, within, write_text
+from trackbench.errors import WriteError, reason
+from trackbench.results.folder_contents import FORMAT, MACHINE, MANIFEST, is_in_git, is_of_one_run
+from trackbench.results.point_facts import printable_json
+
+_FACTS_OF_RESULTS = (
+    "experiment",
+    "seed",
+    "runs",
+    "steps",
+    "loops_over_runs",
+    "deterministic",
+    "training_holds_out",
+    "plugins",
+    "failed",
+    "format",
+)
+"""Facts in the manifest; ``run/machine.json`` has all others."""
+
+
+class Damage(NamedTuple):
+    """Damaged files of a results folder."""
+
+    missing: list[str]
+    """names of files that are missing although git keeps them"""
+    changed: list[str]
+    """names of files with another digest"""
+    unreadable: Mapping[str, str] = MappingProxyType({})
+    """reasons why files cannot be read, by their names"""
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """Read the facts and digests of both manifests, of which `MACHINE` may be missing.
+
+    The digests of all files, by name, are under the key ``files``.
+    """
+    facts: dict[str, Any] = {}
+    files: dict[str, str] = {}
+    for name in (MACHINE, MANIFEST):
+        if name == MANIFEST or (folder / name).is_file():
+            content = printable_json((folder / name).read_text(encoding="utf-8"))
+            facts = {**facts, **content}
+            files = {**files, **content["files"]}
+            facts["files"] = files
+    return facts
+
+
+def write_manifest(
+    folder: Path, facts: Mapping[str, Any], written: Iterable[Path]
+) -> dict[str, str]:
+    """Write both manifests after all other files, with new digests of the files in ``written``.
+
+    The digests of other files are those of ``facts["files"]``. Return all digests by the files' names.
+    """
+    digests = dict(facts.get("files", {}))
+    for path in written:
+        name = path.relative_to(folder).as_posix()
+        digests.pop(name, None)
+        if path.is_file() and name not in (MACHINE, MANIFEST):
+            try:
+                digests[name] = _digest(path)
+            except OSError as error:
+                raise WriteError.from_os_error(path, error) from error
+    # Each fact and each file stands in one of both manifests.
+    run_manifest: dict[str, Any] = {}
+    results_manifest: dict[str, Any] = {}
+    for key, value in {**facts, "format": FORMAT}.items():
+        manifest = results_manifest if key in _FACTS_OF_RESULTS else run_manifest
+        manifest[key] = value
+    run_manifest["files"] = {}
+    results_manifest["files"] = {}
+    for name, digest in sorted(digests.items()):
+        manifest = run_manifest if is_of_one_run(name) else results_manifest
+        manifest["files"][name] = digest
+    ensure_folder(within(folder, "run"))
+    write_text(folder / MACHINE, json.dumps(run_manifest, indent=2) + "\n")
+    write_text(folder / MANIFEST, json.dumps(results_manifest, indent=2) + "\n")
+    return digests
+
+
+def check_digests(folder: Path, recorded: Mapping[str, str]) -> Damage:
+    """Find which of the files with ``recorded`` digests are missing or changed.
+
+    A missing file counts only if git keeps it.
+    """
+    missing = []
+    changed = []
+    unreadable = {}
+    for name, digest in recorded.items():
+        if not (folder / name).is_file():
+            if is_in_git(name):
+                missing.append(name)
+            continue
+        try:
+            digest_now = _digest(folder / name)
+        except OSError as error:
+            unreadable[name] = reason(error)
+            continue
+        if digest_now != digest:
+            changed.append(name)
+    return Damage(missing=missing, changed=changed, unreadable=unreadable)
+
+
+def _digest(path: Path) -> str:
+    """Return a file's digest; raises OSError if it cannot be read."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
