@@ -156,7 +156,7 @@ def point_of(
             return load(path).points[0], refused
         except UserError as error:
             found = [p for p in error.problems if isinstance(p, Problem)]
-            refused |= {p.path.split(".")[1]: p.what for p in found}
+            refused |= {p.path.split(".")[1]: p.message for p in found}
     return None, refused
 
 
@@ -209,7 +209,7 @@ def told(folder: Path, keys: Keys, **more: Any) -> list[str]:
     try:
         load(path)
     except UserError as error:
-        return [f"{p.path}: {p.what}" for p in error.problems if isinstance(p, Problem)]
+        return [f"{p.path}: {p.message}" for p in error.problems if isinstance(p, Problem)]
     return []
 
 

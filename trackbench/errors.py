@@ -27,17 +27,17 @@ class Problem:
 
     mark: Mark
     path: str
-    what: str
+    message: str
 
     def __str__(self) -> str:
-        return in_line(": ".join(filter(None, [str(self.mark), self.path, self.what])))
+        return in_line(": ".join(filter(None, [str(self.mark), self.path, self.message])))
 
 
 def mistake_as_data(problem: Problem | str) -> dict[str, Any]:
     """Describe a mistake as ``--json`` prints it: by its position, path and text."""
     if isinstance(problem, str):
         return {"file": "", "line": 0, "column": 0, "path": "", "what": problem}
-    return {**vars(problem.mark), "path": problem.path, "what": problem.what}
+    return {**vars(problem.mark), "path": problem.path, "what": problem.message}
 
 
 def in_line(text: str) -> str:

@@ -104,14 +104,14 @@ class Place(NamedTuple):
     file: str
     line: int
     column: int
-    what: str
+    message: str
 
 
 class DataError(ValueError):
     """Mistakes in a data file, place by place."""
 
     def __init__(self, *places: Place) -> None:
-        super().__init__("; ".join(f"{p.file}:{p.line}: {p.what}" for p in places))
+        super().__init__("; ".join(f"{p.file}:{p.line}: {p.message}" for p in places))
         self.places = places
 
 

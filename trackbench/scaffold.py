@@ -523,11 +523,11 @@ def _questions(error: DataError, prefix: str) -> UserError:
     """Return the questions on a table, whose answers are keys that begin with the ``prefix``."""
     problems = []
     for place in error.places:
-        message = place.what
+        message = place.message
         if prefix:
             message = _OPTION_OF_TABLE.sub(rf"\g<0>{prefix}", message)
             message = _KEY_OF_TABLE.sub(rf"\g<0>{prefix}", message)
-        problems.append(_problem_at(place._replace(what=message)))
+        problems.append(_problem_at(place._replace(message=message)))
     return UserError(*problems)
 
 
@@ -535,7 +535,7 @@ def _with_option_of_zone(
     problem: Problem | str, tables: Sequence[Path], truth: Path | None
 ) -> Problem | str:
     """Write the answer to a question on the zone of a file's clock as an option."""
-    if isinstance(problem, str) or "`zone: UTC`" not in problem.what:
+    if isinstance(problem, str) or "`zone: UTC`" not in problem.message:
         return problem
     prefixes = {table: _prefix_of(number, tables) for number, table in enumerate(tables)}
     if truth is not None:
@@ -544,15 +544,15 @@ def _with_option_of_zone(
         # A message has the path from the working folder, or an absolute one.
         paths = (os.path.relpath(table), os.path.abspath(table))
         endings = [f" of {path}{words}" for path in paths for words in ("? Say", " counts")]
-        if any(ending in problem.what for ending in endings):
-            message = problem.what.replace("`zone: UTC`", f"--set {prefix}zone=UTC")
+        if any(ending in problem.message for ending in endings):
+            message = problem.message.replace("`zone: UTC`", f"--set {prefix}zone=UTC")
             return Problem(problem.mark, problem.path, message)
     return problem
 
 
 def _problem_at(place: Place) -> Problem:
     """Return the mistake of a table as a problem of the command."""
-    return Problem(Mark(place.file, place.line, place.column), "", place.what)
+    return Problem(Mark(place.file, place.line, place.column), "", place.message)
 
 
 def _read_naming(mark: Mark, changes: Sequence[str], prefix: str) -> Naming:
@@ -593,7 +593,7 @@ def _with_prefix(problem: Problem | str, prefix: str) -> Problem | str:
     mark = problem.mark
     if mark.file.startswith(_OPTION):
         mark = replace(mark, file=f"{_OPTION}{prefix}{mark.file.removeprefix(_OPTION)}")
-    message = problem.what.replace(f" {_OPTION}", f" {_OPTION}{prefix}")
+    message = problem.message.replace(f" {_OPTION}", f" {_OPTION}{prefix}")
     path = problem.path and f"{prefix}{problem.path}"
     return Problem(mark, path, message)
 
@@ -623,11 +623,11 @@ def _reported(problem: Problem | str, path: Path, data: str) -> Problem | str:
         return problem
     if problem.mark.file != str(path):
         # A mistake in a table, whose way on may be a key that the command has as an option.
-        way = _INPUT_GAP.sub(r"--set input_gap=\1", problem.what)
+        way = _INPUT_GAP.sub(r"--set input_gap=\1", problem.message)
         return Problem(problem.mark, problem.path, way)
-    mistake = problem.what
+    mistake = problem.message
     if problem.path:
-        mistake = f"{problem.path}: {problem.what}"
+        mistake = f"{problem.path}: {problem.message}"
     return Problem(Mark(data), "", f"a config for it would not run: {mistake}")
 
 

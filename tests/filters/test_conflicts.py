@@ -49,7 +49,7 @@ def test_two_scans_are_asked_for_where_a_gaussian_is(
     )
     tracker: Any = make_filter(kind, **keys)
     (refused,) = refusals(tracker, scenario)
-    assert "two scans" in refused.what
+    assert "two scans" in refused.message
     assert refused.path == ("f." + key).rstrip(".")
     assert refusals(tracker, banana(scans=4)) == []
 
@@ -58,7 +58,7 @@ def test_the_line_of_sight_is_that_of_the_scans() -> None:
     radar = banana(scans=4)
     elsewhere = Assume(sensor=replace(radar.sensor, at=(1e3, 0.0)))
     (refused,) = refusals(make_filter("los-rbpf"), radar.with_assumptions(elsewhere))
-    assert "needs a radar at the origin" in refused.what
+    assert "needs a radar at the origin" in refused.message
 
 
 @pytest.mark.parametrize("kind", ["epf", "upf", "pfde", "hdepf"])

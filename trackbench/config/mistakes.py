@@ -140,14 +140,14 @@ def _with_typed_paths(problem: Problem, typed_folders: Mapping[str, str]) -> Pro
     ``typed_folders`` has the folders as the user wrote them, by their absolute paths.
     """
     file = problem.mark.file
-    what = problem.what
+    message = problem.message
     for folder, typed_folder in typed_folders.items():
         beginning = re.compile(rf"(?<![\w/.-]){re.escape(folder)}/+(?=[^/])")
         typed_beginning = "" if typed_folder == "." else f"{typed_folder.rstrip('/')}/"
         typed_beginning = typed_beginning.replace("\\", r"\\")  # a backslash would be an escape
         file = beginning.sub(typed_beginning, file)
-        what = beginning.sub(typed_beginning, what)
-    return replace(problem, mark=replace(problem.mark, file=file), what=what)
+        message = beginning.sub(typed_beginning, message)
+    return replace(problem, mark=replace(problem.mark, file=file), message=message)
 
 
 def _merge_union_problems(problems: Collection[Problem]) -> list[Problem]:
@@ -159,14 +159,14 @@ def _merge_union_problems(problems: Collection[Problem]) -> list[Problem]:
     merged: dict[tuple[Mark, str, str], Problem] = {}
     for problem in problems:
         # A text on a value's type reads "VALUE is not TYPE". Of any other text all is in ``rest``.
-        value, verb, rest = problem.what.rpartition(" is ")
+        value, verb, rest = problem.message.rpartition(" is ")
         # Step 1: drop texts on the type of a value whose parts have mistakes.
         has_inner_problems = any(p.path.startswith(f"{problem.path}.") for p in problems)
         if verb and has_inner_problems:
             continue
         # A text on a mapping's type begins with the mapping; that on its kind does not.
         has_problem_of_kind = any(
-            p.path == problem.path and not p.what.startswith("{") for p in problems
+            p.path == problem.path and not p.message.startswith("{") for p in problems
         )
         if verb and value.startswith("{") and has_problem_of_kind:
             continue
@@ -176,10 +176,10 @@ def _merge_union_problems(problems: Collection[Problem]) -> list[Problem]:
         if earlier is None:
             merged[place] = problem
             continue
-        earlier_text, separator, advice = earlier.what.partition("; write ")
+        earlier_text, separator, advice = earlier.message.partition("; write ")
         text, other_separator, other_advice = rest.partition("; write ")
         joined_advice = f"{separator}{advice}" or f"{other_separator}{other_advice}"
-        merged[place] = replace(earlier, what=f"{earlier_text} and {text}{joined_advice}")
+        merged[place] = replace(earlier, message=f"{earlier_text} and {text}{joined_advice}")
     return list(merged.values())
 
 
@@ -198,7 +198,9 @@ def _problems_of(
     location = details["loc"]
     error = context.get("error")
     if isinstance(error, DataError):
-        return [Problem(Mark(p.file, p.line, p.column), dotted(keys), p.what) for p in error.places]
+        return [
+            Problem(Mark(p.file, p.line, p.column), dotted(keys), p.message) for p in error.places
+        ]
     # Step 1: find the place. The validator's location also names options of unions, which are no keys.
     steps = location
     if isinstance(error, InvalidKeyError):

@@ -46,7 +46,7 @@ def assignment(source: Source, text: str) -> tuple[Keys, object, Mark]:
         problems = []
         for problem in error.problems:
             if isinstance(problem, Problem):
-                problems.append(Problem(mark, dotted(keys), problem.what))
+                problems.append(Problem(mark, dotted(keys), problem.message))
         raise UserError(*problems) from None
     return keys, value, mark
 

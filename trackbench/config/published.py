@@ -277,7 +277,7 @@ def _misspelt_experiments(known: _Known, folders: list[Path]) -> Iterator[Proble
         for match in get_close_matches(name, sorted(known_names), 1, 0.75):
             if _NUMBERS.sub("", name) != _NUMBERS.sub("", match):
                 message = f"there is no experiment {name!r}; did you mean {match}?"
-                yield replace(known.first_rows[name], what=message)
+                yield replace(known.first_rows[name], message=message)
 
 
 def _experiment_names(folder: Path) -> Iterator[str]:

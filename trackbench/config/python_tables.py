@@ -177,7 +177,7 @@ def name_rows(error: UserError) -> None:
             # Line 1 of the file has the names of the columns, line 2 is row 0 of the table.
             if problem.mark.line > 1:
                 place += f", row {problem.mark.line - 2}"
-            problem = replace(problem, mark=Mark(place), what=without_folders(problem.what))
+            problem = replace(problem, mark=Mark(place), message=without_folders(problem.message))
         problems.append(problem)
     error.problems = tuple(problems)
     error.args = ("\n".join(map(str, problems)),)

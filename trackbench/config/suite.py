@@ -395,7 +395,7 @@ class _Assembler:
             return located(Path(word), lambda line: None)  # nothing is printed
         except UserError as error:
             message = "; ".join(
-                p.what if isinstance(p, Problem) else str(p) for p in error.problems
+                p.message if isinstance(p, Problem) else str(p) for p in error.problems
             )
             mark = self.suite.mark(keys)
             raise UserError(Problem(mark, dotted(keys), f"{word!r} {message}")) from None
@@ -560,7 +560,7 @@ def _fit_roster(
 
 def _is_silent_program(problem: Problem | str) -> bool:
     """Test whether a mistake is that a program does not answer the first line of the protocol."""
-    return isinstance(problem, Problem) and problem.what.startswith(NO_FIRST_ANSWER)
+    return isinstance(problem, Problem) and problem.message.startswith(NO_FIRST_ANSWER)
 
 
 def _idle_keys(assembled: _AssembledProblem, error: UserError) -> list[Keys]:
@@ -571,7 +571,7 @@ def _idle_keys(assembled: _AssembledProblem, error: UserError) -> list[Keys]:
     """
     idle_keys = []
     for problem in error.problems:
-        if isinstance(problem, Problem) and problem.what.startswith("has no effect"):
+        if isinstance(problem, Problem) and problem.message.startswith("has no effect"):
             keys = split_path(assembled.config.source, problem.path)
             is_added = len(keys) > 2 and keys[:1] == ("filters",) and keys[1] in assembled.added
             if is_added and problem.mark.file.startswith("--set "):
@@ -619,7 +619,7 @@ def _misfits(source: Source, error: UserError) -> dict[str, str]:
         label = _label_of(source, problem.path)
         if label is None or label == reference:
             return {}
-        reasons.setdefault(label, problem.what)
+        reasons.setdefault(label, problem.message)
     return reasons
 
 

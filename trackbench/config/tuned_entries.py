@@ -432,6 +432,6 @@ def _try_axes(source: Source, point: Point, label: str, axes: list[Axis]) -> tup
                 continue
             for problem in trial:
                 path = problem.path.removeprefix(f"filters.{label}").removeprefix(".")
-                message = f"{path}: {problem.what}" if path else problem.what
+                message = f"{path}: {problem.message}" if path else problem.message
                 source.add_problem(("tune", label, axis.key), f"at {value}: {message}")
     return tuple(tried_axes)

@@ -483,8 +483,8 @@ def mistaken_angle(tracker: AnyFilter, problem: ModelDraws) -> str | None:
         if angle.kind == "measured" and is_unwrapped(tracker, problem, angle, compared):
             return f"the innovation of {angle.name} is not wrapped: {where}"
         if not doubtful:
-            what = "is every difference of it wrapped, and a mean of sigma points on the circle?"
-            doubtful = f"{where}: {what}"
+            message = "is every difference of it wrapped, and a mean of sigma points on the circle?"
+            doubtful = f"{where}: {message}"
     if not compared_any:
         return None
     return doubtful

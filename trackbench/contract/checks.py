@@ -86,8 +86,8 @@ def _check_shapes(tracker: AnyFilter, scenario: Scenario) -> None:
     # Step 1: all steps at once, if the filter can.
     all_steps = tracker.all_steps(scenario.model, state, data.measurements, first_step)
     if all_steps is not None and all_steps.estimate.mean.shape[1] != len(scenario.steps) - 1:
-        what = f"{all_steps.estimate.mean.shape[1]} states, not one per measurement"
-        raise ContractError(f"all_steps gives {what}")
+        message = f"{all_steps.estimate.mean.shape[1]} states, not one per measurement"
+        raise ContractError(f"all_steps gives {message}")
     # Step 2: step through the scenario; check the estimate and the other numbers at each step. The first
     # step (i = 0) is that of the prior, which has no measurement.
     has_single_precision = True
@@ -118,8 +118,8 @@ def _check_shapes(tracker: AnyFilter, scenario: Scenario) -> None:
             for name, value in diagnostics.items():
                 rows = all_steps.diagnostics.get(name)
                 if rows is None or not np.allclose(rows[i - 1], value, equal_nan=True):
-                    what = f"another {name} than step at step {k}"
-                    raise ContractError(f"all_steps gives {what}")
+                    message = f"another {name} than step at step {k}"
+                    raise ContractError(f"all_steps gives {message}")
         check_names(diagnostics)
         names = sorted(tracker.diagnostic_names)
         if i and declares_diagnostics(type(tracker)) and sorted(diagnostics) != names:
@@ -209,12 +209,12 @@ def _check_repeats(tracker: AnyFilter, scenario: Scenario) -> None:
     second = run_filter(tracker, scenario, data)
     after = repr((random.getstate(), np.random.get_state(legacy=False)))
     if before != after:
-        what = "draws from the global np.random or random"
-        raise ContractError(f"{what}: noise comes from `rng` alone")
+        message = "draws from the global np.random or random"
+        raise ContractError(f"{message}: noise comes from `rng` alone")
     if not np.array_equal(first.mean, second.mean, equal_nan=True):
         source = "SEED" if tracker.runs_program else "`rng`"
-        what = "the estimates differ the second time"
-        raise ContractError(f"{what}: noise comes from {source} alone")
+        message = "the estimates differ the second time"
+        raise ContractError(f"{message}: noise comes from {source} alone")
 
 
 def _check_independence(tracker: AnyFilter, scenario: Scenario) -> None:
@@ -230,8 +230,8 @@ def _check_independence(tracker: AnyFilter, scenario: Scenario) -> None:
         before = together.mean[..., other_runs]
         after = changed.mean[..., other_runs]
         if not np.array_equal(before, after, equal_nan=True):
-            what = "another measurement in one run changes the estimates of the others"
-            raise ContractError(what)
+            message = "another measurement in one run changes the estimates of the others"
+            raise ContractError(message)
     # Step 2: without random numbers neither the order of the runs nor their number matters.
     if together.random:
         return
@@ -301,13 +301,13 @@ def _require_covariances(P: Array, steps: Index, tried: str) -> None:
     tolerance = _FLOAT32_TOLERANCE if _is_float32(P) else _TOLERANCE
     if difference.max() > tolerance:
         where = _name_places(difference > tolerance, steps, tried)
-        what = f"not symmetric: correlations differ by {difference.max():.2g}, {where}"
-        raise ContractError(f"{what}; keep (P + P') / 2 after each update")
+        message = f"not symmetric: correlations differ by {difference.max():.2g}, {where}"
+        raise ContractError(f"{message}; keep (P + P') / 2 after each update")
     least_eigenvalue = np.linalg.eigvalsh(correlations).min(axis=-1)
     if least_eigenvalue.min() < -tolerance:
         where = _name_places(least_eigenvalue < -tolerance, steps, tried)
-        what = f"the correlations have an eigenvalue {least_eigenvalue.min():.2g}, {where}"
-        raise ContractError(f"not positive definite: {what}")
+        message = f"the correlations have an eigenvalue {least_eigenvalue.min():.2g}, {where}"
+        raise ContractError(f"not positive definite: {message}")
 
 
 def _is_float32(values: Array) -> bool:
@@ -362,13 +362,13 @@ def _check_gaps(tracker: AnyFilter, scenario: Scenario) -> None:
     if not np.allclose(missing.cov, measured.cov, rtol=1e-9, atol=0.0):
         return
     if not has_constant_covariance(run_filter(tracker, scenario, data)):
-        what = "the covariance is the same with and without a measurement"
-        what += ": does the update reduce it?"
+        message = "the covariance is the same with and without a measurement"
+        message += ": does the update reduce it?"
         if tracker.runs_program:
-            what += (
+            message += (
                 " A program of constant gain answers one covariance to all lines, or the mean alone"
             )
-        raise ContractError(what)
+        raise ContractError(message)
 
 
 def _check_interval(tracker: AnyFilter, scenario: Scenario) -> None:
@@ -386,8 +386,8 @@ def _check_interval(tracker: AnyFilter, scenario: Scenario) -> None:
     # The data stay the same: only the times and the model that the filter gets change.
     for name, problem in changed_problems.items():
         if alike(first, run_filter(tracker, problem, data)):
-            what = f"the estimates do not depend on {name}: is it ignored?"
-            raise ContractError(f"{what} A filter of one interval is checked with `--on CONFIG`")
+            message = f"the estimates do not depend on {name}: is it ignored?"
+            raise ContractError(f"{message} A filter of one interval is checked with `--on CONFIG`")
 
 
 def _check_unequal_intervals(tracker: AnyFilter, scenario: ModelDraws) -> None:
@@ -407,16 +407,16 @@ def _check_unequal_intervals(tracker: AnyFilter, scenario: ModelDraws) -> None:
     runs = _runs_for(tracker)
     if _compare_with_references(precise_tracker, scenario):
         raise LeftOutError("the errors do not fit at equal intervals, either")
-    what = _compare_with_references(precise_tracker, other)
-    if what:
-        raise ContractError(f"fits at equal intervals and not at unequal ones: {what}")
+    message = _compare_with_references(precise_tracker, other)
+    if message:
+        raise ContractError(f"fits at equal intervals and not at unequal ones: {message}")
     # Step 2: its estimates, if they equal those of the EKF at equal intervals. They show a wrong Q,
     # which hardly changes the errors.
     if two_runs.random or _difference_from_ekf(precise_tracker, scenario, runs):
         return
-    what = _difference_from_ekf(precise_tracker, other, runs)
-    if what:
-        raise ContractError(f"is the EKF at equal intervals and not at unequal ones: {what}")
+    message = _difference_from_ekf(precise_tracker, other, runs)
+    if message:
+        raise ContractError(f"is the EKF at equal intervals and not at unequal ones: {message}")
 
 
 @lru_cache(maxsize=8)
@@ -463,8 +463,8 @@ def _check_place(tracker: AnyFilter, scenario: Scenario) -> None:
     # Step 1: equal data, with the radar at its place and at the origin.
     for name, problem in problems.items():
         if not _depends_on_place(tracker, problem):
-            what = f"with {name} the estimates equal those of a radar at the origin"
-            raise ContractError(f"{what}; {_way_to_place(tracker, problem)}")
+            message = f"with {name} the estimates equal those of a radar at the origin"
+            raise ContractError(f"{message}; {_way_to_place(tracker, problem)}")
     # Step 2: the errors, if they fit with a radar at the origin.
     precise_tracker = _with_many_particles(tracker)
     if "mode" in run_filter(tracker, RADAR, simulate(RADAR, runs=2)).series:
@@ -474,10 +474,10 @@ def _check_place(tracker: AnyFilter, scenario: Scenario) -> None:
     if _compare_with_references(precise_tracker, at_origin):
         return
     for name, problem in problems.items():
-        what = _compare_with_references(precise_tracker, ModelDraws(base=problem))
-        if what:
-            what = f"fits with a radar at the origin, and not with {name}: {what}"
-            raise ContractError(f"{what}; {_way_to_place(tracker, problem)}")
+        message = _compare_with_references(precise_tracker, ModelDraws(base=problem))
+        if message:
+            message = f"fits with a radar at the origin, and not with {name}: {message}"
+            raise ContractError(f"{message}; {_way_to_place(tracker, problem)}")
 
 
 def _check_place_of_config(tracker: AnyFilter, scenario: ModelDraws) -> None:
@@ -542,8 +542,8 @@ def _check_motion(tracker: AnyFilter, scenario: Scenario) -> None:
     precise_tracker = _with_many_particles(tracker)
     if _compare_with_references(precise_tracker, one_motion):
         raise LeftOutError("the errors do not fit with the first motion, either")
-    what = _compare_with_references(precise_tracker, other_motion)
-    if not what:
+    message = _compare_with_references(precise_tracker, other_motion)
+    if not message:
         return
     # The filter gets the other motion, and data of the first one. If it fits these, it ignores the kind;
     # otherwise it is an approximation that is worse with more noise.
@@ -551,7 +551,7 @@ def _check_motion(tracker: AnyFilter, scenario: Scenario) -> None:
     if not misfit(precise_tracker, one_motion, runs, tested_scenario=other_motion):
         text = (
             "fits with the motion `cwna`, and not with `cv` of the same `q`, which has another meaning "
-            f"there: {what}; take F and Q from the model"
+            f"there: {message}; take F and Q from the model"
         )
         if tracker.runs_program:
             text += ", which the first line has under `motion`, or answer `error` to other kinds"
@@ -583,9 +583,9 @@ def _check_consistency(tracker: AnyFilter, scenario: Scenario) -> None:
     precise_tracker = _with_many_particles(tracker)
     for problem in problems:
         drawn_problem = problem if isinstance(problem, ModelDraws) else ModelDraws(base=problem)
-        what = _compare_with_references(precise_tracker, drawn_problem)
-        if what:
-            raise ContractError(what)
+        message = _compare_with_references(precise_tracker, drawn_problem)
+        if message:
+            raise ContractError(message)
 
 
 def _check_angles(tracker: AnyFilter, scenario: Scenario) -> None:
@@ -603,27 +603,27 @@ def _check_angles(tracker: AnyFilter, scenario: Scenario) -> None:
     for requirement in tracker.all_requirements:
         if requirement.startswith("prior."):
             raise LeftOutError(f"needs {requirement}, which a turned problem has not")
-    what = mistaken_angle(_with_many_particles(tracker), problem)
+    message = mistaken_angle(_with_many_particles(tracker), problem)
     # None: the angles could not be tested; empty: no mistake was found.
-    if what is None:
+    if message is None:
         why = (
             "no angle passes its cut, no reference filter runs, or the filter is far off everywhere"
         )
         raise LeftOutError(f"{why}; `--on CONFIG` names an experiment that it is written for")
-    if what:
+    if message:
         # A filter with a wrong place counts every angle wrongly.
         if PLACE_IGNORED in _compare_with_references(_with_many_particles(tracker), problem):
             raise LeftOutError(f"cannot be tested, as {PLACE_IGNORED}")
-        raise ContractError(what)
+        raise ContractError(message)
 
 
 def _check_against_kalman(tracker: AnyFilter, scenario: Scenario) -> None:
     """Check that estimates on a linear model equal those of the Kalman filter."""
     problem = UNEQUAL if runs_on(tracker, UNEQUAL) else PLANAR
     # On a linear model the EKF is the Kalman filter.
-    what = _difference_from_ekf(tracker, problem, _runs_for(tracker))
-    if what:
-        raise ContractError(what)
+    message = _difference_from_ekf(tracker, problem, _runs_for(tracker))
+    if message:
+        raise ContractError(message)
 
 
 def _difference_from_ekf(tracker: AnyFilter, scenario: Scenario, runs: int) -> str:

@@ -100,8 +100,8 @@ def _check_program(
     only the first point is taken.
     """
     if not labels and not is_program(path):
-        what = "`--on CONFIG` checks a script, by the command of its filter there"
-        raise UserError(f"{path}: {NO_FILTER}; {what}")
+        message = "`--on CONFIG` checks a script, by the command of its filter there"
+        raise UserError(f"{path}: {NO_FILTER}; {message}")
     if on is None:
         program = External(command=(str(path.absolute()),))
         return {path.stem: list(check_filter(External, program))}

@@ -156,8 +156,8 @@ def _with_defaults(cls: type[AnyFilter]) -> AnyFilter:
         if hash(tracker) != hash(equal_tracker) or tracker != equal_tracker:
             raise ContractError("two equal filters differ: make it @dataclass(frozen=True)")
     except TypeError as error:
-        what = f"cannot be hashed ({error}): frozen=True, tuples and not lists"
-        raise ContractError(what) from None
+        message = f"cannot be hashed ({error}): frozen=True, tuples and not lists"
+        raise ContractError(message) from None
     if pickle.loads(pickle.dumps(tracker)) != tracker:
         raise ContractError("does not survive the way to another process")
     return tracker

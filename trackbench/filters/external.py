@@ -160,8 +160,8 @@ class External(Filter[ProgramState]):
         if not (self.command and self.command[0]):
             raise InvalidKeyError("name a program, as [./my_filter]", "command")
         if shutil.which(self.command[0]) is None:
-            what = f"{self.command[0]} is not a program that can be executed"
-            raise InvalidKeyError(what, "command", 0)
+            message = f"{self.command[0]} is not a program that can be executed"
+            raise InvalidKeyError(message, "command", 0)
         for i, file in enumerate(self.files):
             try:
                 _files_below(file)
@@ -429,8 +429,8 @@ def _read_numbers(answers: Sequence[str], n: int) -> Array:
         fields = answer.split()
         if len(fields) != size or size not in (n, n + n * n):
             sizes = f"{n} of a mean, or {n + n * n} of a mean and a covariance"
-            what = f"the program answers {len(fields)} numbers, not {sizes}"
-            raise ProgramError(what, answered=i)
+            message = f"the program answers {len(fields)} numbers, not {sizes}"
+            raise ProgramError(message, answered=i)
     text = " ".join(answers)
     try:
         numbers = np.array(text.split(), dtype=np.float64).reshape(-1, size)
@@ -439,8 +439,8 @@ def _read_numbers(answers: Sequence[str], n: int) -> Array:
     # numpy reads 1_0 as ten.
     if numbers is None or "_" in text:
         i, word = next(_words(answers))
-        what = f"the program answers {word[:60]!r}, which is no number"
-        raise ProgramError(what, answered=i) from None
+        message = f"the program answers {word[:60]!r}, which is no number"
+        raise ProgramError(message, answered=i) from None
     if size > n:
         numbers[:, n:] = _symmetrized(numbers[:, n:].reshape(-1, n, n)).reshape(-1, n * n)
     return numbers
@@ -468,15 +468,15 @@ def _symmetrized(P: Array) -> Array:
         i, row, column = (int(k) for k in np.argwhere(wrong)[0])
         first, second = _written_differently(float(P[i, row, column]), float(P[i, column, row]))
         where = f"row {row + 1}, column {column + 1} and its mirror image"
-        what = "the program answers a covariance that is not symmetric: "
-        what += f"{where} are {first} and {second}"
+        message = "the program answers a covariance that is not symmetric: "
+        message += f"{where} are {first} and {second}"
         if is_number[i, row, column]:
             share = float(difference[i, row, column] / scale[i, row, column])
-            what += (
+            message += (
                 f", which differ by {share:.3g} of the product of the two standard deviations; "
                 f"{_ASYMMETRY:g} is allowed: keep (P + P') / 2 after each update"
             )
-        raise ProgramError(what, answered=i)
+        raise ProgramError(message, answered=i)
     return np.where(is_alike, P, mean)
 
 
@@ -576,10 +576,10 @@ def _check_repeated(again: Array, state: ProgramState, run: int) -> None:
     has_same_mean = np.array_equal(state.mean[:, run], mean, equal_nan=True)
     has_same_cov = np.array_equal(state.cov[:, :, run], cov, equal_nan=True)
     if not (has_same_mean and has_same_cov):
-        what = "a run that begins again has other estimates: "
+        message = "a run that begins again has other estimates: "
         hint = "does `init` set all of the state, and SEED all noise?"
         # The wrong answer is that of the step before the new lines.
-        raise ProgramError(f"{what}{hint}", answered=-1)
+        raise ProgramError(f"{message}{hint}", answered=-1)
 
 
 def _stamps(tracker: External) -> list[tuple[int, ...]]:

@@ -98,12 +98,12 @@ class Program:
         try:
             first_answer = self.exchange([hello])[0]
         except LateAnswerError as error:
-            what = (
+            message = (
                 f"{NO_FIRST_ANSWER}, `trackbench {PROTOCOL} {{JSON}}`, within {timeout:g} s; "
                 f"print {_ANSWERS}, and flush the output ({_PAGE}); a program that starts slowly "
                 "needs a larger `timeout`"
             )
-            raise NoFirstAnswerError(f"{what}{error.last_words}") from None
+            raise NoFirstAnswerError(f"{message}{error.last_words}") from None
         # A line may end as on Windows.
         word, _, text = first_answer.removesuffix("\r").partition(" ")
         if word == "error":
@@ -112,8 +112,8 @@ class Program:
             raise RefusalError(reason)
         if word != "ready" or text:
             answer = _shorten(f"{word} {text}")
-            what = f"answers {answer} at its start, not `ready`; print {_ANSWERS} ({_PAGE})"
-            raise self._broken(what, 0)
+            message = f"answers {answer} at its start, not `ready`; print {_ANSWERS} ({_PAGE})"
+            raise self._broken(message, 0)
         self._start_s = self._clock()
 
     def exchange(self, lines: Sequence[str]) -> list[str]:
@@ -137,8 +137,8 @@ class Program:
                 ready = selector.select(max(0.0, deadline - time.monotonic()))
                 if not ready:
                     self.kill()
-                    what = f"the program gave no answer within {self._timeout:g} s"
-                    raise LateAnswerError(what, answered, self._last_words())
+                    message = f"the program gave no answer within {self._timeout:g} s"
+                    raise LateAnswerError(message, answered, self._last_words())
                 for key, _ in ready:
                     if key.fileobj is self._stdin:
                         written = self._write(waiting, answered)

@@ -216,7 +216,9 @@ def _far_note(predictions: Sequence[_PredictionErrors]) -> list[str]:
     if largest_median > _NEAR_SIGMAS:
         # A wrong landmark bends the path of a filter without a gate, and then others seem wrong.
         worst = rounded(float(medians[is_bad].max()), 2)
-        what = "a landmark may be in a wrong place, or the motion has larger errors than its Q says"
+        message = (
+            "a landmark may be in a wrong place, or the motion has larger errors than its Q says"
+        )
         way = ""
         if not any(errors.has_gate for errors in predictions):
             way = (
@@ -225,7 +227,7 @@ def _far_note(predictions: Sequence[_PredictionErrors]) -> list[str]:
             way += " that its gate rejects."
         return [
             f"The landmarks do not fit together: {best.candidate.name} predicts some of them by "
-            f"{worst} sigma off (median); {what}.{way}"
+            f"{worst} sigma off (median); {message}.{way}"
         ]
     texts = []
     for name, median in zip(best.names(is_far), medians[is_far].tolist(), strict=True):

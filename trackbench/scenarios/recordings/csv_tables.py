@@ -359,13 +359,13 @@ class _Reading:
             with suppress(ValueError):
                 plain(cell)
                 return ""
-        message = f"{first.what}: {cell[:40]!r} is no number of seconds and no date in ISO 8601"
+        message = f"{first.message}: {cell[:40]!r} is no number of seconds and no date in ISO 8601"
         if self.form:
-            message = f"{first.what}: {cell[:40]!r} is not a time as {self.form}"
+            message = f"{first.message}: {cell[:40]!r} is not a time as {self.form}"
         way = 'say how it is written, `time_format: "%d/%m/%Y %H:%M:%S"` (or %m/%d/%Y, %H:%M:%S.%f)'
         if cell and not any(map(str.isdigit, cell)):
             way = "say `format: {skip: 1}` if the line holds units, or correct it"
-        raise DataError(first._replace(what=f"{message}: {way}"))
+        raise DataError(first._replace(message=f"{message}: {way}"))
 
     def _encode_words(
         self, name: str, cells: Sequence[str]

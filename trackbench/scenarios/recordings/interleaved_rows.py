@@ -271,7 +271,7 @@ def key_of_labels(error: MixedRowsError) -> str:
     place = error.places[0]
     raise DataError(
         place._replace(
-            what=f"{message} sensors of one with a bias? Say {way} `--set 'columns.run=\"\"'`"
+            message=f"{message} sensors of one with a bias? Say {way} `--set 'columns.run=\"\"'`"
         )
     )
 

@@ -47,8 +47,8 @@ def with_inputs_only(gathered: Gathered, names: Sequence[str], rows: Rows) -> In
             mistakes.append(gathered.place(rows, row, message))
         left_out = len(partial) - len(mistakes)
         if left_out:
-            message = f"{mistakes[-1].what}; nor have {left_out} more rows all inputs"
-            mistakes[-1] = mistakes[-1]._replace(what=message)
+            message = f"{mistakes[-1].message}; nor have {left_out} more rows all inputs"
+            mistakes[-1] = mistakes[-1]._replace(message=message)
         raise DataError(*mistakes)
     if not has_all.any():
         message = f"the columns of the inputs {', '.join(names)} are empty"
@@ -259,15 +259,15 @@ def check_gaps(inputs: KnownInputs, last_step: int) -> None:
     longest = max((gap.length for gap in gaps if gap.length is not None), default=0.0)
     mistakes = []
     for gap in gaps[:_MOST_MISTAKES]:
-        message = gap.place.what
+        message = gap.place.message
         if gap.length is not None:
             way = f"say `input_gap: {_rounded_up(longest):g}` to hold the nearest values"
             message += f": fill them, or {way}"
-        mistakes.append(gap.place._replace(what=message))
+        mistakes.append(gap.place._replace(message=message))
     left_out = len(gaps) - len(mistakes)
     if left_out:
-        message = f"{mistakes[-1].what}; there are {counted(left_out, 'more gap')}"
-        mistakes[-1] = mistakes[-1]._replace(what=message)
+        message = f"{mistakes[-1].message}; there are {counted(left_out, 'more gap')}"
+        mistakes[-1] = mistakes[-1]._replace(message=message)
     raise DataError(*mistakes)
 
 
