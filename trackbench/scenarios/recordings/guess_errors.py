@@ -31,6 +31,7 @@ from trackbench.scenarios.recordings.guess_sensors import SENSORS, unwrapped_val
 from trackbench.scenarios.recordings.guess_targets import check_jumps, guess_same_time
 from trackbench.scenarios.recordings.guess_time import check_clock, check_daylight_saving
 from trackbench.scenarios.recordings.quantities import PLACE, VELOCITY
+from trackbench.scenarios.recordings.read_rows import read_rows
 from trackbench.scenarios.recordings.row_noise import (
     FAR_SIGMAS,
     distances_from_neighbors,
@@ -44,7 +45,6 @@ from trackbench.scenarios.recordings.rows import (
     check_turns,
     chosen_runs,
     longest_first,
-    read_rows,
     usual_interval,
 )
 from trackbench.scenarios.recordings.table_sample import Sample

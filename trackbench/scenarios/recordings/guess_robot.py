@@ -26,15 +26,10 @@ from trackbench.scenarios.recordings.guess_record import (
 )
 from trackbench.scenarios.recordings.interleaved_rows import is_word_column
 from trackbench.scenarios.recordings.quantities import COURSE, KEYS, ODOMETRY, VELOCITY
+from trackbench.scenarios.recordings.read_rows import read_rows
 from trackbench.scenarios.recordings.row_noise import scatter
 from trackbench.scenarios.recordings.row_order import in_order
-from trackbench.scenarios.recordings.rows import (
-    Gathered,
-    Rows,
-    longest_first,
-    read_rows,
-    usual_interval,
-)
+from trackbench.scenarios.recordings.rows import Gathered, Rows, longest_first, usual_interval
 from trackbench.scenarios.recordings.table_sample import Sample
 from trackbench.scenarios.recordings.yaml_values import in_option
 

@@ -10,9 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.field_types import (
-    DataError,
-)
+from trackbench.field_types import DataError
 from trackbench.models.base import measured_angle_rows
 from trackbench.models.inputs import KnownInputs
 from trackbench.models.sensors.base import Sensors, rows_of, sensors_of
@@ -27,25 +25,19 @@ from trackbench.scenarios.recordings.known_inputs import (
     with_inputs_only,
 )
 from trackbench.scenarios.recordings.quantities import plain_name
+from trackbench.scenarios.recordings.read_rows import read_rows
+from trackbench.scenarios.recordings.recorded_truth import check_runs_of_truth, truth_at
 from trackbench.scenarios.recordings.recording_keys import RecordingKeys
 from trackbench.scenarios.recordings.row_order import in_order
-from trackbench.scenarios.recordings.rows import (
-    Gathered,
-    Rows,
-    check_turns,
-    chosen_runs,
-    read_rows,
-)
+from trackbench.scenarios.recordings.rows import Gathered, Rows, check_turns, chosen_runs
 from trackbench.scenarios.recordings.time_alignment import (
     ONE_RUN,
     Clock,
-    check_runs_of_truth,
     common_clock,
     initial_scans,
     measurement_array,
     note_on_rows_before_start,
     note_on_shared_clock,
-    truth_at,
     with_scans,
 )
 from trackbench.scenarios.recordings.truth_check import StepClock, contradictions

@@ -1,23 +1,16 @@
-"""Rows of all files by sensor: run, time and values; base of the components that read data files."""
+"""Rows of all files by sensor, and the properties that the files have in common."""
 
-import hashlib
-import json
-import os
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field, fields, is_dataclass
-from glob import escape, glob
-from itertools import chain
-from pathlib import Path
-from typing import Any, NamedTuple
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Index, Mask
-from trackbench.core.conversions import SEMI_MAJOR_AXIS, Geodetic, east_north_up
-from trackbench.errors import and_others, reason
-from trackbench.field_types import DataError, InvalidKeyError, Place, require_regular_file
+from trackbench.core.arrays import Array, Index
+from trackbench.core.conversions import SEMI_MAJOR_AXIS
+from trackbench.errors import and_others
+from trackbench.field_types import DataError, InvalidKeyError, Place
 from trackbench.scenarios.recordings.clock_kinds import (
     FileClock,
     clock_of_file,
@@ -26,18 +19,9 @@ from trackbench.scenarios.recordings.clock_kinds import (
     reason_against,
     reason_against_spans,
 )
-from trackbench.scenarios.recordings.column_mapping import (
-    FAR,
-    MOST_DISTANCE,
-    Columns,
-    Frame,
-    Naming,
-    NamingKeys,
-)
-from trackbench.scenarios.recordings.column_names import NamedColumn, rest_of_stamp
-from trackbench.scenarios.recordings.csv_lines import plain_label
+from trackbench.scenarios.recordings.column_mapping import FAR, Columns, Naming, NamingKeys
+from trackbench.scenarios.recordings.column_names import NamedColumn
 from trackbench.scenarios.recordings.csv_tables import Table, WholeNumbers
-from trackbench.scenarios.recordings.interleaved_rows import check_label, possible_labels
 from trackbench.scenarios.recordings.units import UNITS
 
 TICK = 1e-6
@@ -46,7 +30,6 @@ _ANGLE_ROUNDING = 1e-6
 """rad: rounding of a written angle, such as one of a whole turn"""
 _LATEST = 1e12
 """s: beyond are no times, and ticks would not fit into their numbers"""
-_MOST_MISTAKES = 20
 _MOST_WORDS_SHOWN = 8
 _NEAR_ORIGIN = 5e4
 """m: an origin within is not asked whether its numbers are exchanged"""
@@ -254,7 +237,7 @@ class Gathered:
         if distance > FAR:
             # The tangent plane shortens a way away from the origin by the share 1 - cos(d / R).
             share = 1.0 - np.cos(distance / SEMI_MAJOR_AXIS)
-            message = f"positions lie up to {_kilometers(distance)} from the origin"
+            message = f"positions lie up to {in_kilometers(distance)} from the origin"
             why = f"where the tangent plane shortens distances by {100.0 * share:.2g} %"
             self.notices.append(
                 f"{message}, {why}: an `origin` in their middle halves the distance"
@@ -317,407 +300,13 @@ def usual_interval(times: Array) -> float:
     return float(intervals[len(intervals) // 2])
 
 
-def files_of(pattern: str) -> list[str]:
-    """Return the file of this name, or all files that a pattern matches, in order of their names.
-
-    Raises DataError if there is no match.
-    """
-    if not any(c in pattern for c in "*?[") or os.path.lexists(pattern):
-        return [pattern]
-    # Brackets in the name of an existing folder are part of the name, and no pattern.
-    folder = str(next((parent for parent in Path(pattern).parents if parent.is_dir()), ""))
-    paths = sorted(glob(escape(folder) + pattern.removeprefix(folder)))
-    if not paths:
-        raise DataError(Place(pattern, 1, 1, "no file has such a name"))
-    return paths
-
-
-def read_rows(
-    gathered: Gathered,
-    patterns: Sequence[str],
-    sensors: Sequence[Sequence[str]],
-    least: int | None = None,
-    names: Sequence[str] = (),
-    namings: Sequence[Naming] = (),
-) -> list[Rows]:
-    """Read the rows of each sensor from the files of the patterns.
-
-    ``sensors`` has the quantities that each sensor measures. There is one pattern for all sensors, or
-    one for each. A pattern may match several files, one for each run. A file must have at least
-    ``least`` of the quantities, by default all. A column ``sensor`` has the sensors' ``names``, by
-    default their numbers. ``namings`` has the columns and units of each pattern's files, by default
-    those of ``gathered``. Raises DataError with the line of every mistake.
-    """
-    # Step 1: read one file for all sensors, or the files of each sensor's pattern.
-    is_shared = len(patterns) == 1
-    pieces: list[list[Rows]] = [[] for _ in sensors]
-    for n, pattern in enumerate(patterns):
-        if namings:
-            gathered.naming = namings[n]
-        first_sensor = 0 if is_shared else n
-        of_pattern = slice(None) if is_shared else slice(n, n + 1)
-        for number, path in enumerate(files_of(pattern)):
-            rows_by_sensor = _read_file(
-                gathered, path, sensors[of_pattern], least, str(number), names[of_pattern]
-            )
-            for m, rows in enumerate(rows_by_sensor, first_sensor):
-                pieces[m].append(rows)
-    if gathered.unavailable:
-        codes = ", ".join(f"{code} ({n})" for code, n in sorted(gathered.unavailable.items()))
-        message = 'cells hold a code for "not available" and count as missing'
-        gathered.notices.append(f"{gathered.unavailable.total()} {message}: {codes}")
-    # Step 2: join the files of one sensor after the other; the pieces are dropped, to save memory.
-    joined = []
-    while pieces:
-        joined.append(_join_rows(pieces.pop(0)))
-    return joined
-
-
-def _join_rows(pieces: Sequence[Rows]) -> Rows:
-    """Join the rows of several files."""
-    if len(pieces) == 1:
-        return pieces[0]
-    return Rows(
-        run=np.concatenate([rows.run for rows in pieces]),
-        time=np.concatenate([rows.time for rows in pieces]),
-        values=np.concatenate([rows.values for rows in pieces], axis=-1),
-        file=np.concatenate([rows.file for rows in pieces]),
-        line=np.concatenate([rows.line for rows in pieces]),
-        received=np.concatenate([rows.received for rows in pieces]),
-    )
-
-
-def _read_file(
-    gathered: Gathered,
-    path: str,
-    sensors: Sequence[Sequence[str]],
-    least: int | None,
-    name: str,
-    names: Sequence[str],
-) -> list[Rows]:
-    """Read the rows of each sensor from one file.
-
-    ``name`` is that of the file's run, if the file does not name runs itself. The other arguments are
-    those of `read_rows`.
-    """
-    # Step 1: find the columns of the quantities, of time, run and sensor.
-    wanted = list(chain.from_iterable(sensors))
-    if least is None:
-        least = len(wanted)
-    columns = Columns(path, gathered.naming, wanted, least, gathered.in_space, gathered.keys)
-    clock = columns.take("time", "time") or columns.take("step", "step")
-    if clock is None:
-        raise columns.missing_clock()
-    if columns.column("date") != clock:
-        columns.take("date", "date")
-    parts = columns.take_stamp_parts()
-    gathered.rest = gathered.rest or rest_of_stamp(columns.names, clock, parts)
-    arrival = columns.take("received", columns.contents[clock])
-    run = columns.take("run", "label")
-    sensor_column = columns.take("sensor", "word" if gathered.has_inputs else "label")
-    several = columns.take_unnamed_runs() if run is None else None
-    labels = possible_labels(columns, [rest.column for rest in gathered.rest.values()])
-    # Step 2: read them; times become seconds.
-    table = columns.read()
-    gathered.unavailable += columns.unavailable
-    gathered.notices += columns.notices
-    if several is not None and len(table.words[several]) > 1:
-        message = f"column {several} has {len(table.words[several])} values, which would be one run"
-        way = f'say `columns: {{run: {several}}}`, or `columns: {{run: ""}}` to mix them'
-        raise columns.mistake(f"{message}: {way}")
-    time = gathered.timed(columns, table, clock, parts)
-    received = time
-    if arrival is not None:
-        gathered.has_delays = True
-        received = _read_received(gathered, columns, table, arrival, time)
-    if columns.is_geodetic:
-        gathered.geodetic = gathered.geodetic or path
-    elif columns.has_velocities_alone:
-        gathered.not_rotated = gathered.not_rotated or path
-    planar_quantity = columns.first_with_column(gathered.in_frame)
-    if planar_quantity:
-        gathered.planar = gathered.planar or f"{path} has {planar_quantity}"
-    # Step 3: number the runs; a file without their names is one run.
-    if run is None:
-        runs = np.full(len(time), gathered.numbers_of([name])[0])
-    else:
-        runs = gathered.numbers_of(table.words[run])[table.columns[run].astype(np.intp)]
-    # Step 4: select the rows of the chosen runs and of the sensors.
-    is_read = np.ones(len(time), dtype=np.bool_)
-    if gathered.chosen:
-        is_read = np.isin(runs, gathered.numbers_of_known(gathered.chosen))
-    rows_by_sensor: list[WholeNumbers | slice] = [slice(None)] * len(sensors)
-    if sensor_column is not None and gathered.has_inputs:
-        _check_rows_without_sensor(columns, table, sensor_column, wanted)
-    if sensor_column is not None and (
-        len(sensors) > 1 or len(table.words[sensor_column]) > 1 or names
-    ):
-        sensor_masks = [
-            _find_sensor_rows(gathered, columns, table, sensor_column, m, len(sensors), names)
-            for m in range(len(sensors))
-        ]
-        is_read &= np.any(sensor_masks, axis=0)
-        rows_by_sensor = [np.flatnonzero(mask[is_read]) for mask in sensor_masks]
-    if not is_read.all():
-        table = table.at(np.flatnonzero(is_read))
-        runs = runs[is_read]
-        time = time[is_read]
-        received = received[is_read]
-    columns.note_outliers(table)
-    gathered.notices += columns.far
-    # Step 5: compute the quantities, in SI.
-    places = None
-    frames: list[Frame] = []
-    if columns.is_geodetic:
-        places, frames = _frames_of_runs(gathered, columns, table, runs)
-    quantities = columns.quantities(table, places, frames, runs)
-    for label in labels:
-        for components, of_sensor in zip(sensors, rows_by_sensor, strict=True):
-            measured = {name: quantities[name][of_sensor] for name in components}
-            check_label(
-                columns,
-                table,
-                label,
-                quantities=measured,
-                runs=runs[of_sensor],
-                time=time[of_sensor],
-                of_sensor=of_sensor,
-            )
-    files = np.full(len(time), len(gathered.files), dtype=np.int32)
-    gathered.files.append(path)
-    # Step 6: take the rows of each sensor.
-    rows_of_sensors = []
-    for components, of_sensor in zip(sensors, rows_by_sensor, strict=True):
-        rows = Rows(
-            run=runs,
-            time=time,
-            values=np.stack([quantities[name] for name in components]),
-            file=files,
-            line=table.lines,
-            received=received,
-        )
-        if not isinstance(of_sensor, slice):
-            rows = rows.at(of_sensor)
-        rows_of_sensors.append(rows)
-    return rows_of_sensors
-
-
-def _frames_of_runs(
-    gathered: Gathered, columns: Columns, table: Table, runs: WholeNumbers
-) -> tuple[Geodetic, list[Frame]]:
-    """Return the places of a table's rows, and frames: each an origin with the rows that count from it.
-
-    Runs share one origin, the given one or the first position that is read. If no origin is given, a
-    run that begins far from the first position has an origin of its own. ``runs`` (R,) are the numbers
-    of the rows' runs. Raises an error for rows too far from their origin.
-    """
-    height = 0.0
-    if gathered.origin is not None and len(gathered.origin) > 2:
-        height = gathered.origin[2]
-    places = columns.places(table, height)
-    known = np.flatnonzero(np.isfinite(places.latitude))
-    missing = columns.rows_without_height(table)
-    if missing:
-        message = f"{missing} rows of {columns.path} have no altitude, and so no position in space"
-        gathered.notices.append(f"{message}: `axes: 2` takes their latitude and longitude alone")
-    if not len(known):
-        return places, []
-    # Step 1: the common origin.
-    if gathered.origin is None:
-        gathered.origin = _origin_at(places, int(known[0]))
-        gathered.first_position = f"{Path(columns.path).name}:{table.lines[known[0]]}"
-    # The first position is recorded only if it serves as the origin.
-    is_given = not gathered.first_position
-    # Step 2: runs that begin far from it have an origin of their own, unless it is given.
-    numbers, first = np.unique(runs[known], return_index=True)
-    names = [gathered.runs[number] for number in numbers]
-    if not is_given:
-        begins = known[first]
-        away = _distances(places, begins, gathered.origin)
-        for name, row, distance in zip(names, begins.tolist(), away.tolist(), strict=True):
-            if name not in gathered.placed_runs and distance > FAR:
-                gathered.own_origins[name] = _origin_at(places, row)
-                gathered.far_runs.append(f"{name} by {_kilometers(distance)}")
-            gathered.placed_runs.add(name)
-    # Step 3: the rows of each origin, and how far from it they lie.
-    far_runs = [
-        number for number, name in zip(numbers, names, strict=True) if name in gathered.own_origins
-    ]
-    shared = np.flatnonzero(~np.isin(runs, far_runs))
-    frames = []
-    if len(shared):
-        frames.append(Frame(gathered.origin, shared))
-    for number in far_runs:
-        origin = gathered.own_origins[gathered.runs[number]]
-        frames.append(Frame(origin, np.flatnonzero(runs == number)))
-    for frame in frames:
-        _check_distances(gathered, columns, table, places, frame)
-    return places, frames
-
-
-def _origin_at(places: Geodetic, row: int) -> tuple[float, ...]:
-    """Return latitude and longitude, deg, and height of a row."""
-    latitude = float(places.latitude[row]) * 180.0 / np.pi
-    longitude = float(places.longitude[row]) * 180.0 / np.pi
-    return latitude, longitude, float(places.height[row])
-
-
-def _distances(places: Geodetic, rows: WholeNumbers, origin: tuple[float, ...]) -> Array:
-    """Return the distances (R,) of the R rows with these indices from an origin, m, along the Earth."""
-    # Both at the height 0; the place of the frame is the origin, once for each row.
-    on_ground = Geodetic(places.latitude[rows], places.longitude[rows], np.zeros(len(rows)))
-    origin_on_ground = Frame((*origin[:2], 0.0), np.asarray(rows, dtype=np.intp)).place
-    chord = np.sqrt(np.square(east_north_up(on_ground, origin_on_ground)).sum(axis=0))
-    # d = 2 R asin(c / 2 R) of a chord c
-    radius = SEMI_MAJOR_AXIS
-    return 2.0 * radius * np.arcsin(np.minimum(chord / (2.0 * radius), 1.0))
-
-
-def _check_distances(
-    gathered: Gathered, columns: Columns, table: Table, places: Geodetic, frame: Frame
-) -> None:
-    """Raise an error for rows too far from their origin, and note how far the farthest one is."""
-    known = frame.rows[np.isfinite(places.latitude[frame.rows])]
-    if not len(known):
-        return
-    away = _distances(places, known, frame.origin)
-    # The first position is recorded only if it serves as the origin.
-    is_given = not gathered.first_position
-    limit = f"a plane serves for {MOST_DISTANCE / 1e3:.0f} km"
-    if is_given and away[0] > _NEAR_ORIGIN:
-        hint = _mistaken_origin(frame.origin, places, int(known[0]), float(away[0]))
-        where = f"{Path(columns.path).name}:{table.lines[known[0]]}"
-        message = f"lies {_kilometers(away[0])} from the first position ({where})"
-        if hint or away[0] > MOST_DISTANCE:
-            way = hint or f"{limit}: write latitude and longitude of a point near the positions"
-            raise InvalidKeyError(f"{message}; {way}", *gathered.origin_key)
-    too_far = np.flatnonzero(away > MOST_DISTANCE)
-    if len(too_far) and gathered.refuses_far_rows:
-        row = int(known[too_far[0]])
-        origin = "the first position of its run, the origin"
-        if is_given:
-            origin = "`origin`"
-        elif frame.origin == gathered.origin:
-            origin = f"the first position ({gathered.first_position}), the origin"
-        more = and_others(len(too_far))
-        distance = _kilometers(away[too_far[0]])
-        message = f"latitude and longitude: {distance} from {origin}{more}; {limit}"
-        way = "correct or empty the cells, or give an `origin: [latitude, longitude]` in the middle"
-        raise DataError(Place(columns.path, int(table.lines[row]), 1, f"{message}: {way}"))
-    gathered.largest_distance = max(gathered.largest_distance, float(away.max()))
-
-
-def _mistaken_origin(origin: tuple[float, ...], places: Geodetic, row: int, distance: float) -> str:
-    """Explain which exchange or sign of an origin's numbers would bring it near a row; empty if none.
-
-    ``distance``, m, is that of the origin from the place of the row.
-    """
-    latitude, longitude = origin[:2]
-    changes = {
-        "latitude and longitude exchanged": (longitude, latitude),
-        "the other sign of the longitude": (latitude, -longitude),
-        "the other sign of the latitude": (-latitude, longitude),
-    }
-    for message, (new_latitude, new_longitude) in changes.items():
-        if abs(new_latitude) > 90.0:
-            continue
-        away = _distances(places, np.array([row]), (new_latitude, new_longitude))[0]
-        if away < 0.1 * distance:
-            changed = f"[{new_latitude:g}, {new_longitude:g}]"
-            return f"with {message}, {changed}, it would be {_kilometers(away)} away: correct it"
-    return ""
-
-
-def _kilometers(meters: float) -> str:
+def in_kilometers(meters: float) -> str:
     """Write a distance in m or km."""
     if meters < 1e3:
         return f"{meters:.0f} m"
     if meters < 1e6:
         return f"{meters / 1e3:.3g} km"
     return f"{meters / 1e3:.0f} km"
-
-
-def _read_received(
-    gathered: Gathered, columns: Columns, table: Table, column: str, time: Array
-) -> Array:
-    """Return the times (R,) at which rows were received, from a column.
-
-    Raises DataError for rows that were received before their own ``time`` (R,).
-    """
-    received = gathered.timed(columns, table, column)
-    early = np.flatnonzero(received < time - TICK)[:_MOST_MISTAKES].tolist()
-    if early:
-        mistakes = []
-        for row in early:
-            lead = f"{time[row] - received[row]:.9g} {gathered.time_unit}"
-            message = f"{column}: received {lead} before its time"
-            mistakes.append(Place(columns.path, int(table.lines[row]), 1, message))
-        raise DataError(*mistakes)
-    return received
-
-
-def _find_sensor_rows(
-    gathered: Gathered,
-    columns: Columns,
-    table: Table,
-    column: str,
-    m: int,
-    number: int,
-    names: Sequence[str],
-) -> Mask:
-    """Return which rows (R,) are those of sensor m, from 0, of ``number`` sensors.
-
-    The ``column`` has the sensors' ``names``, or their numbers from 1 on if ``names`` is empty.
-    """
-    words = [word for word in table.words[column] if word]
-    known = names or [str(i + 1) for i in range(number)]
-    # The name 7 stands for the word 7.0, too, if the file lacks the word 7.
-    free_words = [word for word in words if word not in known]
-    known = [label if label in words else _word_of_label(label, free_words) for label in known]
-    other_words = [word for word in words if word not in known]
-    if other_words and not names:
-        message = f"column {column} names {len(words)} sensors ({', '.join(words[:8])[:80]})"
-        way = "name them in the order of `sensor`, such as `sensors: "
-        way += f'[{", ".join(map(json.dumps, words[:8]))}]`; `columns: {{sensor: ""}}` mixes all'
-        raise columns.mistake(f"{message}, and the config has {number}: {way}")
-    absent = [name for name, word in zip(names, known, strict=False) if word not in words]
-    if absent:
-        message = f"column {column} has no {absent[0]!r}; there are {', '.join(words[:20])[:200]}"
-        raise columns.mistake(message)
-    # Rows of other sensors than those of the config are left out.
-    if other_words and m == 0:  # noted once for all sensors
-        codes = [table.words[column].index(word) for word in other_words]
-        left_out = int(np.isin(table.columns[column], codes).sum())
-        gathered.notices.append(
-            f"{left_out} rows of {', '.join(other_words)[:80]} were left out (`sensors`)"
-        )
-    code = -1  # no row has this code
-    if known[m] in words:
-        code = table.words[column].index(known[m])
-    return np.asarray(table.columns[column] == code)
-
-
-def _word_of_label(label: str, words: Sequence[str]) -> str:
-    """Return the only word of a whole number that equals the label; else the label itself."""
-    equal = [word for word in words if plain_label(word) == plain_label(label)]
-    return equal[0] if len(equal) == 1 else label
-
-
-def _check_rows_without_sensor(
-    columns: Columns, table: Table, column: str, quantities: Collection[str]
-) -> None:
-    """Raise DataError for a row that measures something and names no sensor in the ``column``."""
-    if "" not in table.words[column]:
-        return
-    is_blank = table.columns[column] == table.words[column].index("")
-    for name in quantities:
-        source = columns.column(name)
-        if source is None:
-            continue
-        rows = np.flatnonzero(is_blank & np.isfinite(table.columns[source]))
-        if len(rows):
-            message = f"{column}: is missing beside a value of {source}"
-            raise DataError(Place(columns.path, int(table.lines[rows[0]]), 1, message))
 
 
 def chosen_runs(
@@ -790,71 +379,6 @@ def check_turns(gathered: Gathered, rows: Rows, angles: Mapping[str, int]) -> No
                 way = f"say `units: {{{name}: {fitting[0]}}}`, or "
             message = f"{message}{more}: {way}correct the cells"
             raise DataError(gathered.place(rows, int(wide[0]), message))
-
-
-class FromFiles:
-    """Base of the frozen dataclasses (``eq=False``) whose numbers are read from files."""
-
-    @property
-    def patterns(self) -> tuple[str, ...]:
-        """All files, as the config names them."""
-        raise NotImplementedError
-
-    @property
-    def contents(self) -> dict[str, str]:
-        """Digest of all files, by each of their names."""
-        return dict.fromkeys(self.patterns, self.__dict__["_content"])
-
-    @contextmanager
-    def reading(self) -> Iterator[None]:
-        """Store a digest of the files that are read within.
-
-        Raises DataError if they change meanwhile.
-        """
-        before = self._stamps()
-        yield
-        # Digest the files, then check that none has changed since before the reading.
-        digest = hashlib.sha256()
-        for path in before:
-            with require_regular_file(path).open("rb") as file:
-                digest.update(hashlib.file_digest(file, "sha256").digest())
-        if self._stamps() != before:
-            raise DataError(Place(self.patterns[0], 1, 1, "was changed while it was read"))
-        object.__setattr__(self, "_content", digest.hexdigest())
-
-    def _stamps(self) -> dict[str, tuple[int, int]]:
-        """Return the size and time of every file."""
-        stamps = {}
-        for path in chain.from_iterable(map(files_of, self.patterns)):
-            try:
-                status = require_regular_file(path).stat()
-            except OSError as error:
-                raise DataError(Place(path, 1, 1, reason(error))) from None
-            stamps[path] = (status.st_size, status.st_mtime_ns)
-        return stamps
-
-    @property
-    def _key(self) -> tuple[Any, ...]:
-        assert is_dataclass(self)
-        keys = tuple(self._named(getattr(self, field.name)) for field in fields(self) if field.init)
-        return (type(self), keys, self.__dict__["_content"])
-
-    def _named(self, value: Any) -> str:
-        """Return a key's value as a word, by which objects are compared; every file is one word.
-
-        Files are compared by their content, which `_key` adds.
-        """
-        if isinstance(value, tuple) and value:
-            return ",".join(map(self._named, value))
-        if isinstance(value, str) and value in self.patterns:
-            return "file"
-        return repr(value)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, FromFiles) and self._key == other._key
-
-    def __hash__(self) -> int:
-        return hash(self._key)
 
 
 def longest_first(names: list[str], sizes: Index) -> list[tuple[str, int]]:

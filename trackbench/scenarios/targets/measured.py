@@ -13,16 +13,12 @@ from trackbench.field_types import (
 from trackbench.models.priors import TwoPoint
 from trackbench.models.sensors.base import Sensors, sensors_of
 from trackbench.registry import register
-from trackbench.scenarios.recordings.known_inputs import (
-    check_gaps,
-)
+from trackbench.scenarios.recordings.data_files import FromFiles
+from trackbench.scenarios.recordings.known_inputs import check_gaps
 from trackbench.scenarios.recordings.quantities import KEYS
 from trackbench.scenarios.recordings.read_recording import Recording, read_recording
 from trackbench.scenarios.recordings.recording_keys import RecordingKeys
-from trackbench.scenarios.recordings.rows import (
-    TICK,
-    FromFiles,
-)
+from trackbench.scenarios.recordings.rows import TICK
 from trackbench.scenarios.starts.base import Start
 from trackbench.scenarios.targets.base import Flight, Scored, Target, Timeline, recorded_columns
 

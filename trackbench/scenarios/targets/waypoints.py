@@ -10,8 +10,10 @@ from trackbench.durations import time_text
 from trackbench.field_types import DataError, DataFile, Finite, Place, Positive, Unit
 from trackbench.registry import register
 from trackbench.scenarios.recordings.column_mapping import Naming
+from trackbench.scenarios.recordings.data_files import FromFiles
+from trackbench.scenarios.recordings.read_rows import read_rows
 from trackbench.scenarios.recordings.row_order import in_order
-from trackbench.scenarios.recordings.rows import FromFiles, Gathered, chosen_runs, read_rows
+from trackbench.scenarios.recordings.rows import Gathered, chosen_runs
 from trackbench.scenarios.targets.base import Flown, Timeline
 
 

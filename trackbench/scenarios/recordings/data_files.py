@@ -1,0 +1,94 @@
+"""Data files of components: their names, and digests by which components are compared."""
+
+import hashlib
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
+from glob import escape, glob
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+from trackbench.errors import reason
+from trackbench.field_types import DataError, Place, require_regular_file
+
+
+def files_of(pattern: str) -> list[str]:
+    """Return the file of this name, or all files that a pattern matches, in order of their names.
+
+    Raises DataError if there is no match.
+    """
+    if not any(c in pattern for c in "*?[") or os.path.lexists(pattern):
+        return [pattern]
+    # Brackets in the name of an existing folder are part of the name, and no pattern.
+    folder = str(next((parent for parent in Path(pattern).parents if parent.is_dir()), ""))
+    paths = sorted(glob(escape(folder) + pattern.removeprefix(folder)))
+    if not paths:
+        raise DataError(Place(pattern, 1, 1, "no file has such a name"))
+    return paths
+
+
+class FromFiles:
+    """Base of the frozen dataclasses (``eq=False``) whose numbers are read from files."""
+
+    @property
+    def patterns(self) -> tuple[str, ...]:
+        """All files, as the config names them."""
+        raise NotImplementedError
+
+    @property
+    def contents(self) -> dict[str, str]:
+        """Digest of all files, by each of their names."""
+        return dict.fromkeys(self.patterns, self.__dict__["_content"])
+
+    @contextmanager
+    def reading(self) -> Iterator[None]:
+        """Store a digest of the files that are read within.
+
+        Raises DataError if they change meanwhile.
+        """
+        before = self._stamps()
+        yield
+        # Digest the files, then check that none has changed since before the reading.
+        digest = hashlib.sha256()
+        for path in before:
+            with require_regular_file(path).open("rb") as file:
+                digest.update(hashlib.file_digest(file, "sha256").digest())
+        if self._stamps() != before:
+            raise DataError(Place(self.patterns[0], 1, 1, "was changed while it was read"))
+        object.__setattr__(self, "_content", digest.hexdigest())
+
+    def _stamps(self) -> dict[str, tuple[int, int]]:
+        """Return the size and time of every file."""
+        stamps = {}
+        for path in chain.from_iterable(map(files_of, self.patterns)):
+            try:
+                status = require_regular_file(path).stat()
+            except OSError as error:
+                raise DataError(Place(path, 1, 1, reason(error))) from None
+            stamps[path] = (status.st_size, status.st_mtime_ns)
+        return stamps
+
+    @property
+    def _key(self) -> tuple[Any, ...]:
+        assert is_dataclass(self)
+        keys = tuple(self._named(getattr(self, field.name)) for field in fields(self) if field.init)
+        return (type(self), keys, self.__dict__["_content"])
+
+    def _named(self, value: Any) -> str:
+        """Return a key's value as a word, by which objects are compared; every file is one word.
+
+        Files are compared by their content, which `_key` adds.
+        """
+        if isinstance(value, tuple) and value:
+            return ",".join(map(self._named, value))
+        if isinstance(value, str) and value in self.patterns:
+            return "file"
+        return repr(value)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, FromFiles) and self._key == other._key
+
+    def __hash__(self) -> int:
+        return hash(self._key)

@@ -1,0 +1,273 @@
+"""Reading of the rows of each sensor from all files."""
+
+import json
+from collections.abc import Collection, Sequence
+from itertools import chain
+
+import numpy as np
+
+from trackbench.core.arrays import Array, Mask
+from trackbench.field_types import DataError, Place
+from trackbench.scenarios.recordings.column_mapping import Columns, Frame, Naming
+from trackbench.scenarios.recordings.column_names import rest_of_stamp
+from trackbench.scenarios.recordings.csv_lines import plain_label
+from trackbench.scenarios.recordings.csv_tables import Table, WholeNumbers
+from trackbench.scenarios.recordings.data_files import files_of
+from trackbench.scenarios.recordings.interleaved_rows import check_label, possible_labels
+from trackbench.scenarios.recordings.origins import frames_of_runs
+from trackbench.scenarios.recordings.rows import TICK, Gathered, Rows
+
+_MOST_MISTAKES = 20
+
+
+def read_rows(
+    gathered: Gathered,
+    patterns: Sequence[str],
+    sensors: Sequence[Sequence[str]],
+    least: int | None = None,
+    names: Sequence[str] = (),
+    namings: Sequence[Naming] = (),
+) -> list[Rows]:
+    """Read the rows of each sensor from the files of the patterns.
+
+    ``sensors`` has the quantities that each sensor measures. There is one pattern for all sensors, or
+    one for each. A pattern may match several files, one for each run. A file must have at least
+    ``least`` of the quantities, by default all. A column ``sensor`` has the sensors' ``names``, by
+    default their numbers. ``namings`` has the columns and units of each pattern's files, by default
+    those of ``gathered``. Raises DataError with the line of every mistake.
+    """
+    # Step 1: read one file for all sensors, or the files of each sensor's pattern.
+    is_shared = len(patterns) == 1
+    pieces: list[list[Rows]] = [[] for _ in sensors]
+    for n, pattern in enumerate(patterns):
+        if namings:
+            gathered.naming = namings[n]
+        first_sensor = 0 if is_shared else n
+        of_pattern = slice(None) if is_shared else slice(n, n + 1)
+        for number, path in enumerate(files_of(pattern)):
+            rows_by_sensor = _read_file(
+                gathered, path, sensors[of_pattern], least, str(number), names[of_pattern]
+            )
+            for m, rows in enumerate(rows_by_sensor, first_sensor):
+                pieces[m].append(rows)
+    if gathered.unavailable:
+        codes = ", ".join(f"{code} ({n})" for code, n in sorted(gathered.unavailable.items()))
+        message = 'cells hold a code for "not available" and count as missing'
+        gathered.notices.append(f"{gathered.unavailable.total()} {message}: {codes}")
+    # Step 2: join the files of one sensor after the other; the pieces are dropped, to save memory.
+    joined = []
+    while pieces:
+        joined.append(_join_rows(pieces.pop(0)))
+    return joined
+
+
+def _join_rows(pieces: Sequence[Rows]) -> Rows:
+    """Join the rows of several files."""
+    if len(pieces) == 1:
+        return pieces[0]
+    return Rows(
+        run=np.concatenate([rows.run for rows in pieces]),
+        time=np.concatenate([rows.time for rows in pieces]),
+        values=np.concatenate([rows.values for rows in pieces], axis=-1),
+        file=np.concatenate([rows.file for rows in pieces]),
+        line=np.concatenate([rows.line for rows in pieces]),
+        received=np.concatenate([rows.received for rows in pieces]),
+    )
+
+
+def _read_file(
+    gathered: Gathered,
+    path: str,
+    sensors: Sequence[Sequence[str]],
+    least: int | None,
+    name: str,
+    names: Sequence[str],
+) -> list[Rows]:
+    """Read the rows of each sensor from one file.
+
+    ``name`` is that of the file's run, if the file does not name runs itself. The other arguments are
+    those of `read_rows`.
+    """
+    # Step 1: find the columns of the quantities, of time, run and sensor.
+    wanted = list(chain.from_iterable(sensors))
+    if least is None:
+        least = len(wanted)
+    columns = Columns(path, gathered.naming, wanted, least, gathered.in_space, gathered.keys)
+    clock = columns.take("time", "time") or columns.take("step", "step")
+    if clock is None:
+        raise columns.missing_clock()
+    if columns.column("date") != clock:
+        columns.take("date", "date")
+    parts = columns.take_stamp_parts()
+    gathered.rest = gathered.rest or rest_of_stamp(columns.names, clock, parts)
+    arrival = columns.take("received", columns.contents[clock])
+    run = columns.take("run", "label")
+    sensor_column = columns.take("sensor", "word" if gathered.has_inputs else "label")
+    several = columns.take_unnamed_runs() if run is None else None
+    labels = possible_labels(columns, [rest.column for rest in gathered.rest.values()])
+    # Step 2: read them; times become seconds.
+    table = columns.read()
+    gathered.unavailable += columns.unavailable
+    gathered.notices += columns.notices
+    if several is not None and len(table.words[several]) > 1:
+        message = f"column {several} has {len(table.words[several])} values, which would be one run"
+        way = f'say `columns: {{run: {several}}}`, or `columns: {{run: ""}}` to mix them'
+        raise columns.mistake(f"{message}: {way}")
+    time = gathered.timed(columns, table, clock, parts)
+    received = time
+    if arrival is not None:
+        gathered.has_delays = True
+        received = _read_received(gathered, columns, table, arrival, time)
+    if columns.is_geodetic:
+        gathered.geodetic = gathered.geodetic or path
+    elif columns.has_velocities_alone:
+        gathered.not_rotated = gathered.not_rotated or path
+    planar_quantity = columns.first_with_column(gathered.in_frame)
+    if planar_quantity:
+        gathered.planar = gathered.planar or f"{path} has {planar_quantity}"
+    # Step 3: number the runs; a file without their names is one run.
+    if run is None:
+        runs = np.full(len(time), gathered.numbers_of([name])[0])
+    else:
+        runs = gathered.numbers_of(table.words[run])[table.columns[run].astype(np.intp)]
+    # Step 4: select the rows of the chosen runs and of the sensors.
+    is_read = np.ones(len(time), dtype=np.bool_)
+    if gathered.chosen:
+        is_read = np.isin(runs, gathered.numbers_of_known(gathered.chosen))
+    rows_by_sensor: list[WholeNumbers | slice] = [slice(None)] * len(sensors)
+    if sensor_column is not None and gathered.has_inputs:
+        _check_rows_without_sensor(columns, table, sensor_column, wanted)
+    if sensor_column is not None and (
+        len(sensors) > 1 or len(table.words[sensor_column]) > 1 or names
+    ):
+        sensor_masks = [
+            _find_sensor_rows(gathered, columns, table, sensor_column, m, len(sensors), names)
+            for m in range(len(sensors))
+        ]
+        is_read &= np.any(sensor_masks, axis=0)
+        rows_by_sensor = [np.flatnonzero(mask[is_read]) for mask in sensor_masks]
+    if not is_read.all():
+        table = table.at(np.flatnonzero(is_read))
+        runs = runs[is_read]
+        time = time[is_read]
+        received = received[is_read]
+    columns.note_outliers(table)
+    gathered.notices += columns.far
+    # Step 5: compute the quantities, in SI.
+    places = None
+    frames: list[Frame] = []
+    if columns.is_geodetic:
+        places, frames = frames_of_runs(gathered, columns, table, runs)
+    quantities = columns.quantities(table, places, frames, runs)
+    for label in labels:
+        for components, of_sensor in zip(sensors, rows_by_sensor, strict=True):
+            measured = {name: quantities[name][of_sensor] for name in components}
+            check_label(
+                columns,
+                table,
+                label,
+                quantities=measured,
+                runs=runs[of_sensor],
+                time=time[of_sensor],
+                of_sensor=of_sensor,
+            )
+    files = np.full(len(time), len(gathered.files), dtype=np.int32)
+    gathered.files.append(path)
+    # Step 6: take the rows of each sensor.
+    rows_of_sensors = []
+    for components, of_sensor in zip(sensors, rows_by_sensor, strict=True):
+        rows = Rows(
+            run=runs,
+            time=time,
+            values=np.stack([quantities[name] for name in components]),
+            file=files,
+            line=table.lines,
+            received=received,
+        )
+        if not isinstance(of_sensor, slice):
+            rows = rows.at(of_sensor)
+        rows_of_sensors.append(rows)
+    return rows_of_sensors
+
+
+def _read_received(
+    gathered: Gathered, columns: Columns, table: Table, column: str, time: Array
+) -> Array:
+    """Return the times (R,) at which rows were received, from a column.
+
+    Raises DataError for rows that were received before their own ``time`` (R,).
+    """
+    received = gathered.timed(columns, table, column)
+    early = np.flatnonzero(received < time - TICK)[:_MOST_MISTAKES].tolist()
+    if early:
+        mistakes = []
+        for row in early:
+            lead = f"{time[row] - received[row]:.9g} {gathered.time_unit}"
+            message = f"{column}: received {lead} before its time"
+            mistakes.append(Place(columns.path, int(table.lines[row]), 1, message))
+        raise DataError(*mistakes)
+    return received
+
+
+def _find_sensor_rows(
+    gathered: Gathered,
+    columns: Columns,
+    table: Table,
+    column: str,
+    m: int,
+    number: int,
+    names: Sequence[str],
+) -> Mask:
+    """Return which rows (R,) are those of sensor m, from 0, of ``number`` sensors.
+
+    The ``column`` has the sensors' ``names``, or their numbers from 1 on if ``names`` is empty.
+    """
+    words = [word for word in table.words[column] if word]
+    known = names or [str(i + 1) for i in range(number)]
+    # The name 7 stands for the word 7.0, too, if the file lacks the word 7.
+    free_words = [word for word in words if word not in known]
+    known = [label if label in words else _word_of_label(label, free_words) for label in known]
+    other_words = [word for word in words if word not in known]
+    if other_words and not names:
+        message = f"column {column} names {len(words)} sensors ({', '.join(words[:8])[:80]})"
+        way = "name them in the order of `sensor`, such as `sensors: "
+        way += f'[{", ".join(map(json.dumps, words[:8]))}]`; `columns: {{sensor: ""}}` mixes all'
+        raise columns.mistake(f"{message}, and the config has {number}: {way}")
+    absent = [name for name, word in zip(names, known, strict=False) if word not in words]
+    if absent:
+        message = f"column {column} has no {absent[0]!r}; there are {', '.join(words[:20])[:200]}"
+        raise columns.mistake(message)
+    # Rows of other sensors than those of the config are left out.
+    if other_words and m == 0:  # noted once for all sensors
+        codes = [table.words[column].index(word) for word in other_words]
+        left_out = int(np.isin(table.columns[column], codes).sum())
+        gathered.notices.append(
+            f"{left_out} rows of {', '.join(other_words)[:80]} were left out (`sensors`)"
+        )
+    code = -1  # no row has this code
+    if known[m] in words:
+        code = table.words[column].index(known[m])
+    return np.asarray(table.columns[column] == code)
+
+
+def _word_of_label(label: str, words: Sequence[str]) -> str:
+    """Return the only word of a whole number that equals the label; else the label itself."""
+    equal = [word for word in words if plain_label(word) == plain_label(label)]
+    return equal[0] if len(equal) == 1 else label
+
+
+def _check_rows_without_sensor(
+    columns: Columns, table: Table, column: str, quantities: Collection[str]
+) -> None:
+    """Raise DataError for a row that measures something and names no sensor in the ``column``."""
+    if "" not in table.words[column]:
+        return
+    is_blank = table.columns[column] == table.words[column].index("")
+    for name in quantities:
+        source = columns.column(name)
+        if source is None:
+            continue
+        rows = np.flatnonzero(is_blank & np.isfinite(table.columns[source]))
+        if len(rows):
+            message = f"{column}: is missing beside a value of {source}"
+            raise DataError(Place(columns.path, int(table.lines[rows[0]]), 1, message))
