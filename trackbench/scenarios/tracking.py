@@ -41,6 +41,7 @@ from trackbench.scenarios.bound import (
 from trackbench.scenarios.delays import arrivals, longest_delay_of, treatment
 from trackbench.scenarios.faults import AnyFault, FaultContext, recovery
 from trackbench.scenarios.recordings.input_check import input_notes
+from trackbench.scenarios.recordings.recording_keys import RecordingKeys
 from trackbench.scenarios.score import Score, diverged
 from trackbench.scenarios.scored_truth import (
     describe_unscored_truth,
@@ -521,7 +522,7 @@ class Tracking(Scenario):
     @property
     def _notes_on_angles(self) -> list[str]:
         """Notes on components that seem to be angles, and that no key declares as such."""
-        owner = "target" if hasattr(self.target, "angles") else "motion"
+        owner = "target" if isinstance(self.target, RecordingKeys) else "motion"
         lengths = position_velocity_names(self.target.axes)
         truth = self.recorded_truth
         notes = []
