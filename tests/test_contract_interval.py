@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from trackbench.config.load import load
-from trackbench.config.plugin_checks import load_file
+from trackbench.config.plugins_of_config import load_file
 from trackbench.contract.checks import CHECKS
 from trackbench.contract.problems import ModelDraws
 from trackbench.contract.run_contract import run_check

@@ -64,7 +64,7 @@ def _imports(path: Path) -> set[str]:
 
 REPORT = (
     ("findings.phrases", "table", "compared_metrics", "pairs_of_filters"),
-    ("plotting", "default_exhibits", "output_errors", "units_of_keys"),
+    ("plotting", "default_table_and_figure", "output_errors", "units_of_keys"),
     ("tables_and_figures",),
     ("grid_scenes",),
     ("expressions",),

@@ -9,7 +9,7 @@ import pytest
 from docs.site.blocks import blocks
 from tests.commands import trackbench
 from tests.conftest import ROOT, random_covariance
-from trackbench.config.plugin_checks import load_file
+from trackbench.config.plugins_of_config import load_file
 from trackbench.registry import kinds
 
 PAGE = (ROOT / "docs" / "your-filter.md").read_text(encoding="utf-8")

@@ -4,14 +4,14 @@ import re
 
 import pytest
 
-from trackbench.cli import screen
+from trackbench.cli import terminal_tables
 from trackbench.report.table import Text, TextTable
 
 
 def _shown(table: TextTable, width: int) -> list[str]:
-    console = screen.Console(highlight=False, width=width, color_system=None)
+    console = terminal_tables.Console(highlight=False, width=width, color_system=None)
     with console.capture() as captured:
-        screen._print_table(table, console)
+        terminal_tables._print_table(table, console)
     return captured.get().splitlines()
 
 

@@ -7,8 +7,8 @@ from trackbench.commands import expected_time as expected_times
 from trackbench.commands.expected_time import expected_time
 from trackbench.commands.options import Options
 from trackbench.commands.prepare import jobs_of
-from trackbench.evaluation import trial
-from trackbench.evaluation.trial import estimate_cpu_s
+from trackbench.evaluation import time_by_trial as trial
+from trackbench.evaluation.time_by_trial import estimate_cpu_s
 
 CONFIG = {
     "name": "trial",

@@ -64,7 +64,7 @@ def compare(
     if format_:
         typer.echo("\n".join([markdown(results, verdicts), *(table.markdown() for table in times)]))
         return
-    from trackbench.cli.screen import print_lines, print_tables
+    from trackbench.cli.terminal_tables import print_lines, print_tables
     from trackbench.report.verdicts.inconclusive import reasons
 
     print_lines([*summary_lines(verdicts), ""])

@@ -161,7 +161,7 @@ def execute_suite(file: Path, problems: list[str], given: dict[str, Any]) -> Non
             for score in [*group.scores, *group.not_computed]:
                 echo_line(asdict(score))
     else:
-        from trackbench.cli.screen import print_lines, print_tables
+        from trackbench.cli.terminal_tables import print_lines, print_tables
 
         tables = report.tables()
         if given["all_"]:
@@ -283,7 +283,7 @@ def _print_report(
     if json:
         echo_line(report_as_data(report))
     else:
-        from trackbench.cli.screen import print_lines, print_tables
+        from trackbench.cli.terminal_tables import print_lines, print_tables
 
         with_numbers = everything or is_sweep or not report.config.get("tables")
         tables = report.ranking(with_numbers)

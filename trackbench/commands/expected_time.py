@@ -15,7 +15,7 @@ from trackbench.config.shipped_experiments import listed, located
 from trackbench.durations import expected_time_in_words
 from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask
-from trackbench.evaluation.trial import estimate_cpu_s
+from trackbench.evaluation.time_by_trial import estimate_cpu_s
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.plan import Key, Plan
 from trackbench.plugins.errors import guarded

@@ -14,6 +14,7 @@ from typing import Any
 
 from trackbench.config.bound_and_exact_errors import check_bound, check_exact
 from trackbench.config.build import build, build_kind
+from trackbench.config.default_tables_and_figures import add_default_exhibits
 from trackbench.config.experiment import DrawnExhibit, Exhibit, Experiment, Point
 from trackbench.config.filter_labels import check_named_filters, check_problem, chosen_labels
 from trackbench.config.filter_model import check_assumed, check_idle_late, check_late, read_assumed
@@ -22,7 +23,7 @@ from trackbench.config.grid import add_axis, apply_point, grid_points
 from trackbench.config.idle_keys import check_idle, check_idle_settings
 from trackbench.config.includes import inline_parts
 from trackbench.config.overrides import override, override_all
-from trackbench.config.plugin_checks import add_filters, load_plugins, show_filters
+from trackbench.config.plugins_of_config import add_filters, load_plugins, show_filters
 from trackbench.config.published import Published, read_published
 from trackbench.config.python_tables import put_tables
 from trackbench.config.recorded_runs import QUICK, with_recorded_runs
@@ -47,7 +48,6 @@ from trackbench.config.tuned_entries import (
 )
 from trackbench.errors import Mark, Problem, RunError, UserError
 from trackbench.filters.base import AnyFilter
-from trackbench.models.components import rows_in_plane
 from trackbench.plugins.checks import check_scenario
 from trackbench.plugins.errors import PluginError, foreign_line, guarded
 from trackbench.plugins.load import Plugin
@@ -68,7 +68,6 @@ _INDEPENDENT_KEYS = {
     "published",
 }
 """Settings that no other part of the file depends on: the rest is checked despite mistakes in them."""
-
 QUICK_RUNS = 20
 _PROBLEM_KEYS = {"scenario", "filters", "grid"}
 """Overridden keys after which an experiment is no longer the standard problem of its name."""
@@ -291,7 +290,7 @@ def _validate(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) ->
     axes = tuned_axes(source, settings, points, training)
     # Step 4: tables and figures.
     if complete_settings:
-        _add_default_exhibits(source, settings, points)
+        add_default_exhibits(source, settings, points)
     tables: dict[str, Exhibit] = _build_exhibits("tables", source, points)
     figures: dict[str, DrawnExhibit] = _build_exhibits("figures", source, points)
     exhibits: dict[Group, dict[str, Exhibit]] = {"tables": tables, "figures": {**figures}}
@@ -422,36 +421,3 @@ def _read_published(
     except UserError as error:
         source.problems += [p for p in error.problems if isinstance(p, Problem)]
         return Published()
-
-
-def _add_default_exhibits(source: Source, settings: Settings, points: list[Point]) -> None:
-    """Add default tables and figures to a config that names none.
-
-    With ground truth in the plane it gets a track of the first run. Without ground truth it gets tables
-    and figures of innovations, and of the estimates.
-    """
-    chooses_metrics = settings.metrics is not None or settings.per_step is not None
-    if chooses_metrics or not points:
-        return
-    scenario = points[0].scenario
-    is_planar = rows_in_plane(scenario.components, {}) is not None
-    # With ground truth: the track of the first run.
-    if any(p.scenario.has_truth for p in points):
-        if is_planar and not settings.grid and not settings.tables and not settings.figures:
-            track = {"kind": "track"}
-            override(source, ("figures",), {"track": track}, Mark("default in the plane"))
-        return
-    # Without ground truth: tables and figures that need only innovations.
-    mark = Mark("default without ground truth")
-    if "tables" not in source.data:
-        override(source, ("tables",), {"innovations": {"kind": "innovations"}}, mark)
-    if "figures" not in source.data:
-        figures: dict[str, object] = {
-            "nis": {"kind": "nis"},
-            "whiteness": {"kind": "autocorrelation"},
-        }
-        if is_planar:
-            figures["track"] = {"kind": "track"}
-        else:
-            figures["estimates"] = {"kind": "estimates"}
-        override(source, ("figures",), figures, mark)

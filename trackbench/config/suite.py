@@ -22,7 +22,7 @@ from trackbench.config.overrides import (
     override_all,
     split_path,
 )
-from trackbench.config.plugin_checks import add_filters
+from trackbench.config.plugins_of_config import add_filters
 from trackbench.config.settings import Label, Name
 from trackbench.config.shipped_experiments import located, suite_file
 from trackbench.config.tuning import tuned_label

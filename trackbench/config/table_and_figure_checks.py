@@ -2,7 +2,7 @@
 
 from trackbench.config.experiment import DrawnExhibit, Exhibit, Point
 from trackbench.config.mistakes import add_conflicts, unknown
-from trackbench.config.plugin_checks import exhibit_conflicts
+from trackbench.config.plugins_of_config import exhibit_conflicts
 from trackbench.config.settings import Settings
 from trackbench.extension_points import is_foreign
 from trackbench.registry import Group

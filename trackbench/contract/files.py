@@ -5,7 +5,7 @@ from pathlib import Path
 
 from trackbench.config.experiment import Point
 from trackbench.config.load import load
-from trackbench.config.plugin_checks import NO_FILTER, is_program, load_file
+from trackbench.config.plugins_of_config import NO_FILTER, is_program, load_file
 from trackbench.contract.checks import CHECKS
 from trackbench.contract.problems import (
     ModelDraws,

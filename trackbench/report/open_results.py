@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from trackbench.config.build import build
-from trackbench.config.plugin_checks import load_plugins
+from trackbench.config.plugins_of_config import load_plugins
 from trackbench.config.settings import Settings
 from trackbench.errors import RunError, UserError, reason
 from trackbench.plugins.errors import foreign_line, package_line

@@ -26,8 +26,8 @@ from trackbench.report.open_results import (
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import POINTS_FILE, points_in, points_text, same_points
 from trackbench.verify.compare_files import compare_all_runs, compare_derived, compare_first_runs
+from trackbench.verify.compare_tuning import compare_tuning
 from trackbench.verify.recompute import recompute
-from trackbench.verify.tuning import compare_tuning
 
 
 def verify(folder: Path, runs: int, allow_plugins: bool = False) -> list[str]:
