@@ -11,7 +11,7 @@ import pytest
 
 from tests.papers import merwe_text
 from trackbench import api
-from trackbench.commands import run_experiment as computing
+from trackbench.commands import cpu_times
 from trackbench.config.published import Claim, Published, PublishedNumber
 from trackbench.evaluation import timing
 from trackbench.evaluation.metric_expression import measure
@@ -187,14 +187,14 @@ def test_times_touch_no_other_verdict(config: Path, monkeypatch: pytest.MonkeyPa
     assert [row["metric"] for row in rows(folder / "comparison.csv")] == ["Mean"]
     others = ("comparison.csv", "comparison.md", "claims.csv", "summary.csv", "per_run.csv")
     before = {name: (folder / name).read_bytes() for name in others}
-    measured = computing.measure
+    measured = cpu_times.measure
 
     def faster(tasks: Any, guard: Any, tick: Any) -> Any:
         """HDEPF is the second."""
         pf, hdepf = measured(tasks, guard, tick)
         return [pf, hdepf._replace(seconds=[1e-3 * s for s in hdepf.seconds])]
 
-    monkeypatch.setattr(computing, "measure", faster)
+    monkeypatch.setattr(cpu_times, "measure", faster)
     run(config, fresh=True)
     assert {name: (folder / name).read_bytes() for name in others} == before
     words = {row["statement"]: row["verdict"] for row in rows(folder / TIME_VERDICTS)}
@@ -218,7 +218,7 @@ def test_stored_times_are_not_measured_again_by_verify(
     config: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = run(config)
-    monkeypatch.setattr(computing, "measure", None)
+    monkeypatch.setattr(cpu_times, "measure", None)
     assert verify(folder, 5) == []
 
 
@@ -226,19 +226,19 @@ def test_measured_times_are_kept_until_code_machine_or_filters_change(
     config: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     taken: list[int] = []
-    measured = computing.measure
+    measured = cpu_times.measure
 
     def counted(tasks: Any, guard: Any, tick: Any) -> Any:
         taken.append(len(tasks))
         return measured(tasks, guard, tick)
 
-    monkeypatch.setattr(computing, "measure", counted)
+    monkeypatch.setattr(cpu_times, "measure", counted)
     first = (run(config) / TIMING).read_text()
     assert (run(config) / TIMING).read_text() == first
     run(config, runs=20)
     assert taken == [2]
     run(config, set=["filters.PF.N=20"])
-    monkeypatch.setattr(computing.platform, "node", lambda: "another machine")
+    monkeypatch.setattr(cpu_times.platform, "node", lambda: "another machine")
     run(config)
     run(config, fresh=True)
     run(config, times=False)
@@ -252,7 +252,7 @@ def test_measured_times_are_kept_until_code_machine_or_filters_change(
 def test_nothing_is_measured_where_nothing_names_times(
     config: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(computing, "measure", None)
+    monkeypatch.setattr(cpu_times, "measure", None)
     folder = run(config, set=["published=[]"])
     assert not (folder / TIME_VERDICTS).exists()
     assert [row["repeats"] for row in rows(folder / TIMING)] == ["", ""]
