@@ -59,11 +59,11 @@ class PF(SimulatingSmoother):
             resampled = bring_together(self._move(model, families, z, k, rng), angles)
         else:
             resampled = self._resample_if_needed(weighted, rng, size)
-        estimated = weighted if self.estimate_from == "weighted" else resampled
+        averaged = weighted if self.estimate_from == "weighted" else resampled
         return PFState(
             particles=resampled,
-            weighted=estimated,
-            estimate=estimated.moments(),
+            averaged_particles=averaged,
+            estimate=averaged.moments(),
             collapsed=collapsed,
             age=state.age + 1,
             w=w,
@@ -172,7 +172,7 @@ class RPF(SimulatingSmoother):
         x = self._jitter_measured(z, resampled.x, jittered)
         return PFState(
             particles=Particles(x, resampled.w),
-            weighted=weighted,
+            averaged_particles=weighted,
             estimate=moments,
             collapsed=collapsed,
             age=age,
@@ -223,7 +223,7 @@ class APF(SimulatingSmoother):
         weighted = bring_together(Particles(x, w), angle_rows(model.motion))
         new = PFState(
             particles=weighted,
-            weighted=weighted,
+            averaged_particles=weighted,
             estimate=weighted.moments(),
             collapsed=collapsed,
             age=state.age + 1,

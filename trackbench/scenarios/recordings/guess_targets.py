@@ -88,7 +88,8 @@ def check_jumps(
 
     Its rows may be those of two targets: the name of the first one was given again, or two recordings
     stand in one table. ``kind`` is the type of the rows' sensor; ``in_degrees`` if its angles are in
-    degrees. ``sample`` are the first rows as they are written.
+    degrees. ``sample`` are the first rows as they are written. The caller leaves the check out if the
+    user set ``columns.run``, even to the guessed column: this answers the question.
     """
     places = _places(rows, kind, in_degrees)
     if places is None:
@@ -106,12 +107,15 @@ def check_jumps(
         doubt = "is this another target, or another recording, from here on?"
         way = "Say which column names targets, --set 'columns.run=NAME'; if all rows are those of one,"
         way += " say --set 'columns.run=\"\"'"
-    way += _way_without_fix(sample, gathered.naming.columns)
+    way += _advice_if_zero_is_no_fix(sample, gathered.naming.columns)
     raise DataError(gathered.place(rows, jump.row, f"{message}: {doubt} {way}"))
 
 
-def _way_without_fix(sample: Sample, columns: Mapping[str, str]) -> str:
-    """Return the option for positions in which 0 stands for a missing fix; empty if none has zeros."""
+def _advice_if_zero_is_no_fix(sample: Sample, columns: Mapping[str, str]) -> str:
+    """Return the end of a message: the options to set if a position of 0 stands for a missing fix.
+
+    It is empty if no column of positions has zeros in rows one after the other.
+    """
     options = []
     for quantity in ("latitude", "longitude", "x", "y", "range"):
         is_zero = sample.numbers(columns.get(quantity, "")) == 0.0

@@ -24,10 +24,12 @@ _MOST_OUTSIDE = 0.5
 
 
 class InputRows(NamedTuple):
-    """Rows with all inputs, in order of time, and the rows without any input."""
+    """Rows of a table of inputs."""
 
     measured: Rows
+    """rows with all inputs, in order of time"""
     blank: Rows
+    """rows without any input; they only show which line a message on a gap names"""
 
 
 def with_inputs_only(gathered: Gathered, names: Sequence[str], rows: Rows) -> InputRows:
@@ -105,9 +107,10 @@ def inputs_at(
 ) -> KnownInputs:
     """Return the inputs of each step of the clock: their mean over the time since the step before.
 
-    A row's values hold ``before`` its time, back to the row before, or ``after`` it, until the next row;
-    over ``gap`` (s, or steps) at most. ``resample`` is the length of resampled steps, s. The numbers of
-    the rows' runs are those of ``runs``, but rows without names of runs are those of every run. Raises
+    The inputs are those of ``rows.measured``; ``rows.blank`` only place the message on a gap. A row's
+    values hold ``before`` its time, back to the row before, or ``after`` it, until the next row; over
+    ``gap`` (s, or steps) at most. ``resample`` is the length of resampled steps, s. The numbers of the
+    rows' runs are those of ``runs``, but rows without names of runs are those of every run. Raises
     InvalidKeyError if the runs' inputs differ, since a motion has one table of them.
     """
     is_shared = gathered.runs == [ONE_RUN]
