@@ -62,14 +62,15 @@ class Evaluator:
         Parameters
         ----------
         m : measure of a filter, such as ``measure("mean(rmse)").of("EKF")``
-        common : runs (M,) that count; default: all
+        common : runs (M,) that count; default: all. It has no effect on a relation of two filters, nor
+            on a number without values per run
 
         Returns
         -------
         The number with its standard error, and one influence per run where the measure has them. NaN if
         the results do not have the measure.
         """
-        # A relation of two filters is evaluated over the runs that both of them have.
+        # A relation of two filters finds the runs that both of them have by itself.
         if m.relation:
             return self._related(m, m.plain, m.plain.of(m.other))
         if m.is_efficiency:

@@ -21,9 +21,9 @@ from trackbench.scenarios.recordings.yaml_values import in_option
 Split = Literal["apart", "errors", "one", "unknown"]
 """Parts are apart, have errors of different sizes, agree as one, or cannot be compared."""
 _MOST_WORDS = 50
-"""of a column whose name says nothing"""
+"""different words of a column that may split rows though its name does not say so"""
 _MOST_PARTS = 12
-"""that are compared, the largest"""
+"""parts that are compared: the largest ones"""
 _MOST_ROWS = 20_000
 _MOST_NUMBERS = 12
 """values of a column of numbers that may name targets though its own name does not say so"""

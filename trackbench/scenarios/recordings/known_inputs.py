@@ -113,14 +113,15 @@ def inputs_at(
     rows' runs are those of ``runs``, but rows without names of runs are those of every run. Raises
     InvalidKeyError if the runs' inputs differ, since a motion has one table of them.
     """
+    # Rows without names of runs all have the number 0, and hold for every run.
     is_shared = gathered.runs == [ONE_RUN]
     tables = []
     for m, name in enumerate(runs):
-        i = 0 if is_shared else m
-        of_run = np.flatnonzero(rows.measured.run == i)
+        number_in_rows = 0 if is_shared else m
+        of_run = np.flatnonzero(rows.measured.run == number_in_rows)
         if not len(of_run):
             raise DataError(missing_run(gathered.files[0], name, names))
-        blank = rows.blank.at(np.flatnonzero(rows.blank.run == i))
+        blank = rows.blank.at(np.flatnonzero(rows.blank.run == number_in_rows))
         shift = float(clock.shift[m])
         one_run = InputRows(measured=rows.measured.at(of_run), blank=blank)
         tables.append(_inputs_of_run(gathered, names, one_run, clock, shift, holds, gap, resample))
@@ -242,10 +243,10 @@ def _describe_gap(
         return InputGap(place=place, step=step)
     length = float(row_times[after] - row_times[before])
     blank_times = rows.blank.time + shift
-    blank = np.flatnonzero((blank_times > low + TICK) & (blank_times < high - TICK))
-    if len(blank):
+    blank_in_gap = np.flatnonzero((blank_times > low + TICK) & (blank_times < high - TICK))
+    if len(blank_in_gap):
         message = f"there is no value of the inputs {inputs}"
-        place = gathered.place(rows.blank, int(blank[0]), message)
+        place = gathered.place(rows.blank, int(blank_in_gap[0]), message)
     else:
         message = f"no values of the inputs {inputs} follow for {length:.4g}{unit}"
         message += f", where {usual:.4g}{unit} are usual"
