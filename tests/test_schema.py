@@ -1,15 +1,16 @@
 """The schema that editors get accepts what the program accepts, and refuses what it refuses."""
 
 import json
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, ClassVar, cast, get_args
 
 import pytest
 from jsonschema import Draft202012Validator
 
 from tests.commands import trackbench
 from tests.conftest import EXPERIMENT_FILES
-from trackbench.help.json_schema import schema
+from trackbench.help.json_schema import _definitions, schema
 from trackbench.registry import Group, kinds
 from trackbench.yaml_source import read
 
@@ -81,3 +82,24 @@ def test_the_command() -> None:
     found = json.loads(done.stdout)
     assert found["properties"] == json.loads(json.dumps(schema()))["properties"]
     assert found["$defs"]["filters.pf"]["title"] == "pf"
+
+
+@dataclass(frozen=True, kw_only=True)
+class OfPresets:
+    """Filter with presets and a key called as a keyword of JSON Schema."""
+
+    presets: ClassVar[dict[str, dict[str, object]]] = {"strict": {"required": True}}
+
+    gain: float
+    """gain, which a preset may set"""
+    required: bool = False
+    """whether a measurement is required"""
+    limits: dict[str, float] = field(default_factory=lambda: {"oneOf": 1.0})
+    """limits by name"""
+
+
+def test_a_key_called_as_a_keyword_stays_in_a_kind_with_presets() -> None:
+    found = _definitions("filters", "of-presets", cast(Any, OfPresets))["filters.of-presets"]
+    assert found["required"] == ["kind"]
+    assert found["properties"]["required"]["type"] == "boolean"
+    assert found["properties"]["limits"].get("default", {"oneOf": 1.0}) == {"oneOf": 1.0}

@@ -416,8 +416,9 @@ def _guess_tables(
 ) -> list[_TableGuess]:
     """Guess the columns and units of the tables, one for each sensor.
 
-    Keys that are set in ``changes`` are not guessed. ``robot_tables`` are those beside the measurements
-    of a robot. Raises UserError with all questions.
+    Keys that are set in ``changes`` are not guessed. ``robot_tables`` are the tables of a robot's
+    odometry and landmarks; with them the ``tables`` are recognized as a robot's measurements. Raises
+    UserError with all questions.
     """
     shared = [change for change in changes if not change.startswith(f"{_FILES_KEY}.")]
     if len(tables) == 1:

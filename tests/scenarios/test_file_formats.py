@@ -100,6 +100,20 @@ def test_numbers_for_missing_cells(tmp_path: Path) -> None:
     assert np.isfinite(seen(tmp_path / "m.yaml")).sum() == 2 * 17
 
 
+def test_numbers_for_missing_speeds(tmp_path: Path) -> None:
+    """A speed without a course may be negative, but not by far."""
+    rows = [(*row, f"{0.1 * i - 0.5:g}") for i, row in enumerate(PLAIN)]
+    rows[9] = (*PLAIN[9], "-9999")
+    (tmp_path / "m.csv").write_text(text(*rows, head="time,x,y,speed"))
+    sensor = {"kind": "function", "h": {"x": "px", "y": "py", "speed": "vx"}, "R": [1, 1, 1]}
+    start = {"kind": "given", "mean": [10, 0, 5, 0], "sigma": [1, 1, 1, 1]}
+    filters = {"EKF": {"kind": "ekf"}}
+    target = {"measurements": "m.csv"}
+    path = config(tmp_path, target, sensor=sensor, start=start, filters=filters)
+    noted = load(path).points[0].scenario.cautions
+    assert ["speed: 1 cells are -9999, far outside the others" in note for note in noted] == [True]
+
+
 @pytest.mark.parametrize(
     ("values", "expected"),
     [

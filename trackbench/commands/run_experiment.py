@@ -191,9 +191,9 @@ def _write_results_and_report(job: Job, outcome: Outcome, options: Options, swee
         drawers = most_drawers(options)
         _, comparison = render(results, options.formats, drawers, options.fresh, progress)
         if sweep:
-            with results.without("sweep.csv"):
+            with results.continued_after_failure("sweep.csv"):
                 write_sweep(results)
-        with results.without("report.html"):
+        with results.continued_after_failure("report.html"):
             write_report(results, comparison)
     write_manifest(job.folder, {**facts, "files": digests}, derived_files)
     notes = list(_loss_notes(job.experiment, written.losses))

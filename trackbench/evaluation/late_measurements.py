@@ -37,32 +37,32 @@ class Deliveries:
         # Step of each measurement; it is late if it arrives at a later step.
         due = np.broadcast_to(np.arange(T)[:, None], exists.shape)
         self._late = exists & (arrival > due)
-        # Step at which a filter learns of each measurement, T for never.
-        self.learned = np.where(exists, arrival, T)
+        # Steps are numbered from 0 to T - 1, so that T stands for never.
+        self._never = T
+        # Step at which a filter learns of each measurement.
+        self.learned = np.where(exists, arrival, self._never)
         if late.kind == "drop":
-            self.learned[self._late] = T
+            self.learned[self._late] = self._never
         elif late.memory is not None:
-            self.learned[self._late & (arrival - due > late.memory)] = T
-        # Number of the measurement (S, T, M) that is given at each step, -1 for none.
+            self.learned[self._late & (arrival - due > late.memory)] = self._never
+        # Step of the measurement (S, T, M) that is given to the filter at each step, -1 for none.
         self._given = np.where(exists & ~self._late, due, -1)
         if late.kind == "apply":
-            self._apply(T)
+            self._apply()
         self._arrival = arrival
         self.refilters = late.kind == "refilter"
         """True if the filter repeats its last steps when a measurement arrives late"""
 
-    def _apply(self, T: int) -> None:
-        """Let the filter get each late measurement at the step of its arrival, the newest of several.
-
-        T is the number of steps, which stands for never.
-        """
-        late = np.nonzero(self._late & (self.learned < T))
+    def _apply(self) -> None:
+        """Let the filter get each late measurement at the step of its arrival, the newest of several."""
+        late = np.nonzero(self._late & (self.learned < self._never))
         sensor, due, run = late
         delivery = (sensor, self.learned[late], run)
         np.maximum.at(self._given, delivery, due)
         # A measurement that is not given at its arrival is superseded by a newer one.
         is_superseded = self._given[delivery] != due
-        self.learned[sensor[is_superseded], due[is_superseded], run[is_superseded]] = T
+        superseded = (sensor[is_superseded], due[is_superseded], run[is_superseded])
+        self.learned[superseded] = self._never
 
     def given(self, z: Array) -> Array:
         """Arrange measurements (n_z, T, M) by the step at which the filter gets them; NaN for none."""
@@ -87,7 +87,7 @@ class Deliveries:
         """First step (T, M) that a filter repeats at each step; the step itself if it repeats none."""
         T, runs = self._late.shape[1:]
         first = np.repeat(np.arange(T)[:, None], runs, axis=1)
-        late = np.nonzero(self._late & (self.learned < T))
+        late = np.nonzero(self._late & (self.learned < self._never))
         _, due, run = late
         np.minimum.at(first, (self.learned[late], run), due)
         return first
@@ -95,18 +95,24 @@ class Deliveries:
     def counts(self) -> dict[str, Array]:
         """Count the measurements that arrive late at each step, and those of them that are dropped.
 
-        The series (T + 1, M) are named ``arrived_late`` and ``late_dropped``.
+        The series (T + 1, M) are named ``arrived_late`` and ``late_dropped``. They begin with NaN for
+        the start, at which nothing is measured.
         """
         T = self._late.shape[1]
+        # A measurement whose arrival is T or later does not arrive within the run.
         arrived = self._late & (self._arrival < T)
-        dropped = arrived & (self.learned == T)
+        # The filter never learns of a dropped measurement.
+        dropped = arrived & (self.learned == self._never)
         return {
             "arrived_late": self._number_by_arrival(arrived),
             "late_dropped": self._number_by_arrival(dropped),
         }
 
     def _number_by_arrival(self, counted: Mask) -> Array:
-        """Count the marked measurements (S, T, M) by the step (T + 1, M) of their arrival."""
+        """Count the marked measurements (S, T, M) by the step (T + 1, M) of their arrival.
+
+        The first row is NaN, for the start.
+        """
         number = np.zeros(counted.shape[1:])
         run = np.nonzero(counted)[2]
         np.add.at(number, (self._arrival[counted], run), 1.0)

@@ -215,7 +215,9 @@ def _start_worker(
     """
     os.environ.clear()
     os.environ.update(environment)
+    # Ctrl-C reaches the workers, too, but only the parent handles it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # The pool ends its workers by SIGTERM; a handler of the parent's would be inherited.
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     parent = multiprocessing.parent_process()
     if parent is not None:
@@ -294,8 +296,10 @@ def begin(name: str, workers: int | None, *modules: str) -> None:
 
     Raises the errors of `engine`.
     """
+    # Any engine loads the libraries, which may never end with too little memory.
     check_memory_limit()
     if name == "processes" and (workers or cpu_count()) > 1:
+        # Only worker processes import the user's script; a single worker is this process itself.
         check_script_import()
         start_forkserver(*modules)
 

@@ -109,6 +109,7 @@ class EKF(NonlinearFilter):
         idle = super().idle_keys(scenario)
         motion, sensor = cast(Differentiable, scenario.model)
         x = np.ones((len(motion.components), 1))
+        # Any step with a measurement will do, such as the last.
         k = int(scenario.steps[-1])
         # A constant Jacobian is a matrix without batch axes.
         if motion.jacobian(x, k).ndim == 2 and sensor.jacobian(x, k).ndim == 2:

@@ -59,7 +59,7 @@ def _state_of_draws(x: Array, log_w: Array, angles: tuple[int, ...] = ()) -> PFS
     cloud = bring_together(Particles(x, w), angles)
     return PFState(
         particles=cloud,
-        weighted=cloud,
+        averaged_particles=cloud,
         estimate=cloud.moments(),
         collapsed=collapsed,
         w=w,

@@ -438,7 +438,7 @@ def _read_numbers(answers: Sequence[str], n: int) -> Array:
         numbers = None
     # numpy reads 1_0 as ten.
     if numbers is None or "_" in text:
-        i, word = next(_words(answers))
+        i, word = next(_fields_without_number(answers))
         message = f"the program answers {word[:60]!r}, which is no number"
         raise ProgramError(message, answered=i) from None
     if size > n:
@@ -592,8 +592,11 @@ def _stamps(tracker: External) -> list[tuple[int, ...]]:
     return [(stat.st_ino, stat.st_size, stat.st_mtime_ns) for stat in stats]
 
 
-def _words(answers: Sequence[str]) -> Iterator[tuple[int, str]]:
-    """Yield the fields that are no numbers, each with the index of its answer."""
+def _fields_without_number(answers: Sequence[str]) -> Iterator[tuple[int, str]]:
+    """Yield the fields that are no numbers, each with the index of its answer.
+
+    The ``answers`` are lines of the program, each with numbers between spaces.
+    """
     for i, answer in enumerate(answers):
         for word in answer.split():
             try:
@@ -601,6 +604,7 @@ def _words(answers: Sequence[str]) -> Iterator[tuple[int, str]]:
             except ValueError:
                 yield i, word
                 continue
+            # numpy reads 1_0 as ten, as Python does; a program that prints it is in error.
             if "_" in word:
                 yield i, word
 

@@ -367,7 +367,10 @@ def _redundant_component(scenario: Scene) -> str | None:
         return None
     any_state = np.ones((len(motion.components), 1))
     H = sensor.H(len(any_state))
-    R = sensor.measurement(any_state, int(scenario.steps[-1])).cov
+    # Faults may scale R at some steps, which leaves a redundant component redundant: any step with a
+    # measurement will do, such as the last.
+    measured_step = int(scenario.steps[-1])
+    R = sensor.measurement(any_state, measured_step).cov
     if R.ndim > 2:  # the noise depends on the state
         return None
     # A component is redundant if a combination d of components has neither state nor noise:

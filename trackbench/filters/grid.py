@@ -105,8 +105,10 @@ class Grid(Filter[Resolved]):
             return {"": message}
         if isinstance(motion, GammaMotion) and motion.noise.shape > _MAX_GAMMA_SHAPE:
             return {"": f"grid is exact for gamma noise of a shape up to {_MAX_GAMMA_SHAPE} only"}
-        # Try one transition to the first step: it shows which density the motion has.
-        transition = motion.transition(np.zeros((1, 1)), int(scenario.steps[0]) + 1)
+        # Try the transition from the start, at the scenario's first step, to the next step: it shows
+        # which density the motion has.
+        step_after_start = int(scenario.steps[0]) + 1
+        transition = motion.transition(np.zeros((1, 1)), step_after_start)
         if isinstance(transition, Gaussian):
             if np.all(transition.cov > 0.0):
                 return {}

@@ -192,7 +192,7 @@ class EvolutionFilter(ProposalFilter):
         ratio = _spread(evolved.x) / _spread(proposals.x)
         return PFState(
             particles=bring_together(evolved_cloud, angles),
-            weighted=weighted,
+            averaged_particles=weighted,
             estimate=weighted.moments(),
             collapsed=collapsed,
             P=None if proposals.kalman is None else proposals.kalman.cov,

@@ -464,8 +464,12 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         return self.filter.diagnostic_names | {"mode"}
 
     def diagnostics(self, state: ModelBank) -> dict[str, Array]:
-        """Report ``nis``, the models' mean; ``mode``, weight of all but the first; ``gated``."""
-        values = {"nis": state.nis, "mode": 1.0 - state.weights[0]}
+        """Report ``nis``, the models' mean; ``mode``, weight of all but the first; ``gated``.
+
+        The first model is the quiescent one, so that ``mode`` is the probability of a maneuver.
+        """
+        weight_of_others = 1.0 - state.weights[0]
+        values = {"nis": state.nis, "mode": weight_of_others}
         return values | self.filter.gate_and_weight_diagnostics(
             state.nis, state.gated, state.measurement_weight
         )
@@ -542,9 +546,11 @@ def _steps_of(
     # The estimate has no components that only the motions have.
     n = first.reported
     moments = interacting.estimate
+    # The first model is the quiescent one: all others together have the probability of a maneuver.
+    weight_of_others = 1.0 - weights_after[0]
     return Steps(
         estimate=Gaussian(moments.mean[:n], moments.cov[:n, :n]),
-        diagnostics={"nis": interacting.nis, "mode": 1.0 - weights_after[0]},
+        diagnostics={"nis": interacting.nis, "mode": weight_of_others},
         state=state_after,
         together=state_of_all_steps,
         before=state_before,

@@ -175,7 +175,7 @@ class MultipleModelPF(JumpMarkov[PFState], ParticleFilter):
             x[rows] = jitter_modes(x[rows], [kernel], self.kernel, rng, self.bandwidth_scale)
         return PFState(
             particles=Particles(x, particles.equal_weights(*index.shape)),
-            weighted=weighted,
+            averaged_particles=weighted,
             estimate=weighted.moments(),
             collapsed=collapsed,
             age=state.age + 1,

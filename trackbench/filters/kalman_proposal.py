@@ -101,7 +101,7 @@ class ProposalFilter(Filter[PFState]):
 
     def posterior(self, state: PFState) -> Posterior:
         """Return the weighted particles."""
-        return ParticlePosterior(state.weighted)
+        return ParticlePosterior(state.averaged_particles)
 
     def log_likelihood(self, state: PFState) -> Array:
         """Return the logarithm (M,) of the mean weight; NaN if the weights are no densities."""

@@ -193,7 +193,7 @@ class LineOfSight(ParticleFilter):
         weighted = Particles(_apply_gain(x, K, relative_innovation), w)
         new = PFState(
             particles=weighted,
-            weighted=weighted,
+            averaged_particles=weighted,
             estimate=_add_range_covariance(weighted.moments(), P),
             collapsed=collapsed,
             age=state.age + 1,
@@ -209,7 +209,7 @@ class LineOfSight(ParticleFilter):
 
         ``size`` is the number of particles from now on. If it changes, all runs are resampled.
         """
-        x, w = state.weighted
+        x, w = state.averaged_particles
         # Also runs that have diverged, whose effective sample size is NaN.
         degenerate = ~(particles.effective_sample_size(w) >= self.ess_threshold * size)
         if size != w.shape[1]:

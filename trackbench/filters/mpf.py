@@ -90,7 +90,7 @@ class MPF(ParticleFilter):
         regularized = self._jitter_measured(z, resampled.x, jittered)
         return PFState(
             particles=Particles(regularized, resampled.w),
-            weighted=weighted,
+            averaged_particles=weighted,
             estimate=_add_velocity_variance(moments, C),
             collapsed=collapsed,
             age=age,

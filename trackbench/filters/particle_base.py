@@ -26,8 +26,8 @@ class PFState(NamedTuple):
 
     particles: Particles
     """particles that the next step moves"""
-    weighted: Particles
-    """particles that the estimate is the mean of"""
+    averaged_particles: Particles
+    """weighted particles whose mean is the estimate: before resampling or, if a key says so, after it"""
     estimate: Gaussian
     collapsed: Mask
     """runs (M,) in which every weight was zero: their particles got equal weights"""
@@ -50,7 +50,7 @@ class PFState(NamedTuple):
         """Return the state before the first measurement, of particles with these log-weights."""
         return cls(
             particles=cloud,
-            weighted=cloud,
+            averaged_particles=cloud,
             estimate=cloud.moments(),
             collapsed=np.zeros(len(cloud.w), dtype=np.bool_),
             log_w=log_w,
@@ -84,7 +84,7 @@ class WeightedParticlesFilter(Filter[PFState]):
         self, state: PFState, g: Callable[[Array], dict[str, Array]]
     ) -> dict[str, Array]:
         """Return posterior means (M,) of functions of the state."""
-        return state.weighted.expectation(g)
+        return state.averaged_particles.expectation(g)
 
     def log_likelihood(self, state: PFState) -> Array:
         """Return the logarithm (M,) of the mean unnormalized weight; -inf where all were zero."""
@@ -135,7 +135,7 @@ class ParticleFilter(WeightedParticlesFilter):
 
     def posterior(self, state: PFState) -> Posterior | None:
         """Return the weighted particles; None if each particle carries a Gaussian."""
-        return ParticlePosterior(state.weighted) if state.P is None else None
+        return ParticlePosterior(state.averaged_particles) if state.P is None else None
 
     # Named steps of `step`.
 

@@ -59,11 +59,11 @@ class PF(SimulatingSmoother):
             resampled = bring_together(self._move(model, families, z, k, rng), angles)
         else:
             resampled = self._resample_if_needed(weighted, rng, size)
-        estimated = weighted if self.estimate_from == "weighted" else resampled
+        averaged = weighted if self.estimate_from == "weighted" else resampled
         return PFState(
             particles=resampled,
-            weighted=estimated,
-            estimate=estimated.moments(),
+            averaged_particles=averaged,
+            estimate=averaged.moments(),
             collapsed=collapsed,
             age=state.age + 1,
             w=w,
@@ -161,7 +161,8 @@ class RPF(SimulatingSmoother):
         """Predict, weigh, resample, jitter."""
         # Step 1: draw each particle from the transition.
         x = model.motion.transition(state.particles.x, k).sample(rng)
-        # Step 2: weigh by the likelihood.
+        # Step 2: weigh by the likelihood. Angles that differ by whole turns are brought together, before
+        # they are averaged.
         w, collapsed, evidence = self._weigh(model, state, z, x, k)
         weighted = bring_together(Particles(x, w), angle_rows(model.motion))
         moments = weighted.moments()
@@ -172,7 +173,7 @@ class RPF(SimulatingSmoother):
         x = self._jitter_measured(z, resampled.x, jittered)
         return PFState(
             particles=Particles(x, resampled.w),
-            weighted=weighted,
+            averaged_particles=weighted,
             estimate=moments,
             collapsed=collapsed,
             age=age,
@@ -209,7 +210,8 @@ class APF(SimulatingSmoother):
         """Choose ancestors by p(z|mu), move them, weigh by p(z|x) / p(z|mu)."""
         cloud = state.particles
         size = self._particle_count_after(state.age + 1)
-        # First stage: resample the ancestors by w p(z|mu).
+        # First stage: resample the ancestors by w p(z|mu). A particle's mu is a likely next state, such
+        # as the mean of the transition.
         mu = self._characteristic(model, cloud.x, k, rng)
         log_p_mu = self._log_likelihood(model, z, mu, k)
         chosen = particles.normalize(self._in_arithmetic(log_p_mu + state.log_w))
@@ -223,7 +225,7 @@ class APF(SimulatingSmoother):
         weighted = bring_together(Particles(x, w), angle_rows(model.motion))
         new = PFState(
             particles=weighted,
-            weighted=weighted,
+            averaged_particles=weighted,
             estimate=weighted.moments(),
             collapsed=collapsed,
             age=state.age + 1,

@@ -33,7 +33,9 @@ class SimulatingSmoother(SmoothingFilter[PFState], ParticleFilter):
         n = len(motion.components)
         # An arbitrary state, not at zero, where a Q may vanish.
         x = np.linspace(0.3, 1.7, n)[:, None]
-        transition = motion.transition(x, int(scenario.steps[0]) + 1)
+        # The scenario's first step has the start; the first transition leads to the next step.
+        step_after_start = int(scenario.steps[0]) + 1
+        transition = motion.transition(x, step_after_start)
         if isinstance(transition, Gaussian) and linalg.is_singular(transition.cov.reshape(n, n)):
             message = "weighs by the density of the process noise, and this motion's Q is singular"
             conflicts["smooth"] = f"{message}; give every component noise, or smooth an ekf or ukf"
@@ -50,7 +52,7 @@ class SimulatingSmoother(SmoothingFilter[PFState], ParticleFilter):
 
             ``later`` (n, M, r) are the trajectories' states at the step after it.
             """
-            cloud = states[i].weighted
+            cloud = states[i].averaged_particles
             transition = model.motion.transition(cloud.x, k + 1 + i)
 
             def log_density(x: Array) -> Array:
@@ -63,7 +65,7 @@ class SimulatingSmoother(SmoothingFilter[PFState], ParticleFilter):
         trajectories = Trajectories() if isinstance(self.smooth, bool) else self.smooth
         last_states = []
         for state in states:
-            x, w = state.weighted
+            x, w = state.averaged_particles
             x_or_nan = np.where(np.isnan(w), np.nan, x)
             last_states.append(select(x_or_nan, ancestors(w, rng, size=trajectories.trajectories)))
         # Step 2: draw the states before them, step by step.
@@ -73,6 +75,6 @@ class SimulatingSmoother(SmoothingFilter[PFState], ParticleFilter):
             cloud = Particles(x, particles.equal_weights(*x.shape[1:]))
             clouds.append(bring_together(cloud, angles))
         return [
-            state._replace(particles=cloud, weighted=cloud, estimate=cloud.moments())
+            state._replace(particles=cloud, averaged_particles=cloud, estimate=cloud.moments())
             for state, cloud in zip(states, clouds, strict=True)
         ]

@@ -51,14 +51,19 @@ class PlaneGrid(Filter[Planes]):
     """nodes along each axis; a step of a run takes 0.1 to 0.2 s at 128"""
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Reject other than two components, and a prior or noise that is not Gaussian."""
+        """Reject other than two components, and a prior or noise that is not Gaussian.
+
+        The reason has the key ``""``, as it concerns the filter as a whole and none of its keys.
+        """
         motion = scenario.model.motion
         n = len(motion.components)
         if n != 2:
             return {"": f"grid-2d needs a state of two components; this one has {n}"}
         if not issubclass(scenario.prior_type, Gaussian):
             return {"": "grid-2d needs a Gaussian start"}
-        transition = motion.transition(np.zeros((2, 1)), int(scenario.steps[0]) + 1)
+        # The scenario's first step has the start; the first transition leads to the next step.
+        step_after_start = int(scenario.steps[0]) + 1
+        transition = motion.transition(np.zeros((2, 1)), step_after_start)
         if not isinstance(transition, Gaussian) or transition.cov.ndim > 2:
             return {"": "grid-2d needs additive Gaussian noise of constant covariance"}
         return {}

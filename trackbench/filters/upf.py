@@ -84,11 +84,11 @@ class _ResamplingFilter(KalmanProposalFilter):
 
             x = independence_moves(x, q.sample, log_ratio, self.moves, rng)
         resampled = bring_together(Particles(x, particles.equal_weights(*w.shape)), angles)
-        source = weighted if self.estimate_from == "weighted" else resampled
+        averaged = weighted if self.estimate_from == "weighted" else resampled
         return PFState(
             particles=resampled,
-            weighted=source,
-            estimate=source.moments(),
+            averaged_particles=averaged,
+            estimate=averaged.moments(),
             collapsed=collapsed,
             P=P,
             w=w,

@@ -74,7 +74,9 @@ def _definitions(group: Group, kind: str, cls: type[Part]) -> JsonSchema:
     if cls.presets:
         # A preset may give any key, and a key of a mapping in it may be changed alone.
         schema = _without_required(schema)
-        inner_definitions = _without_required(inner_definitions)
+        inner_definitions = {
+            model: _without_required(definition) for model, definition in inner_definitions.items()
+        }
         properties = schema["properties"]
         text = "named set of keys to start from"
         properties["preset"] = {"enum": list(cls.presets), "description": text}
@@ -105,20 +107,33 @@ def _refer_to_components(cls: type, properties: JsonSchema) -> None:
         _replace_schema(properties, key, {"anyOf": [component, components]})
 
 
+_SCHEMAS_BY_NAME = ("properties", "patternProperties", "$defs")
+"""Keywords whose value has a schema for each name, which the user or the code chose."""
+_DATA = ("default", "const", "enum", "examples")
+"""Keywords whose value is data and no schema."""
+
+
 def _without_required(schema: Any) -> Any:
-    """Return a schema of which no key is required."""
+    """Return a schema of which no key is required.
+
+    A key that is itself called `required` or `oneOf` stays, and so do default values.
+    """
     if isinstance(schema, list):
         return [_without_required(item) for item in schema]
     if not isinstance(schema, dict):
         return schema
-    optional = {}
-    for key, value in schema.items():
-        is_requirement = key in ("required", "discriminator") and isinstance(value, list | dict)
-        if is_requirement:
-            continue
-        # Without a required kind, several schemas may fit.
-        new_key = "anyOf" if key == "oneOf" else key
-        optional[new_key] = _without_required(value)
+    optional: JsonSchema = {}
+    for keyword, value in schema.items():
+        if keyword in _SCHEMAS_BY_NAME:
+            optional[keyword] = {name: _without_required(inner) for name, inner in value.items()}
+        elif keyword in _DATA:
+            optional[keyword] = value
+        elif keyword == "oneOf":
+            # Without a required kind, several schemas may fit.
+            optional["anyOf"] = _without_required(value)
+        elif keyword not in ("required", "discriminator"):
+            # A discriminator chooses a schema by a key, which no longer is required.
+            optional[keyword] = _without_required(value)
     return optional
 
 

@@ -38,8 +38,11 @@ class _OverRuns(NamedTuple):
     """A statistic over the runs of a metric of per_run.csv, whose values are first divided."""
 
     statistic: str
+    """statistic over the runs, such as mean"""
     name: str
+    """metric of per_run.csv, such as nees"""
     divisor: float = 1.0
+    """number of components of the state for ANEES, which is stored as the NEES of each run"""
 
 
 @dataclass(frozen=True)
@@ -59,25 +62,28 @@ class Evaluator:
         Parameters
         ----------
         m : measure of a filter, such as ``measure("mean(rmse)").of("EKF")``
-        common : runs (M,) that count; default: all
+        common : runs (M,) that count; default: all. It has no effect on a relation of two filters, nor
+            on a number without values per run
 
         Returns
         -------
         The number with its standard error, and one influence per run where the measure has them. NaN if
         the results do not have the measure.
         """
+        # A relation of two filters finds the runs that both of them have by itself.
         if m.relation:
             return self._related(m, m.plain, m.plain.of(m.other))
         if m.is_efficiency:
             return self._efficiency(m, common)
         over_runs = self._statistic_over_runs(m)
-        # Without values per run the number itself is stored, and has no influences.
+        # Without values per run only the number over all runs is stored, without influences.
         if over_runs is None:
             if m.steps is None:
                 return self._plain(m)
             return self._at_step(m)
         if (m.filter, over_runs.name) not in self.runs:
             return MISSING
+        # The divisor turns the NEES into the ANEES; it is 1 for other metrics.
         values = self.runs[m.filter, over_runs.name] / over_runs.divisor
         if not m.is_share:
             return self._statistic(m.filter, over_runs.statistic, values, common)

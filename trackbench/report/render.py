@@ -161,12 +161,13 @@ def render(
     -------
     Tables by name, and the verdicts.
     """
+    # An output that fails is noted in the results, and the others are written.
     with drawing_pool(results, style.forms(formats), processes, fresh) as get_files:
         tables = write_tables(results, tex="tex" in formats)
         comparison = Verdicts([], [], [])
-        with results.without("pairs"):
+        with results.continued_after_failure("pairs"):
             write_paired(results)
-        with results.without("verdicts"):
+        with results.continued_after_failure("verdicts"):
             comparison = compare(results)
             write_comparison(results, comparison)
         number = 0
@@ -207,7 +208,7 @@ def write_tables(results: Results, tex: bool = False) -> dict[str, Table]:
     specs = results.parts("tables")
     for name, spec in specs.items():
         files: list[tuple[str, Table]] = []
-        with results.without(f"table {name}", spec):
+        with results.continued_after_failure(f"table {name}", spec):
             files = [*_table_files(results, name, spec)]
         for group, table in files:
             folder = ensure_folder(within(results.target, group))
@@ -237,6 +238,7 @@ def _table_files(results: Results, name: str, spec: TableKind) -> Iterator[tuple
         yield "run/tables", table
         if reproducible is None:
             return
+        # `as_table` validates the table; `spec` shows if an error in it is that of a plugin.
         table = results.with_units(as_table(reproducible.table(results), spec))
     yield "tables", table
 
@@ -295,7 +297,7 @@ def write_figures(
         spec = figures[name]
         output = f"figure {name}"
         files: Files = []
-        with results.without(output), drawing_for(page):
+        with results.continued_after_failure(output), drawing_for(page):
             files = draw(name, spec) if draw else draw_figure(spec, results, forms)
         for form, content in files:
             folder = ensure_folder(within(results.folder, figure_folder(spec)))

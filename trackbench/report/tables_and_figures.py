@@ -187,7 +187,7 @@ class Results(ResultsFolder):
         """Experiment's tables by name, without those of plugins that fail."""
         tables = {}
         for name, spec in self.parts("tables").items():
-            with self.without(f"table {name}", spec):
+            with self.continued_after_failure(f"table {name}", spec):
                 tables[name] = self.with_units(as_table(spec.table(self), spec))
         return tables
 
@@ -222,8 +222,8 @@ class Results(ResultsFolder):
         return [f"{output} failed: {reason}" for output, reason in self.unmade.items()]
 
     @contextmanager
-    def without(self, output: str, exhibit: Any = None) -> Iterator[None]:
-        """Continue without a failing output, and note the reason.
+    def continued_after_failure(self, output: str, exhibit: Any = None) -> Iterator[None]:
+        """Catch an error within the block, and note it as the reason why the output is missing.
 
         ``output`` names it in messages; ``exhibit`` is its table or figure, if it has one.
         """
@@ -238,7 +238,7 @@ class Results(ResultsFolder):
 
         ``output`` names it in messages; ``exhibit`` is its table or figure, if it has one.
         """
-        with self.without(output, exhibit):
+        with self.continued_after_failure(output, exhibit):
             return make()
         return default
 

@@ -286,8 +286,10 @@ class CsvFiles:
         head = self._head_text(point, label)
         stored = stored_metrics(self._experiment.settings, "per_run.csv")
         for metric, values in per_run.items():
+            # The config lists metrics by their base names: rmse_position for rmse_position[turns].
             if not is_stored(stored, measured(metric).base):
                 continue
+            # Very many runs have arrays in a binary file in place of per_run.csv.
             if self.run_arrays is not None:
                 self.run_arrays.add(point, label, metric, values)
                 self.run_values[point][label, metric] = fixed(values)
@@ -298,6 +300,7 @@ class CsvFiles:
 
     def _add_steps(self, point: int, label: str, columns: Iterable[StepColumns]) -> None:
         """Add rows of per_step.csv, a series at a time: all metrics of a step, then the next step."""
+        # Very long runs have arrays in a binary file in place of per_step.csv.
         if self.step_arrays is not None:
             self.step_arrays.add(point, label, columns)
             return
@@ -314,6 +317,7 @@ class CsvFiles:
             # Lines of each metric, a line per step.
             lines_by_metric: list[list[str]] = []
             for metric, estimates in series_columns.metrics.items():
+                # The config lists metrics by their base names, such as nees for ANEES.
                 if not is_stored(stored, measured(metric).base):
                     continue
                 name = cells([metric])

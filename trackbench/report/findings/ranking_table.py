@@ -45,6 +45,8 @@ _SAYS_NOTHING = ("", "undecided")
 """Words on the consistency of a filter that may have diverged."""
 _MOST_SETTINGS = 20
 """Longer tables of a filter's settings are cut to the best."""
+_ERROR_DIGITS = 4
+"""Significant digits of an error in the table, if its standard error does not decide them."""
 
 
 def ranking_tables(results: Results, numbers: bool = False) -> list[TextTable]:
@@ -272,7 +274,7 @@ def _row(
     ``name``, ``ratio`` and ``consistency_word`` are the texts of their cells.
     """
     value = candidate.overall.value
-    error = "–" if isnan(value) else rounded(value, candidate.overall.stderr, 4)
+    error = "–" if isnan(value) else rounded(value, candidate.overall.stderr, _ERROR_DIGITS)
     losses = "0"
     if candidate.losses:
         losses = f"{candidate.losses} of {len(candidate.lost)}"
@@ -337,7 +339,7 @@ def _unranked_rows(
         ratio = _ratio(ranking, reference, matters)
         name = f"{reference.label} (reference)"
         yield _row(results, reference, name, ratio, consistency_words[reference])
-    # Bound and exact errors are rms errors.
+    # The bound and the exact errors of linear filters, `results.exact`, are stored as rms errors.
     point = _bound_point(results, ranking)
     statistic = next((candidate.sample.statistic for candidate in ranking.order), "")
     bound = results.config.get("bound")
@@ -355,7 +357,7 @@ def _unranked_rows(
         if remarks:
             name += f" ({', '.join(remarks)})"
         value = summary_row["value"]
-        error = rounded(value, summary_row["stderr"], 4)
+        error = rounded(value, summary_row["stderr"], _ERROR_DIGITS)
         yield [Text(name), Text(error, value), *[Text("–")] * 4]
     # Filters that the ranking does not have.
     candidates = (*ranking.order, *ranking.losing, reference)

@@ -276,7 +276,7 @@ def _pictures(results: Results) -> Iterator[tuple[str, FigureKind | None, bytes]
         content = _stored_picture(results, Path(folder) / f"{name}.svg")
         has_failed = f"figure {name}" in results.unmade
         if content is None and spec is not None and name in configs and not has_failed:
-            with results.without(f"figure {name}"):
+            with results.continued_after_failure(f"figure {name}"):
                 # At most one file, as there is one format.
                 for _, drawn in draw_figure(spec, results, ["svg"]):
                     content = drawn

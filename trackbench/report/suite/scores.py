@@ -197,7 +197,8 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
     problem : problem with its roster
     results : the problem's results folder
     """
-    point = results.points()[0]
+    # A suite takes no `grid` from an experiment, so that its results have a single point.
+    (point,) = results.points()
     metric = leading_metric(results)
     statistic = "mean"
     if metric:
@@ -212,6 +213,7 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
     hidden = set(problem.tuned)
     shown = {label: candidate for label, candidate in candidates.items() if label not in hidden}
     words_on_consistency = consistency(results, [*shown.values()])
+    # Without a reference filter, rms errors are divided by the bound, if there is one.
     bound = _bound(results, metric)
     scores: list[Score] = []
     # Step 1: filters and smoothers, ranked apart.
@@ -311,6 +313,7 @@ def _score_candidate(
     """
     overall = candidate.overall
     runs = results.runs(candidate.point)
+    # Without a NEES the counts of collapsed and indefinite runs are zero.
     nees = runs.get((candidate.label, "nees"), np.full(0, nan))
     # The nameless size is the number of components of the whole state.
     size = results.facts(candidate.point).sizes.get("", 1)

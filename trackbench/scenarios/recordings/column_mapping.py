@@ -386,7 +386,7 @@ class Columns:
                 values[values == code] = np.nan
             self.unavailable += blank_codes(quantity, values, of_ais, scale)
             if quantity == "speed" and not self._uses_course:
-                continue  # a speed without a course may be that of a state, which has a sign
+                continue  # a speed without a course may be one along the heading, negative backward
             impossible_value = impossible(quantity, values, scale)
             if impossible_value is not None:
                 line = int(table.lines[impossible_value.row])
@@ -423,8 +423,6 @@ class Columns:
         for column, quantity in self._used.items():
             if self.contents[column] != "number" or quantity in ("course", "azimuth"):
                 continue  # an angle of 0.01 deg is near one of 359.99 deg
-            if quantity == "speed" and not self._uses_course:
-                continue  # a speed without a course may be that of a state
             values = table.columns[column]
             if quantity == "longitude":
                 values = values[~_is_across_a_cut(values, self.naming.scale(quantity))]

@@ -97,7 +97,7 @@ def config_parts(
         "@GRID@": _grid_line(guess),
         "@FILTERS@": "\n".join(parts.filters),
         "@TABLES@": "\n".join(_table_lines(guess, truth)),
-        "@SHOWN@": parts.shown,
+        "@SHOWN@": parts.figure_labels,
     }
 
 
@@ -210,10 +210,11 @@ class _ModelParts(NamedTuple):
     """Parts of a config that depend on whether a target is tracked or a robot locates itself."""
 
     start: str
+    """value of the key `start`, with a comment; after it any further keys of the scenario"""
     assume: str
     filters: list[str]
     """a line for each filter"""
-    shown: str
+    figure_labels: str
     """labels of the filters in the figures"""
 
 
@@ -271,7 +272,7 @@ def _target_parts(guess: Guess, when: str) -> _ModelParts:
             f"  IMM: {{kind: imm, motions: {motions}, transition: {chances}}}",
             _particle_filter_line(guess),
         ],
-        shown=", ".join(
+        figure_labels=", ".join(
             [
                 filter_kinds[0].upper(),
                 *map(_label_in_line, gated_filter_lines + robust_filter_lines),
@@ -284,7 +285,8 @@ def _target_parts(guess: Guess, when: str) -> _ModelParts:
 def _robot_parts(guess: Guess, when: str, first_state: FirstState | None) -> _ModelParts:
     """Return the start, model and filters of a robot that locates itself by landmarks.
 
-    It starts at the time ``when``, and at the truth's pose if ``first_state`` has one.
+    It starts at the time ``when``, and at the truth's pose if ``first_state`` has one. The start comes
+    with the scenario's key `score`, as only a robot's heading is scored apart.
     """
     mean = _pose_in_words(first_state)
     start = f"{{kind: given, mean: [{', '.join(mean)}], sigma: [0.1, 0.1, 0.1]}}"
@@ -310,7 +312,7 @@ def _robot_parts(guess: Guess, when: str, first_state: FirstState | None) -> _Mo
             _particle_filter_line(guess),
             "  Odometry: {kind: prior-mean}  # without the landmarks",
         ],
-        shown=", ".join(["EKF", *map(_label_in_line, gated_filter_lines), "Odometry"]),
+        figure_labels=", ".join(["EKF", *map(_label_in_line, gated_filter_lines), "Odometry"]),
     )
 
 
@@ -356,7 +358,10 @@ def _robust_filter_lines(guess: Guess, kind: str) -> list[str]:
 
 
 def _late_key(guess: Guess) -> str:
-    """Return the key of late measurements after a comma; empty if all arrive on time."""
+    """Return ", late: refilter" for a mapping `assume`, if a column has the time of arrival.
+
+    It is empty if all measurements arrive on time.
+    """
     if not any("received" in file.naming.columns for file in guess.each_file):
         return ""
     return ", late: refilter"

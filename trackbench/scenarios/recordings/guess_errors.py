@@ -34,8 +34,8 @@ from trackbench.scenarios.recordings.quantities import PLACE, VELOCITY
 from trackbench.scenarios.recordings.read_rows import read_rows
 from trackbench.scenarios.recordings.row_noise import (
     FAR_SIGMAS,
-    distances_from_neighbors,
     error_of_line,
+    scaled_distances_from_neighbors,
     scatter,
 )
 from trackbench.scenarios.recordings.row_order import in_order
@@ -254,7 +254,7 @@ def share_of_outliers(rows: Rows, kind: str, in_degrees: bool) -> float:
     """
     shares = [0.0]
     for value in unwrapped_values(rows, kind, in_degrees):
-        sizes = distances_from_neighbors(rows.time, value)
+        sizes = scaled_distances_from_neighbors(rows.time, value)
         sigma = error_of_line(rows.time, value)
         if sigma <= 1e-12 * np.nanmax(np.abs(value), initial=0.0):
             continue

@@ -17,7 +17,9 @@ _FEWEST_MEASURED = 5
 _FEWEST_LARGEST = 3
 """equal largest ranges that may stand for none"""
 _FAR_STEPS = 10.0
-"""steps of nine of ten rows, from which on a position of zeros is none"""
+"""large steps between measured rows, from which on a position of zeros is none"""
+_SHARE_OF_STEPS = 0.9
+"""share of the steps between measured rows that are at most a large step"""
 
 
 def guess_missing(
@@ -49,21 +51,23 @@ def guess_missing(
             if value % 1 == 0 and is_code and value not in codes:
                 codes.append(value)
     if not codes:
-        codes = _no_detections(sample, columns, values, user_columns)
+        # A number near the others, such as 0, may stand for the position or range of no detection.
+        codes = _codes_of_no_detection(sample, columns, values, user_columns)
     return tuple(codes)
 
 
-def _no_detections(
+def _codes_of_no_detection(
     sample: Sample,
     columns: ColumnByQuantity,
     values: dict[str, Array],
     user_columns: Collection[str],
 ) -> list[float]:
-    """Return the number that stands for a position or range if nothing was detected; empty without one.
+    """Return the number that stands for a position or range if nothing was detected, in a list.
 
-    It is 0, -1 or the largest range, and its rows lie far from all rows before and after. ``values``
-    (R,) are those of the quantities. Raises DataError if another quantity has the number, too. A user
-    who named the columns, among ``user_columns``, has said that they are measured.
+    The list is empty if no number does. The number is 0, -1 or the largest range, and its rows lie far
+    from all rows before and after. ``values`` (R,) are those of the quantities. Raises DataError if
+    another quantity has the number, too. A user who named the columns, among ``user_columns``, has said
+    that they are measured.
     """
     for group in (PLACE, ("range",)):
         if not all(name in values for name in group) or not {*group}.isdisjoint(user_columns):
@@ -89,7 +93,7 @@ def _no_detections(
                 nearest = places[:, measured[neighbor[inside]]]
                 distance = np.sqrt(np.square(nearest - code).sum(axis=0))
                 away[inside] = np.minimum(away[inside], distance)
-            is_far = away > _FAR_STEPS * np.quantile(steps, 0.9)
+            is_far = away > _FAR_STEPS * np.quantile(steps, _SHARE_OF_STEPS)
             # Some rows may be measured there, as those at the start of a path that begins at zero.
             if not is_far.any() or (code not in (0.0, -1.0) and not is_far.all()):
                 continue

@@ -8,8 +8,8 @@ from trackbench.core.arrays import Array
 from trackbench.scenarios.recordings.guess_sensors import unwrapped_values
 from trackbench.scenarios.recordings.row_noise import (
     FAR_SIGMAS,
-    distances_from_neighbors,
     error_of_line,
+    scaled_distances_from_neighbors,
 )
 from trackbench.scenarios.recordings.rows import Rows
 
@@ -74,7 +74,7 @@ def shown_process_noise(
     values = np.stack(unwrapped_values(rows, kind, in_degrees))
     is_far = np.zeros(len(rows.time), dtype=np.bool_)
     for value in values:
-        sizes = distances_from_neighbors(rows.time, value)
+        sizes = scaled_distances_from_neighbors(rows.time, value)
         is_far[1:-1] |= sizes > FAR_SIGMAS * error_of_line(rows.time, value)
     sigma_x = max(sigmas)
     places = values

@@ -26,10 +26,13 @@ _SIGMAS = 20.0
 _FASTEST_AT_REST = 60.0
 """m/s that something may have had in a pause, if it hardly moves before and after"""
 _MOST_A_SECOND = 20
+"""mean number of rows of a second, beyond which they may be those of many targets"""
 _MOST_COMPARED = 1000
 """rows that show whether those of one time are several targets"""
 _TIMES_APART = 3.0
 """ratio of the distance between rows of one time to that from the next time, of several targets"""
+_SHARE_OF_DETECTIONS = 0.25
+"""quantile of distances by which rows are compared, as more than half may be false detections"""
 _DAY = 86400.0  # s
 
 
@@ -57,7 +60,6 @@ def guess_same_time(
     seconds = len(np.unique(rows.time))
     if gathered.stepped or (rows.time % 1.0).any() or seconds < 2:
         return None
-    # So many rows of one second may be those of many targets.
     if len(rows.time) > _MOST_A_SECOND * seconds:
         return None
     if gathered.dated and not (rows.time % _DAY).any():
@@ -66,7 +68,10 @@ def guess_same_time(
 
 
 def _lie_apart(ticks: NDArray[np.integer[Any]], places: Array) -> bool:
-    """Test whether places (2, R) of one time lie farther apart than from those of the next time."""
+    """Test whether places (2, R) of one time lie farther apart than from those of the next time.
+
+    ``ticks`` (R,) are the times in whole units. Rows of one time are compared one after the other.
+    """
     apart = []
     nearest = []
     times, first = np.unique(ticks, return_index=True)
@@ -77,8 +82,10 @@ def _lie_apart(ticks: NDArray[np.integer[Any]], places: Array) -> bool:
         nearest += np.hypot(*away).min(axis=1).tolist()
     if not apart:
         return False
-    # Of false detections most are far from all rows of the next time.
-    return bool(np.quantile(apart, 0.25) > _TIMES_APART * np.quantile(nearest, 0.25))
+    # Most false detections are far from all rows of the next time, so that a median would be theirs.
+    usual_apart = np.quantile(apart, _SHARE_OF_DETECTIONS)
+    usual_nearest = np.quantile(nearest, _SHARE_OF_DETECTIONS)
+    return bool(usual_apart > _TIMES_APART * usual_nearest)
 
 
 def check_jumps(
@@ -88,7 +95,8 @@ def check_jumps(
 
     Its rows may be those of two targets: the name of the first one was given again, or two recordings
     stand in one table. ``kind`` is the type of the rows' sensor; ``in_degrees`` if its angles are in
-    degrees. ``sample`` are the first rows as they are written.
+    degrees. ``sample`` are the first rows as they are written. The caller leaves the check out if the
+    user set ``columns.run``, even to the guessed column: this answers the question.
     """
     places = _places(rows, kind, in_degrees)
     if places is None:
@@ -106,12 +114,15 @@ def check_jumps(
         doubt = "is this another target, or another recording, from here on?"
         way = "Say which column names targets, --set 'columns.run=NAME'; if all rows are those of one,"
         way += " say --set 'columns.run=\"\"'"
-    way += _way_without_fix(sample, gathered.naming.columns)
+    way += _advice_if_zero_is_no_fix(sample, gathered.naming.columns)
     raise DataError(gathered.place(rows, jump.row, f"{message}: {doubt} {way}"))
 
 
-def _way_without_fix(sample: Sample, columns: Mapping[str, str]) -> str:
-    """Return the option for positions in which 0 stands for a missing fix; empty if none has zeros."""
+def _advice_if_zero_is_no_fix(sample: Sample, columns: Mapping[str, str]) -> str:
+    """Return the end of a message: the options to set if a position of 0 stands for a missing fix.
+
+    It is empty if no column of positions has zeros in rows one after the other.
+    """
     options = []
     for quantity in ("latitude", "longitude", "x", "y", "range"):
         is_zero = sample.numbers(columns.get(quantity, "")) == 0.0

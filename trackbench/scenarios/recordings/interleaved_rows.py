@@ -21,9 +21,9 @@ from trackbench.scenarios.recordings.yaml_values import in_option
 Split = Literal["apart", "errors", "one", "unknown"]
 """Parts are apart, have errors of different sizes, agree as one, or cannot be compared."""
 _MOST_WORDS = 50
-"""of a column whose name says nothing"""
+"""different words of a column that may split rows though its name does not say so"""
 _MOST_PARTS = 12
-"""that are compared, the largest"""
+"""parts that are compared: the largest ones"""
 _MOST_ROWS = 20_000
 _MOST_NUMBERS = 12
 """values of a column of numbers that may name targets though its own name does not say so"""
@@ -35,6 +35,14 @@ _ERRORS = 3.0
 """ratio of the sizes of two parts' errors"""
 _JUMP = 20.0
 """jump from one part to the next, in usual steps"""
+_LONGEST_INTERVAL = 5.0
+"""usual intervals between the rows of a jump, at most"""
+_REGULAR_CHANGES = 1.2
+"""changes per row of the rarer parts, from which on parts alternate; strictly alternating ones have 2"""
+_NEAR_INTERVAL = 0.2
+"""deviation from the usual interval, as a share of it, of an interval that is nearly equal"""
+_REGULAR_SHARE = 0.7
+"""share of a part's intervals that are nearly equal, if its rows are regular"""
 _MOST_WORDS_SHOWN = 8
 
 
@@ -192,7 +200,7 @@ def _jumps(time: Array, values: Array, codes: Index) -> bool:
     """Test whether the values (n, R) jump at more than half of the changes from one part to another.
 
     ``codes`` (R,) number each row's part. A jump exceeds `_JUMP` usual steps within a part, and its
-    rows are at most five usual intervals apart, as a long gap explains a large step.
+    rows are at most `_LONGEST_INTERVAL` usual intervals apart, as a long gap explains a large step.
     """
     steps = np.abs(np.diff(values, axis=1))
     intervals = np.diff(time)
@@ -200,7 +208,7 @@ def _jumps(time: Array, values: Array, codes: Index) -> bool:
     usual_step = np.zeros(len(values))
     if (~is_change).any():
         usual_step = np.median(steps[:, ~is_change], axis=1)
-    is_short = intervals <= 5.0 * np.median(intervals)
+    is_short = intervals <= _LONGEST_INTERVAL * np.median(intervals)
     is_large = (steps > _JUMP * np.maximum(usual_step, 1e-9)[:, None]).any(axis=0)
     is_jump = is_large & is_change & is_short
     return bool(is_jump.sum() > 0.5 * is_change.sum())
@@ -216,25 +224,29 @@ def is_regular(codes: Index, time: Array) -> bool:
     time = time[order]
     counts = np.unique(codes, return_counts=True)[1]
     changes = int((np.diff(codes) != 0).sum())
-    # Two parts that alternate row by row change twice per row of the rarer one; 1.2 times is enough.
-    fewest_changes = 1.2 * (len(codes) - counts.max())
+    # Two parts that alternate row by row change twice per row of the rarer one.
+    fewest_changes = _REGULAR_CHANGES * (len(codes) - counts.max())
     if changes < fewest_changes:
         return False
-    # Seven of ten intervals of each part are within 20 % of the usual one.
     for code in np.unique(codes).tolist():
-        apart = np.diff(time[codes == code])
-        if (
-            len(apart) < 2
-            or (np.abs(apart - np.median(apart)) <= 0.2 * np.median(apart)).mean() < 0.7
-        ):
+        intervals = np.diff(time[codes == code])
+        if len(intervals) < 2:
+            return False
+        usual = np.median(intervals)
+        is_near = np.abs(intervals - usual) <= _NEAR_INTERVAL * usual
+        if is_near.mean() < _REGULAR_SHARE:
             return False
     return True
 
 
 def as_positions(values: Mapping[str, Array]) -> Array:
-    """Return quantities (R,) by name as rows (n, R) without jumps: angles as points of a circle."""
+    """Return quantities (R,) by name as rows (n, R) that a straight line between neighbors fits.
+
+    An angle becomes two rows, a point of a circle, as the angle itself jumps by a whole turn.
+    """
     rows = []
-    # Angles are points at the measured range, or of the unit circle.
+    # The circle's radius is the first measured range, so that an azimuth gives positions; any other
+    # angle is only multiplied by it, which adds no jump. The range stays a row of its own, too.
     radius: Array | float = 1.0
     ranges = [value for name, value in values.items() if name.endswith("range")]
     if ranges:

@@ -24,10 +24,12 @@ _MOST_OUTSIDE = 0.5
 
 
 class InputRows(NamedTuple):
-    """Rows with all inputs, in order of time, and the rows without any input."""
+    """Rows of a table of inputs."""
 
     measured: Rows
+    """rows with all inputs, in order of time"""
     blank: Rows
+    """rows without any input; they only show which line a message on a gap names"""
 
 
 def with_inputs_only(gathered: Gathered, names: Sequence[str], rows: Rows) -> InputRows:
@@ -105,19 +107,21 @@ def inputs_at(
 ) -> KnownInputs:
     """Return the inputs of each step of the clock: their mean over the time since the step before.
 
-    A row's values hold ``before`` its time, back to the row before, or ``after`` it, until the next row;
-    over ``gap`` (s, or steps) at most. ``resample`` is the length of resampled steps, s. The numbers of
-    the rows' runs are those of ``runs``, but rows without names of runs are those of every run. Raises
+    The inputs are those of ``rows.measured``; ``rows.blank`` only place the message on a gap. A row's
+    values hold ``before`` its time, back to the row before, or ``after`` it, until the next row; over
+    ``gap`` (s, or steps) at most. ``resample`` is the length of resampled steps, s. The numbers of the
+    rows' runs are those of ``runs``, but rows without names of runs are those of every run. Raises
     InvalidKeyError if the runs' inputs differ, since a motion has one table of them.
     """
+    # Rows without names of runs all have the number 0, and hold for every run.
     is_shared = gathered.runs == [ONE_RUN]
     tables = []
     for m, name in enumerate(runs):
-        i = 0 if is_shared else m
-        of_run = np.flatnonzero(rows.measured.run == i)
+        number_in_rows = 0 if is_shared else m
+        of_run = np.flatnonzero(rows.measured.run == number_in_rows)
         if not len(of_run):
             raise DataError(missing_run(gathered.files[0], name, names))
-        blank = rows.blank.at(np.flatnonzero(rows.blank.run == i))
+        blank = rows.blank.at(np.flatnonzero(rows.blank.run == number_in_rows))
         shift = float(clock.shift[m])
         one_run = InputRows(measured=rows.measured.at(of_run), blank=blank)
         tables.append(_inputs_of_run(gathered, names, one_run, clock, shift, holds, gap, resample))
@@ -239,10 +243,10 @@ def _describe_gap(
         return InputGap(place=place, step=step)
     length = float(row_times[after] - row_times[before])
     blank_times = rows.blank.time + shift
-    blank = np.flatnonzero((blank_times > low + TICK) & (blank_times < high - TICK))
-    if len(blank):
+    blank_in_gap = np.flatnonzero((blank_times > low + TICK) & (blank_times < high - TICK))
+    if len(blank_in_gap):
         message = f"there is no value of the inputs {inputs}"
-        place = gathered.place(rows.blank, int(blank[0]), message)
+        place = gathered.place(rows.blank, int(blank_in_gap[0]), message)
     else:
         message = f"no values of the inputs {inputs} follow for {length:.4g}{unit}"
         message += f", where {usual:.4g}{unit} are usual"

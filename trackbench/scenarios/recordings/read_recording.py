@@ -202,6 +202,8 @@ def _read_inputs(
     columns = {**own_naming.columns, **target.input, "sensor": ""}
     file_format = own_naming.format
     if target.input_file and target.input_naming is None:
+        # The target's format is that of the measurements' file. Another file may be written in another
+        # way, and shows its format in its first lines.
         file_format = None
     naming = Naming(
         columns=columns,
@@ -217,7 +219,7 @@ def _read_inputs(
         clock_key = "columns" if target.input_naming is None else "input_naming.columns"
         keys = NamingKeys(quantities="input", clock=clock_key, own="input_naming")
     has_own_keys = target.input_naming is not None
-    gathered_inputs = _before_further_file(gathered, naming, keys, has_own_keys)
+    gathered_inputs = _gathered_for_further_file(gathered, naming, keys, has_own_keys)
     names = [*target.input]
     (rows,) = read_rows(gathered_inputs, [path], [names])
     if target.input_naming:
@@ -242,12 +244,13 @@ def _read_truth(
     ``measured_rows`` are those of each sensor.
     """
     assert target.truth is not None
-    # By default the truth has the columns and units of the measurements.
+    # By default the truth has the columns and units of the measurements; the format of its text is found
+    # in its first lines.
     naming: Naming = target.truth_naming or replace(target, format=None)
     columns_key = "columns" if target.truth_naming is None else "truth_naming.columns"
     keys = NamingKeys(quantities=columns_key, clock=columns_key, own="truth_naming")
     has_own_keys = target.truth_naming is not None
-    gathered_truth = _before_further_file(gathered, naming, keys, has_own_keys)
+    gathered_truth = _gathered_for_further_file(gathered, naming, keys, has_own_keys)
     (rows,) = read_rows(gathered_truth, [target.truth], [target.components], least=1)
     if target.truth_naming:
         gathered_truth.check_idle_keys()
@@ -265,13 +268,14 @@ def _read_truth(
     return truth
 
 
-def _before_further_file(
+def _gathered_for_further_file(
     gathered: Gathered, naming: Naming, keys: NamingKeys, has_own_keys: bool
 ) -> Gathered:
-    """Return the properties of a file beside the measurements, before it is read.
+    """Return the data with which `read_rows` begins a file of inputs or of the truth.
 
-    ``gathered`` are those of the measurements. The file has its own keys of units and zones if
-    ``has_own_keys``, and else uses those of the measurements, too.
+    They are those ``gathered`` about the measurements, such as origin and clock, without runs, files and
+    notices. The file has its own keys of units and zones if ``has_own_keys``, and else uses those of the
+    measurements, too.
     """
     further = replace(
         gathered,

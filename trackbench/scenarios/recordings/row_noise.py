@@ -5,7 +5,8 @@ import numpy as np
 from trackbench.core.arrays import Array, Index
 
 FAR_SIGMAS = 8.0
-_ONE_SIGMA = 0.683  # of a normal law's values are within its standard deviation
+_SHARE_WITHIN_SIGMA = 0.683
+"""share of the values of a normal law that are within one standard deviation of its mean"""
 _LONGEST_GAP = 2.5
 """usual intervals between two rows of a part within which the other part's rows are compared"""
 
@@ -14,13 +15,14 @@ def error_of_line(time: Array, value: Array) -> float:
     """Estimate the standard deviation of errors of values (R,) from the line between neighbors.
 
     Each value is compared with the line through those before and after it in time.
-    0 for fewer than three rows, or without intervals.
+    0 for fewer than three rows, or if all rows have one time.
     """
-    sizes = distances_from_neighbors(time, value)
+    # A distance has errors of three values in it: it is scaled to the size of a single value's error.
+    sizes = scaled_distances_from_neighbors(time, value)
     if not np.isfinite(sizes).any():
         return 0.0
-    # 68.3 % of the scaled |e| are below sigma.
-    return float(np.nanquantile(sizes, _ONE_SIGMA))
+    # 68.3 % of normal errors are smaller than their standard deviation.
+    return float(np.nanquantile(sizes, _SHARE_WITHIN_SIGMA))
 
 
 def scatter(time: Array, value: Array) -> float:
@@ -32,10 +34,11 @@ def scatter(time: Array, value: Array) -> float:
     return 1.0
 
 
-def distances_from_neighbors(time: Array, value: Array) -> Array:
+def scaled_distances_from_neighbors(time: Array, value: Array) -> Array:
     """Return the distances (R - 2,) of values from the lines between their neighbors.
 
-    They are scaled to the standard deviation of one value; NaN without an interval.
+    Each is divided so that its standard deviation is that of the error of one value; NaN between
+    neighbors of one time.
     """
     wide = time[2:] - time[:-2]
     if len(value) < 3 or not (wide > 0.0).any():
@@ -72,8 +75,8 @@ def distances_from_other_line(time: Array, values: Array, first: Index, other: I
 def median_errors_of_lines(time: Array, values: Array) -> Array:
     """Return the size (n,) of the errors of each of the ``values`` (n, R) of a part's rows.
 
-    It is the median distance of a row from the line between its neighbors, scaled to the standard
-    deviation of one row.
+    It is the median distance of a row from the line between its neighbors. A distance has the errors of
+    three rows in it, and is divided so that its standard deviation is that of one row's error.
     """
     share, _ = _shares(time[1:-1], time[:-2], time[2:])
     off = values[:, 1:-1] - (1.0 - share) * values[:, :-2] - share * values[:, 2:]
