@@ -27,7 +27,7 @@ from trackbench.commands.options import OPTION_NAMES
 from trackbench.config import shipped_experiments
 from trackbench.contract.checks import CHECKS
 from trackbench.contract.run_contract import Finding, check_filter
-from trackbench.help import kinds as help_kinds
+from trackbench.help import descriptions, lists
 from trackbench.metrics import METRICS
 from trackbench.registry import GROUPS, kinds
 from trackbench.report.plotting import style
@@ -50,7 +50,7 @@ def test_every_kind_has_its_keys_defaults_and_source(group: str) -> None:
     sections = dict(re.findall(r"^## (\S+) \{.*?\}\n(.*?)(?=^## |\Z)", page, re.M | re.S))
     assert sections.keys() >= {*own}  # and those of a plugin that another test has brought
     for kind in own:
-        (entry,) = (e for e in help_kinds.entries(kind) if e["group"] == group)
+        (entry,) = (e for e in descriptions.entries(kind) if e["group"] == group)
         rows = dict(re.findall(r"^\| `(\S+)` \| ([^|]*) \|", sections[kind], re.M))
         for key in entry["keys"]:
             if not key["key"].startswith("assume."):
@@ -67,9 +67,9 @@ def test_every_metric_statistic_key_and_command() -> None:
     metrics = PAGES()["reference/metrics.md"]
     for name in METRICS:
         assert f"| `{name}" in metrics
-    for row in help_kinds.rows(("statistics",)):
+    for row in lists.rows(("statistics",)):
         assert f"| `{row['kind']}` |" in metrics
-    for key in help_kinds.experiment_keys():
+    for key in descriptions.experiment_keys():
         assert f"| `{key['key']}` |" in PAGES()["reference/config.md"]
     for command in ("run", "sweep", "tune", "compare", "plot", "report", "verify", "describe"):
         assert f"\n## {command}\n" in PAGES()["reference/commands.md"]
@@ -316,10 +316,10 @@ def test_no_word_of_a_docstring_vanishes(site: Path) -> None:
     texts = {}
     for group in GROUPS:
         own = [k for k, c in kinds(group).items() if c.__module__.startswith("trackbench.")]
-        entries = [entry for kind in own for entry in help_kinds.entries(kind)]
+        entries = [entry for kind in own for entry in descriptions.entries(kind)]
         keys = [key for entry in entries if entry["group"] == group for key in entry["keys"]]
         texts[group] = [key["text"] for key in keys if not key["key"].startswith("assume.")]
-    texts["config"] = [key["text"] for key in help_kinds.experiment_keys()]
+    texts["config"] = [key["text"] for key in descriptions.experiment_keys()]
     assert any("{" in text for text in texts["filters"])
     assert any("<component>" in text for text in texts["tables"])
     for name, sentences in texts.items():

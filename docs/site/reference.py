@@ -12,8 +12,7 @@ from typing import Any
 
 import trackbench
 from trackbench import api
-from trackbench.help import kinds as catalog
-from trackbench.help import metrics
+from trackbench.help import descriptions, lists, metrics
 from trackbench.metrics import METRICS
 from trackbench.registry import GROUPS, documentation
 
@@ -47,11 +46,11 @@ def _config() -> str:
         "A YAML file. Numbers follow YAML 1.2 (`1e-5` is a number), and whatever is a mapping may be "
         "the path of a file that holds it, or `{use: path, key: another value}`.",
         "## Keys",
-        *_key_table(catalog.experiment_keys()),
+        *_key_table(descriptions.experiment_keys()),
         "## What every filter may assume",
         "Beside the keys of its kind and `preset`, an entry of `filters` may name what it assumes of "
         "the target and of the sensors; by default the scenario's own `assume`, or what is true.",
-        *_key_table(catalog.assume_keys()),
+        *_key_table(descriptions.assume_keys()),
     ]
     return _page(lines)
 
@@ -67,7 +66,7 @@ def _group(group: Any) -> str:
         ),
     ]
     for kind in kinds:
-        (entry,) = (e for e in catalog.entries(kind) if e["group"] == group)
+        (entry,) = (e for e in descriptions.entries(kind) if e["group"] == group)
         lines += [f"## {kind} {{ #{kind} }}", *_kind(entry)]
     lines += [
         "## One of your own",
@@ -76,7 +75,7 @@ def _group(group: Any) -> str:
             ["method or attribute", "", "what it is"],
             [
                 [f"`{hook['hook']}`", "needed" if hook["needed"] else "", _text(hook["text"])]
-                for hook in catalog.entries(group)
+                for hook in descriptions.entries(group)
             ],
         ),
     ]
@@ -88,7 +87,7 @@ def _kind(entry: dict[str, Any]) -> Iterator[str]:
     keys = [key for key in entry["keys"] if not key["key"].startswith("assume.")]
     yield from _key_table(keys)
     for name, given in entry["presets"].items():
-        yield f"`preset: {name}` is `{catalog.preset_text(given)}`."
+        yield f"`preset: {name}` is `{descriptions.preset_text(given)}`."
     for note in entry["notes"]:
         head, _, rest = note.partition(": ")
         if head.startswith("hooks"):
@@ -121,7 +120,7 @@ def _metrics() -> str:
         ]
         for m in METRICS.values()
     ]
-    statistics = [[f"`{row['kind']}`", _text(row["text"])] for row in catalog.rows(("statistics",))]
+    statistics = [[f"`{row['kind']}`", _text(row["text"])] for row in lists.rows(("statistics",))]
     return _page(
         [
             "# Metrics and statistics",

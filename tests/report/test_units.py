@@ -11,7 +11,7 @@ from trackbench.report.figures import captions
 from trackbench.report.findings import phrases
 from trackbench.report.plotting import style
 from trackbench.report.tables_and_figures import Results
-from trackbench.report.units_of_keys import _unit
+from trackbench.report.units_of_keys import unit_of_setting
 
 STORED = Path(__file__).parents[2] / "results"
 
@@ -29,8 +29,8 @@ def test_no_unit_comes_from_the_words_of_a_docstring(text: str) -> None:
         declared: Annotated[float, Unit("km/h")] = 1.0
 
     Keys.__doc__ = text
-    assert _unit({}, None, Keys, ["plain"]) == ""
-    assert _unit({}, None, Keys, ["declared"]) == "km/h"
+    assert unit_of_setting({}, None, Keys, ["plain"]) == ""
+    assert unit_of_setting({}, None, Keys, ["declared"]) == "km/h"
 
 
 @pytest.mark.parametrize(
@@ -47,7 +47,7 @@ def test_no_unit_comes_from_the_words_of_a_docstring(text: str) -> None:
     ],
 )
 def test_keys_of_the_package_have_their_units(group: str, kind: str, key: str, unit: str) -> None:
-    assert _unit({"kind": kind}, group, None, [key]) == unit
+    assert unit_of_setting({"kind": kind}, group, None, [key]) == unit
 
 
 @pytest.mark.parametrize(
