@@ -29,9 +29,9 @@ from trackbench.evaluation.metric_expression import Measure, measured, role_of
 from trackbench.evaluation.summary import series_of
 from trackbench.extension_points import field_values
 from trackbench.filters.base import AnyFilter
+from trackbench.models.components import has_position_and_velocity
 from trackbench.registry import Group, kinds
 from trackbench.scenarios.base import error_names
-from trackbench.scenarios.score import has_position_and_velocity
 from trackbench.statistics.sample_statistics import STATISTICS
 from trackbench.yaml_source import Keys, Source
 

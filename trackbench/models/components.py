@@ -23,6 +23,15 @@ def position_velocity_names(axes: int) -> tuple[str, ...]:
     return tuple(kind + axis for axis, kind in product(AXES[:axes], "pv"))
 
 
+def has_position_and_velocity(components: tuple[str, ...]) -> bool:
+    """Test whether the state is position and velocity along each of one to three axes."""
+    return components in (
+        position_velocity_names(1),
+        position_velocity_names(2),
+        position_velocity_names(3),
+    )
+
+
 def rows_in_plane(
     components: Sequence[str], errors: Mapping[str, Sequence[str]]
 ) -> tuple[int, int] | None:

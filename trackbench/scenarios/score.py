@@ -10,7 +10,7 @@ from pydantic import StringConstraints
 
 from trackbench.core.arrays import Array, Index, Mask, as_slice
 from trackbench.field_types import ONE_LINE, InvalidKeyError, Natural, Positive, freeze_mappings
-from trackbench.models.components import position_velocity_names
+from trackbench.models.components import has_position_and_velocity
 from trackbench.models.sensors.base import SensorBase, Sensors
 
 _IN_A_ROW = 10  # steps at the end of a run
@@ -231,12 +231,3 @@ def _between(steps: Index, first: int | None, last: int | None) -> Mask:
     if last is not None:
         inside &= steps <= last
     return inside
-
-
-def has_position_and_velocity(components: tuple[str, ...]) -> bool:
-    """Test whether the state is position and velocity along each of one to three axes."""
-    return components in (
-        position_velocity_names(1),
-        position_velocity_names(2),
-        position_velocity_names(3),
-    )
