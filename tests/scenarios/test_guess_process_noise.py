@@ -130,3 +130,18 @@ def test_a_long_recording_is_filtered_in_parts(tmp_path: Path) -> None:
     short = guess_at(write(tmp_path / "m.csv", turn_rate=0.12))
     long = guess_at(write(tmp_path / "n.csv", turn_rate=0.12, rows=30_000))
     assert 0.4 <= long.process_noise / short.process_noise <= 2.5
+
+
+def test_a_slow_target_that_wanders_keeps_the_process_noise_of_its_wandering(
+    tmp_path: Path,
+) -> None:
+    """The least process noise would not follow it, and the usual one would not smooth it."""
+    rng = np.random.default_rng(7)
+    interval = 600.0
+    q = 1e-8
+    velocity = 0.1 + np.cumsum(rng.normal(size=(2, 300)) * np.sqrt(q * interval), axis=1)
+    places = np.cumsum(velocity * interval, axis=1) + 5.0 * rng.normal(size=(2, 300))
+    rows = [f"{interval * k:g},{x:.2f},{y:.2f}" for k, (x, y) in enumerate(places.T)]
+    (tmp_path / "m.csv").write_text("\n".join(["time,x,y", *rows]) + "\n")
+    guess = recognized(str(tmp_path / "m.csv"), Naming(units={"x": "m", "y": "m"}))
+    assert 0.1 * q <= guess.process_noise <= 10.0 * q

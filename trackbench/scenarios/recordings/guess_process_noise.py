@@ -110,17 +110,17 @@ def shown_process_noise(
 def _lowered_process_noise(time: Array, places: Array, covariances: Array, speed: float) -> float:
     """Return the process noise of a target that the usual one makes wander far more than it does.
 
-    As q falls to nothing, the mean squared innovation rises to a limit, which is below 1 if the errors
-    were guessed too large. The largest q at which it is near this limit is returned, as it leaves most
-    room for maneuvers. ``places`` (2, R) have errors with ``covariances`` (2, 2, R).
+    As q falls to nothing, the mean squared innovation rises to a limit. The largest q is returned at
+    which it is 1, or near its limit if this is lower, as it is if the errors were guessed too large.
+    ``places`` (2, R) have errors with ``covariances`` (2, 2, R).
     """
     usual = usual_process_noise(speed)
     least = _LEAST_SHARE * _process_noise_of_speed(speed)
     decades = int(np.ceil(np.log10(usual / least)))
     noises = np.geomspace(least, usual, 2 * decades + 1)
     anis = _anis(time, places, covariances, 2.0 * speed, noises)
-    is_near = anis >= _NEAR_LIMIT * anis.max()
-    return float(f"{noises[is_near].max():.1g}")
+    is_small_enough = anis >= min(1.0, _NEAR_LIMIT * anis.max())
+    return float(f"{noises[is_small_enough].max():.1g}")
 
 
 def _anis(
