@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 from trackbench.commands.options import Options
-from trackbench.commands.prepare import file_of, prepare
+from trackbench.commands.read_experiment import file_of, prepare
 from trackbench.commands.run_experiment import run_all
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.evaluation.metric_expression import measured
