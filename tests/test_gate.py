@@ -187,6 +187,37 @@ def test_a_filter_that_fails_fails_the_gate_unless_it_failed_before(tmp_path: Pa
     assert failed["reason"]
 
 
+def test_a_filter_may_fail_again_at_a_point_where_it_failed_before(tmp_path: Path) -> None:
+    """At another point of the grid it may not."""
+    (tmp_path / "f.py").write_text(
+        "from trackbench.adapters import PerRun\n\n\n"
+        'class Limited(PerRun, kind="limited"):\n'
+        '    """It stays where it is, and fails if q is large."""\n\n'
+        "    q: float = 1.0\n"
+        '    """any number"""\n\n'
+        "    def start(self, mean, cov):\n"
+        "        self.x, self.P = mean, cov\n\n"
+        "    def step(self, z, dt):\n"
+        "        if self.q > 5.0:\n"
+        "            raise ValueError('too large')\n"
+        "        return self.x, self.P\n"
+    )
+    config = f"name: c\nseed: 1\nruns: 10\nplugins: [f.py]\n{PLANE}"
+    config += "filters: {L: {kind: limited}}\ngrid: {filters.L.q: [1, 10]}\n"
+    (tmp_path / "c.yaml").write_text(config)
+    options = api.Options(engine="serial", quiet=True, formats=(), allow_plugins=True)
+    stored = api.run(tmp_path / "c.yaml", options, out=tmp_path / "out").folder
+    words = ("c.yaml", "--against", stored, "--workers", 1, "--allow-plugins")
+    again = trackbench("gate", *words, cwd=tmp_path)
+    assert again.returncode == 0, again.stdout + again.stderr
+    lines = again.stdout.splitlines()
+    assert "L, q = 10: failed in the earlier results, not compared" in lines
+    (tmp_path / "f.py").write_text((tmp_path / "f.py").read_text().replace("5.0", "0.0"))
+    worse = trackbench("gate", *words, cwd=tmp_path)
+    assert worse.returncode == 1
+    assert worse.stdout.startswith("c is worse: L failed: f.py:")
+
+
 def test_a_filter_of_a_file_joins_a_config_without_plugins(
     repository: Path, tmp_path: Path
 ) -> None:
