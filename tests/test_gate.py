@@ -115,6 +115,38 @@ def test_against_stored_results(repository: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("line", "word"), [("    deterministic = True\n", "worse"), ("", "untested")]
+)
+def test_a_recording_judges_a_filter_for_one_run_that_is_deterministic(
+    line: str, word: str, tmp_path: Path
+) -> None:
+    """By the line of docs/your-filter-in-ci.md in the class that `new filter --per-run` writes."""
+    rows = [f"{t},{5 * t + (-1) ** t},{3 * t - t % 3}" for t in range(1, 40)]
+    (tmp_path / "r.csv").write_text("time,x,y\n" + "\n".join(rows) + "\n")
+    (tmp_path / "r.yaml").write_text(
+        "name: r\nseed: 1\nscenario:\n  kind: tracking\n"
+        "  target: {kind: measured, measurements: r.csv}\n"
+        "  sensor: {kind: position, sigma: 2}\n  start: two-scan\n"
+        "  assume: {motion: {kind: cwna, q: 1}}\nfilters: {KF: {kind: kf}}\n"
+    )
+    assert trackbench("new", "filter", "my-own", "--per-run", cwd=tmp_path).returncode == 0
+    file = tmp_path / "my_own.py"
+    text = file.read_text()
+    head = '"""One line for `trackbench list`: the Kalman filter of straight flight."""\n'
+    assert head in text
+    file.write_text(text.replace(head, f"{head}\n{line}"))
+    words = ("r.yaml", "--filter", file, "--workers", 1)
+    done = trackbench("run", *words, "--out", "main/r", "--set", "figures={}", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    file.write_text(file.read_text().replace("= 20.0", "= 500.0"))
+    done = trackbench("gate", *words, "--against", "main", "--json", cwd=tmp_path)
+    found = [json.loads(line) for line in done.stdout.splitlines()]
+    words_on_filter = {row["verdict"] for row in found if row["filter"] == "my-own"}
+    assert words_on_filter == {word, "equal"}, done.stdout  # no run is lost on either side
+    assert done.returncode == int(word == "worse")
+
+
+@pytest.mark.parametrize(
     ("words", "what"),
     [
         (("--against-ref", "nowhere"), "--against-ref nowhere: "),
