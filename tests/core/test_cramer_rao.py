@@ -115,5 +115,8 @@ def test_information_without_a_mean_is_noted(tmp_path: Path) -> None:
     near, far = (scenario_of(NEAR % y, tmp_path) for y in (0, 100_000))
     assert "10 of 10000 simulated paths carry" in near.bound_caution
     assert far.bound_caution == ""
+    over = NEAR.replace("motion: {kind: cwna, q: 1}, ", "").replace("driven", "legs") % 0
+    over += "  assume: {motion: {kind: cwna, q: 1}}\n"
+    assert "at step 20 the path passes over a sensor" in scenario_of(over, tmp_path).bound_caution
     # The information x^4 of a normal x has a mean and a long tail.
     assert scenario_of(CUBE % (0.95, 1.0, "x**3/10", 1.0), tmp_path).bound_caution == ""

@@ -28,7 +28,7 @@ from trackbench.evaluation.block import BlockTask
 from trackbench.execution import code_digests
 from trackbench.execution.cache import block_key
 from trackbench.filters import external_process
-from trackbench.filters.external import External, ProgramRunError
+from trackbench.filters.external import Digits, External, ProgramRunError, digits_of
 from trackbench.filters.external_process import programs_cpu_s
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.sensors.base import Outliers
@@ -507,6 +507,20 @@ DIGITS = {
     "f'{v:.17g}'": "",
     "repr(v)": "",
 }
+
+
+def test_three_decimals_beside_large_numbers_are_not_the_digits_of_float32() -> None:
+    """1000.123 has 7 digits, as float32 has; the small numbers beside it show the decimals."""
+    rng = np.random.default_rng(4)
+    position = 1000.0 + rng.normal(size=(1, 40))
+    velocity = rng.normal(size=(1, 40))
+    mean = np.concatenate([position, velocity])
+    cov = np.full((2, 2, 40), 0.002)
+    digits = digits_of(np.round(mean, 3), cov)
+    assert digits == Digits(too_few="at most 3 decimals")
+    single = np.float32(mean).astype(float)
+    assert digits_of(single, np.float32(cov).astype(float)) == Digits(is_float32=True)
+    assert digits_of(mean, cov) == Digits()
 
 
 @pytest.mark.parametrize("printed", DIGITS)

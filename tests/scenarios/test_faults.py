@@ -382,6 +382,31 @@ def test_a_run_without_a_truth_after_the_fault_has_no_recovery(tmp_path: Path) -
     assert np.isfinite(got["not_recovered[a]"][1])
 
 
+def one(lines: list[str], word: str) -> str:
+    """The line on a word."""
+    (line,) = (line for line in lines if f"'{word}'" in line)
+    return line
+
+
+def test_a_fault_without_steps_after_it_is_told_so(tmp_path: Path) -> None:
+    """Fault b covers a's end, so that neither errors after a nor its recovery exist."""
+    first = {"name": "a", "kind": "bias", "from": 20.5, "to": 30, "value": [4]}
+    second = {"name": "b", "kind": "noise", "from": 25, "to": 40, "factor": 3}
+    experiment(tmp_path, first, second)
+    config = yaml.safe_load((tmp_path / "f.yaml").read_text())
+    words = ("rmse_x[after a]", "recovery_s[a]", "rmse_x[after bb]")
+    columns = {word: f"mean({word})" for word in words}
+    config["tables"] = {"t": {"kind": "metrics", "columns": columns}}
+    (tmp_path / "f.yaml").write_text(yaml.safe_dump(config))
+    with pytest.raises(UserError) as caught:
+        load(tmp_path / "f.yaml")
+    lines = str(caught.value).splitlines()
+    after, recovery_of, misspelt = (one(lines, word) for word in words)
+    for line in (after, recovery_of):
+        assert "no scored step after the fault a and before the next one is without a fault" in line
+    assert "did you mean rmse_x[after b]?" in misspelt
+
+
 def test_training_has_the_faults_before_its_end(tmp_path: Path) -> None:
     late = NOISY | {"name": "late", "from": 7, "to": 8}
     keys = recording(tmp_path, **TRUTH) | {"score": {"train": 0.6}}

@@ -13,7 +13,7 @@ from tests.commands import trackbench
 from tests.conftest import ROOT
 from trackbench.config.load import load
 from trackbench.errors import UserError
-from trackbench.scenarios.recordings.column_names import odometry_of
+from trackbench.scenarios.recordings.column_names import heading_of, odometry_of
 
 pytestmark = pytest.mark.usefixtures("no_report")
 
@@ -334,6 +334,17 @@ def test_ids_are_landmarks_targets_or_sensors(tmp_path: Path, answer: tuple[str,
 def test_the_names_of_odometry_in_ros(v: str, w: str) -> None:
     names = ["field.header.stamp", "field.pose.pose.position.x", "field.twist.twist.linear.y", v, w]
     assert {name: named.column for name, named in odometry_of(names).items()} == {"v": v, "w": w}
+
+
+@pytest.mark.parametrize(
+    "prefix", ["pose.orientation.", "field.pose.pose.orientation.", "orientation_"]
+)
+def test_a_component_of_a_quaternion_is_no_heading(prefix: str) -> None:
+    """Its z is the sine of half the heading."""
+    names = [prefix + axis for axis in "xyzw"]
+    assert heading_of(names) is None
+    assert heading_of([*names, "yaw"]) == ("yaw", None)
+    assert heading_of([*names, "orientation"]) == ("orientation", None)
 
 
 def test_a_merged_table_of_topics(tmp_path: Path) -> None:

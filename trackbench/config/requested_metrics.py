@@ -49,6 +49,8 @@ _MOST_RELATIVES = 6
 """Known metrics of one name or quantity that a message lists."""
 _USUAL_ERRORS = ("rmse", "bias", "crps", "mae", "std", "mse")
 """Metrics of one quantity, the most used first."""
+_AFTER = "after "
+"""Beginning of the window after a fault."""
 _TYPO = 0.9
 """Likeness from which on a word is taken for another one with a slip."""
 _ADDED_BY = {
@@ -345,7 +347,15 @@ def _why_unknown(request: MetricRequest, names: Names, settings: Settings) -> st
     if word in known or not request.named or names.could_be_diagnostic(measure.metric):
         return None
     # Step 3: unknown names, with a hint.
-    is_added_by_errors = metric.series in _ADDED_BY_ERRORS
+    fault = _fault_without_steps_after(measure, known)
+    if fault:
+        return (
+            f"{word!r} is no metric here: no scored step after the fault {fault} and before the next "
+            "one is without a fault"
+        )
+    known_bases = sorted({measured(name).base for name in known})
+    # In another window the metric exists.
+    is_added_by_errors = metric.series in _ADDED_BY_ERRORS and measure.base not in known_bases
     for x, y in (("px", "py"), ("x", "y")):
         if is_added_by_errors and quantity == "position" and {x, y} <= {*names.components}:
             hint = f"`score: {{errors: {{position: [{x}, {y}]}}}}` of the scenario adds it"
@@ -355,6 +365,7 @@ def _why_unknown(request: MetricRequest, names: Names, settings: Settings) -> st
         return f"{word!r} is no metric here; {hint}"
     has_marginals = has_position_and_velocity(names.components)
     is_marginal = metric.name in ("nees", "anees") and quantity in ("position", "velocity")
+    is_marginal &= measure.base not in known_bases
     if is_marginal and has_marginals:
         hint = f"`score: {{marginals: [{quantity}]}}` of the scenario adds it"
         return f"{word!r} is no metric here; {hint}"
@@ -366,7 +377,6 @@ def _why_unknown(request: MetricRequest, names: Names, settings: Settings) -> st
     if needs_other_parts and not has_metric:
         needed = _MEASURED_WITH[metric.name]
         return f"{word!r} is no metric here: it needs {needed}; add this, or leave the metric out"
-    known_bases = sorted({measured(name).base for name in known})
     near = _nearest_metric(word, known, known_bases)
     near_base = measured(near).base if near else ""
     is_slip = near_base.startswith(measure.base) or _likeness(measure.base, near_base) >= _TYPO
@@ -381,6 +391,20 @@ def _why_unknown(request: MetricRequest, names: Names, settings: Settings) -> st
         near = ""
     hint = f"did you mean {near}?" if near else unknown("", known_bases)
     return f"{word!r} is no metric here; {hint}"
+
+
+def _fault_without_steps_after(measure: Measure, known: Collection[str]) -> str:
+    """Return the fault after which a metric would be taken if there were steps; empty for no fault.
+
+    ``known`` are the metrics that exist: those in the window of the fault itself are among them.
+    """
+    is_recovery = measure.definition.name in ("recovery_s", "not_recovered")
+    if not is_recovery and not measure.window.startswith(_AFTER):
+        return ""
+    fault = measure.window.removeprefix(_AFTER)
+    windows = {measured(name).window for name in known}
+    has_base = is_recovery or any(measured(name).base == measure.base for name in known)
+    return fault if fault and fault in windows and has_base else ""
 
 
 def _why_not_stored(request: MetricRequest, names: Names, settings: Settings) -> str | None:

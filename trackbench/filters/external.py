@@ -511,22 +511,36 @@ def digits_of(mean: Array, cov: Array) -> Digits:
         return Digits()
     with np.errstate(over="ignore", under="ignore"):
         is_float32 = bool(np.array_equal(x, np.float32(x)))
-    exponent = np.floor(np.log10(np.abs(x)))
-    for digits in range(1, _FLOAT32_DIGITS + 1):
-        # A number with so many digits is whole after its decimal point is moved behind the last one.
-        whole = x / 10.0 ** (exponent - digits + 1)
-        if (np.abs(whole - np.rint(whole)) < _NEARLY_WHOLE).all():
-            if digits > _TOO_FEW_DIGITS:
-                return Digits(is_float32=True)
-            return Digits(too_few=f"at most {counted(digits, 'digit')}")
+    digits = _most_digits(x)
+    if digits <= _TOO_FEW_DIGITS:
+        return Digits(too_few=f"at most {counted(digits, 'digit')}")
+    # 1000.123 has as many digits as a number of float32, but three decimals.
     for decimals in range(1, _MOST_DECIMALS + 1):
         whole = x * 10.0**decimals
         # Of larger numbers the digits before the point leave none behind it.
         is_small = np.abs(whole) < 10.0**_FLOAT32_DIGITS
         is_whole = np.abs(whole - np.rint(whole)) < _NEARLY_WHOLE
-        if is_small.sum() >= _LEAST_NUMBERS and is_whole[is_small].all():
+        has_few_digits = is_small
+        if digits <= _FLOAT32_DIGITS:
+            # 1.234567 of float32 has six decimals, too. Fewer digits than in float32 show them.
+            has_few_digits = np.abs(whole) < 10.0**_TOO_FEW_DIGITS
+        if has_few_digits.sum() >= _LEAST_NUMBERS and is_whole[is_small].all():
             return Digits(too_few=f"at most {counted(decimals, 'decimal')}")
-    return Digits(is_float32=is_float32)
+    return Digits(is_float32=is_float32 or digits <= _FLOAT32_DIGITS)
+
+
+def _most_digits(x: Array) -> int:
+    """Return how many significant digits numbers (N,) have at most, none of which is zero.
+
+    It is 10, one more than float32 needs, if they have more.
+    """
+    exponent = np.floor(np.log10(np.abs(x)))
+    for digits in range(1, _FLOAT32_DIGITS + 1):
+        # A number with so many digits is whole after its decimal point is moved behind the last one.
+        whole = x / 10.0 ** (exponent - digits + 1)
+        if (np.abs(whole - np.rint(whole)) < _NEARLY_WHOLE).all():
+            return digits
+    return _FLOAT32_DIGITS + 1
 
 
 def float32_advice(mean: Array, cov: Array, components: Sequence[str]) -> str:

@@ -81,12 +81,20 @@ def bound_along_path(course: Course, path: Array) -> Bound:
     """Bound errors along a path (n, K) that is flown in every run."""
     # The motion may have more components than the path: the first n are the target's.
     n = len(path)
-    steps_and_states = zip(course.steps[1:], path.T[1:], strict=True)
-    information = (course.sensor.information(x, k) for k, x in steps_and_states)
-    # J' = (Q + F J^-1 F')^-1 + H' R^-1 H from the covariance of the start, J_0^-1.
-    F, Q = motion_matrices(course.motion)
-    P = posterior_cramer_rao(course.initial, F[:n, :n], Q[:n, :n], information)
-    return Bound(_roots(course.squares(P, path)))
+    information = []
+    caution = ""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for k, x in zip(course.steps[1:], path.T[1:], strict=True):
+            information.append(course.sensor.information(x, k))
+            if not caution and not np.isfinite(information[-1]).all():
+                caution = (
+                    f"at step {k} the path passes over a sensor, where the information about an angle "
+                    "has no limit: there is no bound from this step on"
+                )
+        # J' = (Q + F J^-1 F')^-1 + H' R^-1 H from the covariance of the start, J_0^-1.
+        F, Q = motion_matrices(course.motion)
+        P = posterior_cramer_rao(course.initial, F[:n, :n], Q[:n, :n], information)
+        return Bound(_roots(course.squares(P, path)), caution=caution)
 
 
 def position_sigma(sensor: Sensors, state: Array, k: int) -> float | None:
@@ -96,7 +104,8 @@ def position_sigma(sensor: Sensors, state: Array, k: int) -> float | None:
     """
     # Covariance of the position: inverse of its block of H' R^-1 H, that of a scan that detects the
     # target. The positions are the even rows of the state.
-    information = sensor.information(state, k, certain=True)
+    with np.errstate(divide="ignore", invalid="ignore"):  # at the sensor itself
+        information = sensor.information(state, k, certain=True)
     position = information[0::2, 0::2]
     if len(information) < 2 or np.isnan(position).any() or linalg.is_singular(position):
         return None

@@ -242,8 +242,13 @@ def unit_of(name: str, quantity: str) -> str | None:
 def heading_of(names: Iterable[str]) -> NamedColumn | None:
     """Find the column of a robot's heading, anticlockwise from x; None without one."""
     fillers = _FILLERS.split()
-    for name in names:
-        words = _without_units(words_of(name))
+    names = list(names)
+    words_of_names = [words_of(name) for name in names]
+    for name, all_words in zip(names, words_of_names, strict=True):
+        # orientation.z beside orientation.w is the sine of half a heading, of a unit quaternion.
+        if all_words[-1:] == ["z"] and [*all_words[:-1], "w"] in words_of_names:
+            continue
+        words = _without_units(all_words)
         spellings = ("".join(words), "".join(word for word in words if word not in fillers))
         if any(spelling in _HEADINGS for spelling in spellings):
             # Any unit of an angle, as of a course.
