@@ -199,7 +199,7 @@ diverged      | 1 | lower  | share of runs whose last ten estimates are outside 
 peak          | quantity | lower | largest error of a run
 beyond_10_sigma | 1 | lower  | share of runs off by more than ten sigmas of a measurement
 overshoot_m   | m | zero   | mean error along a turn's acceleration after its end
-settling_s    | s | lower  | time from a turn's end until the position error stays below the limit
+settling_s    | s | lower  | time from a turn's end until the position error stays within the limit
 not_settled   | 1 | lower  | share of runs whose error is above the limit as the next turn begins
 detection_delay_s       | s | lower  | time from an onset to the maneuvering mode
 missed_maneuvers | 1 | lower  | share of legs that went by without the maneuvering mode
@@ -215,7 +215,7 @@ rejected_good | 1 | lower  | share of the measurements without a fault that the 
 accepted_bad  | 1 | lower  | share of the measurements with a fault that the gate let in
 arrived_late  | 1 |        | measurements of a run that arrive after their step
 late_dropped  | 1 | lower  | late measurements of a run that the filter drops
-recovery_s    | s | lower  | time from a fault's end until its excess error stays below the limit
+recovery_s    | s | lower  | time from a fault's end until its excess error stays within the limit
 not_recovered | 1 | lower  | share of runs whose excess error is above the limit at the end
 mode          | 1 |        | weight of the maneuvering mode
 alarm         | 1 |        | decisions in a run that a maneuver has begun

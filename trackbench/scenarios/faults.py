@@ -322,9 +322,9 @@ def recovery(
 ) -> dict[str, Array]:
     """Measure ``recovery_s`` and ``not_recovered`` (M,) of each fault, by the first quantity's error.
 
-    A run has recovered at the first step from which on its excess error stays below the limit, up to the
-    next fault. Its time counts from the last step with the fault. ``windows`` are the scored steps (K,)
-    by name, ``values`` the series (K, M).
+    A run has recovered at the first step from which on its excess error stays within the limit, up to
+    the next fault. Its time counts from the last step with the fault. ``windows`` are the scored steps
+    (K,) by name, ``values`` the series (K, M).
     """
     # damage_position: length of the error less that of the twin, the same filter without faults
     excess_names = [name for name in values if name.partition("_")[0] == "damage"]
@@ -346,7 +346,7 @@ def recovery(
         # out the first step, which has no measurement.
         last = int(np.flatnonzero(context.measured(fault))[-1]) + 1
         places = np.append(last, np.flatnonzero(after))
-        # Place from which on the excess stays below the limit; one after the last place, whose time is
+        # Place from which on the excess stays within the limit; one after the last place, whose time is
         # NaN, for a run that does not recover.
         recovered = settled_row(damage[places] > limit)
         times = np.append(context.times[places] - context.times[last], np.nan)

@@ -157,7 +157,7 @@ class Legs(Flown):
     edge: Annotated[Positive, Unit("s")] = 50.0
     """length of a turn's start, and of the stretch after its end where an overshoot is looked for, s"""
     settled_error: Annotated[Positive, Unit("m")] | None = None
-    """position error below which a filter has settled after a turn, m; default: not measured"""
+    """largest position error of a filter that has settled after a turn, m; default: not measured"""
 
     @property
     def axes(self) -> int:
