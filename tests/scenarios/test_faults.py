@@ -389,12 +389,13 @@ def one(lines: list[str], word: str) -> str:
 
 
 def test_a_fault_without_steps_after_it_is_told_so(tmp_path: Path) -> None:
-    """Fault b covers a's end, so that neither errors after a nor its recovery exist."""
+    """Fault b covers all from a's end to c, so that neither errors after a nor its recovery exist."""
     first = {"name": "a", "kind": "bias", "from": 20.5, "to": 30, "value": [4]}
-    second = {"name": "b", "kind": "noise", "from": 25, "to": 40, "factor": 3}
-    experiment(tmp_path, first, second)
+    second = {"name": "b", "kind": "noise", "from": 25, "to": 50, "factor": 3}
+    third = {"name": "c", "kind": "noise", "from": 45, "to": 60, "factor": 3}
+    experiment(tmp_path, first, second, third)
     config = yaml.safe_load((tmp_path / "f.yaml").read_text())
-    words = ("rmse_x[after a]", "recovery_s[a]", "rmse_x[after bb]")
+    words = ("rmse[after a]", "recovery_s[a]", "rmse[after bb]")
     columns = {word: f"mean({word})" for word in words}
     config["tables"] = {"t": {"kind": "metrics", "columns": columns}}
     (tmp_path / "f.yaml").write_text(yaml.safe_dump(config))
@@ -404,7 +405,7 @@ def test_a_fault_without_steps_after_it_is_told_so(tmp_path: Path) -> None:
     after, recovery_of, misspelt = (one(lines, word) for word in words)
     for line in (after, recovery_of):
         assert "no scored step after the fault a and before the next one is without a fault" in line
-    assert "did you mean rmse_x[after b]?" in misspelt
+    assert "did you mean rmse[after b]?" in misspelt
 
 
 def test_training_has_the_faults_before_its_end(tmp_path: Path) -> None:
