@@ -115,6 +115,38 @@ def test_against_stored_results(repository: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("line", "word"), [("    deterministic = True\n", "worse"), ("", "untested")]
+)
+def test_a_recording_judges_a_filter_for_one_run_that_is_deterministic(
+    line: str, word: str, tmp_path: Path
+) -> None:
+    """By the line of docs/your-filter-in-ci.md in the class that `new filter --per-run` writes."""
+    rows = [f"{t},{5 * t + (-1) ** t},{3 * t - t % 3}" for t in range(1, 40)]
+    (tmp_path / "r.csv").write_text("time,x,y\n" + "\n".join(rows) + "\n")
+    (tmp_path / "r.yaml").write_text(
+        "name: r\nseed: 1\nscenario:\n  kind: tracking\n"
+        "  target: {kind: measured, measurements: r.csv}\n"
+        "  sensor: {kind: position, sigma: 2}\n  start: two-scan\n"
+        "  assume: {motion: {kind: cwna, q: 1}}\nfilters: {KF: {kind: kf}}\n"
+    )
+    assert trackbench("new", "filter", "my-own", "--per-run", cwd=tmp_path).returncode == 0
+    file = tmp_path / "my_own.py"
+    text = file.read_text()
+    head = '"""One line for `trackbench list`: the Kalman filter of straight flight."""\n'
+    assert head in text
+    file.write_text(text.replace(head, f"{head}\n{line}"))
+    words = ("r.yaml", "--filter", file, "--workers", 1)
+    done = trackbench("run", *words, "--out", "main/r", "--set", "figures={}", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    file.write_text(file.read_text().replace("= 20.0", "= 500.0"))
+    done = trackbench("gate", *words, "--against", "main", "--json", cwd=tmp_path)
+    found = [json.loads(line) for line in done.stdout.splitlines()]
+    words_on_filter = {row["verdict"] for row in found if row["filter"] == "my-own"}
+    assert words_on_filter == {word, "equal"}, done.stdout  # no run is lost on either side
+    assert done.returncode == int(word == "worse")
+
+
+@pytest.mark.parametrize(
     ("words", "what"),
     [
         (("--against-ref", "nowhere"), "--against-ref nowhere: "),
@@ -185,6 +217,37 @@ def test_a_filter_that_fails_fails_the_gate_unless_it_failed_before(tmp_path: Pa
     failed = json.loads(lines[-1])
     assert (failed["filter"], failed["verdict"]) == ("Old", "failed")
     assert failed["reason"]
+
+
+def test_a_filter_may_fail_again_at_a_point_where_it_failed_before(tmp_path: Path) -> None:
+    """At another point of the grid it may not."""
+    (tmp_path / "f.py").write_text(
+        "from trackbench.adapters import PerRun\n\n\n"
+        'class Limited(PerRun, kind="limited"):\n'
+        '    """It stays where it is, and fails if q is large."""\n\n'
+        "    q: float = 1.0\n"
+        '    """any number"""\n\n'
+        "    def start(self, mean, cov):\n"
+        "        self.x, self.P = mean, cov\n\n"
+        "    def step(self, z, dt):\n"
+        "        if self.q > 5.0:\n"
+        "            raise ValueError('too large')\n"
+        "        return self.x, self.P\n"
+    )
+    config = f"name: c\nseed: 1\nruns: 10\nplugins: [f.py]\n{PLANE}"
+    config += "filters: {L: {kind: limited}}\ngrid: {filters.L.q: [1, 10]}\n"
+    (tmp_path / "c.yaml").write_text(config)
+    options = api.Options(engine="serial", quiet=True, formats=(), allow_plugins=True)
+    stored = api.run(tmp_path / "c.yaml", options, out=tmp_path / "out").folder
+    words = ("c.yaml", "--against", stored, "--workers", 1, "--allow-plugins")
+    again = trackbench("gate", *words, cwd=tmp_path)
+    assert again.returncode == 0, again.stdout + again.stderr
+    lines = again.stdout.splitlines()
+    assert "L, q = 10: failed in the earlier results, not compared" in lines
+    (tmp_path / "f.py").write_text((tmp_path / "f.py").read_text().replace("5.0", "0.0"))
+    worse = trackbench("gate", *words, cwd=tmp_path)
+    assert worse.returncode == 1
+    assert worse.stdout.startswith("c is worse: L failed: f.py:")
 
 
 def test_a_filter_of_a_file_joins_a_config_without_plugins(

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 import trackbench
-from trackbench.commands.prepare import prepare
+from trackbench.commands.read_experiment import prepare
 from trackbench.core.arrays import Array
 from trackbench.verify.verify_folder import verify
 

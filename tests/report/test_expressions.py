@@ -200,6 +200,26 @@ def test_without_a_batch_a_gain_is_that_of_the_others(folder):
     assert term.runs == both.sum()
 
 
+@pytest.mark.parametrize("relation", ["gain", "ratio", "minus", "win_rate"])
+def test_a_difference_of_two_relations_takes_the_runs_that_all_filters_have(folder, relation):
+    """The value belongs to the same runs as its error, whichever runs one of the four lost."""
+    rng = np.random.default_rng(5)
+    folder.values["C", "rmse"] = folder.values["B", "rmse"] + rng.gamma(2.0, 0.03, RUNS)
+    folder.values["C", "rmse"][20:60] = np.nan
+    left = f"{relation}(mean(rmse), B)" if relation != "win_rate" else "win_rate(rmse, B)"
+    right = left.replace("B", "C")
+    whole = Evaluator(folder, {}).difference(measure(left).of("A"), measure(right).of("A"))
+    every = np.logical_and.reduce([~np.isnan(folder.values[f, "rmse"]) for f in "ABC"])
+    for name, values in folder.values.items():
+        folder.values[name] = np.where(every, values, np.nan)
+    e = Evaluator(folder, {})
+    sides = [e.term(measure(side).of("A")) for side in (left, right)]
+    assert whole.runs == every.sum()
+    assert whole.value == pytest.approx(sides[0].value - sides[1].value, rel=1e-12)
+    influences = sides[0].influences - sides[1].influences
+    assert whole.influences[every] == pytest.approx(influences[every], rel=1e-9)
+
+
 def jackknifed_gain(a, b):
     """Percent by which a's rms is below b's, and its error by leaving out each run in turn."""
 

@@ -209,3 +209,17 @@ def test_a_folder_without_the_points_or_with_others_is_said(made: Path, tmp_path
     assert done.returncode == 2
     assert "points.json was changed after the run" in done.stderr
     assert Results(made).facts({}).filters["PF"]["N"] == 10
+
+
+def test_checking_a_config_imports_only_the_files_of_its_kinds() -> None:
+    """Most of the time of `check` goes into imports."""
+    script = "import sys; from trackbench.cli.app import app; "
+    script += "app(['check', 'bearings-two'], standalone_mode=False); "
+    script += "print(*(m for m in sys.modules if m.startswith('trackbench.')))"
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    loaded = {name.removeprefix("trackbench.") for name in done.stdout.split()}
+    assert "filters.ekf" in loaded
+    others = {"filters.hdepf", "report.figures.calibration", "report.render", "execution.runner"}
+    assert not loaded & others

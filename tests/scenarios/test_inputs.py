@@ -387,3 +387,55 @@ def test_a_ship_finds_the_current_and_another_filter_does_without_inputs(tmp_pat
     # 360 positions of 5 m over 360 s tell a constant current to some centimeters a second.
     np.testing.assert_allclose(current, [0.0, 1.0], atol=0.1)
     assert np.abs(other - position).max() < 25.0
+
+
+HEADED = """
+name: headed
+seed: 1
+scenario:
+  kind: tracking
+  target: {kind: measured, measurements: log.csv, state: [px, py], input: {v: speed, h: yaw}, MORE: 0}
+  sensor: {kind: function, h: {x: px, y: py}, R: 4}
+  start: {kind: given, mean: [0, 0], sigma: [2, 2]}
+  assume:
+    motion:
+      kind: map
+      components: [px, py]
+      input: [v, h]
+      next: {px: px + v*T*cos(h), py: py + v*T*sin(h)}
+      Q: [0.01, 0.01]
+filters:
+  KF: {kind: ekf}
+metrics: [nis]
+tables: {t: {kind: metrics, columns: {NIS: mean(nis)}}}
+"""
+
+
+@pytest.mark.parametrize("unit", ["deg", "rad", ""])
+@pytest.mark.parametrize("around", [0.0, 180.0])
+@pytest.mark.parametrize("way", ["resample: 1", "same_time: mean"])
+def test_a_heading_among_the_inputs_is_averaged_over_the_shorter_way(
+    tmp_path: Path, unit: str, around: float, way: str
+) -> None:
+    """A compass around north jumps from 360 to 0 deg, and one around south from 180 to -180 deg."""
+    rng = np.random.default_rng(8)
+    yaw = around + np.cumsum(rng.choice([-6.0, 5.0], 60)) / 2.0
+    jumping = yaw % 360.0
+    if around == 180.0:
+        jumping = (yaw + 180.0) % 360.0 - 180.0
+    assert np.ptp(jumping) > 300.0
+    more = way if not unit else f"{way}, units: {{h: {unit}}}"
+    (tmp_path / "headed.yaml").write_text(HEADED.replace("MORE: 0", more))
+    headings = []
+    for angles in (yaw, jumping):
+        in_unit = angles if unit == "deg" else np.deg2rad(angles)
+        rows = ["time,speed,yaw,x,y"]
+        for i, h in enumerate(in_unit):
+            time = 0.5 * (i + 1) if way == "resample: 1" else float(i // 2 + 1)
+            rows.append(f"{time},2,{float(h)!r},{i},1")
+        (tmp_path / "log.csv").write_text("\n".join(rows) + "\n")
+        motion = load(tmp_path / "headed.yaml").points[0].scenario.model.motion
+        headings.append(motion.known_inputs.values[1, 1:])
+    goes_on, jumps = headings
+    assert np.ptp(goes_on) < 1.0
+    assert np.cos(jumps - goes_on) == pytest.approx(1.0, abs=1e-9)

@@ -8,6 +8,7 @@ import pytest
 from scipy.stats import multivariate_normal, norm
 
 from tests.commands import trackbench
+from trackbench import api
 from trackbench.config.load import load
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian, Uniform
@@ -191,3 +192,38 @@ def test_a_sweep_and_the_lower_bound(tmp_path: Path) -> None:
     done = trackbench("check", "prior.yaml", cwd=tmp_path)
     assert done.returncode == 2
     assert "the bound is of a normal first state" in done.stderr
+
+
+COMPASS = """
+name: compass
+seed: 1
+runs: 50
+scenario:
+  kind: tracking
+  last: 6
+  target:
+    kind: driven
+    motion: {kind: map, components: [h], angles: [h], next: {h: h}, Q: 0.0001}
+  sensor: {kind: function, h: {z: "atan2(sin(h), cos(h))"}, R: 0.25}
+  start:
+    kind: mixture
+    parts:
+      - {weight: 1, mean: {h: 3.04}, sigma: {h: 0.05}}
+      - {weight: 1, mean: {h: OTHER}, sigma: {h: 0.05}}
+filters: {EKF: {kind: ekf}, Grid: {kind: grid}, None: {kind: prior-mean}}
+"""
+
+
+def test_a_mixture_of_angles_across_the_cut_is_that_on_one_turn(tmp_path: Path) -> None:
+    """3.04 and -3.04 rad are .2 apart: numbers of all filters, and the prior's own moments."""
+    config = tmp_path / "compass.yaml"
+    rmse = []
+    for other in ("-3.04", repr(2.0 * np.pi - 3.04)):
+        config.write_text(COMPASS.replace("OTHER", other))
+        prior = load(config).points[0].scenario._start.distribution(1)
+        assert np.cos(prior.mean - np.pi) == pytest.approx(1.0, abs=1e-12)
+        assert np.sqrt(prior.cov[0, 0]) == pytest.approx(np.hypot(0.05, np.pi - 3.04), rel=1e-9)
+        report = api.run(config, out=tmp_path / "out", workers=1, fresh=True, formats=())
+        rmse.append(report.summary.query("metric == 'rms(rmse)'")["value"].to_numpy())
+    assert rmse[0] == pytest.approx(rmse[1], rel=1e-9)
+    assert (rmse[0] < 0.2).all()

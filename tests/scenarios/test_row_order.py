@@ -119,3 +119,28 @@ def test_negative_speeds_are_refused(tmp_path: Path) -> None:
     sensor = [{"kind": "position", "sigma": 5}, {"kind": "velocity", "sigma": 1}]
     line = one_mistake(config(tmp_path, {"measurements": "m.csv"}, sensor=sensor))
     assert "m.csv:5:1: scenario: speed: -2 m/s is impossible; a speed is at least 0 m/s" in line
+
+
+def test_the_mean_of_true_headings_is_on_their_arc(tmp_path: Path) -> None:
+    """359 and 3 deg at one time are 1 deg, as of measured angles."""
+    (tmp_path / "m.csv").write_text(table("time,z", [0, 1, 2], [0.1, 0.1, 0.1]))
+    rows = table("time,heading", [0, 1, 1, 2], np.deg2rad([350.0, 359.0, 3.0, 4.0]))
+    (tmp_path / "t.csv").write_text(rows)
+    (tmp_path / "c.yaml").write_text(
+        """
+name: compass
+seed: 1
+scenario:
+  kind: tracking
+  target: {kind: measured, measurements: m.csv, truth: t.csv, state: [heading], angles: [heading],
+    axes: 0, same_time: mean}
+  sensor: {kind: function, h: {z: heading}, R: 0.01}
+  start: {kind: given, mean: [0], sigma: [1]}
+  assume:
+    motion: {kind: map, components: [heading], angles: [heading], next: {heading: heading}, Q: 0.01}
+filters: {EKF: {kind: ekf}}
+"""
+    )
+    truth = load(tmp_path / "c.yaml").points[0].scenario.target.recorded_truth[0, 1:, 0]
+    difference = np.rad2deg(truth) - [350.0, 1.0, 4.0]
+    assert (difference + 180.0) % 360.0 - 180.0 == pytest.approx(0.0, abs=1e-9)

@@ -256,6 +256,7 @@ def loop_over_runs(run_class: "type[PerRun]") -> type[LoopFilter]:
         "requires",
         "summed_diagnostics",
         "presets",
+        "deterministic",
     ):
         attributes[name] = getattr(run_class, name)
     # Only a class with the hook has a log score.
@@ -384,10 +385,11 @@ class PerRun:
     extra_std: ClassVar[Mapping[str, float]] = {}
     """components of ``state`` that the scenario lacks: initial standard deviation, about zero"""
     requires: ClassVar[tuple[str, ...]] = ()
-    """see `trackbench.filters.base.Filter`, also for the three that follow"""
+    """see `trackbench.filters.base.Filter`, also for the four that follow"""
     presets: ClassVar[dict[str, dict[str, object]]] = {}
     summed_diagnostics: ClassVar[frozenset[str]] = frozenset()
     contract_exemptions: ClassVar[dict[str, str]] = {}
+    deterministic: ClassVar[bool] = False
 
     def __init_subclass__(cls, *, kind: str | None = None, **others: object) -> None:
         """Make the subclass a dataclass, and register the filter of it if there is a ``kind``."""

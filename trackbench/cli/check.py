@@ -9,7 +9,7 @@ from trackbench.cli.json_objects import echo_line
 from trackbench.cli.options import AllowPlugins, Json, Only, Set, api_options, configs
 
 if TYPE_CHECKING:
-    from trackbench.api import Options
+    from trackbench.commands.options import Options
 
 _PICTURES = (".png", ".svg", ".pdf")
 
@@ -62,13 +62,13 @@ def check(
 
 def _check_config(config: Path, options: "Options", json: bool, picture: Path | None) -> None:
     """Validate a config, print a summary, and draw its scene to the file ``picture``."""
-    from trackbench import api
     from trackbench.atomic_files import atomic_write
+    from trackbench.commands.read_experiment import prepare
     from trackbench.config.training import training_cautions
     from trackbench.errors import counted
     from trackbench.execution.plan import cautions, check_memory
 
-    experiment = api.prepare(config, options)
+    experiment = prepare(config, options)
     check_memory(experiment)
     # The notes are those of `run`.
     for caution in [*cautions(experiment.points), *training_cautions(experiment)]:

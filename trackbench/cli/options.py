@@ -286,9 +286,9 @@ def runs_experiments(command: Callable[..., None]) -> Callable[..., None]:
 
 def api_options(given: dict[str, Any]) -> "Options":
     """Convert a command's options to the API's."""
-    from trackbench import api
+    from trackbench.commands.options import Options
 
-    known = {field.name for field in fields(api.Options)}
+    known = {field.name for field in fields(Options)}
     options = {key: value for key, value in given.items() if key in known and value is not None}
     if "engine" in given:
         one_of("--engine", given["engine"], ("serial", "processes", "dask"))
@@ -304,7 +304,7 @@ def api_options(given: dict[str, Any]) -> "Options":
         options |= {"quick": True, "times": False}
         options["spare"] = not given.get("force")
     overrides += given["set_"] or ()
-    return api.Options(**options, set=tuple(overrides))
+    return Options(**options, set=tuple(overrides))
 
 
 MARKDOWN = "markdown"

@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 from trackbench.commands.options import Options
-from trackbench.commands.prepare import file_of, prepare
+from trackbench.commands.read_experiment import file_of, prepare
 from trackbench.commands.run_experiment import run_all
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.evaluation.metric_expression import measured
@@ -233,9 +233,12 @@ def _compare_results(stored: Results, new: Results, limit: Limit, largest_ratio:
     stored_labels = [label for label in stored.filters if label in labels_with_rows]
     # A filter that the stored results have without numbers failed there, too.
     failed_before = set(stored.config["filters"]) - set(stored_labels)
+    # Filters that failed there at some points of the grid, and have numbers at others.
+    failures_before = [_filter_and_point(row) for row in stored.failed]
     failed = []
     for failure in new.failed:
-        if failure["filter"] not in failed_before:
+        is_new_failure = _filter_and_point(failure) not in failures_before
+        if is_new_failure and failure["filter"] not in failed_before:
             failed.append(Failure(filter=failure["filter"], reason=failure["reason"]))
     removed = list(_find_removed(stored, new, stored_labels))
     if not rows and not failed and not removed:
@@ -250,7 +253,17 @@ def _compare_results(stored: Results, new: Results, limit: Limit, largest_ratio:
             notes.append(f"{label}: failed in the earlier results, not compared")
         elif label not in stored_labels:
             notes.append(f"{label}: new, not compared")
+    for label, point in failures_before:
+        if label in stored_labels and label in new.filters:
+            series = ", ".join(filter(None, [label, heading(point)]))
+            notes.append(f"{series}: failed in the earlier results, not compared")
     return Verdict(name=new.config["name"], rows=rows, failed=failed, removed=removed, notes=notes)
+
+
+def _filter_and_point(failure: dict[str, Any]) -> tuple[str, GridPoint]:
+    """Return the label of a filter that failed, and the point of the grid where it did."""
+    point = {key: value for key, value in failure.items() if key not in ("filter", "reason")}
+    return failure["filter"], point
 
 
 def _find_removed(stored: Results, new: Results, stored_labels: Sequence[str]) -> Iterator[Removed]:

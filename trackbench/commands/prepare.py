@@ -3,16 +3,13 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from trackbench.commands.options import Options, most_workers, say
 from trackbench.commands.output_folder import check_out, may_write, stored_runs
-from trackbench.config import load as configurations
+from trackbench.commands.read_experiment import prepare
 from trackbench.config.experiment import Experiment
-from trackbench.config.python_tables import name_rows
 from trackbench.config.resolved_config import data_from_python
-from trackbench.config.shipped_experiments import located
-from trackbench.config.tuned_entries import Chosen
 from trackbench.errors import Mark, Problem, UserError, few_names
 from trackbench.evaluation.precision_check import checkpoints
 from trackbench.execution.cache import BlockStore, cache_folder
@@ -23,39 +20,7 @@ from trackbench.models.description import sensor_places
 from trackbench.report.sweep_files import as_sweep
 from trackbench.tuning.search import Record
 from trackbench.tuning.tuner import tune
-from trackbench.yaml_source import Assembled, Config
-
-
-def file_of(config: Config, options: Options) -> Path | Mapping[str, Any] | Assembled:
-    """Find the path of a config or shipped experiment of this name; other configs stay themselves."""
-    if isinstance(config, Mapping | Assembled):
-        return config
-    return located(Path(config), lambda line: say(line, options))
-
-
-def prepare(
-    config: Config, options: Options, tuned: Mapping[str, Chosen] | None = None
-) -> Experiment:
-    """Read and validate a config with the options' overrides; ``tuned`` are tuned values."""
-    tables = {"measurements": options.measurements, "truth": options.truth}
-    try:
-        return configurations.load(
-            file_of(config, options),
-            overrides=options.set,
-            only=options.only,
-            runs=options.runs,
-            seed=options.seed,
-            grid=options.grid,
-            product=options.product,
-            allow_plugins=options.allow_plugins,
-            tuned_values=tuned,
-            filter_files=[Path(file) for file in options.filters],
-            quick=options.quick,
-            tables={key: table for key, table in tables.items() if table is not None},
-        )
-    except UserError as error:
-        name_rows(error)
-        raise
+from trackbench.yaml_source import Config
 
 
 class Job(NamedTuple):

@@ -198,18 +198,18 @@ def _find_class(group: Group, kind: object, source: Source, keys: Keys) -> type[
 
     Return None, with a problem added to the source, if there is no such kind.
     """
-    cls = None
+    if isinstance(kind, str):
+        cls = of_kind(group, kind)
+        if cls is not None:
+            return cls
+    # The message names all kinds, whose files are imported for it alone.
+    known = list(kinds(group))
     if kind is None:
-        message = f"has no value; {unknown('', list(kinds(group)))}"
+        message = f"has no value; {unknown('', known)}"
     else:
-        if isinstance(kind, str):
-            cls = of_kind(group, kind)
-        message = (
-            f"{kind!r} is not a kind of {group[:-1]}; {unknown(str(kind), list(kinds(group)))}"
-        )
-    if cls is None:
-        source.add_problem((*keys, "kind"), message)
-    return cls
+        message = f"{kind!r} is not a kind of {group[:-1]}; {unknown(str(kind), known)}"
+    source.add_problem((*keys, "kind"), message)
+    return None
 
 
 def _add_declared(source: Source, values: dict[str, object]) -> None:

@@ -7,7 +7,7 @@ from trackbench.config.experiment import Point
 from trackbench.config.settings import Settings
 from trackbench.filters.base import AnyFilter, Filter
 from trackbench.plugins.checks import call_hook
-from trackbench.registry import kinds
+from trackbench.registry import of_kind
 from trackbench.yaml_source import Source, dotted
 
 
@@ -81,5 +81,5 @@ def _runs_program(entry: object) -> bool:
     kind = entry.get("kind")
     if not isinstance(kind, str):
         return False
-    cls = kinds("filters").get(kind)
+    cls = of_kind("filters", kind)
     return cls is not None and issubclass(cls, Filter) and cls.runs_program

@@ -30,7 +30,7 @@ from trackbench.evaluation.summary import series_of
 from trackbench.extension_points import field_values
 from trackbench.filters.base import AnyFilter
 from trackbench.models.components import has_position_and_velocity
-from trackbench.registry import Group, kinds
+from trackbench.registry import Group, of_kind
 from trackbench.scenarios.base import error_names
 from trackbench.statistics.sample_statistics import STATISTICS
 from trackbench.yaml_source import Keys, Source
@@ -161,7 +161,7 @@ def fill_default_metrics(group: Group, source: Source, points: Sequence[Point]) 
     for name, entry in (source.data.get(group) or {}).items():
         if not isinstance(entry, dict) or "metric" in entry:
             continue
-        default = getattr(kinds(group).get(str(entry.get("kind"))), "metric", None)
+        default = getattr(of_kind(group, str(entry.get("kind"))), "metric", None)
         if not isinstance(default, Measure):
             continue
         if default.metric.startswith("rmse") and default.metric not in errors:

@@ -37,6 +37,11 @@ def near(x: Array, other: Array, rows: Sequence[int]) -> Array:
     return out
 
 
+def wrapped_difference(x: Array, other: Array, angles: Sequence[int]) -> Array:
+    """Return ``x - other`` of states (n, *batch), the rows ``angles`` within half a turn of zero."""
+    return near(x, other, angles) - other
+
+
 def mean_direction(x: Array, w: Array, mean: Array, rows: Sequence[int]) -> Array:
     """Return ``mean`` (n, M) with its angles replaced by the mean directions of states x (n, M, N).
 

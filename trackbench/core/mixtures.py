@@ -116,7 +116,7 @@ def combine(
         Mean (n, M) and covariance (n, n, M).
     """
     if angles:
-        states = _brought_together(states, weights, angles)
+        states = brought_together(states, weights, angles)
     terms = list(zip(weights, states, strict=True))
     # m = sum_j w_j m_j
     mean = np.asarray(sum(w * s.mean for w, s in terms))
@@ -134,7 +134,7 @@ def combine(
     return Gaussian(mean, cov)
 
 
-def _brought_together(
+def brought_together(
     states: Sequence[Gaussian], weights: Array, angles: Sequence[int]
 ) -> list[Gaussian]:
     """Shift the angles of means by whole turns to near their mean direction, on the first one's turn."""

@@ -62,17 +62,15 @@ class Evaluator:
         Parameters
         ----------
         m : measure of a filter, such as ``measure("mean(rmse)").of("EKF")``
-        common : runs (M,) that count; default: all. It has no effect on a relation of two filters, nor
-            on a number without values per run
+        common : runs (M,) that count; default: all. It has no effect on a number without values per run
 
         Returns
         -------
         The number with its standard error, and one influence per run where the measure has them. NaN if
         the results do not have the measure.
         """
-        # A relation of two filters finds the runs that both of them have by itself.
         if m.relation:
-            return self._related(m, m.plain, m.plain.of(m.other))
+            return self._related(m, m.plain, m.plain.of(m.other), common)
         if m.is_efficiency:
             return self._efficiency(m, common)
         over_runs = self._statistic_over_runs(m)
@@ -169,13 +167,17 @@ class Evaluator:
         return m.at_each(sorted(steps))
 
     @ignore_float_errors
-    def difference(self, left: Measure, right: Measure, factor: float = 1.0) -> RunEstimate:
+    def difference(
+        self, left: Measure, right: Measure, factor: float = 1.0, among: Mask | bool = True
+    ) -> RunEstimate:
         """Return the difference of two measures, paired on common runs or on the steps of a recording.
 
         Parameters
         ----------
-        left, right : measures of a filter each
+        left, right : measures of a filter each, or of two, such as ``gain(rms(rmse), PF)``; the common
+            runs are those that all of these filters have
         factor : multiple of the right side that is subtracted
+        among : runs (M,) among which the common runs are; default: all
 
         Returns
         -------
@@ -185,28 +187,31 @@ class Evaluator:
         right_of_steps = self.estimate_of_steps(right)
         if left_of_steps is not None and right_of_steps is not None:
             return left_of_steps.minus(right_of_steps, factor)
-        common = self._common_runs(left, right)
+        common = among & self._common_runs(left, right)
         a = self.term(left, common)
         b = self.term(right, common)
         # Two variances as such, neither of them a gain or a ratio to another filter.
         are_variances = all(m.statistic == "variance" and not m.relation for m in (left, right))
         return difference_of_measures(a, b, factor, are_variances)
 
-    def _related(self, m: Measure, mine: Measure, other: Measure) -> RunEstimate:
+    def _related(
+        self, m: Measure, mine: Measure, other: Measure, among: Mask | bool
+    ) -> RunEstimate:
         """Evaluate a relation such as a ratio of one filter's measure, ``mine``, to another's.
 
-        ``m`` is the measure with the relation; ``other`` is the other filter's measure.
+        ``m`` is the measure with the relation; ``other`` is the other filter's measure. The runs that
+        both filters have count, of those in ``among`` (M,).
         """
         if m.relation == "minus":
-            return self.difference(mine, other)
+            return self.difference(mine, other, among=among)
         if m.relation == "win_rate":
-            return self._win_rate(mine, other)
+            return self._win_rate(mine, other, among)
         if m.relation == "controlled":
-            return self._controlled(mine, other)
+            return self._controlled(mine, other, among)
         # A score is a logarithm: a ratio of two depends on the unit and means nothing.
         if m.definition.is_score:
             return MISSING
-        common = self._common_runs(mine, other)
+        common = among & self._common_runs(mine, other)
         ratio = quotient(self.term(mine, common), self.term(other, common))
         if m.is_cpu_time:
             ratio = self._paired_times(mine, other) or ratio
@@ -215,13 +220,13 @@ class Evaluator:
         return gain(ratio)  # how many percent the ratio is below one
 
     @ignore_float_errors
-    def _controlled(self, mine: Measure, other: Measure) -> RunEstimate:
+    def _controlled(self, mine: Measure, other: Measure, among: Mask | bool) -> RunEstimate:
         """Estimate the measure a, ``mine``, with the measure b, ``other``, as a control variate.
 
         The estimate is a - beta (b - E b) with the exact E b (Hammersley & Handscomb 1964, section 5.5).
         """
         exact = self.exact(other)
-        common = self._common_runs(mine, other)
+        common = among & self._common_runs(mine, other)
         # Influences are centered on zero, so that sums of their products are covariances.
         a = self.term(mine, common).influences
         b = self.term(other, common).influences
@@ -229,7 +234,7 @@ class Evaluator:
             return MISSING
         # beta = cov(a, b) / var(b)
         beta = float(total(np.nan_to_num(a * b)) / total(np.nan_to_num(b * b)))
-        term = self.difference(mine, other, beta)
+        term = self.difference(mine, other, beta, among)
         return term._replace(value=term.value + beta * exact)
 
     def exact(self, m: Measure) -> float | None:
@@ -334,12 +339,12 @@ class Evaluator:
                 return None
             return floor + distance  # NaN if either is: an efficiency has no value of a run
         over_runs = self._statistic_over_runs(m)
-        if not over_runs:
-            return None
-        return self.runs.get((m.filter, over_runs.name))
+        # A share of won runs compares the metric itself, without a statistic.
+        name = over_runs.name if over_runs else str(m)
+        return self.runs.get((m.filter, name))
 
     @ignore_float_errors
-    def _win_rate(self, mine: Measure, other: Measure) -> RunEstimate:
+    def _win_rate(self, mine: Measure, other: Measure, among: Mask | bool) -> RunEstimate:
         """Estimate the share of the common runs in which a filter's metric is better than another's.
 
         Larger is better for a score; for a metric that is best near zero the smaller size is better. For
@@ -358,7 +363,8 @@ class Evaluator:
                 is_better = np.abs(a - 1.0) < np.abs(b - 1.0)
             case _:
                 is_better = a < b
-        return self._share(mine.filter, np.where(np.isnan(a) | np.isnan(b), np.nan, is_better))
+        wins = np.where(np.isnan(a) | np.isnan(b), np.nan, is_better)
+        return self._share(mine.filter, wins, among)
 
     def _share(self, label: str, values: Array, common: Mask | bool = True) -> RunEstimate:
         """Return the share of the runs with a value (M,) above zero among those with a value.

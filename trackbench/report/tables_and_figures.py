@@ -20,7 +20,7 @@ from trackbench.config.overrides import split_path
 from trackbench.core.arrays import Array
 from trackbench.errors import Mark, Problem, UserError, counted
 from trackbench.evaluation.metric_expression import measured
-from trackbench.registry import Group, kinds
+from trackbench.registry import Group, of_kind
 from trackbench.report.compared_metrics import (
     compared_statistic,
     primary_metrics,
@@ -179,7 +179,8 @@ class Results(ResultsFolder):
         keys = default_keys(group, metrics, points, len(self.labels), self.config)
         if not keys:
             return {}
-        kind = kinds(group)[keys.pop("kind")]
+        kind = of_kind(group, keys.pop("kind"))
+        assert kind is not None, "the default tables and figures are kinds of the package"
         return {DEFAULT: kind(**keys)}
 
     @cached_property

@@ -6,7 +6,7 @@ from typing import Any, cast
 from trackbench.config.build import hints_of
 from trackbench.field_types import Unit, UnitIf, annotations_of, dataclasses_in, part_group
 from trackbench.models.sensors.base import Assume
-from trackbench.registry import Group, kinds
+from trackbench.registry import Group, of_kind
 
 
 def unit_of_setting(
@@ -21,7 +21,7 @@ def unit_of_setting(
     inner_keys = keys[1:]
     if group is not None:
         # Only a filter may lack its kind: it is an EKF.
-        cls = kinds(cast(Group, group)).get(settings.get("kind", "ekf"))
+        cls = of_kind(cast(Group, group), settings.get("kind", "ekf"))
     hint = None
     if cls is not None:
         hint = hints_of(cls).get(key)

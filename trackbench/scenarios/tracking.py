@@ -159,7 +159,10 @@ class Tracking(Scenario):
     @cached_property
     def _start(self) -> Start:
         """Start of the target's state; raises InvalidKeyError."""
-        return self.start.for_state(self.components)
+        start = self.start.for_state(self.components)
+        if isinstance(start, FixedStart):
+            return start.on_one_turn(self.angle_rows)
+        return start
 
     @property
     def _drawn_start(self) -> FixedStart | None:
@@ -186,7 +189,7 @@ class Tracking(Scenario):
             message = f"{error}{self._way_to_larger_state()}"
             raise InvalidKeyError(message, "assume", *error.path) from None
         assert isinstance(fitted, FixedStart)
-        return fitted
+        return fitted.on_one_turn(self.angle_rows)
 
     def _way_to_larger_state(self) -> str:
         """Return the advice on an assumed motion with further components; empty if it has none."""

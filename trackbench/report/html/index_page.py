@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from trackbench.atomic_files import write_text
+from trackbench.errors import UserError
 from trackbench.report.experiments_of_folder import (
     Overview,
     group_by_topic,
@@ -67,7 +68,7 @@ def _card(folder: Path, results: Results, comparison: Verdicts) -> dict[str, Any
 
     config = results.config
     report = results.folder / "report.html"
-    picture = key_picture(results)
+    picture = _picture(results)
     return {
         "name": config["name"],
         "title": results.fill_title(config["title"]),
@@ -78,3 +79,17 @@ def _card(folder: Path, results: Results, comparison: Verdicts) -> dict[str, Any
         "thumbnail": Markup(thumbnail(picture)) if picture else "",
         "link": relative_link(report.relative_to(folder)) if report.is_file() else "",
     }
+
+
+def _picture(results: Results) -> bytes | None:
+    """Return the SVG of the key figure.
+
+    None if the experiment has no figure, or if the figure is missing and cannot be drawn, because the
+    folder lacks the data of the runs, as in a git clone.
+    """
+    try:
+        return key_picture(results)
+    except UserError:
+        if results.has_runs:
+            raise
+        return None

@@ -2,10 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Literal, NamedTuple
 
 import numpy as np
 
+from trackbench.core.angles import has_turns, near, wrapped_difference
 from trackbench.core.arrays import Array, Index, fixed
 from trackbench.durations import time_text
 from trackbench.errors import counted
@@ -14,7 +16,10 @@ from trackbench.models.inputs import InputGap, KnownInputs
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import TICK, Gathered, Rows, usual_interval
 from trackbench.scenarios.recordings.time_alignment import ONE_RUN, Clock
+from trackbench.scenarios.recordings.units import DIMENSIONS
 
+_ROUNDING = 1e-6
+"""rad beyond one turn, that a recorded angle may have by its digits"""
 _MOST_INTERVALS = 1.5
 """Usual intervals between two rows over which a value holds, unless the config has a `gap`."""
 _MOST_MISTAKES = 20
@@ -30,6 +35,8 @@ class InputRows(NamedTuple):
     """rows with all inputs, in order of time"""
     blank: Rows
     """rows without any input; they only show which line a message on a gap names"""
+    angles: Sequence[int]
+    """numbers of the inputs that are angles, rad, within one turn"""
 
 
 def with_inputs_only(gathered: Gathered, names: Sequence[str], rows: Rows) -> InputRows:
@@ -40,14 +47,14 @@ def with_inputs_only(gathered: Gathered, names: Sequence[str], rows: Rows) -> In
     is_missing = np.isnan(rows.values)
     has_all = ~is_missing.any(axis=0)
     has_none = is_missing.all(axis=0)
-    partial = np.flatnonzero(~has_all & ~has_none)
-    if len(partial):
+    incomplete = np.flatnonzero(~has_all & ~has_none)
+    if len(incomplete):
         mistakes = []
-        for row in partial[:_MOST_MISTAKES].tolist():
+        for row in incomplete[:_MOST_MISTAKES].tolist():
             name = names[int(np.flatnonzero(is_missing[:, row])[0])]
             message = f"{name}: there is no value beside the other inputs: fill the cell"
             mistakes.append(gathered.place(rows, row, message))
-        left_out = len(partial) - len(mistakes)
+        left_out = len(incomplete) - len(mistakes)
         if left_out:
             message = f"{mistakes[-1].message}; nor have {left_out} more rows all inputs"
             mistakes[-1] = mistakes[-1]._replace(message=message)
@@ -55,8 +62,28 @@ def with_inputs_only(gathered: Gathered, names: Sequence[str], rows: Rows) -> In
     if not has_all.any():
         message = f"the columns of the inputs {', '.join(names)} are empty"
         raise DataError(Place(gathered.files[0], 1, 1, message))
-    measured = in_order(gathered, rows.at(np.flatnonzero(has_all)))
-    return InputRows(measured=measured, blank=rows.at(np.flatnonzero(has_none)))
+    complete = rows.at(np.flatnonzero(has_all))
+    angles = _wrapped_angles(gathered, names, complete)
+    measured = in_order(gathered, complete, partial(wrapped_difference, angles=angles))
+    return InputRows(measured=measured, blank=rows.at(np.flatnonzero(has_none)), angles=angles)
+
+
+def _wrapped_angles(gathered: Gathered, names: Sequence[str], rows: Rows) -> list[int]:
+    """Find the inputs that are angles within one turn, whose values jump where it ends.
+
+    They have a unit of angles, or their values jump by whole turns and change by far less otherwise. An
+    angle that goes on counting beyond a turn is a number like others. ``names`` are those of the inputs.
+    """
+    angles = []
+    for i, name in enumerate(names):
+        values = rows.values[i]
+        has_unit = gathered.naming.units.get(name) in DIMENSIONS["angle"]
+        is_within_turn = np.ptp(values) <= 2.0 * np.pi + _ROUNDING
+        values_of_runs = [values[rows.run == m] for m in np.unique(rows.run)]
+        jumps_by_turns = any(has_turns(of_run[:, None]) for of_run in values_of_runs)
+        if jumps_by_turns or (has_unit and is_within_turn):
+            angles.append(i)
+    return angles
 
 
 def rows_within(
@@ -109,9 +136,10 @@ def inputs_at(
 
     The inputs are those of ``rows.measured``; ``rows.blank`` only place the message on a gap. A row's
     values hold ``before`` its time, back to the row before, or ``after`` it, until the next row; over
-    ``gap`` (s, or steps) at most. ``resample`` is the length of resampled steps, s. The numbers of the
-    rows' runs are those of ``runs``, but rows without names of runs are those of every run. Raises
-    InvalidKeyError if the runs' inputs differ, since a motion has one table of them.
+    ``gap`` (s, or steps) at most. ``rows.angles`` go on counting beyond a turn before their mean is
+    taken, so that that of 359 and 1 deg is 0 or 360. ``resample`` is the length of resampled steps, s.
+    The numbers of the rows' runs are those of ``runs``, but rows without names of runs are those of
+    every run. Raises InvalidKeyError if the runs' inputs differ, since a motion has one table of them.
     """
     # Rows without names of runs all have the number 0, and hold for every run.
     is_shared = gathered.runs == [ONE_RUN]
@@ -123,7 +151,7 @@ def inputs_at(
             raise DataError(missing_run(gathered.files[0], name, names))
         blank = rows.blank.at(np.flatnonzero(rows.blank.run == number_in_rows))
         shift = float(clock.shift[m])
-        one_run = InputRows(measured=rows.measured.at(of_run), blank=blank)
+        one_run = InputRows(measured=rows.measured.at(of_run), blank=blank, angles=rows.angles)
         tables.append(_inputs_of_run(gathered, names, one_run, clock, shift, holds, gap, resample))
     first = tables[0]
     for name, table in zip(runs, tables, strict=True):
@@ -168,7 +196,11 @@ def _inputs_of_run(
     last_piece = pieces.shape[1] - 1
     first_of_step = np.clip(np.searchsorted(edges, earlier + TICK) - 1, 0, last_piece)
     last_of_step = np.clip(np.searchsorted(edges, later - TICK) - 1, 0, last_piece)
-    means = _means(edges, pieces, earlier, later)
+    unwrapped = pieces.copy()
+    for i in rows.angles:
+        unwrapped[i] = np.unwrap(pieces[i])
+    means = _means(edges, unwrapped, earlier, later)
+    means = near(means, pieces[:, first_of_step], rows.angles)
     is_constant = first_of_step == last_of_step
     means[:, is_constant] = pieces[:, first_of_step[is_constant]]
     # Step 3: a step has no inputs outside the rows, nor if a piece within it is longer than the gap.

@@ -4,11 +4,13 @@ import os
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from trackbench.core.angles import wrapped_difference
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError
 from trackbench.models.base import measured_angle_rows
@@ -255,14 +257,14 @@ def _read_truth(
     if target.truth_naming:
         gathered_truth.check_idle_keys()
     (rows,) = chosen_runs(gathered_truth, [rows], ())
-    rows = in_order(gathered_truth, rows)
+    angles = [i for i, name in enumerate(target.components) if name in target.angles]
+    rows = in_order(gathered_truth, rows, partial(wrapped_difference, angles=angles))
     check_runs_of_truth(gathered_truth, rows, gathered)
     check_common_time(gathered, measured_rows, gathered_truth, rows)
     # Origin and distances are those of all files together.
     gathered.geodetic = gathered_truth.geodetic
     gathered.planar = gathered_truth.planar
     gathered.largest_distance = gathered_truth.largest_distance
-    angles = [i for i, name in enumerate(target.components) if name in target.angles]
     truth = truth_at(gathered_truth, rows, clock, gathered.runs, target.truth_gap, angles)
     gathered.notices += [f"truth: {notice}" for notice in gathered_truth.notices]
     return truth

@@ -1,7 +1,8 @@
 """Base of initializations: distribution of the first state from scans or prior knowledge."""
 
 from abc import abstractmethod
-from typing import ClassVar, NamedTuple
+from collections.abc import Sequence
+from typing import ClassVar, NamedTuple, Self
 
 import numpy as np
 
@@ -106,6 +107,13 @@ class FixedStart(Start):
     @abstractmethod
     def distribution(self, runs: int) -> Distribution:
         """Return the prior (n, M)."""
+
+    def on_one_turn(self, angles: Sequence[int]) -> Self:
+        """Return the start with the angles in these rows of the state on one turn.
+
+        Only a start of several parts may have them on several turns.
+        """
+        return self
 
     def truth(self, nominal: Array, rng: Streams) -> Array:
         """Draw the truth (n_x, M) from the prior, if the start does so."""

@@ -1,5 +1,6 @@
 """Starts that need no scan: the first state is known, or known to within an error."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
@@ -7,7 +8,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian, PointMass, Uniform
-from trackbench.core.mixtures import GaussianMixture
+from trackbench.core.mixtures import GaussianMixture, brought_together
 from trackbench.core.random_streams import Streams
 from trackbench.core.sums import total
 from trackbench.field_types import (
@@ -230,6 +231,20 @@ class MixtureStart(FixedStart):
             except InvalidKeyError as error:
                 # The part's error has the path (start, KEY).
                 raise InvalidKeyError(str(error), "start", "parts", i, *error.path[1:]) from None
+        return replace(self, parts=tuple(parts))
+
+    def on_one_turn(self, angles: Sequence[int]) -> Self:
+        """Return the start with the angles of the parts' means within half a turn of their direction.
+
+        Else parts at 179 and -179 deg would have the mean 0.
+        """
+        if not angles:
+            return self
+        states = [Gaussian(part.gaussian.mean[:, None], part.gaussian.cov) for part in self.parts]
+        weights = np.array([[part.weight] for part in self.parts])
+        parts = []
+        for part, state in zip(self.parts, brought_together(states, weights, angles), strict=True):
+            parts.append(replace(part, mean=tuple(state.mean[:, 0].tolist())))
         return replace(self, parts=tuple(parts))
 
     def prior_type(self, sensor: Sensors) -> type[Distribution]:

@@ -1,0 +1,46 @@
+"""Experiment of a config, read with the options of a run."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from trackbench.commands.options import Options, say
+from trackbench.config import load as configurations
+from trackbench.config.experiment import Experiment
+from trackbench.config.python_tables import name_rows
+from trackbench.config.shipped_experiments import located
+from trackbench.config.tuned_entries import Chosen
+from trackbench.errors import UserError
+from trackbench.yaml_source import Assembled, Config
+
+
+def file_of(config: Config, options: Options) -> Path | Mapping[str, Any] | Assembled:
+    """Find the path of a config or shipped experiment of this name; other configs stay themselves."""
+    if isinstance(config, Mapping | Assembled):
+        return config
+    return located(Path(config), lambda line: say(line, options))
+
+
+def prepare(
+    config: Config, options: Options, tuned: Mapping[str, Chosen] | None = None
+) -> Experiment:
+    """Read and validate a config with the options' overrides; ``tuned`` are tuned values."""
+    tables = {"measurements": options.measurements, "truth": options.truth}
+    try:
+        return configurations.load(
+            file_of(config, options),
+            overrides=options.set,
+            only=options.only,
+            runs=options.runs,
+            seed=options.seed,
+            grid=options.grid,
+            product=options.product,
+            allow_plugins=options.allow_plugins,
+            tuned_values=tuned,
+            filter_files=[Path(file) for file in options.filters],
+            quick=options.quick,
+            tables={key: table for key, table in tables.items() if table is not None},
+        )
+    except UserError as error:
+        name_rows(error)
+        raise
