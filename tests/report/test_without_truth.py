@@ -1,6 +1,7 @@
 """A recording without a truth: what is shown of it, what may be asked, and which way better is."""
 
 import re
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -108,11 +109,16 @@ def test_what_can_be_said_is_shown_and_nothing_else(folder: Path) -> None:
         assert (again.folder / file).read_bytes() == (report.folder / file).read_bytes()
 
 
-def recorded(folder: Path, name: str, rows: list[str], more: str = "") -> str:
+def recorded(folder: Path, name: str, rows: list[str], more: str = "", **options: object) -> str:
     """The table of innovations of a recording in the plane, as Markdown."""
     (folder / f"{name}.csv").write_text("\n".join(["run,step,x,y", *rows]) + "\n")
     (folder / f"{name}.yaml").write_text(PLANE.format(name=name) + more)
-    keys = {"formats": ("svg",), "workers": 1, "quiet": True, "out": folder / f"out-{name}"}
+    keys = {
+        "formats": ("svg",),
+        "workers": 1,
+        "quiet": True,
+        "out": folder / f"out-{name}",
+    } | options
     return api.run(folder / f"{name}.yaml", **keys).tables["innovations"].markdown()
 
 
@@ -121,6 +127,29 @@ def test_of_nothing_measured_no_band_is_given(folder: Path) -> None:
     assert "Nothing was measured after the start" in text
     assert "nan" not in text
     assert "inf" not in text
+
+
+def test_a_gate_that_rejects_everything_is_named(folder: Path) -> None:
+    gated = "  Gated: {kind: kf, gate: 1.0e-9}\n"
+    text = recorded(folder, "gated", ["1,0,1,1", "1,1,2,3", "1,2,3,5"], gated)
+    assert "Gated: The gate rejected every measurement, so there is no ANIS" in text
+    assert "Nothing was measured" not in text
+
+
+def test_a_filter_without_a_covariance_is_named(folder: Path) -> None:
+    program = folder / "mean_alone.py"
+    program.write_text(
+        "import sys\n"
+        "for line in sys.stdin:\n"
+        "    word = line.split()[0]\n"
+        "    if word != 'end':\n"
+        "        print('ready' if word == 'trackbench' else '1 0 1 0', flush=True)\n"
+    )
+    external = f"  Mean: {{kind: external, command: ['{sys.executable}', '{program}']}}\n"
+    options = {"allow_plugins": True}
+    text = recorded(folder, "alone", ["1,0,1,1", "1,1,2,3", "1,2,3,5"], external, **options)
+    assert "Mean: Without a covariance there is no ANIS" in text
+    assert "Nothing was measured" not in text
 
 
 def test_one_scored_step_has_no_autocorrelation(folder: Path) -> None:

@@ -315,6 +315,22 @@ def _band_notes(results: Results, labels: list[str]) -> list[str]:
     return [f"{'; '.join(places)}: {text}" for text, places in places_by_sentence.items()]
 
 
+def _why_no_band(
+    runs: dict[tuple[str, str], Array], label: str, accepted: AcceptedNis | None
+) -> str:
+    """Write why no measured component of a filter counts; the arguments are those of `_band_note`."""
+    errors = [
+        values
+        for (name, metric), values in runs.items()
+        if name == label and metric.startswith("rmse_predicted_")
+    ]
+    if all(np.isnan(values).all() for values in errors):
+        return "Nothing was measured after the start: nothing can be said of a filter."
+    if accepted is not None:
+        return "The gate rejected every measurement, so there is no ANIS and no autocorrelation."
+    return "Without a covariance there is no ANIS and no autocorrelation."
+
+
 def _band_note(runs: dict[tuple[str, str], Array], label: str, accepted: AcceptedNis | None) -> str:
     """Write the sentence on a filter's bands; empty for a filter without predictions.
 
@@ -327,7 +343,7 @@ def _band_note(runs: dict[tuple[str, str], Array], label: str, accepted: Accepte
         return ""
     number = round(float(numbers[finite].sum()))
     if not number:
-        return "Nothing was measured after the start: nothing can be said of a filter."
+        return _why_no_band(runs, label, accepted)
     low, high = anis_band(numbers[finite], accepted)
     bands = [f"ANIS {low:.3f} to {high:.3f}"]
     # The band of the autocorrelation is that of the runs that have one.
