@@ -561,6 +561,23 @@ def test_variables_read_as_bytes_databases_and_libraries_are_noticed(
     assert [name for name, _ in plugin.variables] == ["GAIN"]
 
 
+@pytest.mark.parametrize(
+    ("read", "name"),
+    [("os.path.expandvars('$GAIN')", "GAIN"), ("len(os.path.expanduser('~'))", "HOME")],
+)
+def test_variables_read_by_functions_on_paths_are_noticed(
+    read: str,
+    name: str,
+    written: Callable[..., None],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("GAIN", "2")
+    written(f"import os\nW = float({read})\n", "W")
+    (plugin,) = api.prepare(tmp_path / "own.yaml", api.Options(allow_plugins=True)).plugins
+    assert [variable for variable, _ in plugin.variables] == [name]
+
+
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_plugin_that_changes_the_working_folder_moves_no_results(
     workers: int, tmp_path: Path, written: Callable[..., None], monkeypatch: pytest.MonkeyPatch

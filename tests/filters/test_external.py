@@ -883,3 +883,33 @@ def test_declared_variables_are_part_of_the_key(
     (tmp_path / "none.yaml").write_text(CONFIG + declared)
     with pytest.raises(UserError, match="what plugins and programs read"):
         api.run(tmp_path / "none.yaml", quiet=True)
+
+
+@pytest.mark.parametrize(
+    ("command", "files", "unwatched"),
+    [
+        (("python3", "app"), (), "the folder app are"),
+        (("python3", "main.py", "--tables=app"), (), "the folder app are"),
+        (("python3", "-m", "json"), (), "'python3 -m json' runs are"),
+        (("sh", "-c", "cat x"), (), "'sh -c cat x' runs are"),
+        (("python3", "app"), ("app",), ""),
+        (("python3", "main.py"), (), ""),
+        (("./main.py", "20"), (), ""),
+    ],
+)
+def test_what_of_a_program_is_not_watched_is_noted(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    command: tuple[str, ...],
+    files: tuple[str, ...],
+    unwatched: str,
+) -> None:
+    """Changes of a folder, a module or a line of a shell leave the cached blocks as they are."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "app").mkdir()
+    (tmp_path / "main.py").write_text("#!/usr/bin/env python3\n")
+    (tmp_path / "main.py").chmod(0o755)
+    _, *notes = External(command=command, files=files).cautions(planar())
+    assert len(notes) == bool(unwatched)
+    if unwatched:
+        assert f"{unwatched} not noticed" in notes[0]

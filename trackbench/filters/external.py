@@ -230,8 +230,31 @@ class External(Filter[ProgramState]):
         return self in _SILENT
 
     def cautions(self, scenario: Scene) -> list[str]:
-        """Note how far its numbers are reproducible."""
-        return ["the numbers of an external program are the same on the same machine only"]
+        """Note how far its numbers are reproducible, and what of its files is not watched."""
+        notes = ["the numbers of an external program are the same on the same machine only"]
+        watched = {os.path.realpath(file) for file in self.files}
+        unwatched = []
+        for word in self.command[1:]:
+            path = word.partition("=")[2] if "=" in word else word
+            if os.path.isdir(path) and os.path.realpath(path) not in watched:
+                unwatched.append(f"the folder {path}")
+        if not self.files and not unwatched and not self._names_file:
+            unwatched.append(f"what {' '.join(self.command)[:60]!r} runs")
+        if unwatched:
+            notes.append(
+                f"changes of {' and '.join(unwatched)} are not noticed, and blocks from before them would "
+                "be used: name the program's files or folders under `files`, or run it with --fresh"
+            )
+        return notes
+
+    @property
+    def _names_file(self) -> bool:
+        """True if the command has a file of the program: not only an interpreter from the PATH."""
+        first = self.command[0]
+        if len(self.command) == 1 or os.path.dirname(first):
+            return True
+        words = self.command[1:]
+        return any(os.path.isfile(word) or os.path.isfile(word.partition("=")[2]) for word in words)
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> ProgramState:
         """Begin each run with the moments of its prior."""

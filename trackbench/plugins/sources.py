@@ -382,5 +382,5 @@ def _note_variables() -> Iterator[tuple[Any, Callable[[Any], Any]]]:
         yield environment, encode
 
 
-_READERS = ("os", "_collections_abc", "collections.abc")
-"""Modules of Python between ``os.environ`` and the code that reads a variable."""
+_READERS = ("os", "_collections_abc", "collections.abc", "posixpath", "ntpath", "pathlib")
+"""Modules of Python between ``os.environ`` and the code that reads a variable, as by expandvars."""
