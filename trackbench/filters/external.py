@@ -242,8 +242,8 @@ class External(Filter[ProgramState]):
             unwatched.append(f"what {' '.join(self.command)[:60]!r} runs")
         if unwatched:
             notes.append(
-                f"changes of {' and '.join(unwatched)} are not noticed, and blocks from before them would "
-                "be used: name the program's files or folders under `files`, or run it with --fresh"
+                f"changes of {' and '.join(unwatched)} are not noticed, and blocks from before them "
+                "would be used: name the program's files or folders under `files`, or run it with --fresh"
             )
         return notes
 
