@@ -243,7 +243,7 @@ class External(Filter[ProgramState]):
         if unwatched:
             notes.append(
                 f"changes of {' and '.join(unwatched)} are not noticed, and blocks from before them "
-                "would be used: name the program's files or folders under `files`, or run it with --fresh"
+                "would be used: name files or folders of the program under `files`, or add --fresh"
             )
         return notes
 
