@@ -219,6 +219,39 @@ def test_a_filter_that_fails_fails_the_gate_unless_it_failed_before(tmp_path: Pa
     assert failed["reason"]
 
 
+STILL = """
+from trackbench.adapters import PerRun
+
+
+class Still(PerRun, kind="still"):
+    loses: bool = False
+
+    def start(self, mean, cov):
+        self.mean, self.cov = mean, cov
+
+    def step(self, z, dt):
+        return self.mean * (float("nan") if self.loses else 1.0), self.cov
+"""
+
+
+def test_a_filter_that_loses_every_run_fails_the_gate(tmp_path: Path) -> None:
+    """With five runs the share of lost runs is not significantly larger (p = 0.03)."""
+    (tmp_path / "still.py").write_text(STILL)
+    config = f"name: c\nseed: 1\nruns: 5\nplugins: [still.py]\n{PLANE}filters:\n"
+    path = tmp_path / "c.yaml"
+    path.write_text(config + "  Still: {kind: still}\n")
+    options = api.Options(engine="serial", quiet=True, formats=(), allow_plugins=True)
+    stored = api.run(path, options, out=tmp_path / "out").folder
+    path.write_text(config + "  Still: {kind: still, loses: true}\n")
+    words = ("gate", "c.yaml", "--workers", 1, "--allow-plugins", "--against")
+    done = trackbench(*words, stored, cwd=tmp_path)
+    assert done.returncode == 1, done.stdout + done.stderr
+    assert "Still failed: every run is lost" in done.stdout
+    lost = api.run(path, options, out=tmp_path / "lost").folder
+    again = trackbench(*words, lost, cwd=tmp_path)
+    assert "failed" not in again.stdout
+
+
 def test_a_filter_may_fail_again_at_a_point_where_it_failed_before(tmp_path: Path) -> None:
     """At another point of the grid it may not."""
     (tmp_path / "f.py").write_text(

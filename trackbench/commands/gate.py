@@ -240,6 +240,11 @@ def _compare_results(stored: Results, new: Results, limit: Limit, largest_ratio:
         is_new_failure = _filter_and_point(failure) not in failures_before
         if is_new_failure and failure["filter"] not in failed_before:
             failed.append(Failure(filter=failure["filter"], reason=failure["reason"]))
+    # A filter that loses every run has no errors to test. The share of lost runs may be of too few runs.
+    for label, point in _without_any_run(new):
+        if label in stored_labels and (label, point) not in _without_any_run(stored):
+            series = ", ".join(filter(None, ["every run is lost", heading(point)]))
+            failed.append(Failure(filter=label, reason=series))
     removed = list(_find_removed(stored, new, stored_labels))
     if not rows and not failed and not removed:
         raise UserError("nothing to compare: no filter has an error or score on both sides")
@@ -264,6 +269,23 @@ def _filter_and_point(failure: dict[str, Any]) -> tuple[str, GridPoint]:
     """Return the label of a filter that failed, and the point of the grid where it did."""
     point = {key: value for key, value in failure.items() if key not in ("filter", "reason")}
     return failure["filter"], point
+
+
+def _without_any_run(results: Results) -> list[tuple[str, GridPoint]]:
+    """List the filters that lost every run at a point of the grid, with the point."""
+    found = []
+    for point in results.points():
+        rows = results.columns("summary", point).records()
+        for label in results.filters:
+            of_filter = [row for row in rows if row["filter"] == label]
+            is_lost = any(row["lost"] > 0 for row in of_filter)
+            # The share of lost runs itself is one of all runs.
+            has_run = any(
+                row["runs"] > 0 and measured(row["metric"]).metric != "lost" for row in of_filter
+            )
+            if is_lost and not has_run:
+                found.append((label, point))
+    return found
 
 
 def _find_removed(stored: Results, new: Results, stored_labels: Sequence[str]) -> Iterator[Removed]:
