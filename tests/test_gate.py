@@ -13,6 +13,7 @@ from docs.site.blocks import blocks
 from tests.commands import trackbench
 from tests.conftest import PLANE, ROOT
 from trackbench import api
+from trackbench.statistics.intervals import t_of_normal
 
 PAGE = blocks((ROOT / "docs" / "your-filter-in-ci.md").read_text(encoding="utf-8"))
 TUNED = "sigma: Positive = 20.0", "sigma: Positive = 60.0"
@@ -68,6 +69,23 @@ def test_a_worse_commit_fails_and_an_equal_one_passes(repository: Path) -> None:
     assert len((repository / "g.md").read_text().splitlines()) <= 3
     (repository / "g.md").unlink()
     assert before == (git(repository, "status", "--porcelain"), git(repository, "worktree", "list"))
+
+
+def test_the_page_explains_the_z_of_its_first_row(repository: Path) -> None:
+    """Ratio to the standard error, its correction for skewness, and the degrees of freedom."""
+    out = gate(repository, "--against-ref", "old", "--allow-plugins", "--json", code=1)
+    rows = [json.loads(line) for line in out.splitlines()]
+    row = next(r for r in rows if (r["filter"], r["metric"]) == ("my-own", "rmse_position"))
+    corrected = t_of_normal(row["z"], freedom=row["runs"] - 1)
+    page = " ".join((ROOT / "docs" / "your-filter-in-ci.md").read_text(encoding="utf-8").split())
+    ratio = f"{row['difference'] / row['stderr']:.0f}"
+    assert f"the difference is {ratio} times its standard error, but `z` is {row['z']:.1f}" in page
+    assert f"turns {ratio} into {round(corrected / 1000)} 000" in page
+    assert f"Student's t has {row['runs'] - 1} degrees of freedom" in page
+    # Numbers without a row, because both versions have the same.
+    for metric in ("lost", "diverged"):
+        values = [(r["a"], r["b"]) for r in rows if r["metric"] == metric]
+        assert values == [(0.0, 0.0)] * 4
 
 
 def test_the_page_names_the_filters_of_the_config(repository: Path) -> None:
