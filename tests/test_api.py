@@ -89,6 +89,23 @@ def test_a_script_from_standard_input_has_no_file_for_workers(config: Path, tmp_
     assert last.endswith("save it as a file, or run it with workers=1")
 
 
+def test_a_worker_of_a_pool_starts_no_workers(config: Path, tmp_path: Path) -> None:
+    for workers in (1, 2):
+        out = tmp_path / str(workers)
+        call = CALL.format(config=str(config), out=f"out={str(out)!r}")
+        script = tmp_path / "script.py"
+        script.write_text(
+            "import multiprocessing\nimport trackbench\n"
+            f"def run(name):\n    {call.replace('workers=2', f'workers={workers}')}\n"
+            'if __name__ == "__main__":\n'
+            "    with multiprocessing.Pool(1) as pool:\n        pool.map(run, ['one'])\n"
+        )
+        done = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120)
+        assert (out / "summary.csv").exists() == (workers == 1), done.stderr
+    last = done.stderr.splitlines()[-1]
+    assert last.endswith("which may start no processes of its own: run with workers=1")
+
+
 def test_kinds_of_an_installed_package(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     (tmp_path / "my_package.py").write_text(
         "from dataclasses import dataclass\n"

@@ -65,6 +65,11 @@ def test_markdown_escapes_bars_and_tags():
     text = TextTable("t", ["a"], [[Text("x|y <b>")]]).markdown()
     assert r"| x\|y &lt;b> |" in text
     assert TextTable("", ["P | Q <b>"]).markdown().startswith(r"| P \| Q &lt;b> |")
+    assert (
+        TextTable("", ["![p](x)", "mean(rmse[a])"])
+        .markdown()
+        .startswith(r"| ![p]\(x) | mean(rmse[a]) |")
+    )
 
 
 def test_lost_runs_have_a_column_only_where_there_are_any():

@@ -141,6 +141,11 @@ def check_script_import() -> None:
     if is_worker_bootstrapping():
         print(f"a worker imports the script that starts it; {_GUARD}", file=sys.stderr, flush=True)
         _leave(_NO_GUARD)
+    if multiprocessing.current_process().daemon:
+        raise UserError(
+            "this process is a worker of multiprocessing.Pool, which may start no processes of its own: "
+            "run with workers=1"
+        )
     main = sys.modules["__main__"]
     file = getattr(main, "__file__", None)
     if file is None or getattr(main, "__spec__", None) is not None:

@@ -8,6 +8,7 @@ from trackbench.report.experiments_of_folder import (
     relative_link,
     result_in_words,
 )
+from trackbench.report.table import markdown_text
 from trackbench.report.verdicts.published_numbers import Verdicts
 from trackbench.report.verdicts.verdict_files import summary_lines, verdict_tables
 
@@ -27,7 +28,8 @@ def readme_text(folder: Path, experiments: Overview, everything: Verdicts) -> st
         paragraphs.append(f"## {topic}")
         for results, comparison in group:
             link = relative_link(results.folder.relative_to(folder))
-            paragraphs.append(f"### [{results.config['name']}]({link}/): {results.title}")
+            title = markdown_text(results.title)
+            paragraphs.append(f"### [{results.config['name']}]({link}/): {title}")
             result = result_in_words(results)
             if result:
                 paragraphs.append(f"- Result: {result}")

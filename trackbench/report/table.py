@@ -47,13 +47,13 @@ class TextTable:
     def markdown(self) -> str:
         """Return a Markdown table with a bold caption."""
         lines = [
-            _line([_escaped(head) for head in self.heads]),
+            _line([markdown_text(head) for head in self.heads]),
             _line(["---"] * len(self.heads)),
         ]
         for row in self.rows:
-            lines.append(_line([_escaped(cell.text) for cell in row]))
-        caption = f"**{_escaped(self.title)}**\n\n" if self.title else ""
-        notes = "".join(f"\n{_escaped(note)}\n" for note in self.notes)
+            lines.append(_line([markdown_text(cell.text) for cell in row]))
+        caption = f"**{markdown_text(self.title)}**\n\n" if self.title else ""
+        notes = "".join(f"\n{markdown_text(note)}\n" for note in self.notes)
         return caption + "\n".join(lines) + "\n" + notes
 
     def aligned(self) -> str:
@@ -237,8 +237,10 @@ def _greek(c: str) -> str:
     return rf"$\{letter.lower().replace('lamda', 'lambda')}$"  # Unicode writes it "lamda"
 
 
-def _escaped(text: str) -> str:
-    return text.replace("\\", "\\\\").replace("|", "\\|").replace("<", "&lt;")
+def markdown_text(text: str) -> str:
+    """Write a text so that Markdown shows it as it is: no cell ends in it, and no tag or link begins."""
+    text = text.replace("\\", "\\\\").replace("|", "\\|").replace("<", "&lt;")
+    return text.replace("](", "]\\(")
 
 
 _MOST_ROWS = 60

@@ -9,7 +9,7 @@ from trackbench.atomic_files import remove, write_csv, write_text
 from trackbench.config.published import PublishedNumber
 from trackbench.errors import counted
 from trackbench.report.pairs_of_filters import COLUMNS
-from trackbench.report.table import Text, TextTable, rounded
+from trackbench.report.table import Text, TextTable, markdown_text, rounded
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.claims import ClaimVerdict, noted
 from trackbench.report.verdicts.cpu_times import time_verdicts, write_time_verdicts
@@ -260,7 +260,7 @@ def summary_lines(comparison: Verdicts) -> list[str]:
 def markdown(results: Results, comparison: Verdicts) -> str:
     """Return comparison.md: counts, published numbers per table, rank agreement, claims."""
     counts = "\n".join(f"- {line}" for line in summary_lines(comparison))
-    paragraphs = [f"# Published and measured: {results.title}", counts]
+    paragraphs = [f"# Published and measured: {markdown_text(results.title)}", counts]
     paragraphs += [table.markdown().rstrip() for table in verdict_tables(comparison)]
     if time_verdicts(results):
         times = f"Verdicts on CPU times stand in {TIME_VERDICTS}: they depend on the machine."
