@@ -29,6 +29,7 @@ from trackbench.scenarios.recordings.guess_config import (
     FirstState,
     FurtherTables,
     config_parts,
+    default_name,
     guessed_units,
     idle_keys,
     left_out_filters,
@@ -179,7 +180,7 @@ class _InputKeys:
 
 def write_config_for(
     data: Path,
-    name: str,
+    name: str | None,
     folder: Path,
     changes: Sequence[str] = (),
     truth: Path | None = None,
@@ -189,17 +190,18 @@ def write_config_for(
 ) -> WrittenConfig:
     """Write an experiment on recorded data with guessed columns and units; existing files stay.
 
-    ``further`` are the files of further sensors. ``changes``, such as ``columns.time=Zeit``, are keys of
-    the recording that need no guess. Those of one of several files begin with ``measurement_naming`` and
-    its number from 0, and those of the ``truth``, a table of the true path, with ``truth_naming``. Keys
-    of a robot's ``odometry`` begin with ``input_naming``, and those of a table of ``landmarks`` with
-    ``landmarks``. A config that would not run is not left: UserError says why. Places that the user must
-    write are then any numbers.
+    Without a ``name`` it has that of the files. ``further`` are the files of further sensors.
+    ``changes``, such as ``columns.time=Zeit``, are keys of the recording that need no guess. Those of
+    one of several files begin with ``measurement_naming`` and its number from 0, and those of the
+    ``truth``, a table of the true path, with ``truth_naming``. Keys of a robot's ``odometry`` begin with
+    ``input_naming``, and those of a table of ``landmarks`` with ``landmarks``. A config that would not
+    run is not left: UserError says why. Places that the user must write are then any numbers.
     """
+    tables = [data, *further]
+    name = name or default_name(tables)
     words = _words_of_name("experiment", name)
     path = folder / f"{'_'.join(words)}.yaml"
     mark = Mark(f"new experiment {name}")
-    tables = [data, *further]
     if path.exists():
         options = " ".join(f"--from {table}" for table in tables)
         way = f"remove it, or write another one: trackbench new experiment NAME {options}"
