@@ -1,4 +1,4 @@
-"""Checks of tables and figures: conflicts, declared tracks, numbers of runs and components, key figure."""
+"""Checks of tables and figures: conflicts, declared tracks, runs and components, key figure."""
 
 from collections.abc import Sequence
 
