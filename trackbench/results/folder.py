@@ -47,7 +47,7 @@ from trackbench.results.point_facts import (
     array_prefix,
     points_in,
 )
-from trackbench.tuning.search import Record, read_tuning
+from trackbench.tuning.record_of_trials import Record, read_tuning
 from trackbench.yaml_source import Source, read
 
 if TYPE_CHECKING:
