@@ -14,7 +14,7 @@ from trackbench.report.expressions import Evaluator
 from trackbench.report.findings.ranking import Candidate, ranking_of
 from trackbench.report.verdicts import verdict_files
 from trackbench.report.verdicts.claims import judge
-from trackbench.results.csv_columns import Columns
+from trackbench.results.read_csv import Columns
 from trackbench.statistics import intervals as inference
 from trackbench.statistics import sample_statistics as st
 from trackbench.statistics import significance_rules as rules

@@ -49,7 +49,6 @@ from trackbench.evaluation.timing import Measured
 from trackbench.execution.plan import Key
 from trackbench.execution.runner import Outcome
 from trackbench.results.arrivals import arrival_rows
-from trackbench.results.csv_columns import Runs
 from trackbench.results.folder_contents import (
     ARRIVAL_COLUMNS,
     ARRIVALS,
@@ -68,6 +67,7 @@ from trackbench.results.number_arrays import (
     is_long,
 )
 from trackbench.results.point_facts import POINTS_FILE, points_text
+from trackbench.results.read_csv import Runs
 from trackbench.results.run_facts import facts_of_run
 from trackbench.results.tracks import FigureTracks, TrackFile
 from trackbench.statistics.sample_statistics import Estimate, median

@@ -18,7 +18,7 @@ from trackbench.report.findings import phrases
 from trackbench.report.kinds import TableKind
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.csv_columns import Columns
+from trackbench.results.read_csv import Columns
 from trackbench.statistics.estimates import MISSING
 from trackbench.statistics.intervals import AcceptedNis, nis_band
 from trackbench.statistics.sample_statistics import Estimate

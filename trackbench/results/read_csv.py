@@ -1,4 +1,4 @@
-"""CSV files of a results folder: columns as arrays, and the values of runs."""
+"""Read the CSV files of a results folder: columns as arrays, and the values of runs."""
 
 import csv
 import sys
