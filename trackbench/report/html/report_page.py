@@ -30,7 +30,7 @@ from trackbench.report.verdicts.verdict_files import (
     verdict_tables,
 )
 from trackbench.statistics import significance_rules as rules
-from trackbench.statistics.significance_rules import NOT_MEASURED, TOO_FEW_RUNS, UNDECIDED
+from trackbench.statistics.verdict_rules import NOT_MEASURED, TOO_FEW_RUNS, UNDECIDED
 
 if TYPE_CHECKING:
     from jinja2 import Environment

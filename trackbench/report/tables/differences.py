@@ -13,9 +13,9 @@ from trackbench.report.findings import phrases
 from trackbench.report.kinds import TableKind
 from trackbench.report.table import Cell, Table
 from trackbench.report.tables_and_figures import Results
-from trackbench.statistics import significance_rules as rules
+from trackbench.statistics import verdict_rules
 from trackbench.statistics.estimates import RunEstimate
-from trackbench.statistics.significance_rules import NOT_MEASURED, UNDECIDED
+from trackbench.statistics.verdict_rules import NOT_MEASURED, UNDECIDED
 
 
 @register("tables", "differences")
@@ -109,7 +109,7 @@ def _judge(evaluator: Evaluator, claim: ClaimRow) -> tuple[RunEstimate, str]:
     difference = evaluator.difference(mean.of(claim.less), mean.of(claim.than))
     if isnan(difference.value):
         return difference, NOT_MEASURED
-    sign = rules.difference_sign(difference, evaluator.results.batches)
+    sign = verdict_rules.difference_sign(difference, evaluator.results.batches)
     if sign < 0:
         return difference, "holds"
     if sign > 0:
