@@ -31,19 +31,18 @@ from trackbench.core import compiled
 from trackbench.core.arrays import Array, Index, fixed
 from trackbench.core.sums import total
 from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.bound_rows import bound_steps, bound_summary
 from trackbench.evaluation.consistency_and_calibration import sizes
-from trackbench.evaluation.error_series import LOST_BECAUSE, NO_TRUTH, NOT_FINITE
 from trackbench.evaluation.exact_errors import exact_rows, exact_series
+from trackbench.evaluation.lost_runs import LOST_BECAUSE, NO_TRUTH, NOT_FINITE
 from trackbench.evaluation.metric_expression import exact_label, measured
+from trackbench.evaluation.run_contributions import with_shares
 from trackbench.evaluation.summary import (
     FilterResult,
     StepColumns,
     SummaryRow,
-    bound_steps,
-    bound_summary,
     step_columns,
     summary_rows,
-    with_shares,
 )
 from trackbench.evaluation.timing import Measured
 from trackbench.execution.plan import Key
