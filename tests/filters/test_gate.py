@@ -32,7 +32,7 @@ from trackbench.scenarios.starts.without_scans import GaussianStart
 from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.tracking import Tracking
 from trackbench.statistics import significance_rules as rules
-from trackbench.statistics.intervals import AcceptedNis, anees_band
+from trackbench.statistics.consistency_bands import AcceptedNis, anees_band
 
 RUNS = 200
 CLEAN = Tracking(
