@@ -45,7 +45,8 @@ from trackbench.report.suite.scores import (
     typical_ratio_where_run,
     typical_ratios,
 )
-from trackbench.report.suite.tables import fails, filter_sentences, filter_table, roster_table
+from trackbench.report.suite.sentences import filter_sentences
+from trackbench.report.suite.tables import fails, filter_table, roster_table
 from trackbench.statistics.significance_rules import FEWEST_RUNS
 
 SUITE = """\
@@ -647,7 +648,7 @@ def test_a_covariance_that_is_not_positive_definite_is_named(tmp_path: Path) -> 
     assert "Covariance not positive definite: my-ekf in 6 of 6 runs, first at step 4." in page
     # A lost run has no judged covariance.
     with_loss = replace(score, indefinite=5, lost=1)
-    text = suite_tables._indefinite_text(with_loss)
+    text = suite_tables.indefinite_text(with_loss)
     assert text == "on turn in 5 of 5 runs that it did not lose, first at step 4"
 
 

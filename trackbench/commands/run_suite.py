@@ -33,13 +33,8 @@ from trackbench.report.suite.scores import (
     score_problem,
     write_scores,
 )
-from trackbench.report.suite.tables import (
-    filter_sentences,
-    filter_table,
-    leader_sentence,
-    roster_table,
-    smoother_table,
-)
+from trackbench.report.suite.sentences import filter_sentences, leader_sentence
+from trackbench.report.suite.tables import filter_table, roster_table, smoother_table
 from trackbench.report.table import TextTable
 from trackbench.results.folder_contents import MANIFEST
 
