@@ -37,8 +37,9 @@ from trackbench.filters.ukf import additive_step, augmented_step
 from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.models.sensors.angular import along_line_of_sight
-from trackbench.models.sensors.base import SensorBase, StackedSensor
+from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.position import PositionSensor, ScalarSensor, VelocitySensor
+from trackbench.models.sensors.stacked import StackedSensor
 
 pytestmark = pytest.mark.skipif(compiled.kernels is None, reason="no C compiler")
 SPECIAL = np.array(

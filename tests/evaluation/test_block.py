@@ -18,9 +18,9 @@ from trackbench.evaluation.lost_runs import (
     stayed_finite,
 )
 from trackbench.evaluation.run_block import run_block
+from trackbench.models.assume import Assume
 from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.models.motions.nonlinear import MapMotion
-from trackbench.models.sensors.base import Assume
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.scenarios.starts.from_scans import OneScan

@@ -16,7 +16,7 @@ from trackbench.evaluation import consistency_and_calibration as calibration
 from trackbench.evaluation import predictive_scores
 from trackbench.evaluation.error_series import StepSums
 from trackbench.filters.base import AnyFilter
-from trackbench.models.sensors.base import Assume
+from trackbench.models.assume import Assume
 from trackbench.scenarios.base import Scenario, Simulation
 
 MOST_STACKED = 8

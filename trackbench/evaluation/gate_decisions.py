@@ -9,7 +9,7 @@ from trackbench.core.arrays import Array, Mask
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.late_measurements import deliveries
 from trackbench.evaluation.run_filter import FilterOutput
-from trackbench.models.sensors.base import Sensors, rows_of
+from trackbench.models.sensors.stacked import Sensors, rows_of
 from trackbench.scenarios.base import Simulation
 
 

@@ -36,7 +36,7 @@ from trackbench.filters.external import ProgramRunError
 from trackbench.filters.external_process import programs_cpu_s
 from trackbench.models.base import Model, extra_std
 from trackbench.models.priors import augment_prior
-from trackbench.models.sensors.base import Sensors, rows_of
+from trackbench.models.sensors.stacked import Sensors, rows_of
 from trackbench.scenarios.base import Simulation
 
 _AT_ONCE = 32_768

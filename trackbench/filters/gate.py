@@ -13,7 +13,8 @@ from trackbench.core.arrays import Array, Mask, fixed
 from trackbench.core.kalman import Innovation
 from trackbench.filters.robust import sensor_rows
 from trackbench.models.base import Scene, Sensor
-from trackbench.models.sensors.base import ScaledNoise, Sensors, sensors_of
+from trackbench.models.sensors.noise import ScaledNoise
+from trackbench.models.sensors.stacked import Sensors, sensors_of
 
 GateScope: TypeAlias = Literal["measurement", "sensor"]
 """One gate for the measurement of all sensors at a step, or one for each sensor's measurement."""

@@ -24,7 +24,8 @@ from trackbench.core.sums import total
 from trackbench.core.unscented import Unscented
 from trackbench.field_types import Count, Positive
 from trackbench.models.base import Model, Sensor
-from trackbench.models.sensors.base import ScaledNoise, Sensors, rows_of
+from trackbench.models.sensors.noise import ScaledNoise
+from trackbench.models.sensors.stacked import Sensors, rows_of
 
 _CUBATURE = Unscented(1.0, 0.0, 0.0)
 _LEAST = 1e-30  # weight, of an outlier by 1e15 standard deviations or more

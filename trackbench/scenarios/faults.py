@@ -34,13 +34,9 @@ from trackbench.metrics import in_window
 from trackbench.models.base import Sensor
 from trackbench.models.components import by_component
 from trackbench.models.likelihood import has_own_density
-from trackbench.models.sensors.base import (
-    ScaledNoise,
-    SensorBase,
-    Sensors,
-    rows_of,
-    sensors_of,
-)
+from trackbench.models.sensors.base import SensorBase
+from trackbench.models.sensors.noise import ScaledNoise
+from trackbench.models.sensors.stacked import Sensors, rows_of, sensors_of
 from trackbench.scenarios.delays import stream_number
 
 _TICK = 1e-6  # s, by which times may differ from those of steps

@@ -21,7 +21,7 @@ from trackbench.models.motions.irregular import (
     sample_equally,
 )
 from trackbench.models.motions.turn import CoordinatedTurn
-from trackbench.models.sensors.base import Sensors
+from trackbench.models.sensors.stacked import Sensors
 from trackbench.scenarios.starts.base import Start
 
 _HALF_TURN = 180.0  # deg
