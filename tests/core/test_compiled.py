@@ -21,6 +21,7 @@ from trackbench.core import (
     mixtures,
     particle_moves,
     particles,
+    read_only,
     resampling,
     sums,
     unscented,
@@ -627,7 +628,7 @@ def test_they_can_be_turned_off_and_a_stale_file_is_not_used() -> None:
 
 def test_wrong_arguments_are_errors() -> None:
     assert compiled.kernels is not None
-    locked = arrays.fixed(np.zeros((4, 4)))
+    locked = read_only.fixed(np.zeros((4, 4)))
     for name, given, error in (
         ("exp", [np.zeros(1)] * 3, TypeError),
         ("sandwich", [np.eye(1)] * 2, TypeError),

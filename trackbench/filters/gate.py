@@ -9,8 +9,9 @@ from typing import Literal, TypeAlias, cast
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Mask, fixed
+from trackbench.core.arrays import Array, Mask
 from trackbench.core.kalman import Innovation
+from trackbench.core.read_only import fixed
 from trackbench.filters.robust import sensor_rows
 from trackbench.models.base import Scene, Sensor
 from trackbench.models.sensors.noise import ScaledNoise

@@ -28,7 +28,8 @@ from trackbench.config.metric_names import is_stored, stored_metrics
 from trackbench.config.requested_metrics import requested_contributions
 from trackbench.config.resolved_config import as_yaml, data_files, resolved
 from trackbench.core import compiled
-from trackbench.core.arrays import Array, Index, fixed
+from trackbench.core.arrays import Array, Index
+from trackbench.core.read_only import fixed
 from trackbench.core.sums import total
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.bound_rows import bound_steps, bound_summary

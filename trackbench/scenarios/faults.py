@@ -15,8 +15,9 @@ from typing import Annotated, Literal, NamedTuple, TypeAlias, cast
 import numpy as np
 from pydantic import Field, StringConstraints
 
-from trackbench.core.arrays import Array, Index, Mask, fixed, settled_row, with_trailing
+from trackbench.core.arrays import Array, Index, Mask, settled_row, with_trailing
 from trackbench.core.random_streams import RunStreams, Streams
+from trackbench.core.read_only import fixed
 from trackbench.core.sums import total
 from trackbench.durations import time_text
 from trackbench.field_types import (

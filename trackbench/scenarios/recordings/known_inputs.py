@@ -6,7 +6,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Index, fixed
+from trackbench.core.arrays import Array, Index
+from trackbench.core.read_only import fixed
 from trackbench.durations import time_text
 from trackbench.errors import counted
 from trackbench.field_types import DataError, InvalidKeyError, Place

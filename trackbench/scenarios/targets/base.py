@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Index, Mask, fixed, settled_row
+from trackbench.core.arrays import Array, Index, Mask, settled_row
 from trackbench.core.random_streams import RunStreams, Streams
+from trackbench.core.read_only import fixed
 from trackbench.extension_points import Part
 from trackbench.field_types import MOST_STEPS, Finite, InvalidKeyError
 from trackbench.metrics import in_window
