@@ -50,7 +50,7 @@ def shipped(name: str, **keys: Any) -> Any:
 def with_assumptions(scenario: Any, motion: Any) -> tuple[Any, dict[str, Any]]:
     """The scenario as a filter sees it that assumes this motion, and the filter's keys for it."""
     try:
-        from trackbench.models.sensors.base import Assume
+        from trackbench.models.assume import Assume
     except ImportError:  # old versions
         return scenario, {"motion": motion}
     return scenario.with_assumptions(Assume(motion=motion)), {}

@@ -12,8 +12,8 @@ from typing import Any
 from tests.conftest import EXPERIMENTS
 from trackbench.config.build import build_kind
 from trackbench.config.includes import deep_merge
+from trackbench.models.assume import Assume
 from trackbench.models.base import Motion
-from trackbench.models.sensors.base import Assume
 from trackbench.scenarios.targets.base import Launch
 from trackbench.scenarios.targets.legs import Leg
 from trackbench.scenarios.tracking import Tracking

@@ -15,7 +15,8 @@ from trackbench.evaluation.precision_check import checkpoints, precise_after
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.intervals import deviations, spread, tail_index
 from trackbench.statistics.sample_statistics import OVER_RUNS, influence, interval, mean
-from trackbench.statistics.significance_rules import DECIDED, LEVEL, SURE, Verdict, claim_verdict
+from trackbench.statistics.significance_rules import LEVEL
+from trackbench.statistics.verdict_rules import DECIDED, SURE, Verdict, claim_verdict
 
 TRUE_Z = (0, 4, 5, 6, 8, 10)
 Rng = np.random.Generator

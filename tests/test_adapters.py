@@ -24,11 +24,11 @@ from trackbench.filters.ekf import EKF
 from trackbench.filters.imm import IMM
 from trackbench.filters.kf import KF
 from trackbench.filters.ukf import CKF, UKF
+from trackbench.models.assume import Assume
 from trackbench.models.base import Model
 from trackbench.models.motions.irregular import Irregular
 from trackbench.models.motions.kinematic import ConstantVelocity, WhiteAcceleration
 from trackbench.models.motions.turn import CoordinatedTurn, UnknownTurn
-from trackbench.models.sensors.base import Assume
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.scenarios.score import Score
 from trackbench.scenarios.starts.without_scans import GaussianStart

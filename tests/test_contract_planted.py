@@ -12,7 +12,8 @@ from tests.commands import trackbench
 from tests.planted import HandEKF, HandKF, HandPF, HandUKF, problem, with_bug
 from trackbench.adapters import PerRun
 from trackbench.contract.diagnosis import misfit
-from trackbench.contract.problems import RADAR, UNEQUAL, ModelDraws, why_not
+from trackbench.contract.estimates import why_not
+from trackbench.contract.problems import RADAR, UNEQUAL, ModelDraws
 from trackbench.contract.run_contract import Finding, check_filter
 from trackbench.registry import kinds
 

@@ -64,7 +64,7 @@ def _imports(path: Path) -> set[str]:
 
 REPORT = (
     ("findings.phrases", "table", "compared_metrics", "pairs_of_filters"),
-    ("plotting", "default_table_and_figure", "output_errors", "units_of_keys"),
+    ("plotting", "default_error_table_and_figure", "output_errors", "units_of_keys"),
     ("tables_and_figures",),
     ("grid_scenes",),
     ("expressions",),
@@ -77,7 +77,7 @@ REPORT = (
         "figure_cache",
         "render",
         "drawing_process",
-        "open_results",
+        "folder_check",
         "experiments_of_folder",
         "readme_of_verdicts",
         "sweep_files",

@@ -19,9 +19,8 @@ from tests.commands import trackbench
 from tests.conftest import ROOT
 from tests.suite_scores import stored_suite
 from trackbench.commands import expected_time, suite_contract
-from trackbench.commands import run_suite as run_suite_module
 from trackbench.commands.options import Options
-from trackbench.commands.run_suite import SuiteReport, _recorded_seconds, preview_suite, run_suite
+from trackbench.commands.run_suite import SuiteReport, preview_suite, run_suite
 from trackbench.config.shipped_experiments import SuiteTime, suite_names, suite_times
 from trackbench.config.suite import QUICK_RUNS, load_suite
 from trackbench.errors import UserError
@@ -46,7 +45,8 @@ from trackbench.report.suite.scores import (
     typical_ratio_where_run,
     typical_ratios,
 )
-from trackbench.report.suite.tables import fails, filter_sentences, filter_table, roster_table
+from trackbench.report.suite.sentences import filter_sentences
+from trackbench.report.suite.tables import fails, filter_table, roster_table
 from trackbench.statistics.significance_rules import FEWEST_RUNS
 
 SUITE = """\
@@ -291,11 +291,11 @@ def test_a_dry_run_of_a_shipped_suite_times_the_users_filter(
     assert last.startswith("in all about 2 h on 1 workers")
     assert last.endswith("mine by a trial of the first steps")
     # If trials take long, the pace on the first problems counts for the other ones.
-    monkeypatch.setattr(run_suite_module, "_TRIALS_S", 0.0)
+    monkeypatch.setattr(expected_time, "_TRIALS_S", 0.0)
     assert preview_suite(Path("standard"), options, problems)[-1].endswith("and without mine")
     assert len(tried) == 2
     # A filter that fails in its trial has no time.
-    monkeypatch.setattr(run_suite_module, "_TRIALS_S", 10.0)
+    monkeypatch.setattr(expected_time, "_TRIALS_S", 10.0)
     monkeypatch.setattr(expected_time, "estimate_cpu_s", lambda task: 1 / 0)
     assert preview_suite(Path("standard"), options, problems)[-1].endswith("and without mine")
 
@@ -648,7 +648,7 @@ def test_a_covariance_that_is_not_positive_definite_is_named(tmp_path: Path) -> 
     assert "Covariance not positive definite: my-ekf in 6 of 6 runs, first at step 4." in page
     # A lost run has no judged covariance.
     with_loss = replace(score, indefinite=5, lost=1)
-    text = suite_tables._indefinite_text(with_loss)
+    text = suite_tables.indefinite_text(with_loss)
     assert text == "on turn in 5 of 5 runs that it did not lose, first at step 4"
 
 
@@ -953,9 +953,12 @@ def test_filters_are_ranked_by_the_score_that_the_suite_names(tmp_path: Path) ->
 
 def test_expected_seconds_follow_from_two_recorded_times() -> None:
     times = [SuiteTime(runs=4, cpu_s=2.0), SuiteTime(runs=40, cpu_s=5.6)]
-    seconds = [_recorded_seconds(times, runs, is_tuned_in_full=False) for runs in (4, 20, 40, 80)]
+    seconds = [
+        expected_time._recorded_seconds(times, runs, is_tuned_in_full=False)
+        for runs in (4, 20, 40, 80)
+    ]
     assert seconds == pytest.approx([2.0, 3.6, 5.6, 11.2])
-    assert _recorded_seconds(times, 4, is_tuned_in_full=True) == 5.6
+    assert expected_time._recorded_seconds(times, 4, is_tuned_in_full=True) == 5.6
 
 
 def test_each_problem_has_a_time_for_quick_and_for_all_runs() -> None:

@@ -3,32 +3,39 @@
 import os
 import re
 import sys
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
 from importlib.machinery import PathFinder
 from importlib.resources import files
 from pathlib import Path
-from typing import Literal, NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 import yaml
 
 from trackbench.atomic_files import write_text
-from trackbench.config.build import build
 from trackbench.config.load import load
-from trackbench.config.overrides import override_all
+from trackbench.config.recording_answers import (
+    answers_on_all_files,
+    as_questions,
+    prefix_of_table,
+    problem_at,
+    read_input_keys,
+    read_naming,
+    read_namings,
+    reporting_questions,
+    with_option_of_zone,
+)
 from trackbench.errors import Mark, Problem, UserError, in_line
 from trackbench.execution.plan import cautions
-from trackbench.field_types import DataError, Place, Positive
+from trackbench.field_types import DataError
 from trackbench.registry import GROUPS, kinds
 from trackbench.scenarios.base import Scenario
-from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.csv_lines import plain_label
 from trackbench.scenarios.recordings.guess_config import (
     FirstState,
     FurtherTables,
     config_parts,
+    default_name,
     guessed_units,
     idle_keys,
     left_out_filters,
@@ -43,28 +50,8 @@ from trackbench.scenarios.recordings.guess_truth import TruthGuess, recognized_t
 from trackbench.scenarios.recordings.landmark_table import read_landmarks
 from trackbench.scenarios.recordings.yaml_values import quoted
 from trackbench.scenarios.targets.measured import Measured
-from trackbench.yaml_source import MarkedMapping, Source
 
-_Answers = TypeVar("_Answers")
-_TABLES_OF_PREFIXES = {
-    "truth_naming.": ("truth", "--truth"),
-    "input_naming.": ("file of inputs", "--input"),
-    "landmarks.": ("table of landmarks", "--landmarks"),
-}
-"""Tables beside the measurements and their options, by the beginning of their keys."""
-_FILES_KEY = "measurement_naming"
-_OPTION_OF_TABLE = re.compile(r"--set '?(?!'|(?:truth_naming|input_naming|landmarks)\.)")
-"""Beginning of an option that answers a question on a table."""
 _INPUT_GAP = re.compile(r"`input_gap: ([^`]*)`")
-_KEY_OF_TABLE = re.compile(r"\b(?:there is no |which )(?=(?:columns|units)\.)")
-"""Words of a mistake before the key of a table's column or unit."""
-_OPTION = "--set "
-_OPTIONS_OF_KEYS = {
-    "truth": "--truth FILE",
-    "truth_gap": "--truth FILE",
-    "input_file": "--input FILE",
-}
-"""Keys of the target that follow from the options of the command."""
 _FORM_OF = {
     "per_run": "filter",
     "per_run_nonlinear": "filter",
@@ -169,17 +156,9 @@ class WrittenConfig(NamedTuple):
     prefix: str = ""
 
 
-@dataclass(frozen=True, kw_only=True)
-class _InputKeys:
-    """Keys of the target on a robot's inputs, which the user may give."""
-
-    input_gap: Positive | None = None
-    input_holds: Literal["before", "after"] | None = None
-
-
 def write_config_for(
     data: Path,
-    name: str,
+    name: str | None,
     folder: Path,
     changes: Sequence[str] = (),
     truth: Path | None = None,
@@ -189,17 +168,18 @@ def write_config_for(
 ) -> WrittenConfig:
     """Write an experiment on recorded data with guessed columns and units; existing files stay.
 
-    ``further`` are the files of further sensors. ``changes``, such as ``columns.time=Zeit``, are keys of
-    the recording that need no guess. Those of one of several files begin with ``measurement_naming`` and
-    its number from 0, and those of the ``truth``, a table of the true path, with ``truth_naming``. Keys
-    of a robot's ``odometry`` begin with ``input_naming``, and those of a table of ``landmarks`` with
-    ``landmarks``. A config that would not run is not left: UserError says why. Places that the user must
-    write are then any numbers.
+    Without a ``name`` it has that of the files. ``further`` are the files of further sensors.
+    ``changes``, such as ``columns.time=Zeit``, are keys of the recording that need no guess. Those of
+    one of several files begin with ``measurement_naming`` and its number from 0, and those of the
+    ``truth``, a table of the true path, with ``truth_naming``. Keys of a robot's ``odometry`` begin with
+    ``input_naming``, and those of a table of ``landmarks`` with ``landmarks``. A config that would not
+    run is not left: UserError says why. Places that the user must write are then any numbers.
     """
+    tables = [data, *further]
+    name = name or default_name(tables)
     words = _words_of_name("experiment", name)
     path = folder / f"{'_'.join(words)}.yaml"
     mark = Mark(f"new experiment {name}")
-    tables = [data, *further]
     if path.exists():
         options = " ".join(f"--from {table}" for table in tables)
         way = f"remove it, or write another one: trackbench new experiment NAME {options}"
@@ -209,28 +189,18 @@ def write_config_for(
         raise UserError(Problem(mark, "", f"--from {repeated[0]} is there twice: leave one out"))
     # Step 1: read the given keys as those of a config, and guess the others.
     paths_of_tables = {"truth_naming.": truth, "input_naming.": odometry, "landmarks.": landmarks}
-    namings: dict[str, Naming] = {}
-    remaining = list(changes)
-    for prefix, table in paths_of_tables.items():
-        table_changes = [change for change in remaining if change.startswith(prefix)]
-        if table_changes and table is None:
-            noun, option = _TABLES_OF_PREFIXES[prefix]
-            message = f"{table_changes[0]}: there is no {noun}; name it, {option} FILE"
-            raise UserError(Problem(mark, "", message))
-        remaining = [change for change in remaining if change not in table_changes]
-        keys = [change.removeprefix(prefix) for change in table_changes]
-        namings[prefix] = _read_naming(mark, keys, prefix)
+    namings, remaining = read_namings(mark, changes, paths_of_tables)
     input_changes = [
         change for change in remaining if change.startswith(("input_gap=", "input_holds="))
     ]
-    input_keys = _read_input_keys(mark, input_changes)
+    input_keys = read_input_keys(mark, input_changes)
     odometry_guess = None
     places: dict[str, tuple[float, float]] = {}
     if odometry is not None:
-        with _questions_on("input_naming."):
+        with reporting_questions("input_naming."):
             odometry_guess = recognized_odometry(str(odometry), namings["input_naming."])
     if landmarks is not None:
-        with _questions_on("landmarks."):
+        with reporting_questions("landmarks."):
             places = read_landmarks(str(landmarks), namings["landmarks."])
     robot_tables = RobotTables(
         odometry=odometry_guess,
@@ -253,7 +223,7 @@ def write_config_for(
         _check_landmarks(data, landmarks, guess, places)
     truth_guess = None
     if truth is not None:
-        with _questions_on("truth_naming."):
+        with reporting_questions("truth_naming."):
             truth_guess = recognized_truth(str(truth), guess, namings["truth_naming."])
     guess = _settled(mark, tables, table_guesses, truth_guess)
     # Step 2: the template's lines for the data's columns and units.
@@ -286,7 +256,7 @@ def write_config_for(
     except UserError as error:
         reported = [_reported(problem, path, sources) for problem in error.problems]
         raise UserError(
-            *(_with_option_of_zone(problem, tables, truth) for problem in reported)
+            *(with_option_of_zone(problem, tables, truth) for problem in reported)
         ) from None
     finally:
         path.unlink()
@@ -303,7 +273,7 @@ def write_config_for(
     prefix = ""
     first_with_unused = guess.each_file[0]
     for number, (file, table) in enumerate(zip(guess.each_file, tables, strict=True)):
-        prefix_of_file = _prefix_of(number, tables)
+        prefix_of_file = prefix_of_table(number, tables)
         units += guessed_units(file, prefix_of_file)
         names = unused_columns(file)
         if further:
@@ -332,29 +302,6 @@ def _path_from(folder: Path, table: Path | None) -> str:
     if table is None:
         return ""
     return quoted(os.path.relpath(table, folder))
-
-
-@contextmanager
-def _questions_on(prefix: str) -> Iterator[None]:
-    """Report the mistakes of a table as those of the command.
-
-    The answers to questions on a table beside the measurements are keys that begin with the ``prefix``.
-    """
-    try:
-        yield
-    except DataError as error:
-        raise _questions(error, prefix) from None
-
-
-def _read_input_keys(mark: Mark, changes: Sequence[str]) -> dict[str, str]:
-    """Return the keys on inputs among the user's answers, as YAML."""
-    answers = _build_answers(_InputKeys, mark, changes)
-    keys = {}
-    if answers.input_gap is not None:
-        keys["input_gap"] = f"{answers.input_gap:g}"
-    if answers.input_holds is not None:
-        keys["input_holds"] = answers.input_holds
-    return keys
 
 
 def _check_landmarks(
@@ -396,13 +343,6 @@ def _first_state(scenario: Scenario, tables: FurtherTables) -> FirstState:
     return FirstState(begin=begin, pose=tuple(poses[:, known[0]].tolist()), later=later)
 
 
-def _prefix_of(number: int, tables: Sequence[Path]) -> str:
-    """Return the beginning of the keys of a table's columns, which is empty for one table alone."""
-    if len(tables) == 1:
-        return ""
-    return f"{_FILES_KEY}.{number}."
-
-
 class _TableGuess(NamedTuple):
     """Guess at one table, the keys that the user set for it, and the columns among them."""
 
@@ -420,22 +360,15 @@ def _guess_tables(
     odometry and landmarks; with them the ``tables`` are recognized as a robot's measurements. Raises
     UserError with all questions.
     """
-    shared = [change for change in changes if not change.startswith(f"{_FILES_KEY}.")]
-    if len(tables) == 1:
-        for change in changes:
-            if change not in shared:
-                message = "there is one file alone: leave the words before columns or units out"
-                raise UserError(Problem(mark, change, message))
-    else:
-        _check_file_numbers(mark, tables, changes, shared)
+    shared = answers_on_all_files(mark, tables, changes)
     guesses = []
     problems: list[Problem | str] = []
     for number, table in enumerate(tables):
-        prefix = _prefix_of(number, tables)
+        prefix = prefix_of_table(number, tables)
         table_changes = list(shared)
         if prefix:
             table_changes += [c.removeprefix(prefix) for c in changes if c.startswith(prefix)]
-        naming = _read_naming(mark, table_changes, prefix)
+        naming = read_naming(mark, table_changes, prefix)
         # A key that is set to nothing, as clockwise=[], is an answer, too.
         user_keys = {change.partition("=")[0].strip() for change in table_changes}
         try:
@@ -443,30 +376,12 @@ def _guess_tables(
             with np.errstate(over="ignore", invalid="ignore"):
                 guess = recognized(str(table), naming, user_keys, robot_tables)
         except DataError as error:
-            problems += _questions(error, prefix).problems
+            problems += as_questions(error, prefix).problems
             continue
         guesses.append(_TableGuess(guess=guess, user_keys=user_keys, columns=naming.columns))
     if problems:
         raise UserError(*problems)
     return guesses
-
-
-def _check_file_numbers(
-    mark: Mark, tables: Sequence[Path], changes: Sequence[str], shared: Sequence[str]
-) -> None:
-    """Raise UserError for a change that names no file of several; ``shared`` ones are of all files."""
-    for change in shared:
-        if not change.startswith("origin="):
-            options = " or ".join(
-                f"--set {_prefix_of(number, tables)}{change} for {table.name}"
-                for number, table in enumerate(tables)
-            )
-            raise UserError(Problem(mark, change, f"which file? Say {options}"))
-    prefixes = tuple(_prefix_of(number, tables) for number in range(len(tables)))
-    for change in changes:
-        if change not in shared and not change.startswith(prefixes):
-            message = f"files have the numbers from 0 to {len(tables) - 1}: {_FILES_KEY}.0.columns"
-            raise UserError(Problem(mark, change, message))
 
 
 def _settled(
@@ -482,12 +397,12 @@ def _settled(
     guesses = []
     problems: list[Problem | str] = []
     for number, (guess, user_keys, columns) in enumerate(table_guesses):
-        prefix = _prefix_of(number, tables)
+        prefix = prefix_of_table(number, tables)
         others = [each.guess for i, each in enumerate(table_guesses) if i != number]
         try:
             guesses.append(settled(guess, truth, user_keys, others))
         except DataError as error:
-            problems += _questions(error, prefix).problems
+            problems += as_questions(error, prefix).problems
             continue
         idle = idle_keys(guesses[-1], columns)
         if idle:
@@ -517,86 +432,7 @@ def _joined(tables: Sequence[Path], guesses: Sequence[Guess]) -> Guess:
     try:
         return joined_guess([str(table) for table in tables], guesses)
     except DataError as error:
-        raise UserError(*map(_problem_at, error.places)) from None
-
-
-def _questions(error: DataError, prefix: str) -> UserError:
-    """Return the questions on a table, whose answers are keys that begin with the ``prefix``."""
-    problems = []
-    for place in error.places:
-        message = place.message
-        if prefix:
-            message = _OPTION_OF_TABLE.sub(rf"\g<0>{prefix}", message)
-            message = _KEY_OF_TABLE.sub(rf"\g<0>{prefix}", message)
-        problems.append(_problem_at(place._replace(message=message)))
-    return UserError(*problems)
-
-
-def _with_option_of_zone(
-    problem: Problem | str, tables: Sequence[Path], truth: Path | None
-) -> Problem | str:
-    """Write the answer to a question on the zone of a file's clock as an option."""
-    if isinstance(problem, str) or "`zone: UTC`" not in problem.message:
-        return problem
-    prefixes = {table: _prefix_of(number, tables) for number, table in enumerate(tables)}
-    if truth is not None:
-        prefixes[truth] = "truth_naming."
-    for table, prefix in prefixes.items():
-        # A message has the path from the working folder, or an absolute one.
-        paths = (os.path.relpath(table), os.path.abspath(table))
-        endings = [f" of {path}{words}" for path in paths for words in ("? Say", " counts")]
-        if any(ending in problem.message for ending in endings):
-            message = problem.message.replace("`zone: UTC`", f"--set {prefix}zone=UTC")
-            return Problem(problem.mark, problem.path, message)
-    return problem
-
-
-def _problem_at(place: Place) -> Problem:
-    """Return the mistake of a table as a problem of the command."""
-    return Problem(Mark(place.file, place.line, place.column), "", place.message)
-
-
-def _read_naming(mark: Mark, changes: Sequence[str], prefix: str) -> Naming:
-    """Build the naming of columns and units from the user's answers.
-
-    The user wrote the ``prefix``, such as ``truth_naming.``, before the keys in ``changes``.
-    """
-    for change in changes:
-        key = change.partition("=")[0]
-        if key in _OPTIONS_OF_KEYS:
-            message = f"this table has an option of its own, {_OPTIONS_OF_KEYS[key]}"
-            raise UserError(Problem(mark, f"{prefix}{key}", message))
-    return _build_answers(Naming, mark, changes, prefix)
-
-
-def _build_answers(
-    cls: type[_Answers], mark: Mark, changes: Sequence[str], prefix: str = ""
-) -> _Answers:
-    """Build an object of a class whose keys are the user's answers; raises UserError.
-
-    Mistakes name the keys as the user wrote them, with the ``prefix``.
-    """
-    source = Source(MarkedMapping(), mark)
-    try:
-        override_all(source, changes)
-        answers = build(cls, source, ())
-    except UserError as error:
-        raise UserError(*(_with_prefix(problem, prefix) for problem in error.problems)) from None
-    if answers is None:
-        raise UserError(*(_with_prefix(problem, prefix) for problem in source.problems))
-    return answers
-
-
-def _with_prefix(problem: Problem | str, prefix: str) -> Problem | str:
-    """Put the prefix of a table's keys before the option and the key that a problem names."""
-    if isinstance(problem, str) or not prefix:
-        return problem
-    mark = problem.mark
-    if mark.file.startswith(_OPTION):
-        mark = replace(mark, file=f"{_OPTION}{prefix}{mark.file.removeprefix(_OPTION)}")
-    message = problem.message.replace(f" {_OPTION}", f" {_OPTION}{prefix}")
-    path = problem.path and f"{prefix}{problem.path}"
-    return Problem(mark, path, message)
+        raise UserError(*map(problem_at, error.places)) from None
 
 
 def _with_some_places(text: str, origin: Sequence[float]) -> str:

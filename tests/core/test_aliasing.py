@@ -11,7 +11,16 @@ import numpy as np
 import pytest
 
 from tests.conftest import random_covariance
-from trackbench.core import arrays, compiled, elementary, kalman, linalg, mixtures, sums
+from trackbench.core import (
+    arrays,
+    cached_results,
+    compiled,
+    elementary,
+    kalman,
+    linalg,
+    mixtures,
+    sums,
+)
 from trackbench.core.distributions import Gaussian, zero_mean_log_prob
 
 VIEWS = {
@@ -103,7 +112,7 @@ def test_results_are_memory_of_their_own(
 ) -> None:
     if not kernels:
         monkeypatch.setattr(compiled, "kernels", None)
-    arrays.clear_caches()
+    cached_results.clear_caches()
     named = calls(n, batch)
     arguments = named.pop("arguments")()
     before = [a.copy() for a in arguments]

@@ -21,6 +21,7 @@ from trackbench.core import (
     mixtures,
     particle_moves,
     particles,
+    read_only,
     resampling,
     sums,
     unscented,
@@ -37,8 +38,9 @@ from trackbench.filters.ukf import additive_step, augmented_step
 from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.models.sensors.angular import along_line_of_sight
-from trackbench.models.sensors.base import SensorBase, StackedSensor
+from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.position import PositionSensor, ScalarSensor, VelocitySensor
+from trackbench.models.sensors.stacked import StackedSensor
 
 pytestmark = pytest.mark.skipif(compiled.kernels is None, reason="no C compiler")
 SPECIAL = np.array(
@@ -626,7 +628,7 @@ def test_they_can_be_turned_off_and_a_stale_file_is_not_used() -> None:
 
 def test_wrong_arguments_are_errors() -> None:
     assert compiled.kernels is not None
-    locked = arrays.fixed(np.zeros((4, 4)))
+    locked = read_only.fixed(np.zeros((4, 4)))
     for name, given, error in (
         ("exp", [np.zeros(1)] * 3, TypeError),
         ("sandwich", [np.eye(1)] * 2, TypeError),

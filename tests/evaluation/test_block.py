@@ -8,20 +8,19 @@ from tests.linear_problem import LINEAR
 from tests.papers import maneuver, merwe
 from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import BlockTask, simulate
-from trackbench.evaluation.error_series import (
+from trackbench.evaluation.error_series import SeriesSums, per_run_metrics, series
+from trackbench.evaluation.lost_runs import (
     LOST_BECAUSE,
     NO_TRUTH,
     NOT_FINITE,
     NOT_LOST,
-    SeriesSums,
     lost_runs,
-    per_run_metrics,
-    series,
+    stayed_finite,
 )
-from trackbench.evaluation.run_block import _stayed_finite, run_block
+from trackbench.evaluation.run_block import run_block
+from trackbench.models.assume import Assume
 from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.models.motions.nonlinear import MapMotion
-from trackbench.models.sensors.base import Assume
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.scenarios.starts.from_scans import OneScan
@@ -118,9 +117,9 @@ def test_a_run_is_finite_in_all_that_any_run_estimates() -> None:
     mean[1] = np.nan
     mean[0, 2, 1] = np.nan
     mean[2, 4, 3] = np.inf
-    assert _stayed_finite(mean).tolist() == [True, False, True, False]
-    assert _stayed_finite(mean[:, :2]).tolist() == [True] * 4
-    assert _stayed_finite(np.full((3, 5, 4), np.nan)).tolist() == [False] * 4
+    assert stayed_finite(mean).tolist() == [True, False, True, False]
+    assert stayed_finite(mean[:, :2]).tolist() == [True] * 4
+    assert stayed_finite(np.full((3, 5, 4), np.nan)).tolist() == [False] * 4
 
 
 def test_a_run_with_an_infinite_error_is_lost() -> None:

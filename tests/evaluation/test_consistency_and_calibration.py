@@ -22,8 +22,8 @@ from trackbench.evaluation.consistency_and_calibration import (
 from trackbench.evaluation.run_block import run_block
 from trackbench.evaluation.uniformity_tests import at_step, over_steps
 from trackbench.filters.base import AnyFilter
+from trackbench.models.assume import Assume
 from trackbench.models.motions.kinematic import WhiteAcceleration
-from trackbench.models.sensors.base import Assume
 from trackbench.scenarios.tracking import Tracking
 from trackbench.statistics.sample_statistics import mean
 

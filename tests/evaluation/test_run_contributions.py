@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from trackbench.evaluation.error_series import NOT_LOST, TOO_FAR, step_sums
+from trackbench.evaluation.error_series import step_sums
+from trackbench.evaluation.lost_runs import NOT_LOST, TOO_FAR
 from trackbench.evaluation.metric_expression import measure
-from trackbench.evaluation.summary import (
-    FilterResult,
+from trackbench.evaluation.run_contributions import (
     series_of,
     statistic_of,
-    summary_rows,
     time_mean_shares,
     with_shares,
 )
+from trackbench.evaluation.summary import FilterResult, summary_rows
 from trackbench.statistics import sample_statistics as st
 
 STEPS, RUNS = 30, 200

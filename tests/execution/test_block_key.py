@@ -20,9 +20,9 @@ from trackbench.filters.adaptive_kf.kinds_and_presets import AdaptiveKF
 from trackbench.filters.imm import IMM
 from trackbench.filters.kf import KF
 from trackbench.filters.particle_filters import PF
+from trackbench.models.assume import Assume
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity
 from trackbench.models.motions.scalar import SineGamma
-from trackbench.models.sensors.base import Assume
 from trackbench.registry import kinds
 from trackbench.scenarios.targets.legs import Leg
 from trackbench.tuning.tuner import Training

@@ -20,7 +20,7 @@ from trackbench.execution.cache import BlockStore
 from trackbench.execution.plan import block_width, check_memory, make_plan
 from trackbench.execution.queue import Queue
 from trackbench.registry import kinds
-from trackbench.results.csv_columns import read_columns
+from trackbench.results.read_csv import read_columns
 
 pytestmark = pytest.mark.usefixtures("no_report")
 

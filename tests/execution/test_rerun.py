@@ -13,7 +13,7 @@ from trackbench import api
 from trackbench.config.experiment import Experiment
 from trackbench.config.load import load
 from trackbench.config.resolved_config import as_yaml, resolved
-from trackbench.report.open_results import open_results
+from trackbench.report.folder_check import open_results
 from trackbench.verify.verify_folder import verify
 from trackbench.yaml_source import parse
 

@@ -10,7 +10,7 @@ from tests.conftest import make_filter
 from tests.papers import banana, maneuver, merwe
 from trackbench.config.filter_requirements import check_fit
 from trackbench.errors import Problem
-from trackbench.models.sensors.base import Assume
+from trackbench.models.assume import Assume
 from trackbench.scenarios.score import Score
 from trackbench.scenarios.starts.without_scans import GivenStart
 from trackbench.scenarios.targets.measured import Measured

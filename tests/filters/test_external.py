@@ -20,7 +20,8 @@ from tests.commands import trackbench
 from tests.conftest import ROOT, forget_facts, make_filter, track
 from trackbench import api
 from trackbench.contract import check_file
-from trackbench.contract.problems import UNEQUAL, ModelDraws, new_rng, planar, radar, simulate
+from trackbench.contract.estimates import new_rng, simulate
+from trackbench.contract.problems import UNEQUAL, ModelDraws, planar, radar
 from trackbench.contract.run_contract import check_filter
 from trackbench.core.distributions import Gaussian
 from trackbench.errors import UserError

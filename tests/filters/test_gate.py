@@ -13,7 +13,8 @@ from trackbench.config.load import load
 from trackbench.core.distributions import Gaussian
 from trackbench.errors import UserError
 from trackbench.evaluation.block import BlockTask, simulate
-from trackbench.evaluation.error_series import SeriesSums, per_run_metrics, sensor_rejections
+from trackbench.evaluation.error_series import SeriesSums, per_run_metrics
+from trackbench.evaluation.gate_decisions import sensor_rejections
 from trackbench.evaluation.run_block import run_block
 from trackbench.evaluation.run_filter import run_filter
 from trackbench.execution.plan import cautions
@@ -31,7 +32,7 @@ from trackbench.scenarios.starts.without_scans import GaussianStart
 from trackbench.scenarios.targets.driven import Driven
 from trackbench.scenarios.tracking import Tracking
 from trackbench.statistics import significance_rules as rules
-from trackbench.statistics.intervals import AcceptedNis, anees_band
+from trackbench.statistics.consistency_bands import AcceptedNis, anees_band
 
 RUNS = 200
 CLEAN = Tracking(

@@ -10,8 +10,8 @@ from trackbench.core.distributions import Gaussian
 from trackbench.filters import gaussian_sum
 from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import WhiteAcceleration
-from trackbench.models.sensors.base import StackedSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
+from trackbench.models.sensors.stacked import StackedSensor
 
 
 def test_pieces_of_the_bank_change_no_byte(monkeypatch: pytest.MonkeyPatch) -> None:

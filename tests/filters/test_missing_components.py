@@ -12,8 +12,8 @@ from trackbench.filters.ukf import CKF, GHKF, UKF
 from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.sensors.angular import Bearing
-from trackbench.models.sensors.base import StackedSensor
 from trackbench.models.sensors.position import PositionSensor
+from trackbench.models.sensors.stacked import StackedSensor
 
 MOTION = WhiteAcceleration(q=1.0).sampled(1.0)
 POSITION, BEARING = PositionSensor(sigma=20.0), Bearing(sigma_mrad=5.0)

@@ -17,10 +17,12 @@ from trackbench.filters.robust import Huber, StudentT
 from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.motions.scalar import Autoregressive
-from trackbench.models.sensors.base import Outliers, StackedSensor
-from trackbench.models.sensors.function import FunctionSensor, Noise
+from trackbench.models.sensors.base import Outliers
+from trackbench.models.sensors.function import FunctionSensor
+from trackbench.models.sensors.noise import Noise
 from trackbench.models.sensors.position import PositionSensor, ScalarSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
+from trackbench.models.sensors.stacked import StackedSensor
 from trackbench.scenarios.starts.without_scans import GaussianStart
 from trackbench.scenarios.targets.base import Launch
 from trackbench.scenarios.targets.driven import Driven

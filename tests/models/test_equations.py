@@ -14,9 +14,9 @@ from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import Linear
 from trackbench.models.motions.nonlinear import MapMotion, OdeMotion
 from trackbench.models.motions.turn import UnknownTurn
-from trackbench.models.sensors.base import StackedSensor
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
+from trackbench.models.sensors.stacked import StackedSensor
 from trackbench.report.tables_and_figures import Results
 
 pytestmark = pytest.mark.usefixtures("no_report")

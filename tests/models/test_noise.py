@@ -15,8 +15,9 @@ from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.run_filter import FilterOutput, run_filter
 from trackbench.field_types import InvalidKeyError
 from trackbench.models.likelihood import log_likelihood
-from trackbench.models.sensors.base import StackedSensor
-from trackbench.models.sensors.function import FunctionSensor, Noise, draw_poisson, log_poisson
+from trackbench.models.sensors.function import FunctionSensor
+from trackbench.models.sensors.noise import Noise, draw_poisson, log_poisson
+from trackbench.models.sensors.stacked import StackedSensor
 from trackbench.plugins.errors import message_of
 from trackbench.scenarios.base import Simulation
 

@@ -10,7 +10,7 @@ from trackbench.core.random_streams import RunStreams
 from trackbench.field_types import InvalidKeyError
 from trackbench.models.likelihood import log_likelihood
 from trackbench.models.sensors.angular import Bearing, Platform, Range
-from trackbench.models.sensors.base import Outliers, SensorBase, StackedSensor
+from trackbench.models.sensors.base import Outliers, SensorBase
 from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.position import (
     PositionInSpace,
@@ -23,6 +23,7 @@ from trackbench.models.sensors.range_azimuth import (
     RangeAzimuthDoppler,
     RangeAzimuthElevation,
 )
+from trackbench.models.sensors.stacked import StackedSensor
 from trackbench.registry import kinds
 
 PATH = Platform(steps=(0, 10, 20), x=(0.0, 500.0, 0.0), y=(-200.0, 100.0, 300.0))

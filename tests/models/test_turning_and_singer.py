@@ -9,8 +9,9 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import block_stream
 from trackbench.models.motions.kinematic import ConstantAcceleration, ConstantVelocity, Singer
 from trackbench.models.motions.turn import CoordinatedTurn, UnknownTurn
-from trackbench.models.priors import TwoPoint, augment_prior
+from trackbench.models.priors import augment_prior
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
+from trackbench.models.two_point_differencing import TwoPoint
 
 STATES = np.array(
     [[100.0, 200.0, -50.0], [20.0, -3.0, 0.0], [5.0, 7.0, 9.0], [1.0, 8.0, -4.0], [0.1, -1e-9, 0.0]]

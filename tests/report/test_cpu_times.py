@@ -17,8 +17,8 @@ from trackbench.evaluation import timing
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.html.index_page import write_overview
 from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts, write_time_verdicts
-from trackbench.results.csv_columns import Columns
-from trackbench.results.folder_contents import TIME_VERDICTS, TIMING, is_in_git
+from trackbench.results.folder_contents import TIME_VERDICTS, TIMING
+from trackbench.results.read_csv import Columns
 from trackbench.verify.verify_folder import verify
 
 REPEATS = 30
@@ -212,26 +212,6 @@ def test_times_stand_in_reports_and_not_in_the_ledger(config: Path) -> None:
     assert "HDEPF is dearer" not in ledger
     assert "1 claim" in ledger
     assert "2 claims" not in ledger
-
-
-def test_the_index_of_a_clone_lacks_a_picture_that_needs_cpu_times(config: Path) -> None:
-    """In a clone of git there are neither runs nor CPU times, and no figure that shows these."""
-    config.write_text(
-        CONFIG.replace("published: [numbers.csv, claims.csv]\n", "")
-        + "grid: {filters.PF.N: [10, 20]}\n"
-        + "figures: {cost: {kind: accuracy-vs-cost, metric: mean(rmse)}}\n"
-    )
-    folder = run(config)
-    write_overview(folder.parent)
-    assert "<svg" in (folder.parent / "index.html").read_text()
-    for path in folder.rglob("*"):
-        name = path.relative_to(folder).as_posix()
-        if path.is_file() and not is_in_git(name):
-            path.unlink()
-    write_overview(folder.parent)
-    index = (folder.parent / "index.html").read_text()
-    assert "timed" in index
-    assert "<svg" not in index
 
 
 def test_stored_times_are_not_measured_again_by_verify(

@@ -17,8 +17,9 @@ from trackbench.report.figures.banana import PosteriorEllipses
 from trackbench.report.figures.bars import Bars
 from trackbench.report.figures.calibration import CalibrationFigure
 from trackbench.report.figures.consistency import Anees
+from trackbench.report.figures.estimates import EstimatesOfOneRun
 from trackbench.report.figures.heat_map import HeatMap
-from trackbench.report.figures.over_time import EstimatesOfOneRun, RmseVsTime
+from trackbench.report.figures.over_time import RmseVsTime
 from trackbench.report.figures.sweep import RmseVsParameter, SweepFigure
 from trackbench.report.figures.tuned_keys import _draw_panel
 from trackbench.report.plotting import scales, style

@@ -7,7 +7,7 @@ import pytest
 
 from tests.commands import ran
 from trackbench.errors import UserError
-from trackbench.statistics.intervals import anees_band
+from trackbench.statistics.consistency_bands import anees_band
 
 RATES = """
 name: rates

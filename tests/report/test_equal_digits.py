@@ -11,7 +11,7 @@ from tests.conftest import EXPERIMENT_FILES
 from tests.report.forging import reseal
 from trackbench import api
 from trackbench.report.compare_folders import compare_folders
-from trackbench.report.open_results import open_results
+from trackbench.report.folder_check import open_results
 from trackbench.report.verdicts.published_numbers import FEWER_STORED, compare
 
 QUIET: dict[str, Any] = {"engine": "serial", "quiet": True, "formats": ()}

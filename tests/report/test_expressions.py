@@ -9,8 +9,8 @@ from trackbench.config.published import Claim
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.verdicts.claims import judge
-from trackbench.results.csv_columns import Columns
 from trackbench.results.point_facts import PointFacts
+from trackbench.results.read_csv import Columns
 from trackbench.statistics import intervals as inference
 from trackbench.statistics import sample_statistics as st
 from trackbench.statistics.intervals import (

@@ -14,7 +14,8 @@ from trackbench.evaluation.metric_expression import measure
 from trackbench.report.expressions import Evaluator
 from trackbench.report.figures.bars import Bars
 from trackbench.report.figures.critical_difference import cliques
-from trackbench.report.figures.over_time import EstimatesOfOneRun, RmseVsTime
+from trackbench.report.figures.estimates import EstimatesOfOneRun
+from trackbench.report.figures.over_time import RmseVsTime
 from trackbench.report.figures.per_run import RmsePerRun, _sort_over_shares
 from trackbench.report.figures.track import Track
 from trackbench.report.findings import phrases

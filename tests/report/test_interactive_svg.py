@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from trackbench.report.figures.estimates import EstimatesOfOneRun
 from trackbench.report.figures.heat_map import HeatMap
-from trackbench.report.figures.over_time import EstimatesOfOneRun, RmseVsTime
+from trackbench.report.figures.over_time import RmseVsTime
 from trackbench.report.html.svg import outline
 from trackbench.report.html.thumbnail import thumbnail
 from trackbench.report.plotting import style

@@ -15,7 +15,7 @@ from tests.papers import merwe_text
 from tests.report.forging import edit
 from trackbench import api
 from trackbench.errors import RunError, UserError
-from trackbench.report.open_results import _damage_lines, changed_files, open_results
+from trackbench.report.folder_check import _damage_lines, changed_files, open_results
 from trackbench.results.manifest import Damage, read_manifest
 from trackbench.verify.verify_folder import verify
 

@@ -23,7 +23,7 @@ from trackbench.report.figures.heat_map import HeatMap
 from trackbench.report.findings.ranking import rankings
 from trackbench.report.findings.sentences import answer
 from trackbench.report.pairs_of_filters import pairs_of
-from trackbench.report.tables.differences import ClaimRow, Claims
+from trackbench.report.tables.claims import ClaimRow, Claims
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.claims import judge
 from trackbench.statistics.comparison import Sample, compare_all

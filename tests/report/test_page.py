@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from tests.browser import A5, LETTER, PARTED, WIDE, paper, sized
 from trackbench import api
 from trackbench.errors import UserError
-from trackbench.report.html.report_page import _breakable
+from trackbench.report.html.page_templates import _breakable
 from trackbench.report.html.svg import inline
 from trackbench.report.plotting.style import matplotlib_file
 from trackbench.report.tables_and_figures import Results

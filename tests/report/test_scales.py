@@ -12,9 +12,10 @@ from tests.commands import ran, trackbench
 from tests.conftest import PLANE
 from trackbench.evaluation.metric_expression import measure
 from trackbench.report.figures.bars import Bars
+from trackbench.report.figures.estimates import EstimatesOfOneRun
 from trackbench.report.figures.heat_map import HeatMap
 from trackbench.report.figures.innovations import Autocorrelation, Nis
-from trackbench.report.figures.over_time import EstimatesOfOneRun, RmseVsTime
+from trackbench.report.figures.over_time import RmseVsTime
 from trackbench.report.figures.per_run import RmsePerRun
 from trackbench.report.figures.sweep import RmseVsParameter, _is_level
 from trackbench.report.kinds import FigureKind

@@ -14,14 +14,14 @@ from trackbench.report.expressions import Evaluator
 from trackbench.report.findings.ranking import Candidate, ranking_of
 from trackbench.report.verdicts import verdict_files
 from trackbench.report.verdicts.claims import judge
-from trackbench.results.csv_columns import Columns
+from trackbench.results.read_csv import Columns
 from trackbench.statistics import intervals as inference
 from trackbench.statistics import sample_statistics as st
-from trackbench.statistics import significance_rules as rules
+from trackbench.statistics import verdict_rules
 from trackbench.statistics.comparison import Sample
 from trackbench.statistics.estimates import RunEstimate, Share
 from trackbench.statistics.intervals import studentized
-from trackbench.statistics.significance_rules import Verdict
+from trackbench.statistics.verdict_rules import Verdict
 
 NONE = table("filter metric value stderr runs lost", [("-", "-", 0.0, 0.0, 1, 0)])
 NO_TIMES = table("filter runs cpu_s_per_run stderr blocks", [("-", 1, 0.0, 0.0, "")])
@@ -139,7 +139,7 @@ def test_parts_of_a_bar_have_the_order_of_the_words_and_their_verbs():
     claims = [row("inconclusive"), row("fails"), *[row("holds", True)] * 3]
     bar = verdict_files.Bar("5 claims", verdict_files.tallies(claims))
     assert bar.words == "5 claims: 3 hold (3 fragile), 1 fails, 1 inconclusive"
-    assert set(rules.NUMBER_WORDS) | set(rules.CLAIM_WORDS) >= set(words)
+    assert set(verdict_rules.NUMBER_WORDS) | set(verdict_rules.CLAIM_WORDS) >= set(words)
 
 
 def test_values_of_a_grid_are_each_a_filter_of_their_own(rng):

@@ -10,10 +10,11 @@ from scipy import stats
 from tests.report.test_verdicts import number
 from trackbench.report.verdicts.published_numbers import _is_near, _verdict
 from trackbench.statistics import significance_rules as rules
+from trackbench.statistics import verdict_rules
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.intervals import interval_of
 from trackbench.statistics.sample_statistics import Estimate
-from trackbench.statistics.significance_rules import claim_verdict, combine_batches, number_verdict
+from trackbench.statistics.verdict_rules import claim_verdict, combine_batches, number_verdict
 
 
 def word(published, value, stderr, *parts, runs=400):
@@ -108,7 +109,7 @@ def test_the_rounding_of_the_printed_number_turns_no_verdict():
     """2.5 printed for 2.5425, as for the climatology of `lorenz96-spantini`: 2.8 errors from 2.5."""
     measured = RunEstimate(2.5425, 0.0101, None, 16)
     coarse, fine = (number(2.5, digits=n, runs=13) for n in (1, 4))
-    assert number_verdict(coarse, measured, []) == rules.Verdict("agrees", 0.0)
+    assert number_verdict(coarse, measured, []) == verdict_rules.Verdict("agrees", 0.0)
     found = number_verdict(fine, measured, [])
     assert (found.word, found.fragile) == ("agrees", True)
     assert found.z == pytest.approx(2.8, abs=0.05)
@@ -200,13 +201,13 @@ def test_the_interval_of_the_rules_is_of_95_percent():
 
 
 def test_the_weakest_of_comparisons_that_must_all_hold_needs_no_correction():
-    assert rules.weakest([4.0, 2.5, 3.0]) == 2.5
-    assert rules.weakest([4.0, -2.5, 3.0]) == -2.5
+    assert verdict_rules.weakest([4.0, 2.5, 3.0]) == 2.5
+    assert verdict_rules.weakest([4.0, -2.5, 3.0]) == -2.5
     # Of many steps, too, as long as all of them point the way of the claim.
-    assert rules.weakest([4.0, 2.5, 3.0], steps=3) == 2.5
+    assert verdict_rules.weakest([4.0, 2.5, 3.0], steps=3) == 2.5
     # One that is unknown decides.
     for steps in (1, 3):
-        assert np.isnan(rules.weakest([4.0, nan, -3.0], steps))
+        assert np.isnan(verdict_rules.weakest([4.0, nan, -3.0], steps))
 
 
 @pytest.mark.parametrize("zs", [[-3.0, 1.0], [2.0, -4.0, 0.5, 7.0], [-6.0] * 50], ids=len)
@@ -214,13 +215,13 @@ def test_the_weakest_of_many_steps_that_fails_is_corrected_by_bonferroni(zs):
     """n times the tail probability of the least z, of all comparisons, not of the steps alone."""
     expected = stats.norm.ppf(len(zs) * stats.norm.cdf(min(zs)))
     for steps in (2, len(zs)):
-        assert rules.weakest(zs, steps) == pytest.approx(expected, rel=1e-9)
-    assert min(zs) < rules.weakest(zs, 2) < 0.0
+        assert verdict_rules.weakest(zs, steps) == pytest.approx(expected, rel=1e-9)
+    assert min(zs) < verdict_rules.weakest(zs, 2) < 0.0
 
 
 def test_a_corrected_probability_is_a_half_at_most():
     """Of fifty steps the least is below -1 by chance alone: that shows nothing."""
-    assert rules.weakest([-1.0, *np.linspace(0.0, 3.0, 49)], steps=50) == pytest.approx(0.0)
+    assert verdict_rules.weakest([-1.0, *np.linspace(0.0, 3.0, 49)], steps=50) == pytest.approx(0.0)
 
 
 def test_runs_that_decide_grow_with_the_square_of_what_is_missing():

@@ -30,7 +30,7 @@ from trackbench.report.verdicts.published_numbers import (
 from trackbench.report.verdicts.verdict_files import bars, summary_lines, verdict_tables
 from trackbench.statistics.comparison import Sample
 from trackbench.statistics.estimates import MISSING, RunEstimate
-from trackbench.statistics.significance_rules import Verdict, claim_verdict, number_verdict
+from trackbench.statistics.verdict_rules import Verdict, claim_verdict, number_verdict
 
 
 def number(value, digits=4, runs=100, **keys):

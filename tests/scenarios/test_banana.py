@@ -6,7 +6,7 @@ import pytest
 from tests.conftest import make_filter, per_run
 from tests.papers import banana
 from trackbench.core.random_streams import RunStreams
-from trackbench.evaluation.error_series import TOO_FAR
+from trackbench.evaluation.lost_runs import TOO_FAR
 
 
 def test_the_printed_position() -> None:

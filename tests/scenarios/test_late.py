@@ -32,8 +32,8 @@ from trackbench.execution.plan import _kept_states
 from trackbench.filters.base import AnyFilter
 from trackbench.filters.external import External
 from trackbench.filters.kf import KF
+from trackbench.models.assume import Assume
 from trackbench.models.delays import GeometricDelay, SharesDelay, UniformDelay
-from trackbench.models.sensors.base import Assume
 from trackbench.models.sensors.position import ScalarSensor
 from trackbench.results.manifest import read_manifest
 from trackbench.scaffold import write_config_for

@@ -16,8 +16,9 @@ from trackbench.core.random_streams import RunStreams
 from trackbench.evaluation.block import simulate
 from trackbench.field_types import DataError, InvalidKeyError
 from trackbench.filters.ekf import EKF
+from trackbench.models.assume import Assume
 from trackbench.models.motions.kinematic import ConstantAcceleration, WhiteAcceleration
-from trackbench.models.sensors.base import Assume, Outliers
+from trackbench.models.sensors.base import Outliers
 from trackbench.models.sensors.position import PositionSensor
 from trackbench.models.sensors.range_azimuth import (
     RangeAzimuth,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from trackbench.evaluation.summary import time_mean_shares
+from trackbench.evaluation.run_contributions import time_mean_shares
 from trackbench.statistics import sample_statistics as st
 from trackbench.statistics.intervals import (
     Sides,

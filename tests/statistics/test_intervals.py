@@ -7,6 +7,7 @@ from scipy import stats
 from trackbench.statistics import sample_statistics as st
 from trackbench.statistics.collapsed_runs import collapsed_in_words, indefinite_runs
 from trackbench.statistics.comparison import Comparison, as_family
+from trackbench.statistics.consistency_bands import anees_band
 from trackbench.statistics.estimates import (
     RunEstimate,
     Share,
@@ -14,7 +15,6 @@ from trackbench.statistics.estimates import (
 )
 from trackbench.statistics.intervals import (
     Events,
-    anees_band,
     deviations,
     holm,
     interval_of,

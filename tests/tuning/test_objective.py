@@ -5,7 +5,7 @@ import pytest
 
 from trackbench.config.tuning_objective import Objective, bad_terms
 from trackbench.statistics.sample_statistics import STATISTICS
-from trackbench.tuning.search import Trial
+from trackbench.tuning.record_of_trials import Trial
 
 SIZES = {"": 4, "position": 2}
 

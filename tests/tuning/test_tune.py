@@ -13,7 +13,7 @@ from trackbench import api
 from trackbench.commands.prepare import jobs_of, with_tuned
 from trackbench.errors import UserError
 from trackbench.report.tables_and_figures import Results
-from trackbench.tuning.search import Record
+from trackbench.tuning.record_of_trials import Record
 from trackbench.verify.compare_tuning import compare_tuning
 from trackbench.verify.verify_folder import verify
 

@@ -65,7 +65,7 @@ def compare(
         typer.echo("\n".join([markdown(results, verdicts), *(table.markdown() for table in times)]))
         return
     from trackbench.cli.terminal_tables import print_lines, print_tables
-    from trackbench.report.verdicts.inconclusive import reasons
+    from trackbench.report.verdicts.inconclusive_reasons import reasons
 
     print_lines([*summary_lines(verdicts), ""])
     print_tables([*verdict_tables(verdicts), *times])
@@ -79,7 +79,7 @@ def compare_two(
     from trackbench.errors import UserError, counted
     from trackbench.report import compare_folders as comparison
     from trackbench.report.compare_folders import compare_folders
-    from trackbench.report.open_results import open_with_notes
+    from trackbench.report.folder_check import open_with_notes
     from trackbench.statistics.significance_rules import EQUAL
 
     # Step 1: compare.

@@ -1,6 +1,5 @@
 """Command `new`: writes starting files, and configs of recorded data."""
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
@@ -105,7 +104,7 @@ def new(
         first, *further = data
         written = write_config_for(
             first,
-            name or _default_name(data),
+            name,
             Path(),
             sets or (),
             truth=truth,
@@ -151,17 +150,6 @@ def new(
 
 _MOST_COLUMNS = 9
 """Unused columns that are named."""
-_MOST_LETTERS = 40
-"""Letters of a name that is made of those of several files."""
-
-
-def _default_name(data: list[Path]) -> str:
-    """Return the name of an experiment on files: their names, or that of the first one if too long."""
-    names = [re.sub("[^A-Za-z0-9]+", "-", path.stem).strip("-") for path in data]
-    name = "-".join(names)
-    if len(name) > _MOST_LETTERS:
-        return names[0]
-    return name
 
 
 def _echo_unused_columns(columns: Sequence[str], quantities: Sequence[str], prefix: str) -> None:

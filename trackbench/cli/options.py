@@ -113,7 +113,7 @@ def _key_paths(component: Any, group: str | None, path: str) -> Iterator[str]:
     """
     from trackbench.config.build import hints_of
     from trackbench.field_types import dataclasses_in, part_group
-    from trackbench.models.sensors.base import Assume
+    from trackbench.models.assume import Assume
     from trackbench.registry import Group, of_kind
 
     known: dict[str, Any] = {}

@@ -18,7 +18,7 @@ from trackbench.execution.plan import Plan, announced, check_memory, make_plan
 from trackbench.execution.stop_when_precise import first_batch
 from trackbench.models.description import sensor_places
 from trackbench.report.sweep_files import as_sweep
-from trackbench.tuning.search import Record
+from trackbench.tuning.record_of_trials import Record
 from trackbench.tuning.tuner import tune
 from trackbench.yaml_source import Config
 

@@ -40,7 +40,7 @@ from trackbench.results.lock import locked
 from trackbench.results.manifest import write_manifest
 from trackbench.results.number_arrays import array_notes
 from trackbench.results.write import Losses, write_results
-from trackbench.tuning.search import write_tuning
+from trackbench.tuning.record_of_trials import write_tuning
 from trackbench.yaml_source import Config
 
 

@@ -1,24 +1,21 @@
 """Run a suite: its problems as experiments in one queue, then the scores over all of them."""
 
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
-from math import isfinite
 from pathlib import Path
 from typing import NamedTuple
 
 from trackbench.atomic_files import ensure_folder
-from trackbench.commands.expected_time import CACHED, cpu_s_of_filter, expected_time
+from trackbench.commands.expected_time import ExpectedTimesOfSuite
 from trackbench.commands.keyword_arguments import with_known_keywords
-from trackbench.commands.options import DRAWER, OPTION_NAMES, Options, most_workers, say
-from trackbench.commands.prepare import FIT, Job, dry_run_line, jobs_of
+from trackbench.commands.options import DRAWER, OPTION_NAMES, Options, say
+from trackbench.commands.prepare import FIT, dry_run_line, jobs_of
 from trackbench.commands.run_experiment import run_each
 from trackbench.commands.stored_results import Report
 from trackbench.commands.suite_contract import ContractOutcome, check_own_filters
-from trackbench.config.shipped_experiments import SuiteTime, suite_names, suite_times
-from trackbench.config.suite import FittedProblem, Suite, load_suite, shown_label
-from trackbench.durations import expected_time_in_words
+from trackbench.config.shipped_experiments import suite_names, suite_times
+from trackbench.config.suite import Suite, load_suite
 from trackbench.errors import Mark, Problem, UserError, counted
 from trackbench.execution.engines import begin
 from trackbench.models.motions.kinematic import Linear
@@ -36,13 +33,8 @@ from trackbench.report.suite.scores import (
     score_problem,
     write_scores,
 )
-from trackbench.report.suite.tables import (
-    filter_sentences,
-    filter_table,
-    leader_sentence,
-    roster_table,
-    smoother_table,
-)
+from trackbench.report.suite.sentences import filter_sentences, leader_sentence
+from trackbench.report.suite.tables import filter_table, roster_table, smoother_table
 from trackbench.report.table import TextTable
 from trackbench.results.folder_contents import MANIFEST
 
@@ -158,104 +150,19 @@ def preview_suite(file: Path, options: Options, problems: Sequence[str] = ()) ->
     own_options = _options_of_jobs(suite, options)
     is_shipped = file.name in suite_names() and not file.is_file()
     recorded = suite_times(file.name) if is_shipped and not options.only else {}
-    lines = []
-    all_seconds = 0.0
-    workers = most_workers(own_options)
     configs = [problem.config for problem in suite.problems]
     experiments = [problem.experiment for problem in suite.problems]
     jobs = jobs_of(configs, own_options, experiments)
-    own = _OwnTimes(suite.added, own_options)
+    expected_times = ExpectedTimesOfSuite(
+        recorded, suite.added, own_options, is_quick=options.quick
+    )
+    lines = []
     for problem, job in zip(suite.problems, jobs, strict=True):
-        times = recorded.get(problem.name)
-        time_text = expected_time(job, own_options, tries=times is None)
-        if times is not None and time_text != CACHED:
-            runs = job.experiment.settings.runs
-            # Without --quick a tuned roster has as many trials whatever the runs.
-            is_tuned_in_full = bool(problem.tuned) and not options.quick
-            seconds = _recorded_seconds(times, runs, is_tuned_in_full) / workers
-            seconds += own.seconds(problem, job) / workers
-            all_seconds += seconds + _REPORT_S / workers
-            time_text = f"about {expected_time_in_words(seconds)} of filtering"
-        lines.append(dry_run_line(job, time_text))
-    if all_seconds:
-        time_text = expected_time_in_words(all_seconds)
-        line = f"in all about {time_text} on {workers} workers, with tables and figures"
-        if own.unknown:
-            line += f", and without {joined(own.unknown)}"
-        elif suite.added:
-            line += f"; {joined(suite.added)} by a trial of the first steps"
-        lines.append(line)
+        lines.append(dry_run_line(job, expected_times.of_problem(problem, job)))
+    time_of_all = expected_times.of_all_problems()
+    if time_of_all:
+        lines.append(time_of_all)
     return [*_left_out_lines(suite), *lines]
-
-
-_TRIALS_S = 10.0
-"""Seconds after which the user's own filters are not tried on further problems."""
-
-
-class _OwnTimes:
-    """CPU times of the user's own filters on the problems of a suite, from trials."""
-
-    def __init__(self, labels: Sequence[str], options: Options) -> None:
-        self._labels = labels
-        self._options = options
-        self._started = time.monotonic()
-        self._tried: dict[str, tuple[float, float]] = dict.fromkeys(labels, (0.0, 0.0))
-        """CPU seconds and size of the work, of each filter on the problems that it was tried on"""
-        self.unknown: list[str] = []
-        """filters that have no time on some problem"""
-
-    def seconds(self, problem: FittedProblem, job: Job) -> float:
-        """Return the CPU seconds of all of the filters on a problem, as far as they are known.
-
-        After `_TRIALS_S` seconds of trials the pace on earlier problems counts. The trials of a filter
-        that is tuned count, too.
-        """
-        total = 0.0
-        for label in self._labels:
-            if label in problem.left_out:
-                continue
-            tries = time.monotonic() - self._started < _TRIALS_S
-            shown = shown_label(problem, label)
-            seconds, size = cpu_s_of_filter(job, label, self._options, tries)
-            known_seconds, known_size = self._tried[label]
-            if isfinite(seconds):
-                self._tried[label] = (known_seconds + seconds, known_size + size)
-            elif not tries and known_size:
-                seconds = known_seconds * size / known_size
-            else:
-                self.unknown = [*dict.fromkeys([*self.unknown, label])]
-                continue
-            if shown != label:
-                seconds *= 1.0 + _trials_per_run(job)
-            total += seconds
-        return total
-
-
-def _trials_per_run(job: Job) -> float:
-    """Return how many times the work of its runs a filter does if it is tuned, at most."""
-    settings = job.experiment.settings
-    tuning = settings.tuning
-    return tuning.evaluations * (tuning.runs or settings.runs) / settings.runs
-
-
-_REPORT_S = 1.3
-"""CPU seconds that simulation, errors, tables and figures of a problem take beside the filters."""
-
-
-def _recorded_seconds(times: Sequence[SuiteTime], runs: int, is_tuned_in_full: bool) -> float:
-    """Return the CPU seconds of a problem for so many runs, on a line through two recorded times.
-
-    The line does not go through zero: a step of a few runs takes hardly less time than one of many. A
-    roster that is tuned in full takes at least the last of the times.
-    """
-    last = times[-1]
-    if len(times) == 1 or runs > last.runs:
-        return last.cpu_s * runs / last.runs
-    if is_tuned_in_full:
-        return last.cpu_s
-    first = times[0]
-    slope = (last.cpu_s - first.cpu_s) / (last.runs - first.runs)
-    return max(first.cpu_s + slope * (runs - first.runs), 0.0)
 
 
 @with_known_keywords(*OPTION_NAMES)

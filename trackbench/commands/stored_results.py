@@ -18,7 +18,7 @@ from trackbench.atomic_files import record_writes
 from trackbench.commands.keyword_arguments import with_known_keywords
 from trackbench.core.arrays import Array
 from trackbench.errors import Mark, Problem, UserError
-from trackbench.report.open_results import (
+from trackbench.report.folder_check import (
     check_folder,
     explain_content_errors,
     open_results,
@@ -32,7 +32,7 @@ from trackbench.report.sweep_files import Best, best_points
 from trackbench.report.table import Table, TextTable, results_html
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.cpu_times import time_line
-from trackbench.report.verdicts.inconclusive import reasons
+from trackbench.report.verdicts.inconclusive_reasons import reasons
 from trackbench.report.verdicts.published_numbers import Verdicts
 from trackbench.report.verdicts.published_numbers import compare as compare_with_published
 from trackbench.report.verdicts.verdict_files import (

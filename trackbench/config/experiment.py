@@ -9,7 +9,7 @@ from trackbench.config.settings import Settings
 from trackbench.config.tuning import Axis
 from trackbench.extension_points import Part
 from trackbench.filters.base import AnyFilter
-from trackbench.models.sensors.base import Assume
+from trackbench.models.assume import Assume
 from trackbench.plugins.load import Plugin
 from trackbench.registry import Group
 from trackbench.scenarios.base import Scenario

@@ -6,7 +6,8 @@ from trackbench.extension_points import walk_parts
 from trackbench.filters.base import AnyFilter
 from trackbench.models.components import position_velocity_names
 from trackbench.models.likelihood import has_own_density
-from trackbench.models.sensors.base import ScaledNoise, SensorBase
+from trackbench.models.sensors.base import SensorBase
+from trackbench.models.sensors.noise import ScaledNoise
 from trackbench.plugins.checks import filter_conflicts
 from trackbench.scenarios.base import Scenario
 from trackbench.yaml_source import Keys, Source, dotted

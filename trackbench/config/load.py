@@ -12,6 +12,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
+from trackbench.config.added_filters import add_filters, show_filters
 from trackbench.config.bound_and_exact_errors import check_bound, check_exact
 from trackbench.config.build import build, build_kind
 from trackbench.config.default_tables_and_figures import add_default_exhibits
@@ -23,7 +24,7 @@ from trackbench.config.grid import add_axis, apply_point, grid_points
 from trackbench.config.idle_keys import check_idle, check_idle_settings
 from trackbench.config.includes import inline_parts
 from trackbench.config.overrides import override, override_all
-from trackbench.config.plugins_of_config import add_filters, load_plugins, show_filters
+from trackbench.config.plugins_of_config import load_plugins
 from trackbench.config.published import Published, read_published
 from trackbench.config.python_tables import put_tables
 from trackbench.config.recorded_runs import QUICK, with_recorded_runs

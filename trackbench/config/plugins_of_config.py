@@ -1,120 +1,22 @@
-"""Load the plugins that a config names, and check their classes and exhibits."""
+"""Load the plugins that a config names, and check the attributes and keys of their classes."""
 
-import os
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import MISSING, Field, fields, is_dataclass
 from pathlib import Path
 from typing import cast
 
 from trackbench.config.build import adapter
-from trackbench.config.experiment import DrawnExhibit, Exhibit, Point
-from trackbench.config.overrides import override
-from trackbench.errors import Mark, Problem, UserError, reason
-from trackbench.extension_points import Part, is_foreign
+from trackbench.config.experiment import DrawnExhibit, Exhibit
+from trackbench.errors import Problem, UserError, reason
+from trackbench.extension_points import Part
 from trackbench.filters.base import Filter, WrongReturnError
-from trackbench.plugins.checks import call_hook, check_words
-from trackbench.plugins.errors import PluginError, location_of, plugin_code
+from trackbench.plugins.errors import PluginError, location_of
 from trackbench.plugins.load import Plugin, digest_of_all, forget_outdated, load_plugin, read_plugin
 from trackbench.registry import BLOCK_GROUPS, base_of, import_own, kinds, registered
-from trackbench.yaml_source import Source, put
+from trackbench.yaml_source import Source
 
 _FILES = {"per_step", "per_run", "summary"}
 _PLAIN = (bool, int, float, str, type(None))
-
-
-def add_filters(source: Source, files: Sequence[Path]) -> dict[str, Mark]:
-    """Add the filters of Python files to the config, each under its kind; return labels and marks.
-
-    The files join the config's plugins. A program becomes a filter under its name. Raises UserError.
-    """
-    labels: dict[str, Mark] = {}
-    if not isinstance(source.data.get("filters"), dict):
-        return labels  # the validation of the whole reports it
-    for file in files:
-        mark = Mark(f"--filter {file}")
-        if file.suffix != ".py" and is_program(file):
-            _add_program(source, file, mark)
-            labels[file.stem] = mark
-        else:
-            for kind in _add_plugin(source, file, mark):
-                labels[kind] = mark
-    return labels
-
-
-def _add_program(source: Source, file: Path, mark: Mark) -> None:
-    """Add a program as a filter under its name, and allow it."""
-    path = str(file.absolute())
-    _add_filter(source, file.stem, {"kind": "external", "command": [path]}, mark)
-    if source.programs is not None:
-        source.programs.add(path)
-
-
-def _add_plugin(source: Source, file: Path, mark: Mark) -> list[str]:
-    """Add each filter kind of a Python file as a filter, and the file to the plugins.
-
-    Returns the kinds, which are the labels; raises UserError.
-    """
-    advice = "`trackbench new filter NAME` writes one"
-    if file.suffix != ".py":
-        raise UserError(Problem(mark, "", f"{NO_FILTER}; {advice}"))
-    try:
-        plugin = load_file(file)
-    except PluginError as error:
-        raise UserError(*(Problem(mark, "", message) for message in error.args)) from None
-    filter_kinds = [kind for group, kind, _ in registered(plugin.module) if group == "filters"]
-    if not filter_kinds:
-        raise UserError(Problem(mark, "", f"registers no filter; {advice}"))
-    for kind in filter_kinds:
-        _add_filter(source, kind, {"kind": kind}, mark)
-    if not source.data.get("plugins"):
-        override(source, ("plugins",), [], mark)
-    _append(source.data["plugins"], str(file.absolute()), mark)
-    return filter_kinds
-
-
-NO_FILTER = "is neither the path of a Python file nor of a program that can be executed"
-"""Mistake in the path of a filter's file."""
-
-
-def is_program(path: Path) -> bool:
-    """Test whether a path is that of a file that can be executed."""
-    return path.is_file() and os.access(path, os.X_OK)
-
-
-def _add_filter(source: Source, label: str, entry: dict[str, object], mark: Mark) -> None:
-    """Add a filter's entry to the config; raises UserError if the label is taken."""
-    if label in source.data["filters"]:
-        message = (
-            f"{label!r} is already the label of a filter; give this one another kind or file name"
-        )
-        raise UserError(Problem(mark, "", message))
-    override(source, ("filters", label), entry, mark)
-
-
-def show_filters(source: Source, labels: Mapping[str, Mark]) -> None:
-    """Add the labels to the lists of filters in `only`, in tables and in figures.
-
-    ``labels`` are those of added filters, with their positions.
-    """
-    label_lists = [source.data.get("only")]
-    for group in ("tables", "figures"):
-        entries = source.data.get(group)
-        if not isinstance(entries, dict):
-            continue
-        for entry in entries.values():
-            if isinstance(entry, dict):
-                label_lists.append(entry.get("filters"))
-    for label_list in label_lists:
-        # An empty list, as none, means all filters.
-        if isinstance(label_list, list) and label_list:
-            for label, mark in labels.items():
-                _append(label_list, label, mark)
-
-
-def _append(items: list[object], value: object, mark: Mark) -> None:
-    """Append a value, with its position, to a list of a config."""
-    items.append(None)
-    put(items, len(items) - 1, value, mark)
 
 
 def load_plugins(
@@ -298,32 +200,3 @@ def _is_plain_data(value: object) -> bool:
     if isinstance(value, _PLAIN):
         return True
     return is_dataclass(value) and not isinstance(value, type)
-
-
-def exhibit_conflicts(exhibit: Exhibit, points: Sequence[Point]) -> dict[str, str]:
-    """Collect the conflicts of a table or figure; for plugins also what would stop the runner."""
-    if not is_foreign(exhibit):
-        return exhibit.conflicts(points)
-    try:
-        with plugin_code(exhibit):
-            conflicts: dict[str, str] = call_hook(exhibit.conflicts, dict, points)
-            check_words(*conflicts, *conflicts.values())
-            if isinstance(exhibit, DrawnExhibit):
-                _check_shown(exhibit)
-    except PluginError as error:
-        return {"": str(error)}
-    return conflicts
-
-
-def _check_shown(exhibit: DrawnExhibit) -> None:
-    """Raise WrongReturnError unless a figure declares properly which tracks it needs."""
-    runs = exhibit.shown_runs
-    components = exhibit.shown_components
-    # These are read only so that an error in them is reported here.
-    _ = exhibit.shown_covariances
-    _ = exhibit.shown_measurements
-    if not isinstance(runs, int):
-        raise WrongReturnError("shown_runs", f"shown_runs is {runs!r}, no whole number")
-    if components is not None and not isinstance(components, tuple):
-        message = f"shown_components is {components!r}, neither a tuple of numbers nor None"
-        raise WrongReturnError("shown_components", message)

@@ -16,7 +16,7 @@ from trackbench.config.build import build_kind
 from trackbench.config.overrides import override
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.models.components import position_velocity_names
-from trackbench.models.sensors.base import stack
+from trackbench.models.sensors.stacked import stack
 from trackbench.yaml_source import Keys, Source
 
 if TYPE_CHECKING:

@@ -26,7 +26,7 @@ from trackbench.evaluation.block import Kind
 from trackbench.evaluation.consistency_and_calibration import bars
 from trackbench.evaluation.exact_errors import is_exact
 from trackbench.evaluation.metric_expression import Measure, measured, role_of
-from trackbench.evaluation.summary import series_of
+from trackbench.evaluation.run_contributions import series_of
 from trackbench.extension_points import field_values
 from trackbench.filters.base import AnyFilter
 from trackbench.models.components import has_position_and_velocity

@@ -16,7 +16,7 @@ from trackbench.config.python_tables import path_from
 from trackbench.config.tuning import tuned_label
 from trackbench.evaluation.metric_expression import Measure
 from trackbench.extension_points import Part, field_values, key_of
-from trackbench.models.sensors.base import Assume
+from trackbench.models.assume import Assume
 from trackbench.yaml_source import Keys, scalar
 
 PlainData: TypeAlias = dict[str, Any]

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from trackbench.config import load as configurations
+from trackbench.config.added_filters import add_filters
 from trackbench.config.build import build
 from trackbench.config.experiment import Experiment
 from trackbench.config.includes import deep_merge, inline_parts
@@ -22,7 +23,6 @@ from trackbench.config.overrides import (
     override_all,
     split_path,
 )
-from trackbench.config.plugins_of_config import add_filters
 from trackbench.config.settings import Label, Name
 from trackbench.config.shipped_experiments import located, suite_file
 from trackbench.config.tuning import tuned_label

@@ -1,10 +1,14 @@
-"""Checks of tables and figures: conflicts with the grid, numbers of runs and components, key figure."""
+"""Checks of tables and figures: conflicts, declared tracks, runs and components, key figure."""
+
+from collections.abc import Sequence
 
 from trackbench.config.experiment import DrawnExhibit, Exhibit, Point
 from trackbench.config.mistakes import add_conflicts, unknown
-from trackbench.config.plugins_of_config import exhibit_conflicts
 from trackbench.config.settings import Settings
 from trackbench.extension_points import is_foreign
+from trackbench.filters.base import WrongReturnError
+from trackbench.plugins.checks import call_hook, check_words
+from trackbench.plugins.errors import PluginError, plugin_code
 from trackbench.registry import Group
 from trackbench.yaml_source import Source
 
@@ -50,3 +54,32 @@ def check_figures(
                 verb = "are" if most > 1 else "is"
                 message = f"{number} is more than the {most} there {verb}"
                 source.add_problem(("figures", name, key), message)
+
+
+def exhibit_conflicts(exhibit: Exhibit, points: Sequence[Point]) -> dict[str, str]:
+    """Collect the conflicts of a table or figure; for plugins also what would stop the runner."""
+    if not is_foreign(exhibit):
+        return exhibit.conflicts(points)
+    try:
+        with plugin_code(exhibit):
+            conflicts: dict[str, str] = call_hook(exhibit.conflicts, dict, points)
+            check_words(*conflicts, *conflicts.values())
+            if isinstance(exhibit, DrawnExhibit):
+                _check_shown(exhibit)
+    except PluginError as error:
+        return {"": str(error)}
+    return conflicts
+
+
+def _check_shown(exhibit: DrawnExhibit) -> None:
+    """Raise WrongReturnError unless a figure declares properly which tracks it needs."""
+    runs = exhibit.shown_runs
+    components = exhibit.shown_components
+    # These are read only so that an error in them is reported here.
+    _ = exhibit.shown_covariances
+    _ = exhibit.shown_measurements
+    if not isinstance(runs, int):
+        raise WrongReturnError("shown_runs", f"shown_runs is {runs!r}, no whole number")
+    if components is not None and not isinstance(components, tuple):
+        message = f"shown_components is {components!r}, neither a tuple of numbers nor None"
+        raise WrongReturnError("shown_components", message)

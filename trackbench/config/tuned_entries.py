@@ -19,7 +19,8 @@ from trackbench.config.tuning_objective import bad_terms, default_metric
 from trackbench.errors import Mark, Problem, UserError
 from trackbench.extension_points import Part
 from trackbench.filters.base import AnyFilter
-from trackbench.models.sensors.base import Assume, SensorBase
+from trackbench.models.assume import Assume
+from trackbench.models.sensors.base import SensorBase
 from trackbench.registry import of_kind
 from trackbench.yaml_source import Keys, Source, put
 

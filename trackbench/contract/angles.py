@@ -16,7 +16,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from trackbench.contract.problems import Estimates, ModelDraws, run_filter, simulate, why_not
+from trackbench.contract.estimates import Estimates, run_filter, simulate, why_not
+from trackbench.contract.problems import ModelDraws
 from trackbench.core import linalg
 from trackbench.core.angles import near, wrap_angle
 from trackbench.core.arrays import Array, Mask

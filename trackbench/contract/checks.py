@@ -11,6 +11,16 @@ import numpy as np
 
 from trackbench.contract.angles import angles_of, mistaken_angle
 from trackbench.contract.diagnosis import PLACE_IGNORED, misfit, mistaken_track
+from trackbench.contract.estimates import (
+    Estimates,
+    has_constant_covariance,
+    new_rng,
+    run_filter,
+    runs_on,
+    simulate,
+    why_not,
+    with_gaps,
+)
 from trackbench.contract.problems import (
     MOVING,
     ONE_MOTION,
@@ -20,19 +30,11 @@ from trackbench.contract.problems import (
     PRECISE,
     RADAR,
     UNEQUAL,
-    Estimates,
     ModelDraws,
     WholeExperiment,
     at_unequal_intervals,
-    has_constant_covariance,
-    new_rng,
     planar,
     radar,
-    run_filter,
-    runs_on,
-    simulate,
-    why_not,
-    with_gaps,
     with_sensors_at_origin,
 )
 from trackbench.core import linalg

@@ -5,16 +5,15 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from trackbench.contract.angles import name_of_unwrapped
-from trackbench.contract.problems import (
+from trackbench.contract.estimates import (
     Estimates,
-    ModelDraws,
     has_constant_covariance,
     run_filter,
     simulate,
     why_not,
     with_gaps,
-    with_sensors_at_origin,
 )
+from trackbench.contract.problems import ModelDraws, with_sensors_at_origin
 from trackbench.core import linalg
 from trackbench.core.angles import near
 from trackbench.core.arrays import Array

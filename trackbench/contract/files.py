@@ -3,9 +3,10 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from trackbench.config.added_filters import NO_FILTER, is_program
 from trackbench.config.experiment import Point
 from trackbench.config.load import load
-from trackbench.config.plugins_of_config import NO_FILTER, is_program, load_file
+from trackbench.config.plugins_of_config import load_file
 from trackbench.contract.checks import CHECKS
 from trackbench.contract.problems import (
     ModelDraws,

@@ -12,18 +12,12 @@ from warnings import catch_warnings, simplefilter
 import numpy as np
 
 from trackbench.contract.checks import CHECKS, Check, ContractError, LeftOutError
+from trackbench.contract.estimates import run_filter, simulate, why_not
 from trackbench.contract.exemptions import find_exemptions
-from trackbench.contract.problems import (
-    PLANAR,
-    RADAR,
-    SCALAR,
-    ModelDraws,
-    why_not,
-    why_program_fails,
-)
+from trackbench.contract.problems import PLANAR, RADAR, SCALAR, ModelDraws
 from trackbench.errors import in_line
 from trackbench.filters.base import AnyFilter
-from trackbench.filters.external import External
+from trackbench.filters.external import External, ProgramRunError
 from trackbench.plugins.errors import guarded, located_message
 from trackbench.scenarios.base import Scenario
 
@@ -173,10 +167,24 @@ def _choose_scenario(
     candidates = (PLANAR, SCALAR, RADAR, *scenarios) if on is None else (on,)
     reasons: list[str] = []
     for scenario in candidates:
-        why = why_not(tracker, scenario) or why_program_fails(tracker, scenario)
+        why = why_not(tracker, scenario) or _why_program_fails(tracker, scenario)
         if not why:
             # Without reasons the scenario is ``on``, or PLANAR, for which no caller reads the text.
             return scenario, "; ".join(reasons) or "is checked on the config's problem"
         if why not in reasons:
             reasons.append(why)
     return None, "; ".join(reasons)
+
+
+def _why_program_fails(tracker: AnyFilter, scenario: Scenario) -> str:
+    """Explain why a program does not run on a scenario; an empty text if it runs."""
+    if not tracker.runs_program:
+        return ""
+    try:
+        with guarded(), np.errstate(all="ignore"):
+            run_filter(tracker, scenario, simulate(scenario, runs=2))
+    except ProgramRunError as error:
+        return in_line(error.failure)
+    except Exception as error:
+        return in_line(str(error))
+    return ""

@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.core import compiled
-from trackbench.core.arrays import Array, fixed
+from trackbench.core.arrays import Array
+from trackbench.core.read_only import fixed
 
 POWERS = 1 << 14
 LOGS = 1 << 13

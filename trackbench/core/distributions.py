@@ -13,9 +13,10 @@ import numpy as np
 
 from trackbench.core import compiled, elementary, linalg
 from trackbench.core._elementary_kernels import log_table
-from trackbench.core.arrays import Array, all_finite, fixed, with_trailing
+from trackbench.core.arrays import Array, all_finite, with_trailing
 from trackbench.core.elementary import log
 from trackbench.core.random_streams import Streams
+from trackbench.core.read_only import fixed
 
 _SMALLEST = float(np.finfo(float).tiny)
 LOG_2PI = 1.8378770664093453

@@ -15,11 +15,11 @@ from trackbench.core.arrays import (
     Mask,
     all_finite,
     any_nan,
-    cached_if_constant,
     count_operations,
     with_axes_of,
     with_trailing,
 )
+from trackbench.core.cached_results import cached_if_constant
 from trackbench.core.distributions import LOG_2PI, Factored, Gaussian, from_root, zero_mean_log_prob
 from trackbench.core.elementary import log
 

@@ -12,7 +12,8 @@ from math import nan, sqrt
 import numpy as np
 
 from trackbench.core import compiled
-from trackbench.core.arrays import Array, Mask, all_finite, cached_if_constant, with_trailing
+from trackbench.core.arrays import Array, Mask, all_finite, with_trailing
+from trackbench.core.cached_results import cached_if_constant
 
 SINGULAR = 1e-14
 """Share of its variance below which a pivot is rounding."""

@@ -28,7 +28,8 @@ from numpy.random import SFC64, Generator, SeedSequence
 from numpy.typing import NDArray
 
 from trackbench.core import compiled, elementary
-from trackbench.core.arrays import Array, fixed
+from trackbench.core.arrays import Array
+from trackbench.core.read_only import fixed
 
 D = TypeVar("D", bound=np.generic)
 

@@ -9,8 +9,9 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from trackbench.core import compiled, linalg
-from trackbench.core.arrays import Array, fixed, with_axes_of, with_trailing
+from trackbench.core.arrays import Array, with_axes_of, with_trailing
 from trackbench.core.distributions import Gaussian, from_root, root_of
+from trackbench.core.read_only import fixed
 
 
 class PointRule(Protocol):

@@ -9,14 +9,16 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from trackbench.core.arrays import Array, LatestResults, freeze
+from trackbench.core.arrays import Array
+from trackbench.core.cached_results import LatestResults
 from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import RunStreams
+from trackbench.core.read_only import freeze
 from trackbench.evaluation import consistency_and_calibration as calibration
 from trackbench.evaluation import predictive_scores
 from trackbench.evaluation.error_series import StepSums
 from trackbench.filters.base import AnyFilter
-from trackbench.models.sensors.base import Assume
+from trackbench.models.assume import Assume
 from trackbench.scenarios.base import Scenario, Simulation
 
 MOST_STACKED = 8

@@ -33,8 +33,10 @@ from trackbench.core.posterior_scores import (
     by_rank,
     distance_in_range,
 )
+from trackbench.evaluation.lost_runs import NOT_LOST
 from trackbench.evaluation.validate_output import checked_numbers
 from trackbench.filters.base import Filter, State, has_expectations
+from trackbench.metrics import FIRST_INDEFINITE
 from trackbench.scenarios.base import Scenario
 
 _AT_ONCE = 4096
@@ -346,3 +348,16 @@ def in_tenths(pit: Array, places: int = 0) -> Array:
         return np.round(below[1:] - below[:-1], 9)  # without rounding errors
     tenth = np.clip(np.floor(pit * TENTHS), 0, TENTHS - 1)
     return np.where(np.isnan(pit), np.nan, tenth == np.arange(TENTHS)[:, None])
+
+
+def first_indefinite_steps(scenario: Scenario, indefinite: Mask, lost: Array) -> dict[str, Array]:
+    """Return the number of the first step (M,) of each run whose covariance is not positive definite.
+
+    It is NaN for a run without such a step, and for a lost run. The result is empty unless a run has
+    one. ``indefinite`` (T + 1, M) marks the covariances, and ``lost`` (M,) has the runs' reasons.
+    """
+    marked = indefinite.any(axis=0) & (lost == NOT_LOST)
+    if not marked.any():
+        return {}
+    first = np.asarray(scenario.steps)[indefinite.argmax(axis=0)]
+    return {FIRST_INDEFINITE: np.where(marked, first, np.nan)}

@@ -12,8 +12,7 @@ A series is an array (T + 1, M):
 `predictive_scores` and `consistency_and_calibration` have more series.
 """
 
-import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from functools import cache
 from typing import NamedTuple
 
@@ -23,23 +22,11 @@ from trackbench.core.arrays import Array, Mask, any_nan
 from trackbench.core.posterior_scores import by_rank
 from trackbench.core.sums import WindowSums, dot, total, total_of_known
 from trackbench.evaluation.innovations import innovation_metrics
+from trackbench.evaluation.lost_runs import NOT_FINITE, NOT_LOST, lost_runs
 from trackbench.evaluation.validate_output import checked_metrics
 from trackbench.filters.base import WrongReturnError
-from trackbench.metrics import FIRST_INDEFINITE, in_window, is_reserved, joined, metrics_of
+from trackbench.metrics import in_window, is_reserved, joined, metrics_of
 from trackbench.scenarios.base import Scenario
-
-_ERROR_OF_TRUTH = re.compile(r"squared(?!_(?:predicted|held)_)")
-"""Series of squared errors against the truth, as `squared_position`; not `squared_predicted_range`, of
-a measurement"""
-NOT_LOST = 0.0
-NOT_FINITE = 1.0
-TOO_FAR = 2.0
-NO_TRUTH = 3.0
-LOST_BECAUSE = {
-    NOT_FINITE: "the estimate left the numbers",
-    TOO_FAR: "the error passed the limit",
-    NO_TRUTH: "the scenario's true state left the numbers",
-}
 
 
 class StepSums(NamedTuple):
@@ -154,76 +141,6 @@ def per_run_metrics(
     return without_lost_runs | {"lost": lost}
 
 
-def first_indefinite_steps(scenario: Scenario, indefinite: Mask, lost: Array) -> dict[str, Array]:
-    """Return the number of the first step (M,) of each run whose covariance is not positive definite.
-
-    It is NaN for a run without such a step, and for a lost run. The result is empty unless a run has
-    one. ``indefinite`` (T + 1, M) marks the covariances, and ``lost`` (M,) has the runs' reasons.
-    """
-    marked = indefinite.any(axis=0) & (lost == NOT_LOST)
-    if not marked.any():
-        return {}
-    first = np.asarray(scenario.steps)[indefinite.argmax(axis=0)]
-    return {FIRST_INDEFINITE: np.where(marked, first, np.nan)}
-
-
-def rejections(z: Array, twin: Array, diagnostics: Mapping[str, Array]) -> dict[str, Array]:
-    """Return which good measurements a gate rejects, and which bad ones it accepts.
-
-    A measurement of z (n_z, T, M) is bad if a fault changed it, so that it differs from that of the
-    ``twin`` without faults. Both series (T + 1, M) are 0 or 1. ``rejected_good`` is NaN for bad
-    measurements, ``accepted_bad`` for good ones, and both if the filter was not given a measurement.
-    The filter's ``diagnostics`` (T + 1, M) must have ``gated`` and ``nis``; else there are no series.
-    """
-    if not {"gated", "nis"} <= diagnostics.keys():
-        return {}
-    gated = diagnostics["gated"]
-    nis = diagnostics["nis"]
-    changed = (z != twin) & ~np.isnan(z)
-    # The first row is that of the prior, which has no measurement.
-    bad = np.insert(changed.any(axis=0), 0, False, axis=0)
-    # A measurement that was given is refused by the gate, or has a NIS.
-    given = (gated > 0.0) | ~np.isnan(nis)
-    return {
-        "rejected_good": np.where(given & ~bad, gated, np.nan),
-        "accepted_bad": np.where(given & bad, 1.0 - gated, np.nan),
-    }
-
-
-def sensor_rejections(
-    z: Array, twin: Array, refused: Mask, sensors: Sequence[slice]
-) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Return the shares of good measurements that gates reject, and of bad ones that they accept.
-
-    Each of several sensors has a gate. As in `rejections`, ``z`` (n_z, T, M) are the measurements and
-    ``twin`` those without faults. ``refused`` (n_z, T, M) are the refused components, ``sensors`` the
-    rows of each sensor. The first result has the shares of each step's measurements, the second the
-    numbers (T + 1, M) of the measurements that they are shares of.
-    """
-    changed = (z != twin) & ~np.isnan(z)
-    given = np.stack([~np.isnan(z[rows]).all(axis=0) for rows in sensors])
-    bad = np.stack([changed[rows].any(axis=0) for rows in sensors])
-    rejected = np.stack([refused[rows].any(axis=0) for rows in sensors])
-    good_share, good_number = _share_of_wrong_decisions(given & ~bad, rejected)
-    bad_share, bad_number = _share_of_wrong_decisions(given & bad, ~rejected)
-    shares = {"rejected_good": good_share, "accepted_bad": bad_share}
-    numbers = {"rejected_good": good_number, "accepted_bad": bad_number}
-    return shares, numbers
-
-
-def _share_of_wrong_decisions(counted: Mask, is_wrong: Mask) -> tuple[Array, Array]:
-    """Return the share of the ``counted`` measurements (S, T, M) that gates decide wrongly.
-
-    ``is_wrong`` (S, T, M) marks the wrong decisions, such as the rejection of a good measurement. The
-    second result is the number of the counted measurements. Both are (T + 1, M): they are over the S
-    sensors at each step. In the first row, the prior's, the share is NaN and the number 0.
-    """
-    number = counted.sum(axis=0).astype(float)
-    with np.errstate(invalid="ignore"):
-        share = (counted & is_wrong).sum(axis=0) / number
-    return np.insert(share, 0, np.nan, axis=0), np.insert(number, 0, 0.0, axis=0)
-
-
 def over_windows(
     values: Mapping[str, Array], windows: Mapping[str, Mask], counts: Collection[str]
 ) -> dict[str, Array]:
@@ -325,36 +242,6 @@ class SeriesSums:
             for name, numbers in metrics.items():
                 named[in_window(name, window)] = numbers
         return named
-
-
-def lost_runs(
-    scenario: Scenario,
-    values: dict[str, Array],
-    finite: Mask,
-    finite_truth: Mask | None = None,
-) -> Array:
-    """Return why each run (M,) is lost, as a key of `LOST_BECAUSE`; `NOT_LOST` if it is not.
-
-    A run is lost if an estimate or an error is not finite, if the error exceeds the scenario's
-    ``lost_beyond``, or if the simulated truth is not finite. ``values`` are the series (T + 1, M), and
-    ``finite`` and ``finite_truth`` (M,) mark the runs with finite estimates and with a finite truth. An
-    error that is NaN, as at a step without a truth, loses no run.
-    """
-    # Squared errors against the truth, and not those of predicted measurements.
-    squared_errors = [rows for name, rows in values.items() if _ERROR_OF_TRUTH.match(name)]
-    # Without a truth only estimates that are not finite count as lost.
-    if not squared_errors:
-        return np.where(finite, NOT_LOST, NOT_FINITE)
-    infinite = np.logical_or.reduce([np.isinf(rows).any(axis=0) for rows in squared_errors])
-    lost = np.where(finite & ~infinite, NOT_LOST, NOT_FINITE)
-    # The first error of the scenario is limited.
-    limit = scenario.lost_beyond
-    if limit is not None:
-        too_far = (squared_errors[0] > limit * limit).any(axis=0)
-        lost = np.where((lost == NOT_LOST) & too_far, TOO_FAR, lost)
-    if finite_truth is not None:
-        lost = np.where(finite_truth, lost, NO_TRUTH)
-    return lost
 
 
 def step_sums(rows: Array, lost: Array) -> StepSums:

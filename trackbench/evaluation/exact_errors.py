@@ -17,8 +17,9 @@ from typing import cast
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Index, Mask, freeze
+from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.random_streams import RunStreams
+from trackbench.core.read_only import freeze
 from trackbench.core.sums import total
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.consistency_and_calibration import rank_of

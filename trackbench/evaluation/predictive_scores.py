@@ -25,8 +25,9 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from trackbench.core.arrays import Array, Mask, all_finite, freeze
+from trackbench.core.arrays import Array, Mask, all_finite
 from trackbench.core.distributions import Gaussian
+from trackbench.core.read_only import freeze
 from trackbench.evaluation.innovations import LAGS, Innovations, innovation_series
 from trackbench.evaluation.validate_output import checked_numbers
 from trackbench.extension_points import foreign_parts

@@ -7,22 +7,24 @@ from typing import Any, cast
 
 import numpy as np
 
-from trackbench.core.arrays import Array, LatestResults, Mask
+from trackbench.core.arrays import Array
+from trackbench.core.cached_results import LatestResults
 from trackbench.evaluation.block import MOST_STACKED, BlockResult, BlockTask, Tracks
-from trackbench.evaluation.consistency_and_calibration import likelihood_ratio, rank_of
+from trackbench.evaluation.consistency_and_calibration import (
+    first_indefinite_steps,
+    likelihood_ratio,
+    rank_of,
+)
 from trackbench.evaluation.error_series import (
-    NOT_LOST,
     SeriesSums,
     StepSums,
-    first_indefinite_steps,
     per_run_metrics,
-    rejections,
-    sensor_rejections,
     series,
     step_sums,
     with_unused,
 )
-from trackbench.evaluation.late_measurements import deliveries
+from trackbench.evaluation.gate_decisions import gate_decisions
+from trackbench.evaluation.lost_runs import NOT_LOST, has_finite_truth, stayed_finite
 from trackbench.evaluation.run_filter import (
     FilterOutput,
     run_filter_cached,
@@ -32,7 +34,6 @@ from trackbench.evaluation.run_filter import (
 from trackbench.evaluation.validate_output import check_names
 from trackbench.filters.base import JoinableFilter
 from trackbench.models.delays import LATE_COUNTS
-from trackbench.models.sensors.base import Sensors, rows_of
 from trackbench.scenarios.base import Simulation
 
 _COLUMNS = 16_384  # runs times steps whose series are made and added up at a time, in the cache
@@ -209,20 +210,14 @@ def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int
     if twin_task is not None:
         if task.scenario.has_truth:
             twin_mean = run_twin(twin_task).mean
-        decisions, weights = _gate_decisions(task, twin_task, data, output)
+        decisions, weights = gate_decisions(task, twin_task, data, output)
         predictive |= decisions
     # Step 1: error series (T + 1, M), then the filter's diagnostics and the likelihood ratio.
     values, sums = _series_and_sums(task, data, output, predictive, exact_mean, twin_mean)
     # Step 2: compute the metrics of all runs of the block, and trim them then: numpy adds up a single
     # column in another order.
-    finite = _stayed_finite(output.mean)
-    finite_truth: Mask | None = None
-    if task.scenario.recorded_runs is None:
-        # An unknown truth of a recording is NaN, as that of a target that is gone.
-        bad_truth = np.isinf(data.truth)
-        if task.scenario.exists_always:
-            bad_truth |= np.isnan(data.truth)
-        finite_truth = ~np.asarray(bad_truth.any(axis=(0, 1)))
+    finite = stayed_finite(output.mean)
+    finite_truth = has_finite_truth(task.scenario, data.truth)
     per_run = per_run_metrics(task.scenario, values, sums, finite, finite_truth, weights)
     if output.indefinite is not None:
         per_run |= first_indefinite_steps(task.scenario, output.indefinite, per_run["lost"])
@@ -235,27 +230,6 @@ def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int
         known_sums = sums_of_width.get(used, {})
         results[used] = _trimmed_result(task, data, output, values, per_run, used, known_sums)
     return results
-
-
-def _gate_decisions(
-    task: BlockTask, twin_task: BlockTask, data: Simulation, output: FilterOutput
-) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Return series (T + 1, M) of the gate's wrong decisions, and the weights (T + 1, M) of their steps.
-
-    ``twin_task`` has the same runs without faults. Its measurements show which measurements are bad.
-    Only the series of several sensors have weights.
-    """
-    z = data.measurements
-    clean = twin_task.data.measurements
-    delivered = deliveries(task, data)
-    if delivered is not None:
-        z = delivered.given(z)
-        clean = delivered.given(clean)
-    # The gate of a single sensor writes its decisions to the diagnostics.
-    if output.refused is None:
-        return rejections(z, clean, output.diagnostics), {}
-    sensors = rows_of(cast(Sensors, task.scenario.true_sensor))
-    return sensor_rejections(z, clean, output.refused, sensors)
 
 
 def _series_and_sums(
@@ -312,20 +286,6 @@ def _steps_of_mean(mean: Array | None, piece: slice) -> Array | None:
     if mean is None:
         return None
     return mean[:, piece]
-
-
-def _stayed_finite(mean: Array) -> Mask:
-    """Return which runs (M,) of the mean (n_x, T + 1, M) are finite at every step.
-
-    Components that the filter never estimates, such as the velocity of a converted measurement, are
-    left out.
-    """
-    # A finite sum has finite terms: then no term needs a test.
-    if np.isfinite(np.add.reduce(mean, axis=None)):
-        return np.ones(mean.shape[-1], dtype=np.bool_)
-    finite = np.isfinite(mean)
-    estimated = finite.any(axis=(1, 2))
-    return np.asarray(finite[estimated].all(axis=(0, 1)) & estimated.any())
 
 
 def _trimmed_result(

@@ -9,12 +9,15 @@ from typing import Any, NamedTuple, TypeAlias, cast
 import numpy as np
 from numpy.random import Generator
 
-from trackbench.core import arrays
+from trackbench.core import cached_results
 from trackbench.core.angles import moments_together, near, particles_together
-from trackbench.core.arrays import Array, LatestResults, Mask, Seal, any_nan, freeze
+from trackbench.core.arrays import Array, Mask, any_nan
+from trackbench.core.cached_results import LatestResults
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.posterior_scores import ParticlePosterior
 from trackbench.core.random_streams import aside_stream, block_stream, side_by_side
+from trackbench.core.read_only import freeze
+from trackbench.core.seal import Seal
 from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.consistency_and_calibration import (
     Calibration,
@@ -36,7 +39,7 @@ from trackbench.filters.external import ProgramRunError
 from trackbench.filters.external_process import programs_cpu_s
 from trackbench.models.base import Model, extra_std
 from trackbench.models.priors import augment_prior
-from trackbench.models.sensors.base import Sensors, rows_of
+from trackbench.models.sensors.stacked import Sensors, rows_of
 from trackbench.scenarios.base import Simulation
 
 _AT_ONCE = 32_768
@@ -224,7 +227,7 @@ def _sealed(task: BlockTask, *shared: Any) -> Iterator[None]:
     if not foreign_parts((task.filter, task.scenario, task.assume)):
         yield
         return
-    seal = Seal(shared, arrays.cached_results())
+    seal = Seal(shared, cached_results.cached_results())
     try:
         yield
     finally:

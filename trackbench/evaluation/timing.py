@@ -16,8 +16,9 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from trackbench.core.arrays import Array, counting, freeze
+from trackbench.core.arrays import Array, counting
 from trackbench.core.random_streams import block_stream
+from trackbench.core.read_only import freeze
 from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.late_measurements import deliveries
 from trackbench.evaluation.run_block import keep_freed_memory

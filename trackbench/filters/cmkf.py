@@ -14,8 +14,8 @@ from trackbench.core.kalman import Updated
 from trackbench.filters.base import Filter
 from trackbench.filters.gaussian import MODEL_NOISE, GaussianFilter, extended_prediction
 from trackbench.models.base import Model, Scene
-from trackbench.models.priors import Convertible, TwoPoint
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
+from trackbench.models.two_point_differencing import Convertible, TwoPoint
 from trackbench.registry import register
 
 

@@ -56,7 +56,8 @@ from trackbench.models.description import describe_model
 from trackbench.models.inputs import inputs_of
 from trackbench.models.motions.irregular import step_length
 from trackbench.models.motions.kinematic import Linear
-from trackbench.models.sensors.base import SensorBase, StackedSensor
+from trackbench.models.sensors.base import SensorBase
+from trackbench.models.sensors.stacked import StackedSensor
 from trackbench.registry import register
 
 _ASYMMETRY = (

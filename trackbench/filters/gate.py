@@ -9,11 +9,13 @@ from typing import Literal, TypeAlias, cast
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Mask, fixed
+from trackbench.core.arrays import Array, Mask
 from trackbench.core.kalman import Innovation
+from trackbench.core.read_only import fixed
 from trackbench.filters.robust import sensor_rows
 from trackbench.models.base import Scene, Sensor
-from trackbench.models.sensors.base import ScaledNoise, Sensors, sensors_of
+from trackbench.models.sensors.noise import ScaledNoise
+from trackbench.models.sensors.stacked import Sensors, sensors_of
 
 GateScope: TypeAlias = Literal["measurement", "sensor"]
 """One gate for the measurement of all sensors at a step, or one for each sensor's measurement."""

@@ -47,8 +47,8 @@ from trackbench.models.base import (
 from trackbench.models.derivatives import jacobian_at
 from trackbench.models.likelihood import has_own_density
 from trackbench.models.motions.irregular import matrices_of_steps
-from trackbench.models.priors import Convertible
 from trackbench.models.sensors.many_steps import measured_by_kernel
+from trackbench.models.two_point_differencing import Convertible
 
 MERWE_DEMO: dict[str, object] = {"Q": 0.75, "R": 1e-5, "P0": 0.75, "noise_mean": False}
 """Noise that van der Merwe's public demo gives its Kalman filters."""

@@ -19,9 +19,9 @@ from trackbench.filters.base import Filter
 from trackbench.filters.ekf import extended_step
 from trackbench.filters.gaussian import MODEL_NOISE
 from trackbench.models.base import Model, angle_rows
-from trackbench.models.priors import TwoPoint, two_point_difference
-from trackbench.models.sensors.base import ScaledNoise
+from trackbench.models.sensors.noise import ScaledNoise
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
+from trackbench.models.two_point_differencing import TwoPoint, two_point_difference
 from trackbench.registry import register
 
 _AT_ONCE = (

@@ -25,9 +25,9 @@ from trackbench.field_types import NonNegative, OpenShare
 from trackbench.filters.particle_base import ParticleFilter, PFState
 from trackbench.models.base import Model, Scene
 from trackbench.models.motions.kinematic import Linear
-from trackbench.models.priors import TwoPoint
 from trackbench.models.sensors.angular import along_line_of_sight
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
+from trackbench.models.two_point_differencing import TwoPoint
 from trackbench.registry import register
 
 _MODE_FLOOR = 0.25  # least share of the particles of either mode

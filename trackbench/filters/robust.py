@@ -16,15 +16,17 @@ import numpy as np
 from pydantic import Field
 
 from trackbench.core import linalg
-from trackbench.core.arrays import Array, Index, fixed, with_trailing
+from trackbench.core.arrays import Array, Index, with_trailing
 from trackbench.core.distributions import Factored, Gaussian, per_run_moments
 from trackbench.core.elementary import chi_square_cdf, exp, log, log_gamma
 from trackbench.core.kalman import Innovation, Updated
+from trackbench.core.read_only import fixed
 from trackbench.core.sums import total
 from trackbench.core.unscented import Unscented
 from trackbench.field_types import Count, Positive
 from trackbench.models.base import Model, Sensor
-from trackbench.models.sensors.base import ScaledNoise, Sensors, rows_of
+from trackbench.models.sensors.noise import ScaledNoise
+from trackbench.models.sensors.stacked import Sensors, rows_of
 
 _CUBATURE = Unscented(1.0, 0.0, 0.0)
 _LEAST = 1e-30  # weight, of an outlier by 1e15 standard deviations or more

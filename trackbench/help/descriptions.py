@@ -77,7 +77,7 @@ def _assume_rows() -> list[tuple[str, str, str]]:
 
     The key `late` is written beside `assume`, the others in it.
     """
-    from trackbench.models.sensors.base import Assume
+    from trackbench.models.assume import Assume
 
     rows = []
     for key, default, text in _key_rows(Assume, "assume."):

@@ -6,7 +6,7 @@ from trackbench.config.build import adapter, help_texts, hints_of
 from trackbench.config.settings import Settings
 from trackbench.extension_points import Part
 from trackbench.field_types import part_group
-from trackbench.models.sensors.base import Assume
+from trackbench.models.assume import Assume
 from trackbench.registry import Group, kinds
 
 JsonSchema: TypeAlias = dict[str, Any]

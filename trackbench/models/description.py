@@ -16,8 +16,9 @@ from trackbench.extension_points import Part, field_values, key_of
 from trackbench.models.base import Model, Motion, SampledMotion, Sensor, measured_angle_rows
 from trackbench.models.motions.kinematic import Linear
 from trackbench.models.sensors.angular import AngularSensor
-from trackbench.models.sensors.base import SensorBase, StackedSensor, sensors_of
+from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.function import FunctionSensor
+from trackbench.models.sensors.stacked import StackedSensor, sensors_of
 
 PlainData: TypeAlias = dict[str, Any]
 """Mappings, lists, numbers and words."""

@@ -8,7 +8,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from trackbench.core.arrays import Array, fixed
+from trackbench.core.arrays import Array
+from trackbench.core.read_only import fixed
 from trackbench.field_types import Finite, InvalidKeyError
 from trackbench.models.expressions import (
     OPERATIONS,

@@ -9,7 +9,7 @@ from urllib.parse import quote
 
 from trackbench.errors import Problem, UserError
 from trackbench.report.findings.ranking import Ranking, rankings
-from trackbench.report.open_results import explain_content_errors, open_with_notes
+from trackbench.report.folder_check import explain_content_errors, open_with_notes
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.published_numbers import Verdicts, compare
 

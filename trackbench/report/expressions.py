@@ -13,7 +13,7 @@ import numpy as np
 from trackbench.core.arrays import Array, Mask
 from trackbench.core.sums import total
 from trackbench.evaluation.metric_expression import Measure, exact_label, measured
-from trackbench.evaluation.summary import statistic_of
+from trackbench.evaluation.run_contributions import statistic_of
 from trackbench.field_types import is_number
 from trackbench.metrics import FIRST_INDEFINITE, in_window
 from trackbench.report.tables_and_figures import Results

@@ -25,7 +25,7 @@ from trackbench.report.compared_metrics import (
     compared_statistic,
     primary_metrics,
 )
-from trackbench.report.default_table_and_figure import default_keys
+from trackbench.report.default_error_table_and_figure import default_keys
 from trackbench.report.findings import phrases
 from trackbench.report.output_errors import OutputError, as_table, catch_errors
 from trackbench.report.pairs_of_filters import Pair, pairs_of

@@ -5,7 +5,7 @@ from typing import Any, cast
 
 from trackbench.config.build import hints_of
 from trackbench.field_types import Unit, UnitIf, annotations_of, dataclasses_in, part_group
-from trackbench.models.sensors.base import Assume
+from trackbench.models.assume import Assume
 from trackbench.registry import Group, of_kind
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from trackbench.atomic_files import Row
 from trackbench.config.experiment import Experiment
 from trackbench.execution.runner import Outcome
-from trackbench.models.sensors.base import Sensors, rows_of
+from trackbench.models.sensors.stacked import Sensors, rows_of
 
 _MOST_RUNS = 20
 """Runs whose arrivals are written, at most."""

@@ -21,14 +21,6 @@ from trackbench.errors import UserError, counted
 from trackbench.evaluation.metric_expression import exact_label
 from trackbench.plugins.errors import message_of
 from trackbench.registry import Group, kinds
-from trackbench.results.csv_columns import (
-    Columns,
-    PointRuns,
-    Runs,
-    parse_of,
-    read_columns,
-    read_runs,
-)
 from trackbench.results.folder_contents import COLUMNS, DATA_FILES, DIGITS, EXACT_DIGITS, TIMING
 from trackbench.results.manifest import read_manifest
 from trackbench.results.number_arrays import (
@@ -47,7 +39,15 @@ from trackbench.results.point_facts import (
     array_prefix,
     points_in,
 )
-from trackbench.tuning.search import Record, read_tuning
+from trackbench.results.read_csv import (
+    Columns,
+    PointRuns,
+    Runs,
+    parse_of,
+    read_columns,
+    read_runs,
+)
+from trackbench.tuning.record_of_trials import Record, read_tuning
 from trackbench.yaml_source import Source, read
 
 if TYPE_CHECKING:

@@ -13,9 +13,10 @@ from trackbench.evaluation.block import Tracks
 from trackbench.evaluation.summary import FilterResult
 from trackbench.execution.plan import Key
 from trackbench.models.sensors.angular import AngularSensor
-from trackbench.models.sensors.base import SensorBase, Sensors, sensors_of
+from trackbench.models.sensors.base import SensorBase
 from trackbench.models.sensors.landmark import Landmark
 from trackbench.models.sensors.many_steps import is_equal_at_every_step
+from trackbench.models.sensors.stacked import Sensors, sensors_of
 from trackbench.results.number_arrays import is_long, write_arrays
 from trackbench.results.point_facts import array_prefix
 from trackbench.scenarios.base import Scenario

@@ -28,28 +28,27 @@ from trackbench.config.metric_names import is_stored, stored_metrics
 from trackbench.config.requested_metrics import requested_contributions
 from trackbench.config.resolved_config import as_yaml, data_files, resolved
 from trackbench.core import compiled
-from trackbench.core.arrays import Array, Index, fixed
+from trackbench.core.arrays import Array, Index
+from trackbench.core.read_only import fixed
 from trackbench.core.sums import total
 from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.bound_rows import bound_steps, bound_summary
 from trackbench.evaluation.consistency_and_calibration import sizes
-from trackbench.evaluation.error_series import LOST_BECAUSE, NO_TRUTH, NOT_FINITE
 from trackbench.evaluation.exact_errors import exact_rows, exact_series
+from trackbench.evaluation.lost_runs import LOST_BECAUSE, NO_TRUTH, NOT_FINITE
 from trackbench.evaluation.metric_expression import exact_label, measured
+from trackbench.evaluation.run_contributions import with_shares
 from trackbench.evaluation.summary import (
     FilterResult,
     StepColumns,
     SummaryRow,
-    bound_steps,
-    bound_summary,
     step_columns,
     summary_rows,
-    with_shares,
 )
 from trackbench.evaluation.timing import Measured
 from trackbench.execution.plan import Key
 from trackbench.execution.runner import Outcome
 from trackbench.results.arrivals import arrival_rows
-from trackbench.results.csv_columns import Runs
 from trackbench.results.folder_contents import (
     ARRIVAL_COLUMNS,
     ARRIVALS,
@@ -68,6 +67,7 @@ from trackbench.results.number_arrays import (
     is_long,
 )
 from trackbench.results.point_facts import POINTS_FILE, points_text
+from trackbench.results.read_csv import Runs
 from trackbench.results.run_facts import facts_of_run
 from trackbench.results.tracks import FigureTracks, TrackFile
 from trackbench.statistics.sample_statistics import Estimate, median

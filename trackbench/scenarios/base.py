@@ -11,10 +11,10 @@ from trackbench.core.distributions import Distribution
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import InvalidKeyError
 from trackbench.metrics import joined
+from trackbench.models.assume import Assume
 from trackbench.models.base import Model, Scene, Sensor
 from trackbench.models.delays import Late
 from trackbench.models.likelihood import has_own_density
-from trackbench.models.sensors.base import Assume
 
 
 class Simulation(NamedTuple):

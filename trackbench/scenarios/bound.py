@@ -19,7 +19,7 @@ from trackbench.core.sums import mean, total
 from trackbench.models.base import SampledMotion, append_noise, extra_std
 from trackbench.models.motions.kinematic import Linear
 from trackbench.models.motions.nonlinear import AdditiveNoise
-from trackbench.models.sensors.base import Sensors, sensors_of
+from trackbench.models.sensors.stacked import Sensors, sensors_of
 from trackbench.scenarios.starts.base import Start
 
 BATCHES = 10

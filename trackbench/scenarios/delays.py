@@ -8,8 +8,9 @@ import numpy as np
 from trackbench.core.arrays import Array, Index
 from trackbench.core.random_streams import RunStreams, Streams
 from trackbench.field_types import InvalidKeyError
+from trackbench.models.assume import Assume
 from trackbench.models.delays import Late, drawn_steps, longest_delay
-from trackbench.models.sensors.base import Assume, Sensors, sensors_of
+from trackbench.models.sensors.stacked import Sensors, sensors_of
 
 
 def arrivals(sensor: Sensors, recorded: Array | None, z: Array, rng: Streams) -> Index | None:

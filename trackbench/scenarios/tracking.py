@@ -12,6 +12,7 @@ from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import Finite, InvalidKeyError, Natural, Positive, Registered, Unit
+from trackbench.models.assume import Assume, assumed_sensor
 from trackbench.models.base import Model, SampledMotion, extra_std
 from trackbench.models.components import may_be_angle, position_velocity_names
 from trackbench.models.delays import Late
@@ -19,14 +20,8 @@ from trackbench.models.description import ModelDescription, with_description
 from trackbench.models.motions.irregular import with_angle_names
 from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.models.motions.nonlinear import AngledMotion, EquationMotion, NonlinearMotion
-from trackbench.models.sensors.base import (
-    Assume,
-    SensorBase,
-    Sensors,
-    assumed_sensor,
-    sensors_of,
-    stack_for,
-)
+from trackbench.models.sensors.base import SensorBase
+from trackbench.models.sensors.stacked import Sensors, sensors_of, stack_for
 from trackbench.registry import register
 from trackbench.scenarios.base import Scenario, Simulation
 from trackbench.scenarios.bound import (

@@ -28,7 +28,8 @@ from trackbench.execution.queue import Queue
 from trackbench.execution.runner import stored_block
 from trackbench.progress_bar import progress_bar
 from trackbench.statistics.estimates import RunEstimate
-from trackbench.tuning.search import Record, Search, Shares, Trial, Values
+from trackbench.tuning.record_of_trials import Record, Trial
+from trackbench.tuning.search import Search, Shares, Values
 from trackbench.yaml_source import Keys
 
 

@@ -17,7 +17,8 @@ from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.engines import cpu_count, engine
 from trackbench.execution.merge_blocks import merge
 from trackbench.report.tables_and_figures import Results
-from trackbench.tuning.search import Rank, Record, Search, Trial, Values
+from trackbench.tuning.record_of_trials import Record, Trial
+from trackbench.tuning.search import Rank, Search, Values
 from trackbench.tuning.tuner import Training, given_values, tune
 
 _FILE = "tuning.csv"

@@ -17,7 +17,7 @@ from tempfile import TemporaryDirectory
 
 from trackbench import api
 from trackbench.config.experiment import Experiment
-from trackbench.report.open_results import (
+from trackbench.report.folder_check import (
     IncompleteResultsError,
     changed_files,
     explain_content_errors,

@@ -11,9 +11,10 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from trackbench.core import kalman
-from trackbench.core.arrays import Array, Index, Mask, any_nan, fixed, with_trailing
+from trackbench.core.arrays import Array, Index, Mask, any_nan, with_trailing
 from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.kalman import Innovation, Updated
+from trackbench.core.read_only import fixed
 from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import Axis, Linear
 from trackbench.models.sensors.position import PositionSensor

@@ -11,7 +11,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from trackbench.core.arrays import fixed
+from trackbench.core.read_only import fixed
 from trackbench.filters.adaptive_kf.algorithm import AdaptiveState, Parameters, VariableDimension
 from trackbench.filters.adaptive_kf.per_axis import sampling_of
 from trackbench.filters.base import Filter, JoinableFilter

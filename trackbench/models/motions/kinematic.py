@@ -12,8 +12,9 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 
 from trackbench.core import linalg
-from trackbench.core.arrays import Array, fixed
+from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
+from trackbench.core.read_only import fixed
 from trackbench.field_types import NonNegative, Positive, Unit, UnitIf
 from trackbench.models.base import Motion
 from trackbench.models.components import AXES, position_velocity_names

@@ -12,8 +12,9 @@ import numpy as np
 from annotated_types import Interval
 
 from trackbench.core.angles import near
-from trackbench.core.arrays import Array, fixed
+from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
+from trackbench.core.read_only import fixed
 from trackbench.field_types import Finite, InvalidKeyError, freeze_mappings
 from trackbench.models.base import Motion, SampledMotion
 from trackbench.models.derivatives import central_differences

@@ -6,10 +6,11 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from trackbench.core.arrays import Array, fixed
+from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gamma, Shifted
 from trackbench.core.elementary import cos_sin
 from trackbench.core.quadrature import Interval
+from trackbench.core.read_only import fixed
 from trackbench.field_types import Finite, NonNegative, Positive
 from trackbench.models.base import Motion
 from trackbench.models.motions.kinematic import Linear

@@ -6,9 +6,10 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from trackbench.core.arrays import Array, fixed
+from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import cos_sin
+from trackbench.core.read_only import fixed
 from trackbench.field_types import Finite, NonNegative, Positive, Unit
 from trackbench.models.base import Motion
 from trackbench.models.components import position_velocity_names

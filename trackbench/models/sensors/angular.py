@@ -10,9 +10,10 @@ import numpy as np
 
 from trackbench.core import compiled
 from trackbench.core.angles import wrap_angle
-from trackbench.core.arrays import Array, fixed, with_trailing
+from trackbench.core.arrays import Array, with_trailing
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import arctan2, cos_sin
+from trackbench.core.read_only import fixed
 from trackbench.field_types import Finite, Natural, Positive, Unit
 from trackbench.models.sensors.base import SensorBase
 from trackbench.registry import register

@@ -1,11 +1,8 @@
-"""Base of all sensors, with the key `assume`, and several sensors stacked into one measurement."""
+"""Base of all sensors, with properties of the true measurements that filters do not model."""
 
 from abc import abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass, fields
-from functools import cached_property
-from itertools import pairwise
-from typing import Annotated, ClassVar, Literal, TypeAlias
+from dataclasses import dataclass
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -18,24 +15,21 @@ from trackbench.extension_points import Part
 from trackbench.field_types import (
     Count,
     Finite,
-    HoldsComponents,
     InvalidKeyError,
     Natural,
     OpenShare,
     Positive,
-    Registered,
     Share,
 )
 from trackbench.models.base import (
     UNSUPPORTED_KEYS,
     DensitySensor,
     LocatingSensor,
-    Motion,
     NearSensor,
 )
-from trackbench.models.delays import AnyDelay, Late, Treatment
+from trackbench.models.delays import AnyDelay
 from trackbench.models.derivatives import central_differences
-from trackbench.models.likelihood import has_own_density, log_likelihood
+from trackbench.models.likelihood import has_own_density
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -316,247 +310,3 @@ class SensorBase(Part):
             is_outlier = rng.random((runs,)) < outliers.share
             factor = np.where(is_outlier, outliers.times * factor, factor)
         return factor
-
-
-@dataclass(frozen=True, kw_only=True)
-class Assume(HoldsComponents):
-    """Motion, sensor and prior of the filter model; a key that is not set takes the true one."""
-
-    motion: Annotated[Motion | None, Registered("motions")] = None
-    """motion: {kind: cv, q: 0.3}"""
-    sensor: Annotated[SensorBase | tuple[SensorBase, ...] | None, Registered("sensors")] = None
-    """sensor, or a list with one for each true sensor"""
-    start: Annotated[Part | None, Registered("starts")] = None
-    """prior that is independent of the data: given, uniform or mixture"""
-    faults: Literal["known"] | None = None
-    """known: the true law of the sensors' faults; default: none"""
-    delay: Literal["none"] | None = None
-    """none: every measurement on time, as a bound; default: they arrive with their delays"""
-    late: Treatment | Late | None = None
-    """of late measurements: drop, apply or refilter, also as {kind: refilter, memory: 20}"""
-
-    def __post_init__(self) -> None:
-        if self.delay and self.late:
-            raise InvalidKeyError("has no effect beside `delay: none`; leave one out", "late")
-
-    def over(self, other: "Assume") -> "Assume":
-        """Return these assumptions, with the other's where a key is unset."""
-        delay = self.delay
-        late = self.late
-        # `delay` and `late` exclude each other: if one of them is set here, the other one is not taken
-        # from ``other``.
-        if not delay and not self.late:
-            delay = other.delay
-        if not late and not self.delay:
-            late = other.late
-        return Assume(
-            motion=self.motion or other.motion,
-            sensor=self.sensor or other.sensor,
-            start=self.start or other.start,
-            faults=self.faults or other.faults,
-            delay=delay,
-            late=late,
-        )
-
-
-@dataclass(frozen=True)
-class StackedSensor:
-    """Independent sensors of one target; components are named by their sensor's number, from 1."""
-
-    sensors: tuple[SensorBase, ...]
-
-    @cached_property
-    def components(self) -> tuple[str, ...]:
-        """Names of the measurement's components, in order."""
-        names: list[str] = []
-        for n, sensor in enumerate(self.sensors, 1):
-            names += [f"{n}.{component}" for component in sensor.components]
-        return tuple(names)
-
-    def measurement(self, x: Array, k: int) -> Gaussian:
-        """Return the distribution of all measurements given x_k = x (n_x, *batch)."""
-        measured = [sensor.measurement(x, k) for sensor in self.sensors]
-        # R is block diagonal, with batch axes if any sensor's covariance has them.
-        n_z = len(self.components)
-        axes = max(single.cov.ndim for single in measured) - 2
-        batch = measured[0].mean.shape[1:] if axes else ()
-        R = np.zeros((n_z, n_z, *batch))
-        for rows, single in zip(self.rows, measured, strict=True):
-            R[rows, rows] = with_trailing(single.cov, axes, leading=2)
-        return Gaussian(np.concatenate([single.mean for single in measured]), R)
-
-    def has_density(self) -> bool:
-        """Return whether a sensor's noise is not normal."""
-        return any(map(has_own_density, self.sensors))
-
-    def why_no_moments(self) -> str:
-        """Return the reason why a measurement has no covariance, or nothing."""
-        for sensor in self.sensors:
-            if has_own_density(sensor):
-                reason = sensor.why_no_moments()
-                if reason:
-                    return reason
-        return ""
-
-    def log_density(self, z: Array, x: Array, k: int) -> Array:
-        """Return the sum (M[, N]) of the independent sensors' log-likelihoods."""
-        pairs = zip(self.sensors, self.rows, strict=True)
-        return np.add.reduce([log_likelihood(sensor, z[rows], x, k) for sensor, rows in pairs])
-
-    def draw_known(self, x: Array, k: int, noise: Array, rng: Streams) -> Array:
-        """Draw measurements (n_z, M) of true states x; ``noise`` (n_z, M) is standard normal."""
-        return self.measure(x, k, noise, rng, certain=True)
-
-    def innovation(self, z: Array, z_pred: Array) -> Array:
-        """Return ``z - z_pred``, angles wrapped."""
-        pairs = zip(self.sensors, self.rows, strict=True)
-        return np.concatenate([s.innovation(z[rows], z_pred[rows]) for s, rows in pairs])
-
-    def jacobian(self, x: Array, k: int) -> Array:
-        """Return d E[z_k] / d x_k (n_z, n_x[, *batch])."""
-        jacobians = [sensor.jacobian(x, k) for sensor in self.sensors]
-        # Matrices get batch axes if any of them has some.
-        axes = max(H.ndim for H in jacobians) - 2
-        batch = x.shape[1:] if axes else ()
-        rows = []
-        for H in jacobians:
-            rows.append(np.broadcast_to(with_trailing(H, axes, leading=2), (*H.shape[:2], *batch)))
-        return np.concatenate(rows)
-
-    @property
-    def H(self) -> Callable[[int], Array]:
-        """H (n_z, n) as a function of n; AttributeError if a sensor is nonlinear."""
-        matrices = [sensor.H for sensor in self.sensors]  # type: ignore[attr-defined]
-        return lambda n: np.concatenate([H(n) for H in matrices])
-
-    @property
-    def linear(self) -> bool:
-        """Return True; AttributeError if a sensor is nonlinear."""
-        return all(sensor.linear for sensor in self.sensors)  # type: ignore[attr-defined]
-
-    def information(self, x: Array, k: int, certain: bool = False) -> Array:
-        """Return ``H' R^-1 H`` (n_x, n_x[, M]) of all measurements of x (n_x[, M]) at step k."""
-        # The information of independent sensors adds.
-        informations = [sensor.information(x, k, certain) for sensor in self.sensors]
-        axes = max(J.ndim for J in informations) - 2
-        alike = [with_trailing(J, axes, leading=2) for J in informations]
-        return np.add.reduce(np.broadcast_arrays(*alike))
-
-    def observables(self, x: Array) -> dict[str, Array]:
-        """Return an empty dictionary: joined sensors have no observables."""
-        return {}
-
-    def measure(self, x: Array, k: int, noise: Array, rng: Streams, certain: bool = False) -> Array:
-        """Return measurements (n_z, M) of true states x (n_x, M), NaN where one is missing."""
-        pairs = zip(self.sensors, self.rows, strict=True)
-        return np.concatenate([s.measure(x, k, noise[rows], rng, certain) for s, rows in pairs])
-
-    @cached_property
-    def rows(self) -> list[slice]:
-        """Each sensor's rows in a measurement."""
-        ends = np.cumsum([len(sensor.components) for sensor in self.sensors]).tolist()
-        return [slice(a, b) for a, b in pairwise([0, *ends])]
-
-
-@dataclass(frozen=True, eq=False)
-class ScaledNoise:
-    """A sensor whose standard deviations have factors (n_z, T), from step ``first`` on."""
-
-    sensor: "Sensors"
-    first: int
-    scales: Array
-
-    @property
-    def components(self) -> tuple[str, ...]:
-        """Names of the measurement's components, in order."""
-        return self.sensor.components
-
-    def measurement(self, x: Array, k: int) -> Gaussian:
-        """Return the distribution N(h(x), D R D) of z_k given x_k = x (n_x, *batch)."""
-        unscaled = self.sensor.measurement(x, k)
-        d = self.scales[:, k - self.first]
-        factors = with_trailing(np.outer(d, d), unscaled.cov.ndim - 2, leading=2)
-        return Gaussian(unscaled.mean, unscaled.cov * factors)
-
-    def innovation(self, z: Array, z_pred: Array) -> Array:
-        """Return ``z - z_pred``, angles wrapped."""
-        return self.sensor.innovation(z, z_pred)
-
-    def jacobian(self, x: Array, k: int) -> Array:
-        """Return d E[z_k] / d x_k (n_z, n_x[, *batch])."""
-        return self.sensor.jacobian(x, k)
-
-    @property
-    def H(self) -> Callable[[int], Array]:
-        """H (n_z, n) as a function of n; AttributeError if the sensor is nonlinear."""
-        return self.sensor.H  # type: ignore[union-attr]
-
-    @property
-    def linear(self) -> bool:
-        """Return True; AttributeError if the sensor is nonlinear."""
-        return self.sensor.linear  # type: ignore[union-attr]
-
-
-Sensors: TypeAlias = SensorBase | StackedSensor
-"""One sensor, or several as one."""
-
-
-def stack(sensors: tuple[SensorBase, ...] | SensorBase) -> Sensors:
-    """Join several sensors to one; a single sensor is returned as it is."""
-    if not isinstance(sensors, tuple):
-        return sensors
-    return sensors[0] if len(sensors) == 1 else StackedSensor(sensors)
-
-
-def stack_for(
-    sensors: SensorBase | tuple[SensorBase, ...], components: tuple[str, ...], *path: str
-) -> Sensors:
-    """Join sensors of a state with these components to one; raises InvalidKeyError."""
-    several = sensors if isinstance(sensors, tuple) else (sensors,)
-    fitted = []
-    for i, sensor in enumerate(several):
-        try:
-            fitted.append(sensor.for_state(components))
-        except InvalidKeyError as error:
-            index = (i,) if isinstance(sensors, tuple) else ()
-            raise InvalidKeyError(str(error), *path, *index, *error.path) from None
-    return stack(tuple(fitted))
-
-
-def sensors_of(sensor: Sensors) -> tuple[SensorBase, ...]:
-    """List the sensors that were joined to one, or the single sensor."""
-    return sensor.sensors if isinstance(sensor, StackedSensor) else (sensor,)
-
-
-def rows_of(sensor: Sensors) -> list[slice]:
-    """List the rows of a measurement that each of the joined sensors measures."""
-    return sensor.rows if isinstance(sensor, StackedSensor) else [slice(None)]
-
-
-def assumed_sensor(assume: Assume, true: Sensors, components: tuple[str, ...]) -> Sensors:
-    """Choose the sensor of the filter model for states of these components: the assumed or the true one.
-
-    Raises InvalidKeyError if filters cannot assume it, or if it measures something else.
-    """
-    if assume.sensor is None:
-        return true
-    sensor = stack_for(assume.sensor, components, "assume", "sensor")
-    _check_assumed(assume.sensor)
-    if sensor.components != true.components:
-        raise InvalidKeyError("the assumed sensor measures something else", "assume", "sensor")
-    return sensor
-
-
-def _check_assumed(sensors: SensorBase | tuple[SensorBase, ...]) -> None:
-    """Raise InvalidKeyError for a property of true measurements that filters do not model."""
-    several = sensors if isinstance(sensors, tuple) else (sensors,)
-    names = [key.name for key in fields(SensorBase)]
-    for i, sensor in enumerate(several):
-        index = (i,) if isinstance(sensors, tuple) else ()
-        for name in names:
-            # The class's attribute is the key's default.
-            if getattr(sensor, name) != getattr(SensorBase, name):
-                message = (
-                    "has no effect: no filter models it; set it at the scenario's own `sensor`"
-                )
-                raise InvalidKeyError(message, "assume", "sensor", *index, name)

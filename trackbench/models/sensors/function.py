@@ -1,8 +1,8 @@
-"""A sensor written as equations, and its noise: Gaussian, Student's t, mixtures, counts."""
+"""A sensor written as equations, whose noise may be other than normal."""
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from math import inf, isclose, pi
+from math import isclose, pi
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -10,160 +10,15 @@ import numpy as np
 from trackbench.core import linalg
 from trackbench.core.angles import wrap_angle
 from trackbench.core.arrays import Array, with_trailing
-from trackbench.core.distributions import LOG_2PI, Gaussian
-from trackbench.core.elementary import cos_sin, exp, expm1, log, log_gamma, logaddexp
+from trackbench.core.distributions import Gaussian
+from trackbench.core.elementary import log
 from trackbench.core.random_streams import Streams
-from trackbench.core.sums import total
-from trackbench.field_types import Finite, InvalidKeyError, OpenShare, Positive, freeze_mappings
+from trackbench.field_types import Finite, InvalidKeyError, freeze_mappings
 from trackbench.models.equations import ArrayProgram, Covariance, Equations, Term
 from trackbench.models.expressions import turns_at_cut
 from trackbench.models.sensors.base import SensorBase
+from trackbench.models.sensors.noise import Noise, draw_poisson, log_poisson
 from trackbench.registry import register
-
-NoiseKind = Literal["student-t", "mixture", "poisson"]
-_KEYS = {"student-t": ("df", "scale"), "mixture": ("outliers", "factor"), "poisson": ()}
-_REQUIRED = {"student-t": ("df",), "mixture": ("outliers", "factor"), "poisson": ()}
-_MAX_RATE = 1e6  # of a count, whose inversion takes some 20 sqrt(rate) steps
-_RADII = 4001  # points of the integral of the mixture's Fisher information
-_HALF_ULP = 2.0**-54  # moves uniforms of [0, 1) into (0, 1)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Noise:
-    """Noise of each component of a measurement, independent of the others.
-
-    ``student-t`` is ``scale root(R)`` times a Student t variate. ``mixture`` is N(0, R), and
-    N(0, factor^2 R) for a share of ``outliers``. ``poisson`` is a count of rate h(x).
-    """
-
-    kind: NoiseKind
-    """student-t, mixture or poisson"""
-    df: Positive | None = None
-    """degrees of freedom of Student's t"""
-    scale: Positive = 1.0
-    """factor on the root of R, which is 1 unless it is set"""
-    outliers: OpenShare | None = None
-    """share of outliers of a mixture"""
-    factor: Positive | None = None
-    """ratio of the outliers' standard deviation to that of the others"""
-
-    def check_keys(self) -> None:
-        """Raise InvalidKeyError if a key of the noise's kind is missing, or belongs to another kind."""
-        values = {"df": self.df, "outliers": self.outliers, "factor": self.factor}
-        values["scale"] = None if self.scale == 1.0 else self.scale
-        for key, value in values.items():
-            if value is not None and key not in _KEYS[self.kind]:
-                raise InvalidKeyError(f"is no key of `{self.kind}`", "noise", key)
-            if value is None and key in _REQUIRED[self.kind]:
-                raise InvalidKeyError(f"`{self.kind}` needs `{key}`", "noise")
-
-    @property
-    def variance(self) -> float:
-        """Variance of a component of unit R; infinite for df <= 2."""
-        if self.df is not None and self.df <= 2.0:
-            return inf
-        if self.df is not None:
-            return self.scale * self.scale * self.df / (self.df - 2.0)
-        share, factor = self._mixture
-        return 1.0 + share * (factor * factor - 1.0)
-
-    @property
-    def _mixture(self) -> tuple[float, float]:
-        """Return the share of outliers and the factor of their standard deviation."""
-        assert self.outliers is not None
-        assert self.factor is not None
-        return self.outliers, self.factor
-
-    def log_density(self, e: Array) -> Array:
-        """Evaluate the log-density of a component of unit R at e (...)."""
-        if self.df is not None:
-            return self._log_student_t(e, self.df)
-        share, factor = self._mixture
-        # log((1 - p) N(e; 0, 1) + p N(e; 0, f^2))
-        half = 0.5 * np.square(e)
-        regular = float(log(1.0 - share)) - 0.5 * LOG_2PI - half
-        ratio = float(log(share / factor))
-        outlier = ratio - 0.5 * LOG_2PI - half / (factor * factor)
-        return logaddexp(regular, outlier)
-
-    def _log_student_t(self, e: Array, df: float) -> Array:
-        """Evaluate the log-density of Student's t of df degrees of freedom at e (...)."""
-        # log Gamma((v+1)/2) - log Gamma(v/2) - log(pi v s^2)/2 - (v+1)/2 log(1 + e^2 / (v s^2))
-        spread = df * self.scale * self.scale
-        norm = log_gamma(0.5 * (df + 1.0)) - log_gamma(0.5 * df) - 0.5 * float(log(pi * spread))
-        return norm - 0.5 * (df + 1.0) * log(1.0 + np.square(e) / spread)
-
-    def draw(self, normal: Array, rng: Streams) -> Array:
-        """Draw noise of unit R from standard normal ``normal`` (n_z, M) and from uniforms of ``rng``."""
-        if self.df is not None:
-            # t = sqrt(v (u^(-2/v) - 1)) cos(2 pi w) of uniform u, w (Bailey 1994, eq. 2)
-            u, w = rng.random((2, *normal.shape))
-            radius = np.sqrt(self.df * expm1(-2.0 / self.df * log(u + _HALF_ULP)))
-            return self.scale * radius * cos_sin(2.0 * pi * w)[0]
-        share, factor = self._mixture
-        is_outlier = rng.random(normal.shape) < share
-        return np.where(is_outlier, factor * normal, normal)
-
-    @property
-    def information(self) -> float:
-        """Fisher information that a component of unit R has of its mean."""
-        if self.df is not None:
-            return (self.df + 1.0) / (self.df + 3.0) / (self.scale * self.scale)
-        share, factor = self._mixture
-        # Integral of p'(e)^2 / p(e), by the trapezoidal rule over e = sinh(s) in both tails.
-        # The nodes are dense within the narrowest sigma, and reach to 40 of the widest.
-        widest = max(factor, 1.0)
-        narrowest = min(factor, 1.0)
-        s = np.linspace(-1.0, 1.0, _RADII) * float(log(80.0 * widest / narrowest))
-        e = 0.5 * narrowest * (exp(s) - exp(-s))
-        step = 0.5 * narrowest * (exp(s) + exp(-s)) * (s[1] - s[0])
-        log_p = self.log_density(e)
-        regular = exp(float(log(1.0 - share)) - 0.5 * LOG_2PI - 0.5 * e * e - log_p)
-        # The score p'/p weighs both precisions by their posterior probabilities.
-        score = -e * (regular + (1.0 - regular) / (factor * factor))
-        return float(total(exp(log_p) * score * score * step))
-
-
-def log_poisson(z: Array, rate: Array) -> Array:
-    """Return the log-probability (*batch) of counts z at a rate; -inf unless z is whole and >= 0."""
-    counts, index = np.unique(z, return_inverse=True)
-    valid = (counts >= 0.0) & (counts == np.floor(counts))
-    # `log_gamma` takes one number, so it is called once for each different count.
-    log_factorials = np.full(counts.shape, inf)
-    for i in np.flatnonzero(valid):
-        log_factorials[i] = log_gamma(counts[i] + 1.0)
-    log_factorial = log_factorials[index].reshape(z.shape)
-    # log p(z) = z log rate - rate - log z!; a rate of zero gives the count zero.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        value = np.where(z == 0.0, 0.0, z * log(rate)) - rate - log_factorial
-    return np.where(rate >= 0.0, value, -np.inf)
-
-
-def draw_poisson(rate: Array, u: Array) -> Array:
-    """Draw a Poisson count for each rate (...) by inversion of uniforms u (...).
-
-    Raises ValueError for a rate that is negative, or above ``_MAX_RATE``.
-    """
-    is_rate = (rate >= 0.0) & (rate <= _MAX_RATE)
-    if not is_rate.all():
-        wrong = rate[~is_rate][0]
-        raise ValueError(f"the rate of a count is {wrong:g}; it may be 0 to {_MAX_RATE:g}")
-    # Step 1: begin nine standard deviations below the mean, beyond which lies 1e-17.
-    reach = 9.0 * np.sqrt(rate)
-    count = np.maximum(np.floor(rate - reach), 0.0)
-    probability = exp(log_poisson(count, rate))
-    below = probability.copy()
-    last = rate + reach + 40.0  # of a small rate the upper tail is longer than nine deviations
-    # Step 2: add probabilities until their sum exceeds u.
-    while True:
-        goes_on = (below <= u) & (count < last)
-        if not goes_on.any():
-            return count
-        count = count + goes_on
-        # p(n) = p(n - 1) rate / n
-        next_probability = probability * rate / np.maximum(count, 1.0)
-        probability = np.where(goes_on, next_probability, probability)
-        below = np.where(goes_on, below + probability, below)
 
 
 @register("sensors", "function")

@@ -7,9 +7,10 @@ from typing import Annotated, ClassVar
 import numpy as np
 
 from trackbench.core.angles import wrap_angle
-from trackbench.core.arrays import Array, fixed
+from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.elementary import arctan2
+from trackbench.core.read_only import fixed
 from trackbench.field_types import Finite, InvalidKeyError, Positive, Unit
 from trackbench.models.sensors.angular import distance
 from trackbench.models.sensors.base import SensorBase

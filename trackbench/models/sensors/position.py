@@ -6,8 +6,9 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from trackbench.core.arrays import Array, fixed
+from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
+from trackbench.core.read_only import fixed
 from trackbench.field_types import Positive, Unit
 from trackbench.models.sensors.base import SensorBase
 from trackbench.registry import register

@@ -6,9 +6,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from trackbench.core.arrays import Array, fixed
+from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
 from trackbench.core.quadrature import Interval
+from trackbench.core.read_only import fixed
 from trackbench.field_types import Natural, Positive
 from trackbench.models.sensors.base import SensorBase
 from trackbench.registry import register

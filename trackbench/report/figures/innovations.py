@@ -14,9 +14,8 @@ from trackbench.report.figures import captions
 from trackbench.report.figures.over_time import Curves, OverTime, Panel
 from trackbench.report.plotting import filter_lines, style
 from trackbench.report.plotting.style import Axes, Figure
-from trackbench.report.tables.consistency import autocorrelation_band
 from trackbench.report.tables_and_figures import Results
-from trackbench.statistics.intervals import AcceptedNis, nis_band
+from trackbench.statistics.consistency_bands import AcceptedNis, autocorrelation_band, nis_band
 
 _ENOUGH = 60
 """Measured components whose average is worth a point."""

@@ -24,8 +24,8 @@ from trackbench.report.plotting import filter_lines, scales, style
 from trackbench.report.plotting.page_formats import sheet
 from trackbench.report.plotting.style import Axes, Figure, LineStyle
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.csv_columns import Columns
 from trackbench.results.point_facts import GridPoint
+from trackbench.results.read_csv import Columns
 from trackbench.statistics.estimates import MISSING
 from trackbench.statistics.sample_statistics import Estimate
 

@@ -14,7 +14,7 @@ from trackbench.report.plotting import style
 from trackbench.report.plotting.style import Axes, Figure
 from trackbench.report.tables.tuning import axis_of, words_of
 from trackbench.report.tables_and_figures import Results
-from trackbench.tuning.search import Record
+from trackbench.tuning.record_of_trials import Record
 
 _SPREADS = 3.0
 """Spreads of the best half of the trials above their median, up to which the axis shows trials."""

@@ -14,8 +14,8 @@ from trackbench.report.findings.phrases import listed, rounded
 from trackbench.report.findings.ranking import Candidate, Ranking
 from trackbench.report.findings.sensor_notes import sensor_notes
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.csv_columns import Columns
-from trackbench.statistics.intervals import nis_band
+from trackbench.results.read_csv import Columns
+from trackbench.statistics.consistency_bands import nis_band
 
 _FEWEST_STEPS = 50
 _REJECTS_MOST = 0.5

@@ -10,8 +10,8 @@ from trackbench.errors import sensor_name
 from trackbench.report.findings.phrases import listed, rounded
 from trackbench.report.findings.ranking import Candidate
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.csv_columns import Columns
 from trackbench.results.point_facts import PointFacts
+from trackbench.results.read_csv import Columns
 
 _FEWEST_OF_SENSOR = 10
 """Measurements of a sensor from which on something is said about it."""

@@ -14,7 +14,8 @@ from trackbench.report.experiments_of_folder import (
     relative_link,
     result_in_words,
 )
-from trackbench.report.html.report_page import key_picture, write_page
+from trackbench.report.html.page_templates import write_page
+from trackbench.report.html.report_page import key_picture
 from trackbench.report.html.thumbnail import thumbnail
 from trackbench.report.readme_of_verdicts import readme_text
 from trackbench.report.tables_and_figures import Results

@@ -1,25 +1,21 @@
 """report.html: a results folder on one self-contained page."""
 
-import base64
-import hashlib
 import inspect
-import re
 import shlex
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import cache
 from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from trackbench.atomic_files import write_text
 from trackbench.config.grid import single_paths
 from trackbench.report.findings import phrases
 from trackbench.report.findings.sentences import HOW_DECIDED, unranked_count
+from trackbench.report.html.page_templates import write_page
 from trackbench.report.html.svg import inline
 from trackbench.report.kinds import FigureKind, figure_folder
 from trackbench.report.render import best_filter, conclusions, draw_figure, ranking
-from trackbench.report.table import Text, TextTable, one_zero, rounded
+from trackbench.report.table import Text, TextTable, rounded
 from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.cpu_times import time_tables, time_verdicts
 from trackbench.report.verdicts.published_numbers import Verdicts, compare
@@ -30,11 +26,6 @@ from trackbench.report.verdicts.verdict_files import (
     verdict_tables,
 )
 from trackbench.statistics import significance_rules as rules
-from trackbench.statistics.significance_rules import NOT_MEASURED, TOO_FEW_RUNS, UNDECIDED
-
-if TYPE_CHECKING:
-    from jinja2 import Environment
-    from markupsafe import Markup
 
 
 def write_report(
@@ -297,96 +288,3 @@ def _stored_picture(results: Results, place: Path) -> bytes | None:
     if not path.is_file():
         return None
     return path.read_bytes()
-
-
-_TEMPLATES = Path(__file__).parent / "templates"
-VERDICTS = {
-    "equal": "good",
-    "agrees": "good",
-    "holds": "good",
-    "compatible": "fair",
-    "differs": "bad",
-    "fails": "bad",
-    UNDECIDED: "open",
-    TOO_FEW_RUNS: "open",
-    NOT_MEASURED: "open",
-}
-"""Verdicts and how they look."""
-
-
-def write_page(path: Path, template: str, live: bool = True, **context: Any) -> Path:
-    """Write a page from a template of this name, filled with the values in ``context``.
-
-    A ``live`` page has the script that reads values from figures. The page allows no script but its own,
-    by the digest.
-    """
-    from markupsafe import Markup
-
-    scripts = ["page.js"]
-    if live:
-        scripts.append("curves.js")
-    script = "".join(map(_template_text, scripts))
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    page: dict[str, Any] = {
-        "script": Markup(script),
-        "style": Markup(_template_text("page.css")),
-        "script_digest": f"sha256-{digest}",
-        "verdicts": VERDICTS,
-    }
-    write_text(path, _environment().get_template(template).render(**page, **context))
-    return path
-
-
-@cache
-def _template_text(name: str) -> str:
-    return (_TEMPLATES / name).read_text(encoding="utf-8")
-
-
-@cache
-def _environment() -> "Environment":
-    """Return the environment of the templates, which escapes every text that is not marked as safe."""
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-    environment = Environment(
-        loader=FileSystemLoader(_TEMPLATES),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["breakable"] = _breakable
-    environment.filters["one_zero"] = one_zero
-    return environment
-
-
-_LONGEST_WORD = 16
-"""Characters of a word that stays on one line."""
-_PIECE = re.compile(
-    r".{1,24}?(?:"  # at most 24 characters
-    r"[_/(\[=,](?=[\w-])"  # up to punctuation
-    r"|\w\.(?=[a-zA-Z])"  # or a point that is none of a number
-    r"|$)"  # or the end
-    r"|.{24}",
-    re.DOTALL,
-)
-"""A part of a longer word."""
-_HYPHENED_NUMBER = re.compile(r"[\d.]+e-\d+")
-
-
-def _breakable(text: str) -> "Markup":
-    """Return the text for HTML, whose long words, such as paths of a config, may break into lines.
-
-    Shorter words stay whole also where a table has little room, and so do numbers, which a browser
-    would break after the hyphen of an exponent.
-    """
-    from markupsafe import Markup, escape
-
-    words = []
-    for word in text.split(" "):
-        if len(word) > _LONGEST_WORD:
-            words.append(Markup("<wbr>").join(_PIECE.findall(word)))
-        elif _HYPHENED_NUMBER.search(word):
-            words.append(Markup('<span class="whole">{}</span>').format(word))
-        else:
-            words.append(escape(word))
-    return Markup(" ").join(words)

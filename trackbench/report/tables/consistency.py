@@ -1,26 +1,22 @@
-"""Table kinds `consistency` and `innovations`: do errors and innovations fit their covariances?"""
+"""Table kind `consistency`: do errors and innovations fit their covariances?"""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar, TypeAlias
 
 import numpy as np
 
 from trackbench.core.arrays import Array
-from trackbench.core.sums import total
-from trackbench.errors import counted, sensor_name
-from trackbench.evaluation.metric_expression import measured
+from trackbench.errors import counted
 from trackbench.field_types import Digits
-from trackbench.filters.base import Filter
-from trackbench.registry import of_kind, register
+from trackbench.registry import register
 from trackbench.report.expressions import Evaluator
-from trackbench.report.findings import phrases
 from trackbench.report.kinds import TableKind
 from trackbench.report.table import Cell, Table
+from trackbench.report.tables.innovations import innovation_cell, refused_column
 from trackbench.report.tables_and_figures import Results
-from trackbench.results.csv_columns import Columns
-from trackbench.statistics.estimates import MISSING
-from trackbench.statistics.intervals import AcceptedNis, nis_band
+from trackbench.results.read_csv import Columns
+from trackbench.statistics.consistency_bands import AcceptedNis, nis_band
 from trackbench.statistics.sample_statistics import Estimate
 
 _DegreesOfFreedom: TypeAlias = dict[tuple[int, AcceptedNis | None], set[float]]
@@ -49,7 +45,7 @@ class Consistency(TableKind):
     def table(self, results: Results) -> Table:
         """Count the steps at which each filter stays in its bands."""
         evaluators = {tuple(point.items()): Evaluator(results, point) for point in results.points()}
-        refused = _refused_column(evaluators.values())
+        refused = refused_column(evaluators.values())
         # The space makes the two headings of bands different.
         heads = ["ANEES, median step", "steps in its band"]
         heads += ["ANIS, median step", "steps in its band ", *refused]
@@ -75,7 +71,7 @@ class Consistency(TableKind):
                 degrees["ANIS"].setdefault(law, set()).update(degrees_of_nis.tolist())
                 anis = nis["value"] / (degrees_of_nis / nis["runs"])
                 cells += _cells(anis, degrees_of_nis, accepted)
-                cells += [_innovation_cell(evaluator, label, m) for m in refused.values()]
+                cells += [innovation_cell(evaluator, label, m) for m in refused.values()]
                 table.add([*(str(value) for _, value in point), label], cells)
         table.notes += _consistency_bands(degrees, int(results.config["runs"]))
         return table
@@ -137,221 +133,3 @@ def _consistency_bands(degrees: dict[str, _DegreesOfFreedom], runs: int) -> Iter
                 low, high = nis_band(fewest, accepted)
                 text += f"; {low:.3f} to {high:.3f} at a step of {fewest:g} components in all runs"
             yield f"{text}."
-
-
-def components(numbers: Array) -> float:
-    """Return the number N of components of which one average varies as much as the mean over runs.
-
-    Run i averages n_i components (``numbers``, (M,)): chi2(n_i) / n_i, of variance 2 / n_i. The mean
-    over runs has the variance sum(2 / n_i) / M^2, and so has chi2(N) / N with N = M^2 / sum(1 / n_i)
-    (Satterthwaite 1946, Biometrics Bull. 2, 110). N is M n for equal n_i, and 0 without any component.
-    """
-    positive = numbers[numbers > 0]
-    if not len(positive):
-        return 0.0
-    least = positive.min()  # divided out, so that equal numbers give M n without rounding
-    # N = M^2 / sum(1 / n_i)
-    return float(len(positive) * least * (len(positive) / total(least / positive)))
-
-
-def anis_band(numbers: Array, accepted: AcceptedNis | None = None) -> tuple[float, float]:
-    """Return the 95 % band of the mean ANIS over runs; wide for few measurements.
-
-    ``numbers`` (M,) are those of the measured components of each run. ``accepted`` is the distribution
-    of what a filter's gate accepts; None without a gate.
-    """
-    return nis_band(components(numbers), accepted)
-
-
-def autocorrelation_band(numbers: Array) -> float:
-    """Return the 95 % half-width of the mean autocorrelation over runs; infinite without measurements.
-
-    ``numbers`` (M,) are those of the measured components of each run.
-    """
-    number = components(numbers)
-    if not number:
-        return np.inf
-    return 1.96 / float(np.sqrt(number))
-
-
-_COLUMNS = {
-    "ANIS": "mean(anis)",
-    "Autocorrelation": "mean(autocorrelation_1)",
-    "Log score": "mean(log_score)",
-    "Held-out log score": "mean(held_log_score)",
-}
-_ERRORS = {"Prediction": "predicted", "Held-out": "held"}
-
-
-@register("tables", "innovations")
-@dataclass(frozen=True, kw_only=True)
-class Innovations(TableKind):
-    """Consistency, whiteness, log score and one-step prediction errors; of recordings, all there is.
-
-    ANIS is the normalized innovation squared over the number of measured components, 1 if consistent;
-    of N components it is chi-square of N degrees of freedom over N. The autocorrelation of successive
-    whitened innovations is 0 within 1.96 / sqrt(N) (Bar-Shalom, Li & Kirubarajan 2001, section 5.4.2).
-    Where runs measure different numbers, N is that of which means over runs vary as much. What a gate
-    accepts has a smaller ANIS, and a filter with a gate has the band of that.
-    The log score is the mean log p(z_k | z_1..k-1): higher is better. What is held out (`hold_out`) is
-    predicted and not filtered. A prediction error is the measurement minus the mean of h over the
-    predicted Gaussian, or minus h of the predicted mean for a filter that never updates (`prior-mean`).
-    """
-
-    requires: ClassVar[dict[str, str]] = {
-        "anis": "per_run",
-        "innovations": "per_run",
-        "autocorrelation_1": "per_run",
-        "log_score": "per_run",
-    }
-
-    filters: tuple[str, ...] | None = None
-    """labels of the rows; default: all"""
-    digits: Digits = 4
-    """significant digits of the values"""
-
-    def table(self, results: Results) -> Table:
-        """Return the table from a results folder; columns that no filter has are left out."""
-        evaluators = {tuple(point.items()): Evaluator(results, point) for point in results.points()}
-        metrics = _stored_metrics(evaluators.values())
-        columns = {head: metric for head, metric in _COLUMNS.items() if metric in metrics}
-        error_columns = _error_columns(results)
-        columns |= error_columns
-        columns |= _refused_column(evaluators.values())
-        table = Table(self.title, [*results.grid_heads, "Filter"], list(columns), self.digits)
-        labels = results.chosen(self.filters)
-        for point, evaluator in evaluators.items():
-            for label in labels:
-                cells = [_innovation_cell(evaluator, label, metric) for metric in columns.values()]
-                table.add([*(str(value) for _, value in point), label], cells)
-        table.notes += _band_notes(results, labels)
-        if error_columns:
-            table.notes += _path_note(results, labels)
-        return table
-
-
-def _path_note(results: Results, labels: list[str]) -> list[str]:
-    """Write how prediction errors of filters that never update are computed, if there are any."""
-    names = []
-    for label in labels:
-        for point in results.points():
-            kind = results.facts(point).filters.get(label, {}).get("kind", "")
-            cls = of_kind("filters", kind)
-            if cls is not None and issubclass(cls, Filter) and not cls.uses_measurements:
-                names.append(label)
-                break
-    if not names:
-        return []
-    never = "never updates: its" if len(names) == 1 else "never update: their"
-    text = f"{phrases.listed(names)} {never} prediction errors are those of the path, z - h(mean)"
-    return [f"{text}; ANIS and autocorrelation are of the Gaussian around it."]
-
-
-def _refused_column(evaluators: Iterable[Evaluator]) -> dict[str, str]:
-    """Return heading and metric of the column of refused measurements; empty if no filter has a gate."""
-    if "mean(gated)" not in _stored_metrics(evaluators):
-        return {}
-    return {"Refused a run": "mean(gated)"}
-
-
-def _stored_metrics(evaluators: Iterable[Evaluator]) -> set[str]:
-    """Collect the metrics that any filter has at any point of the grid."""
-    metrics = set()
-    for evaluator in evaluators:
-        metrics |= {metric for _, metric in evaluator.stored}
-    return metrics
-
-
-def _innovation_cell(evaluator: Evaluator, label: str, metric: str) -> Cell:
-    words = evaluator.collapse_words(measured(metric).of(label))
-    return Cell.of(evaluator.stored.get((label, metric), MISSING), words)
-
-
-def _error_columns(results: Results) -> dict[str, str]:
-    """Return heading and metric of the columns of prediction errors, one for each component measured."""
-    columns = {}
-    target = results.facts(results.points()[0]).scenario.get("target") or {}
-    names = target.get("sensors") or ()
-    for head, kind in _ERRORS.items():
-        # Such as rms(rmse_predicted_px); errors in a window, rms(rmse_predicted_px[late]), are left out.
-        for name in dict.fromkeys(results.columns("summary")["metric"]):
-            component = name.removeprefix(f"rms(rmse_{kind}_").removesuffix(")")
-            if name == f"rms(rmse_{kind}_{component})" and "[" not in component:
-                columns[f"{head} error, {_component_title(component, names)}"] = name
-    return columns
-
-
-def _component_title(component: str, names: Sequence[str]) -> str:
-    """Write a measured component with the recorded name of its sensor: ``sensor 3 (4).range``."""
-    number, _, quantity = component.rpartition(".")
-    if not names or not number.isdigit():
-        return component
-    return f"{sensor_name(int(number) - 1, names)}.{quantity}"
-
-
-def _band_notes(results: Results, labels: list[str]) -> list[str]:
-    """Write sentences with the bands of a consistent filter.
-
-    The filters ``labels`` and the grid points with equal bands share a sentence.
-    """
-    places_by_sentence: dict[str, list[str]] = {}
-    for point in results.points():
-        labels_by_sentence: dict[str, list[str]] = {}
-        for label in labels:
-            accepted = results.facts(point).accepted_nis(label)
-            sentence = _band_note(results.runs(point), label, accepted)
-            if sentence:
-                labels_by_sentence.setdefault(sentence, []).append(label)
-        # Filters are named only if their bands differ.
-        for sentence, names in labels_by_sentence.items():
-            place = []
-            if len(labels_by_sentence) > 1:
-                place.append(phrases.listed(names))
-            if point:
-                place.append(phrases.heading(point))
-            places_by_sentence.setdefault(sentence, []).append(", ".join(place))
-    if len(places_by_sentence) == 1:
-        return list(places_by_sentence)
-    return [f"{'; '.join(places)}: {text}" for text, places in places_by_sentence.items()]
-
-
-def _why_no_band(
-    runs: dict[tuple[str, str], Array], label: str, accepted: AcceptedNis | None
-) -> str:
-    """Write why no measured component of a filter counts; the arguments are those of `_band_note`."""
-    errors = [
-        values
-        for (name, metric), values in runs.items()
-        if name == label and metric.startswith("rmse_predicted_")
-    ]
-    if all(np.isnan(values).all() for values in errors):
-        return "Nothing was measured after the start: nothing can be said of a filter."
-    if accepted is not None:
-        return "The gate rejected every measurement, so there is no ANIS and no autocorrelation."
-    return "Without a covariance there is no ANIS and no autocorrelation."
-
-
-def _band_note(runs: dict[tuple[str, str], Array], label: str, accepted: AcceptedNis | None) -> str:
-    """Write the sentence on a filter's bands; empty for a filter without predictions.
-
-    ``runs`` has the values (M,) of the runs; ``accepted`` is the law of what the filter's gate accepts.
-    """
-    # The number of measured components of each run.
-    numbers = runs.get((label, "innovations"), np.empty(0))
-    finite = ~np.isnan(numbers)
-    if not finite.any():
-        return ""
-    number = round(float(numbers[finite].sum()))
-    if not number:
-        return _why_no_band(runs, label, accepted)
-    low, high = anis_band(numbers[finite], accepted)
-    bands = [f"ANIS {low:.3f} to {high:.3f}"]
-    # The band of the autocorrelation is that of the runs that have one.
-    autocorrelations = runs.get((label, "autocorrelation_1"), np.full(len(numbers), np.nan))
-    has_autocorrelation = ~np.isnan(autocorrelations)
-    if has_autocorrelation.any():
-        half_width = autocorrelation_band(numbers[has_autocorrelation])
-        bands.append(f"autocorrelation within {half_width:.3f}")
-    gate = "" if accepted is None else f" with gate {accepted.gate:g}"
-    text = f"95 % bands of a consistent filter{gate} over {number} measured components"
-    return f"{text}: {', '.join(bands)}."

@@ -10,7 +10,7 @@ import numpy as np
 from trackbench.config.experiment import Labeled
 from trackbench.config.requested_truth import needs_truth
 from trackbench.errors import counted
-from trackbench.evaluation.error_series import LOST_BECAUSE
+from trackbench.evaluation.lost_runs import LOST_BECAUSE
 from trackbench.evaluation.metric_expression import Expression, Measure
 from trackbench.field_types import Digits
 from trackbench.registry import register

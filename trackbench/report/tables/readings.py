@@ -25,7 +25,8 @@ from trackbench.report.verdicts.searches import searched_points, ways_to_measure
 from trackbench.statistics.comparison import as_family, compare_estimates
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.sample_statistics import Estimate, mean
-from trackbench.statistics.significance_rules import CLAIM_WORDS, NEAR, UNDECIDED
+from trackbench.statistics.significance_rules import NEAR
+from trackbench.statistics.verdict_rules import CLAIM_WORDS, UNDECIDED
 
 
 class Number(NamedTuple):

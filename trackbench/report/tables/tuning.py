@@ -25,7 +25,7 @@ from trackbench.statistics.comparison import (
 )
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.sample_statistics import Estimate
-from trackbench.tuning.search import Record
+from trackbench.tuning.record_of_trials import Record
 
 _HEADS = ["Training", "Results", "Gap", "Untuned", "Gained"]
 _TRAINING_PATHS = {

@@ -12,8 +12,9 @@ from trackbench.report.findings import phrases
 from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint
 from trackbench.statistics import significance_rules as rules
+from trackbench.statistics import verdict_rules
 from trackbench.statistics.estimates import RunEstimate, gain, quotient
-from trackbench.statistics.significance_rules import NOT_MEASURED, TOO_FEW_RUNS, UNDECIDED, Verdict
+from trackbench.statistics.verdict_rules import NOT_MEASURED, TOO_FEW_RUNS, UNDECIDED, Verdict
 
 
 class ClaimVerdict(NamedTuple):
@@ -55,11 +56,11 @@ def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
     zs = [test.z for test in tests]
     strengths = [-inf if isnan(z) else z for z in zs]
     weakest = tests[strengths.index(min(strengths))]
-    z = rules.weakest(zs, steps)
+    z = verdict_rules.weakest(zs, steps)
     batches = evidence.results.batches
     parts = _weakest([test.z_of_parts(batches) for test in tests], steps)
     stressed = _weakest([test.z_under_stress() for test in tests], steps)
-    verdict = rules.claim_verdict(
+    verdict = verdict_rules.claim_verdict(
         z,
         parts,
         stressed,
@@ -234,7 +235,7 @@ def _weakest(zs_of_tests: list[list[float]], steps: int) -> list[float]:
     """
     if not all(zs_of_tests):
         return []
-    return [rules.weakest(zs, steps) for zs in zip(*zs_of_tests, strict=True)]
+    return [verdict_rules.weakest(zs, steps) for zs in zip(*zs_of_tests, strict=True)]
 
 
 def _missing_labels(evaluator: Evaluator, test: _Test) -> list[str]:
@@ -304,7 +305,7 @@ def _tests_at_steps(weakest: _Test, zs: list[float]) -> str:
     if expression is not None and expression.steps:
         where = f"at step {expression.steps.first}; "
     # `decided` returns 1 for a test that holds.
-    holding = sum(rules.decided(z) > 0 for z in zs)
+    holding = sum(verdict_rules.decided(z) > 0 for z in zs)
     return f"{where}{holding} of {len(zs)} comparisons hold by themselves"
 
 

@@ -20,7 +20,7 @@ from trackbench.report.tables_and_figures import Results
 from trackbench.report.verdicts.claims import point_of
 from trackbench.results.folder_contents import TIME_VERDICTS
 from trackbench.statistics.sample_statistics import interval, median
-from trackbench.statistics.significance_rules import NOT_MEASURED, UNDECIDED
+from trackbench.statistics.verdict_rules import NOT_MEASURED, UNDECIDED
 
 SCATTER = 2.0
 """Factor by which a ratio of two filters' times may differ on another machine or at another time."""

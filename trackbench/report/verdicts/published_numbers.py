@@ -25,15 +25,10 @@ from trackbench.report.verdicts.claims import (
 )
 from trackbench.report.verdicts.cpu_times import without_times
 from trackbench.report.verdicts.searches import searched_numbers
-from trackbench.statistics import significance_rules as rules
+from trackbench.statistics import verdict_rules
 from trackbench.statistics.estimates import MISSING, RunEstimate
-from trackbench.statistics.significance_rules import (
-    NEAR,
-    NOT_MEASURED,
-    NUMBER_WORDS,
-    TOO_FEW_RUNS,
-    Verdict,
-)
+from trackbench.statistics.significance_rules import NEAR
+from trackbench.statistics.verdict_rules import NOT_MEASURED, NUMBER_WORDS, TOO_FEW_RUNS, Verdict
 
 FEWER_STORED = "has all digits that are stored, but more are printed: run the experiment again"
 
@@ -271,7 +266,7 @@ def _is_near(number: PublishedNumber, measured: RunEstimate, verdict: Verdict) -
     """Test whether a number differs significantly from the printed one, but by a small share."""
     if verdict.word != "differs" or isinstance(number.value, str):
         return False
-    return abs(rules.difference(number, measured.value)) <= NEAR * abs(number.value)
+    return abs(verdict_rules.difference(number, measured.value)) <= NEAR * abs(number.value)
 
 
 def _verdict(
@@ -288,15 +283,15 @@ def _verdict(
     if isnan(value) and not measured.lost:
         return Verdict(NOT_MEASURED, nan)
     if results.experiment_runs is not None:
-        verdict = rules.number_verdict(number, measured, measured.parts(results.batches))
+        verdict = verdict_rules.number_verdict(number, measured, measured.parts(results.batches))
         return verdict._replace(word=TOO_FEW_RUNS, fragile=False)
     is_number = not isinstance(number.value, str) and isfinite(value)
     if label not in results.deterministic or not is_number:
-        return rules.number_verdict(number, measured, measured.parts(results.batches))
+        return verdict_rules.number_verdict(number, measured, measured.parts(results.batches))
     # Nothing is random: the difference may be at most what the stored digits leave open.
     digits = results.digits_of(label)
     rounding = number.factor * _half_unit(value / number.factor, digits)
-    if abs(rules.difference(number, value)) > rounding:
+    if abs(verdict_rules.difference(number, value)) > rounding:
         return Verdict("differs", nan)
     return Verdict("equal" if number.significant_digits <= digits else "agrees", nan)
 

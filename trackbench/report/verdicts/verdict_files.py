@@ -15,7 +15,7 @@ from trackbench.report.verdicts.claims import ClaimVerdict, noted
 from trackbench.report.verdicts.cpu_times import time_verdicts, write_time_verdicts
 from trackbench.report.verdicts.published_numbers import Compared, Ranked, Reproduced, Verdicts
 from trackbench.results.folder_contents import DIGITS, TIME_VERDICTS
-from trackbench.statistics.significance_rules import (
+from trackbench.statistics.verdict_rules import (
     HOW_DECIDED,
     MEANINGS,
     NOT_MEASURED,

@@ -16,6 +16,7 @@ from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.conversions import Geodetic, east_north_up, rotate_east_north_up
 from trackbench.core.elementary import cos_sin
 from trackbench.field_types import DataError, Finite, InvalidKeyError, Place
+from trackbench.scenarios.recordings.column_names import names_object
 from trackbench.scenarios.recordings.csv_lines import TextFormat
 from trackbench.scenarios.recordings.csv_tables import (
     Content,
@@ -46,8 +47,6 @@ MOST_DISTANCE = 2e6
 """m from the origin; a plane there shortens distances along the way by 5 %"""
 FAR = 3e5
 """m from the origin, beyond which a note says by how much the plane shortens distances; 0.1 %"""
-_OBJECTS = ("mmsi", "icao24", "icao", "callsign", "trackid", "vessel", "object")
-"""Columns that name what moves."""
 _DEFAULT_UNITS = {"latitude": "deg", "longitude": "deg", "course": "deg"}
 _PLANE = ("x", "y", "z")
 _VELOCITY = ("vx", "vy", "vz")
@@ -335,8 +334,7 @@ class Columns:
         if "run" in self.naming.columns:
             return None
         for name in self.names:
-            plain = re.sub("[^a-z0-9]", "", name.lower())
-            if plain in _OBJECTS and name not in self._used:
+            if names_object(name) and name not in self._used:
                 self._used[name] = "run"
                 self.contents[name] = "label"
                 return name

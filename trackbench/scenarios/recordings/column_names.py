@@ -323,6 +323,8 @@ _TARGETS = _word_set(
     "individual agent tag pedestrian bike rider runner schiff boot fahrzeug flugzeug navire bateau "
     "avion buque barco nave skib schip vliegtuig"
 )
+_OBJECTS = ("mmsi", "icao24", "icao", "callsign", "trackid", "vessel", "object")
+"""Names of columns that divide a table into runs if the config names no column of runs."""
 LANDMARK_WORDS = _word_set(
     "tag tagid id marker markerid feature featureid lm code signature subject target object"
 )
@@ -348,3 +350,9 @@ def role_of(name: str) -> Literal["quality", "sensor", "place", "target", ""]:
     if words & _TARGETS:
         return "target"
     return ""
+
+
+def names_object(name: str) -> bool:
+    """Test whether the column of this name, such as MMSI, names what moves in each row."""
+    plain = re.sub("[^a-z0-9]", "", name.lower())
+    return plain in _OBJECTS

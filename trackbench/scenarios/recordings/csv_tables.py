@@ -3,7 +3,6 @@
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from functools import partial
 from itertools import chain, islice
 from pathlib import Path
@@ -21,7 +20,7 @@ from trackbench.scenarios.recordings.csv_lines import (
     layout_of,
     table_rows,
 )
-from trackbench.scenarios.recordings.dates import dates_quickly, instant, is_instant, moment
+from trackbench.scenarios.recordings.dates import dates_quickly, instant, type_of_clock
 
 _TIME_OF_DAY = re.compile(r" *[0-9]{1,2}:[0-9]{2}")
 _DIGITS_OF_DAY = re.compile(r" *([0-9]{1,6}|[0-9]{1,2}(\.[0-9]{2}){2})(\.|$)")
@@ -341,31 +340,10 @@ class _Reading:
         if content != "time":
             return plain
         if self.dated is None:
-            self.dated = self._clock_type(cells[0].strip(), plain, first)
+            self.dated = type_of_clock(cells[0].strip(), plain, self.form, first)
         if not self.dated:
             return plain
         return partial(instant, zoned=self.dated != "date", form=self.form)
-
-    def _clock_type(self, cell: str, plain: Parse, first: Place) -> str:
-        """Return the type of the clock: "date", "date with a zone", or empty for numbers.
-
-        ``cell`` is the first time, ``plain`` parses numbers, and ``first`` is the place of the cell.
-        Raises DataError if the cell is no time.
-        """
-        if self.form or is_instant(cell):
-            with suppress(ValueError):
-                return "date with a zone" if moment(cell, self.form).tzinfo else "date"
-        if cell and not self.form:
-            with suppress(ValueError):
-                plain(cell)
-                return ""
-        message = f"{first.message}: {cell[:40]!r} is no number of seconds and no date in ISO 8601"
-        if self.form:
-            message = f"{first.message}: {cell[:40]!r} is not a time as {self.form}"
-        way = 'say how it is written, `time_format: "%d/%m/%Y %H:%M:%S"` (or %m/%d/%Y, %H:%M:%S.%f)'
-        if cell and not any(map(str.isdigit, cell)):
-            way = "say `format: {skip: 1}` if the line holds units, or correct it"
-        raise DataError(first._replace(message=f"{message}: {way}"))
 
     def _encode_words(
         self, name: str, cells: Sequence[str]

@@ -1,7 +1,8 @@
 """Dates of a recording's clock, with and without time zones."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from difflib import get_close_matches
 from itertools import product
@@ -10,6 +11,7 @@ from zoneinfo import ZoneInfo, available_timezones
 import numpy as np
 
 from trackbench.core.arrays import Array
+from trackbench.field_types import DataError, Place
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _NO_DATE = datetime(1900, 1, 1)  # as strptime has it
@@ -133,6 +135,28 @@ def is_instant(cell: str) -> bool:
     except ValueError:
         return False
     return not cell.strip().replace(".", "").isdigit()  # 20160112 may be a number of seconds
+
+
+def type_of_clock(cell: str, parse_number: Callable[[str], float], form: str, first: Place) -> str:
+    """Return the type of the clock: "date", "date with a zone", or empty for numbers.
+
+    ``cell`` is the first time, ``parse_number`` parses numbers, and ``form`` is that of strptime, empty
+    for ISO 8601. ``first`` is the place of the cell. Raises DataError if the cell is no time.
+    """
+    if form or is_instant(cell):
+        with suppress(ValueError):
+            return "date with a zone" if moment(cell, form).tzinfo else "date"
+    if cell and not form:
+        with suppress(ValueError):
+            parse_number(cell)
+            return ""
+    message = f"{first.message}: {cell[:40]!r} is no number of seconds and no date in ISO 8601"
+    if form:
+        message = f"{first.message}: {cell[:40]!r} is not a time as {form}"
+    way = 'say how it is written, `time_format: "%d/%m/%Y %H:%M:%S"` (or %m/%d/%Y, %H:%M:%S.%f)'
+    if cell and not any(map(str.isdigit, cell)):
+        way = "say `format: {skip: 1}` if the line holds units, or correct it"
+    raise DataError(first._replace(message=f"{message}: {way}"))
 
 
 def dates_quickly(cells: Sequence[str], form: str) -> Array | None:

@@ -3,8 +3,9 @@
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import NamedTuple
 
 from trackbench.durations import time_text
@@ -27,6 +28,8 @@ _LOCATING = {"position", "range-azimuth"}
 """Types of sensors by which a filter can start."""
 _LABEL_COLUMNS = ("run", "sensor")
 _MOST_NAMES = 7  # of further runs
+_MOST_LETTERS_OF_NAME = 40
+"""Letters of a name that is made of those of several files."""
 _LEAST_OUTLIERS = 0.005  # share of the rows from which on a filter with a gate is written
 _LAST = 20_000  # step of a long recording, which all filters reach within minutes
 _MOST_PARTICLE_STEPS = 20_000  # beyond which a particle filter takes longer than all other filters
@@ -70,6 +73,15 @@ class FirstState(NamedTuple):
     """x, y and heading there by the truth, NaN where the truth lacks one; empty without a truth"""
     later: float = 0.0
     """time by which the truth's pose is later, s or steps"""
+
+
+def default_name(tables: Sequence[Path]) -> str:
+    """Return the name of an experiment on files: their names, or that of the first one if too long."""
+    names = [re.sub("[^A-Za-z0-9]+", "-", path.stem).strip("-") for path in tables]
+    name = "-".join(names)
+    if len(name) > _MOST_LETTERS_OF_NAME:
+        return names[0]
+    return name
 
 
 def config_parts(

@@ -8,7 +8,8 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from trackbench.core.angles import has_turns, near, wrapped_difference
-from trackbench.core.arrays import Array, Index, fixed
+from trackbench.core.arrays import Array, Index
+from trackbench.core.read_only import fixed
 from trackbench.durations import time_text
 from trackbench.errors import counted
 from trackbench.field_types import DataError, InvalidKeyError, Place

@@ -15,7 +15,7 @@ from trackbench.core.arrays import Array
 from trackbench.field_types import DataError
 from trackbench.models.base import measured_angle_rows
 from trackbench.models.inputs import KnownInputs
-from trackbench.models.sensors.base import Sensors, rows_of, sensors_of
+from trackbench.models.sensors.stacked import Sensors, rows_of, sensors_of
 from trackbench.scenarios.recordings.column_mapping import Naming, NamingKeys
 from trackbench.scenarios.recordings.file_overlap import check_common_time, note_files_apart
 from trackbench.scenarios.recordings.known_inputs import (

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from trackbench.core.angles import near
-from trackbench.core.arrays import Array, fixed
+from trackbench.core.arrays import Array
+from trackbench.core.read_only import fixed
 from trackbench.durations import time_text
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.rows import TICK, Gathered, Rows

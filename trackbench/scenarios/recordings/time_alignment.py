@@ -5,7 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Index, fixed
+from trackbench.core.arrays import Array, Index
+from trackbench.core.read_only import fixed
 from trackbench.errors import counted, sensor_name
 from trackbench.field_types import MOST_STEPS, DataError, InvalidKeyError, Place
 from trackbench.scenarios.recordings.csv_tables import WholeNumbers

@@ -11,7 +11,7 @@ from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.random_streams import Streams
 from trackbench.extension_points import Part
 from trackbench.models.base import LocatingSensor
-from trackbench.models.sensors.base import Sensors, rows_of, sensors_of
+from trackbench.models.sensors.stacked import Sensors, rows_of, sensors_of
 
 
 class InitialScans(NamedTuple):

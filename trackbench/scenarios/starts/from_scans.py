@@ -11,9 +11,9 @@ from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.random_streams import Streams
 from trackbench.field_types import InvalidKeyError, Positive, Unit
 from trackbench.models.components import position_velocity_names
-from trackbench.models.priors import TwoPoint, two_point_difference
-from trackbench.models.sensors.base import Sensors
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
+from trackbench.models.sensors.stacked import Sensors
+from trackbench.models.two_point_differencing import TwoPoint, two_point_difference
 from trackbench.registry import register
 from trackbench.scenarios.starts.base import InitialScans, Start, position_part
 

@@ -19,7 +19,7 @@ from trackbench.field_types import (
     freeze_mappings,
 )
 from trackbench.models.components import by_component
-from trackbench.models.sensors.base import Sensors
+from trackbench.models.sensors.stacked import Sensors
 from trackbench.registry import register
 from trackbench.scenarios.starts.base import FixedStart, InitialScans, Start, repeated
 

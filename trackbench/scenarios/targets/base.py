@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trackbench.core.arrays import Array, Index, Mask, fixed, settled_row
+from trackbench.core.arrays import Array, Index, Mask, settled_row
 from trackbench.core.random_streams import RunStreams, Streams
+from trackbench.core.read_only import fixed
 from trackbench.extension_points import Part
 from trackbench.field_types import MOST_STEPS, Finite, InvalidKeyError
 from trackbench.metrics import in_window
@@ -21,7 +22,7 @@ from trackbench.models.motions.irregular import (
     sample_equally,
 )
 from trackbench.models.motions.turn import CoordinatedTurn
-from trackbench.models.sensors.base import Sensors
+from trackbench.models.sensors.stacked import Sensors
 from trackbench.scenarios.starts.base import Start
 
 _HALF_TURN = 180.0  # deg

@@ -20,7 +20,7 @@ from trackbench.field_types import (
 from trackbench.models.base import Motion, append_noise, extra_std
 from trackbench.models.components import by_component
 from trackbench.models.motions.kinematic import WhiteAcceleration
-from trackbench.models.sensors.base import Sensors
+from trackbench.models.sensors.stacked import Sensors
 from trackbench.registry import register
 from trackbench.scenarios.targets.base import Flight, Launch, Target, Timeline
 

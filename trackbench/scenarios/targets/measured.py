@@ -10,8 +10,8 @@ from trackbench.core.random_streams import Streams
 from trackbench.field_types import (
     InvalidKeyError,
 )
-from trackbench.models.priors import TwoPoint
-from trackbench.models.sensors.base import Sensors, sensors_of
+from trackbench.models.sensors.stacked import Sensors, sensors_of
+from trackbench.models.two_point_differencing import TwoPoint
 from trackbench.registry import register
 from trackbench.scenarios.recordings.data_files import FromFiles
 from trackbench.scenarios.recordings.known_inputs import check_gaps

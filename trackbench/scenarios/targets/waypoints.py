@@ -5,7 +5,8 @@ from typing import Annotated
 
 import numpy as np
 
-from trackbench.core.arrays import Array, fixed
+from trackbench.core.arrays import Array
+from trackbench.core.read_only import fixed
 from trackbench.durations import time_text
 from trackbench.field_types import DataError, DataFile, Finite, Place, Positive, Unit
 from trackbench.registry import register

@@ -1,4 +1,4 @@
-"""Default table and figure of an experiment that names none."""
+"""Default table and figure of errors, for an experiment that names none."""
 
 import re
 from collections.abc import Iterable, Mapping

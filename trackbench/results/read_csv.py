@@ -1,4 +1,4 @@
-"""CSV files of a results folder: columns as arrays, and the values of runs."""
+"""Read the CSV files of a results folder: columns as arrays, and the values of runs."""
 
 import csv
 import sys
@@ -12,7 +12,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from trackbench.core.arrays import Array, fixed
+from trackbench.core.arrays import Array
+from trackbench.core.read_only import fixed
 from trackbench.yaml_source import unprintable_reason
 
 Runs: TypeAlias = dict[tuple[str, str], Array]

@@ -8,7 +8,7 @@ import pytest
 
 from trackbench.config.tuning import Axis, read_axis
 from trackbench.statistics.estimates import RunEstimate
-from trackbench.tuning.search import Record, Trial, read_tuning, write_tuning
+from trackbench.tuning.record_of_trials import Record, Trial, read_tuning, write_tuning
 
 
 def _record(*trials: tuple[float, float], key: str = "q", axis: str = "0..10") -> Record:

@@ -1,4 +1,4 @@
-"""Open results folders: check that the results are complete, unchanged and readable."""
+"""Check of a results folder that is opened: its results are complete, unchanged and readable."""
 
 import os
 import sys

@@ -3,8 +3,12 @@
 import numpy as np
 import pytest
 
-from trackbench.report.tables.consistency import anis_band, autocorrelation_band, components
-from trackbench.statistics.intervals import anees_band
+from trackbench.statistics.consistency_bands import (
+    anees_band,
+    anis_band,
+    autocorrelation_band,
+    components,
+)
 
 DRAWN = 4000
 TOLERANCE = 3.0 * np.sqrt(0.95 * 0.05 / DRAWN)

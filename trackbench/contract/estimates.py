@@ -1,0 +1,146 @@
+"""Estimates of a filter on a problem of the contract, or the reason why it cannot run on it."""
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.random import SFC64, Generator
+
+from trackbench.config.filter_requirements import meets_requirement
+from trackbench.core.arrays import Array
+from trackbench.core.distributions import per_run_moments
+from trackbench.core.random_streams import RunStreams
+from trackbench.filters.base import AnyFilter
+from trackbench.plugins.checks import filter_conflicts
+from trackbench.plugins.errors import guarded
+from trackbench.scenarios.base import Scenario, Simulation
+
+
+class Estimates(NamedTuple):
+    """Estimates of a filter at every step."""
+
+    mean: Array
+    """means (n_x, T + 1, M)"""
+    cov: Array
+    """covariances (n_x, n_x, T + 1, M)"""
+    random: bool
+    """whether the filter drew random numbers"""
+    series: dict[str, Array]
+    """NIS, weight of further models and log-likelihood (T, M), of filters that have them"""
+
+
+def new_rng() -> Generator:
+    """Return a new stream of random numbers, which is the same for every check."""
+    return Generator(SFC64(20260101))
+
+
+def simulate(scenario: Scenario, runs: int, step: int = 1, seed: int = 1) -> Simulation:
+    """Simulate the first ``runs`` runs of the scenario; in reverse order if ``step`` is -1."""
+    runs = min(runs, scenario.recorded_runs or runs)
+    return scenario.simulate(RunStreams(seed, range(runs)[::step]), runs)
+
+
+def run_filter(tracker: AnyFilter, scenario: Scenario, data: Simulation) -> Estimates:
+    """Run the filter over the data, by `init` and one `step` after another; return its estimates.
+
+    A program filters all steps in one call, since single steps would begin each run anew.
+    """
+    rng = new_rng()
+    state = tracker.init(scenario.model, data.prior, rng)
+    all_steps = None
+    if tracker.runs_program:
+        first_step = int(scenario.steps[1])
+        all_steps = tracker.all_steps(scenario.model, state, data.measurements, first_step)
+    # Step 1: the estimates, and the series of each step.
+    estimates = [tracker.estimate(state)]
+    rows = []
+    for i, k in enumerate(scenario.steps[1:]):
+        if all_steps is None:
+            state = tracker.step(scenario.model, state, data.measurements[:, i], int(k), rng)
+        else:
+            state = all_steps.state(i)
+        estimates.append(tracker.estimate(state))
+        row = {}
+        for name, value in tracker.diagnostics(state).items():
+            if name in ("nis", "mode"):
+                row[name] = value
+        log_likelihood = tracker.log_likelihood(state)
+        if log_likelihood is not None:
+            row["log_likelihood"] = log_likelihood
+        rows.append(row)
+    # Step 2: stack them over the steps.
+    covs = [per_run_moments(estimate).cov for estimate in estimates]
+    means = [estimate.mean for estimate in estimates]
+    series = {}
+    for name in rows[-1]:  # each step has the same names
+        series[name] = np.array([row[name] for row in rows])
+    has_drawn = _state_words(rng) != _state_words(new_rng())
+    return Estimates(
+        mean=np.stack(means, axis=1),
+        cov=np.stack(covs, axis=2),
+        random=has_drawn or depends_on_seed(tracker, scenario),
+        series=series,
+    )
+
+
+@lru_cache(maxsize=16)
+def depends_on_seed(tracker: AnyFilter, scenario: Scenario) -> bool:
+    """Test whether a program draws random numbers: its estimates depend on the seed of the run."""
+    if not tracker.runs_program:
+        return False
+    data = simulate(scenario, runs=2)
+    means: list[Array] = []
+    for rng in (new_rng(), Generator(SFC64(20260102))):
+        state = tracker.init(scenario.model, data.prior, rng)
+        steps = tracker.all_steps(scenario.model, state, data.measurements, int(scenario.steps[1]))
+        means.append(steps.estimate.mean if steps else state.mean)
+    return not np.array_equal(means[0], means[1], equal_nan=True)
+
+
+def has_covariance(tracker: AnyFilter, scenario: Scenario) -> bool:
+    """Test whether the estimates have covariances, as a program may answer means alone."""
+    return not np.isnan(run_filter(tracker, scenario, simulate(scenario, runs=1)).cov).all()
+
+
+def has_constant_covariance(estimates: Estimates) -> bool:
+    """Test whether the covariance is the same at all steps, the start included, and in all runs.
+
+    It is that of a filter of constant gain.
+    """
+    return not np.ptp(estimates.cov, axis=(2, 3)).any()
+
+
+def _state_words(rng: Generator) -> list[int]:
+    """Return the generator's state, which changes with every number that is drawn."""
+    return rng.bit_generator.state["state"]["state"].tolist()
+
+
+def runs_on(tracker: AnyFilter, scenario: Scenario) -> bool:
+    """Test whether a filter accepts a scenario and runs on it without an exception."""
+    try:
+        with guarded(), np.errstate(all="ignore"):
+            if why_not(tracker, scenario):
+                return False
+            run_filter(tracker, scenario, simulate(scenario, runs=2))
+    except Exception:
+        return False
+    return True
+
+
+def why_not(tracker: AnyFilter, scenario: Scenario) -> str:
+    """Explain why a filter cannot run on a scenario; an empty text if it can."""
+    for requirement in tracker.all_requirements:
+        if not meets_requirement(scenario, requirement):
+            return f"needs {requirement}"
+    conflicts = list(filter_conflicts(tracker, scenario).values())
+    if conflicts:
+        return conflicts[0]
+    return ""
+
+
+def with_gaps(data: Simulation) -> Simulation:
+    """Return the data with some measurements missing, in two of three runs."""
+    z = data.measurements.copy()
+    z[:, 2::4, ::3] = np.nan
+    z[:, 3::5, 1::3] = np.nan
+    return data._replace(measurements=z)

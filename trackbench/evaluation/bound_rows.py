@@ -1,0 +1,69 @@
+"""Rows of a scenario's lower bounds in summary.csv and per_step.csv."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+import numpy as np
+
+from trackbench.core.arrays import Array, Mask
+from trackbench.core.sums import mean as average
+from trackbench.core.sums import total
+from trackbench.evaluation.metric_expression import TIME_MEAN
+from trackbench.evaluation.summary import StepColumns, SummaryRow
+from trackbench.metrics import in_window, joined
+from trackbench.statistics.sample_statistics import Estimates
+
+
+def bound_summary(
+    bounds: Mapping[str, Array],
+    windows: Mapping[str, Mask],
+    without: Sequence[Mapping[str, Array]] = (),
+) -> Iterator[SummaryRow]:
+    """Yield a scenario's lower bounds on every RMSE over each window.
+
+    ``bounds`` are those at every step (T + 1,) by quantity, ``windows`` the masks (T + 1,). The standard
+    error is from ``without``, the bounds without one batch of simulated paths each.
+    """
+    reductions: dict[str, Callable[[Array], Array]] = {"rms": _root_mean_square, TIME_MEAN: average}
+    for window, mask in windows.items():
+        for quantity, bound in bounds.items():
+            metric = in_window(joined("rmse", quantity), window)
+            for statistic, over_steps in reductions.items():
+                value = float(over_steps(bound[mask]))
+                stderr = _jackknife([over_steps(others[quantity][mask]) for others in without])
+                # A bound has no runs: both counts are zero.
+                yield SummaryRow(
+                    f"{statistic}({metric})", value=value, stderr=float(stderr), runs=0, lost=0
+                )
+
+
+def bound_steps(
+    bounds: Mapping[str, Array], without: Sequence[Mapping[str, Array]] = ()
+) -> Iterator[StepColumns]:
+    """Yield a scenario's lower bounds at every step, as `step_columns` has the RMSE.
+
+    ``bounds`` (T + 1,) are by quantity. The standard error is from ``without``, the bounds without one
+    batch of simulated paths each.
+    """
+    for quantity, bound in bounds.items():
+        stderr = np.full_like(bound, _jackknife([others[quantity] for others in without]))
+        yield StepColumns(
+            positions=np.arange(len(bound)),
+            metrics={joined("rmse", quantity): Estimates(value=bound, stderr=stderr)},
+            runs=np.zeros(len(bound), dtype=int),
+        )
+
+
+def _root_mean_square(x: Array) -> Array:
+    return np.sqrt(average(np.square(x)))
+
+
+def _jackknife(without: Sequence[Array]) -> Array:
+    """Return the jackknife's standard error of a value from the B values without one batch each.
+
+    ``sqrt((B - 1) / B sum (b_i - mean b)^2)`` (Efron & Stein 1981). It is NaN if there are no batches.
+    """
+    B = len(without)
+    if not B:
+        return np.array(np.nan)
+    b = np.array(without)
+    return np.sqrt((B - 1) / B * total(np.square(b - average(b, 0)), 0))

@@ -1,0 +1,91 @@
+"""Wrong decisions of gates: good measurements that are rejected, and bad ones that are accepted."""
+
+from collections.abc import Mapping, Sequence
+from typing import cast
+
+import numpy as np
+
+from trackbench.core.arrays import Array, Mask
+from trackbench.evaluation.block import BlockTask
+from trackbench.evaluation.late_measurements import deliveries
+from trackbench.evaluation.run_filter import FilterOutput
+from trackbench.models.sensors.stacked import Sensors, rows_of
+from trackbench.scenarios.base import Simulation
+
+
+def rejections(z: Array, twin: Array, diagnostics: Mapping[str, Array]) -> dict[str, Array]:
+    """Return which good measurements a gate rejects, and which bad ones it accepts.
+
+    A measurement of z (n_z, T, M) is bad if a fault changed it, so that it differs from that of the
+    ``twin`` without faults. Both series (T + 1, M) are 0 or 1. ``rejected_good`` is NaN for bad
+    measurements, ``accepted_bad`` for good ones, and both if the filter was not given a measurement.
+    The filter's ``diagnostics`` (T + 1, M) must have ``gated`` and ``nis``; else there are no series.
+    """
+    if not {"gated", "nis"} <= diagnostics.keys():
+        return {}
+    gated = diagnostics["gated"]
+    nis = diagnostics["nis"]
+    changed = (z != twin) & ~np.isnan(z)
+    # The first row is that of the prior, which has no measurement.
+    bad = np.insert(changed.any(axis=0), 0, False, axis=0)
+    # A measurement that was given is refused by the gate, or has a NIS.
+    given = (gated > 0.0) | ~np.isnan(nis)
+    return {
+        "rejected_good": np.where(given & ~bad, gated, np.nan),
+        "accepted_bad": np.where(given & bad, 1.0 - gated, np.nan),
+    }
+
+
+def sensor_rejections(
+    z: Array, twin: Array, refused: Mask, sensors: Sequence[slice]
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Return the shares of good measurements that gates reject, and of bad ones that they accept.
+
+    Each of several sensors has a gate. As in `rejections`, ``z`` (n_z, T, M) are the measurements and
+    ``twin`` those without faults. ``refused`` (n_z, T, M) are the refused components, ``sensors`` the
+    rows of each sensor. The first result has the shares of each step's measurements, the second the
+    numbers (T + 1, M) of the measurements that they are shares of.
+    """
+    changed = (z != twin) & ~np.isnan(z)
+    given = np.stack([~np.isnan(z[rows]).all(axis=0) for rows in sensors])
+    bad = np.stack([changed[rows].any(axis=0) for rows in sensors])
+    rejected = np.stack([refused[rows].any(axis=0) for rows in sensors])
+    good_share, good_number = _share_of_wrong_decisions(given & ~bad, rejected)
+    bad_share, bad_number = _share_of_wrong_decisions(given & bad, ~rejected)
+    shares = {"rejected_good": good_share, "accepted_bad": bad_share}
+    numbers = {"rejected_good": good_number, "accepted_bad": bad_number}
+    return shares, numbers
+
+
+def _share_of_wrong_decisions(counted: Mask, is_wrong: Mask) -> tuple[Array, Array]:
+    """Return the share of the ``counted`` measurements (S, T, M) that gates decide wrongly.
+
+    ``is_wrong`` (S, T, M) marks the wrong decisions, such as the rejection of a good measurement. The
+    second result is the number of the counted measurements. Both are (T + 1, M): they are over the S
+    sensors at each step. In the first row, the prior's, the share is NaN and the number 0.
+    """
+    number = counted.sum(axis=0).astype(float)
+    with np.errstate(invalid="ignore"):
+        share = (counted & is_wrong).sum(axis=0) / number
+    return np.insert(share, 0, np.nan, axis=0), np.insert(number, 0, 0.0, axis=0)
+
+
+def gate_decisions(
+    task: BlockTask, twin_task: BlockTask, data: Simulation, output: FilterOutput
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Return series (T + 1, M) of the gate's wrong decisions, and the weights (T + 1, M) of their steps.
+
+    ``twin_task`` has the same runs without faults. Its measurements show which measurements are bad.
+    Only the series of several sensors have weights.
+    """
+    z = data.measurements
+    clean = twin_task.data.measurements
+    delivered = deliveries(task, data)
+    if delivered is not None:
+        z = delivered.given(z)
+        clean = delivered.given(clean)
+    # The gate of a single sensor writes its decisions to the diagnostics.
+    if output.refused is None:
+        return rejections(z, clean, output.diagnostics), {}
+    sensors = rows_of(cast(Sensors, task.scenario.true_sensor))
+    return sensor_rejections(z, clean, output.refused, sensors)

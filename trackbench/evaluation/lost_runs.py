@@ -1,0 +1,76 @@
+"""Lost runs: why a run does not count in the averages."""
+
+import re
+
+import numpy as np
+
+from trackbench.core.arrays import Array, Mask
+from trackbench.scenarios.base import Scenario
+
+_ERROR_OF_TRUTH = re.compile(r"squared(?!_(?:predicted|held)_)")
+"""Series of squared errors against the truth, as `squared_position`; not `squared_predicted_range`, of
+a measurement"""
+NOT_LOST = 0.0
+NOT_FINITE = 1.0
+TOO_FAR = 2.0
+NO_TRUTH = 3.0
+LOST_BECAUSE = {
+    NOT_FINITE: "the estimate left the numbers",
+    TOO_FAR: "the error passed the limit",
+    NO_TRUTH: "the scenario's true state left the numbers",
+}
+
+
+def lost_runs(
+    scenario: Scenario,
+    values: dict[str, Array],
+    finite: Mask,
+    finite_truth: Mask | None = None,
+) -> Array:
+    """Return why each run (M,) is lost, as a key of `LOST_BECAUSE`; `NOT_LOST` if it is not.
+
+    A run is lost if an estimate or an error is not finite, if the error exceeds the scenario's
+    ``lost_beyond``, or if the simulated truth is not finite. ``values`` are the series (T + 1, M), and
+    ``finite`` and ``finite_truth`` (M,) mark the runs with finite estimates and with a finite truth. An
+    error that is NaN, as at a step without a truth, loses no run.
+    """
+    # Squared errors against the truth, and not those of predicted measurements.
+    squared_errors = [rows for name, rows in values.items() if _ERROR_OF_TRUTH.match(name)]
+    # Without a truth only estimates that are not finite count as lost.
+    if not squared_errors:
+        return np.where(finite, NOT_LOST, NOT_FINITE)
+    infinite = np.logical_or.reduce([np.isinf(rows).any(axis=0) for rows in squared_errors])
+    lost = np.where(finite & ~infinite, NOT_LOST, NOT_FINITE)
+    # The first error of the scenario is limited.
+    limit = scenario.lost_beyond
+    if limit is not None:
+        too_far = (squared_errors[0] > limit * limit).any(axis=0)
+        lost = np.where((lost == NOT_LOST) & too_far, TOO_FAR, lost)
+    if finite_truth is not None:
+        lost = np.where(finite_truth, lost, NO_TRUTH)
+    return lost
+
+
+def stayed_finite(mean: Array) -> Mask:
+    """Return which runs (M,) of the mean (n_x, T + 1, M) are finite at every step.
+
+    Components that the filter never estimates, such as the velocity of a converted measurement, are
+    left out.
+    """
+    # A finite sum has finite terms: then no term needs a test.
+    if np.isfinite(np.add.reduce(mean, axis=None)):
+        return np.ones(mean.shape[-1], dtype=np.bool_)
+    finite = np.isfinite(mean)
+    estimated = finite.any(axis=(1, 2))
+    return np.asarray(finite[estimated].all(axis=(0, 1)) & estimated.any())
+
+
+def has_finite_truth(scenario: Scenario, truth: Array) -> Mask | None:
+    """Return which runs (M,) of a simulated truth (n_x, T + 1, M) are finite; None if it is recorded."""
+    # An unknown truth of a recording is NaN, as that of a target that is gone.
+    if scenario.recorded_runs is not None:
+        return None
+    bad_truth = np.isinf(truth)
+    if scenario.exists_always:
+        bad_truth |= np.isnan(truth)
+    return ~np.asarray(bad_truth.any(axis=(0, 1)))

@@ -1,0 +1,187 @@
+"""Words on the consistency of the filters of a ranking, such as overconfident and collapsed."""
+
+from collections.abc import Mapping, Sequence
+from math import isinf, isnan, nan
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.errors import counted
+from trackbench.metrics import FIRST_INDEFINITE
+from trackbench.report.findings.ranking import Candidate
+from trackbench.report.tables_and_figures import Results
+from trackbench.statistics import significance_rules as rules
+from trackbench.statistics.collapsed_runs import collapsed_in_words, indefinite_in_words
+from trackbench.statistics.intervals import studentized
+from trackbench.statistics.sample_statistics import influence, interval, mean
+
+_SAYS_NOTHING = ("", "undecided")
+"""Words on the consistency of a filter that may have diverged."""
+
+
+def first_indefinite_steps(results: Results, candidate: Candidate) -> Array | None:
+    """Return the first step (M,) of each run at which a filter's covariance is not positive definite.
+
+    NaN in runs without such a step; None if no run has one.
+    """
+    return results.runs(candidate.point).get((candidate.label, FIRST_INDEFINITE))
+
+
+def indefinite_text(results: Results, candidate: Candidate) -> str:
+    """Return ``EKF in 4 of 8 runs, first at step 63``, where its covariance is not positive definite.
+
+    Empty without such runs.
+    """
+    first = first_indefinite_steps(results, candidate)
+    if first is None:
+        return ""
+    number = int(np.isfinite(first).sum())
+    words = indefinite_in_words(
+        number, runs=len(first), lost=candidate.losses, first_step=float(np.nanmin(first))
+    )
+    return f"{candidate.name} {words}"
+
+
+def diverged_runs(
+    results: Results,
+    candidates: Sequence[Candidate],
+    consistency_words: Mapping[Candidate, str],
+) -> list[str]:
+    """Count the diverged runs of each filter about whose consistency the table has no word."""
+    texts = []
+    for candidate in candidates:
+        values = results.runs(candidate.point).get((candidate.label, "diverged"))
+        if values is None or consistency_words[candidate] not in _SAYS_NOTHING:
+            continue
+        number = int(np.nansum(values))
+        if number:
+            texts.append(f"{candidate.name} in {number} of {counted(len(values), 'run')}")
+    return texts
+
+
+def consistency(results: Results, candidates: Sequence[Candidate]) -> dict[Candidate, str]:
+    """Judge the NEES of every filter of a table in a word, or its NIS if there is no truth.
+
+    The word is empty if a filter has neither. The filters are one family of tests: if all of them are
+    exact, any is called overconfident or underconfident with a probability of at most `rules.LEVEL`.
+    """
+    family = list(dict.fromkeys(candidates))
+    values = [_normalized_squares(results, candidate) for candidate in family]
+    means = [_mean_if_consistent(results, candidate) for candidate in family]
+    zs = list(map(_z_of_mean, values, means))
+    signs = rules.signs(zs)
+    words = {}
+    for candidate, squares, sign, least_and_largest in zip(
+        family, values, signs, means, strict=True
+    ):
+        first_indefinite = _first_indefinite_of_squares(results, candidate)
+        words[candidate] = _consistency_word(squares, sign, least_and_largest, first_indefinite)
+    return words
+
+
+def words_decided_alone(results: Results, words: dict[Candidate, str]) -> list[str]:
+    """List the undecided filters that a test without the others of the table calls by another word."""
+    texts = []
+    for candidate, word in words.items():
+        if word != "undecided":
+            continue
+        squares = _normalized_squares(results, candidate)
+        z = _z_of_mean(squares, _mean_if_consistent(results, candidate))
+        (sign,) = rules.signs([z])
+        if sign:
+            word_alone = "overconfident" if sign > 0 else "underconfident"
+            texts.append(f"{candidate.label} ({word_alone})")
+    return texts
+
+
+def _normalized_squares(results: Results, candidate: Candidate) -> Array:
+    """Return the NEES of the M runs divided by the number of components, or without NEES their ANIS.
+
+    The mean is 1 for a consistent filter. Runs with NaN are left out, so that the result is (M',). It is
+    empty if the filter has neither.
+    """
+    name = _consistency_metric(results, candidate)
+    if not name:
+        return np.empty(0)
+    values = results.runs(candidate.point)[candidate.label, name]
+    components = 1  # ANIS is divided by their number already
+    if name == "nees":
+        components = results.facts(candidate.point).sizes[""]  # the nameless size: the whole state
+    return values[~np.isnan(values)] / components
+
+
+def _first_indefinite_of_squares(results: Results, candidate: Candidate) -> Array | None:
+    """Return the `first_indefinite_steps` (M',) of the runs that `_normalized_squares` has."""
+    first = first_indefinite_steps(results, candidate)
+    if first is None:
+        return None
+    squares = results.runs(candidate.point)[
+        candidate.label, _consistency_metric(results, candidate)
+    ]
+    return first[~np.isnan(squares)]
+
+
+def _consistency_metric(results: Results, candidate: Candidate) -> str:
+    """Name the metric that a filter's consistency is judged by; empty if it has none."""
+    runs = results.runs(candidate.point)
+    for name in ("nees", "anis"):
+        if (candidate.label, name) in runs:
+            return name
+    return ""
+
+
+def _mean_if_consistent(results: Results, candidate: Candidate) -> tuple[float, float]:
+    """Return the least and largest mean of a consistent filter's normalized squares.
+
+    Both are 1, unless a gate leaves out measurements with a large NIS and so lowers the mean.
+    """
+    accepted = results.facts(candidate.point).accepted_nis(candidate.label)
+    if accepted is None or _consistency_metric(results, candidate) == "nees":
+        return 1.0, 1.0
+    return accepted.mean
+
+
+def _z_of_mean(values: Array, mean_if_consistent: tuple[float, float]) -> float:
+    """Return z of the difference of the mean of values (M,) from that of a consistent filter.
+
+    ``mean_if_consistent`` is the least and the largest mean of a consistent filter. z is NaN for fewer
+    than two runs, and if a value is infinite: `_consistency_word` has words for these.
+    """
+    if len(values) < 2 or not np.isfinite(values).all():
+        return nan
+    # Compare with the nearest mean that a consistent filter may have.
+    least, largest = mean_if_consistent
+    measured_mean = mean(values).value
+    nearest_mean = min(max(measured_mean, least), largest)
+    return studentized(measured_mean - nearest_mean, influence("mean", values))
+
+
+def _consistency_word(
+    values: Array,
+    sign: int,
+    mean_if_consistent: tuple[float, float],
+    first_indefinite: Array | None = None,
+) -> str:
+    """Return the word on a filter's consistency by the normalized squares (M,) of its runs.
+
+    ``sign`` is +1 if their mean is significantly above that of a consistent filter, -1 if below, else 0.
+    ``mean_if_consistent`` is the least and the largest mean of a consistent filter. ``first_indefinite``
+    (M,) is the step from which on a run's covariance is not positive definite.
+    """
+    if not len(values):
+        return ""
+    # Such as "collapsed in 3 of 40 runs"; empty unless these runs decide the mean.
+    collapsed = collapsed_in_words(values, first_indefinite)
+    if collapsed:
+        every_run = f"{len(values)} of {len(values)} runs"
+        if collapsed.endswith(f" {every_run}"):
+            return f"{collapsed.removesuffix(f' in {every_run}')} in all"
+        return collapsed.removesuffix(" runs")
+    if isinf(mean(values).value):
+        return "overconfident"
+    low, high = interval("mean", values)
+    word = rules.credibility(low, high, sign, mean_if_consistent)
+    # Without an interval, of too few runs, there is no word.
+    if word or isnan(low):
+        return word
+    return "undecided"

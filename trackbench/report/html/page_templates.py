@@ -1,0 +1,108 @@
+"""Templates of pages: fill one, and write it to a file."""
+
+import base64
+import hashlib
+import re
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from trackbench.atomic_files import write_text
+from trackbench.report.table import one_zero
+from trackbench.statistics.verdict_rules import NOT_MEASURED, TOO_FEW_RUNS, UNDECIDED
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+    from markupsafe import Markup
+
+_TEMPLATES = Path(__file__).parent / "templates"
+_VERDICTS = {
+    "equal": "good",
+    "agrees": "good",
+    "holds": "good",
+    "compatible": "fair",
+    "differs": "bad",
+    "fails": "bad",
+    UNDECIDED: "open",
+    TOO_FEW_RUNS: "open",
+    NOT_MEASURED: "open",
+}
+"""Verdicts and how they look."""
+
+
+def write_page(path: Path, template: str, live: bool = True, **context: Any) -> Path:
+    """Write a page from a template of this name, filled with the values in ``context``.
+
+    A ``live`` page has the script that reads values from figures. The page allows no script but its own,
+    by the digest.
+    """
+    from markupsafe import Markup
+
+    scripts = ["page.js"]
+    if live:
+        scripts.append("curves.js")
+    script = "".join(map(_template_text, scripts))
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    page: dict[str, Any] = {
+        "script": Markup(script),
+        "style": Markup(_template_text("page.css")),
+        "script_digest": f"sha256-{digest}",
+        "verdicts": _VERDICTS,
+    }
+    write_text(path, _environment().get_template(template).render(**page, **context))
+    return path
+
+
+@cache
+def _template_text(name: str) -> str:
+    return (_TEMPLATES / name).read_text(encoding="utf-8")
+
+
+@cache
+def _environment() -> "Environment":
+    """Return the environment of the templates, which escapes every text that is not marked as safe."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    environment = Environment(
+        loader=FileSystemLoader(_TEMPLATES),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["breakable"] = _breakable
+    environment.filters["one_zero"] = one_zero
+    return environment
+
+
+_LONGEST_WORD = 16
+"""Characters of a word that stays on one line."""
+_PIECE = re.compile(
+    r".{1,24}?(?:"  # at most 24 characters
+    r"[_/(\[=,](?=[\w-])"  # up to punctuation
+    r"|\w\.(?=[a-zA-Z])"  # or a point that is none of a number
+    r"|$)"  # or the end
+    r"|.{24}",
+    re.DOTALL,
+)
+"""A part of a longer word."""
+_HYPHENED_NUMBER = re.compile(r"[\d.]+e-\d+")
+
+
+def _breakable(text: str) -> "Markup":
+    """Return the text for HTML, whose long words, such as paths of a config, may break into lines.
+
+    Shorter words stay whole also where a table has little room, and so do numbers, which a browser
+    would break after the hyphen of an exponent.
+    """
+    from markupsafe import Markup, escape
+
+    words = []
+    for word in text.split(" "):
+        if len(word) > _LONGEST_WORD:
+            words.append(Markup("<wbr>").join(_PIECE.findall(word)))
+        elif _HYPHENED_NUMBER.search(word):
+            words.append(Markup('<span class="whole">{}</span>').format(word))
+        else:
+            words.append(escape(word))
+    return Markup(" ").join(words)

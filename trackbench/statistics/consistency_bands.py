@@ -1,0 +1,134 @@
+"""Bands of a consistent filter's averages: ANEES, ANIS, and the autocorrelation of innovations."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from trackbench.core.arrays import Array
+from trackbench.core.sums import total
+
+
+def anees_band(n_x: int, runs: float, level: float = 0.95) -> tuple[float, float]:
+    """Return the band that contains a consistent filter's ANEES with the probability ``level``.
+
+    The ANEES has the law ``chi2(n_x M) / (n_x M)`` with the mean 1, for n_x components and M runs
+    (Bar-Shalom, Li and Kirubarajan 2001, section 5.4). It is valid at one step, where runs are
+    independent.
+    """
+    from scipy.special import gammaincinv
+
+    # The chi-square quantile of n M degrees of freedom is 2 P^-1(n M / 2, p), P incomplete gamma.
+    shares = [0.5 - level / 2.0, 0.5 + level / 2.0]
+    low, high = 2.0 * gammaincinv(n_x * runs / 2.0, shares) / (n_x * runs)
+    return float(low), float(high)
+
+
+@dataclass(frozen=True)
+class AcceptedNis:
+    """Law of the NIS per component of the measurements that a consistent filter's gate accepts.
+
+    A gate at the quantile q of the chi-square law F_n cuts its tail off. The rest has the mean
+    ``n F_{n+2}(q) / F_n(q)`` and the mean square ``n (n + 2) F_{n+4}(q) / F_n(q)`` (Johnson, Kotz &
+    Balakrishnan 1994, chapter 18). Of several sensors any may measure at a step. One gate then has the
+    law of one to all of them. With a gate each, sensors that measure together have innovations that
+    depend on each other, and the mean is between that of the sensors' laws and 1.
+    """
+
+    gate: float
+    """probability of a good measurement within the gate"""
+    sizes: tuple[int, ...]
+    """number of components of each sensor's measurement"""
+    each: bool = False
+    """each sensor has a gate of its own"""
+
+    @property
+    def mean(self) -> tuple[float, float]:
+        """Least and largest mean of a consistent filter: equal for one sensor."""
+        means = [self._moments(n)[0] for n in self._numbers]
+        if self._may_be_whole:
+            return min(means), 1.0
+        return min(means), max(means)
+
+    def band(self, components: float, level: float = 0.95) -> tuple[float, float]:
+        """Return the band of the mean NIS per component over so many components, as `anees_band`."""
+        lows = []
+        highs = []
+        for n in self._numbers:
+            # A chi-square over its degrees of freedom, times a factor, with the mean's two moments.
+            mean, variance = self._moments(n)
+            freedom = 2.0 * mean * mean * components / (n * variance)
+            low, high = anees_band(1, freedom, level)
+            lows.append(mean * low)
+            highs.append(mean * high)
+        if self._may_be_whole:
+            _, high_of_whole = anees_band(1, components, level)
+            highs.append(high_of_whole)
+        return min(lows), max(highs)
+
+    @property
+    def _numbers(self) -> set[int]:
+        """Numbers of components that one gate may judge at a step: each sensor's, and those of all."""
+        if self.each:
+            return set(self.sizes)
+        return {*self.sizes, sum(self.sizes)}
+
+    @property
+    def _may_be_whole(self) -> bool:
+        """True if the mean may be up to 1: several sensors with a gate each may measure together."""
+        return self.each and len(self.sizes) > 1
+
+    def _moments(self, n: int) -> tuple[float, float]:
+        """Return mean and variance of an accepted measurement's NIS over its n components."""
+        from scipy.special import chdtr, chdtri
+
+        # A chi-square of n degrees below its quantile, over n.
+        quantile = chdtri(n, 1.0 - self.gate)
+        mean = chdtr(n + 2, quantile) / self.gate
+        square = (n + 2.0) / n * chdtr(n + 4, quantile) / self.gate
+        return float(mean), float(square - mean * mean)
+
+
+def nis_band(components: float, accepted: AcceptedNis | None) -> tuple[float, float]:
+    """Return the 95 % band of a mean of a consistent filter's normalized squares, NIS or NEES.
+
+    The squares are per component, and ``components`` is the number of components in all of them.
+    ``accepted`` is the distribution of what a filter's gate accepts; None without a gate.
+    """
+    if accepted is None:
+        return anees_band(1, components)
+    return accepted.band(components)
+
+
+def components(numbers: Array) -> float:
+    """Return the number N of components of which one average varies as much as the mean over runs.
+
+    Run i averages n_i components (``numbers``, (M,)): chi2(n_i) / n_i, of variance 2 / n_i. The mean
+    over runs has the variance sum(2 / n_i) / M^2, and so has chi2(N) / N with N = M^2 / sum(1 / n_i)
+    (Satterthwaite 1946, Biometrics Bull. 2, 110). N is M n for equal n_i, and 0 without any component.
+    """
+    positive = numbers[numbers > 0]
+    if not len(positive):
+        return 0.0
+    least = positive.min()  # divided out, so that equal numbers give M n without rounding
+    # N = M^2 / sum(1 / n_i)
+    return float(len(positive) * least * (len(positive) / total(least / positive)))
+
+
+def anis_band(numbers: Array, accepted: AcceptedNis | None = None) -> tuple[float, float]:
+    """Return the 95 % band of the mean ANIS over runs; wide for few measurements.
+
+    ``numbers`` (M,) are those of the measured components of each run. ``accepted`` is the distribution
+    of what a filter's gate accepts; None without a gate.
+    """
+    return nis_band(components(numbers), accepted)
+
+
+def autocorrelation_band(numbers: Array) -> float:
+    """Return the 95 % half-width of the mean autocorrelation over runs; infinite without measurements.
+
+    ``numbers`` (M,) are those of the measured components of each run.
+    """
+    number = components(numbers)
+    if not number:
+        return np.inf
+    return 1.96 / float(np.sqrt(number))
