@@ -7,7 +7,8 @@ import pytest
 
 from tests.conftest import EXPERIMENT_FILES
 from trackbench import api
-from trackbench.execution.plan import cautions, check_memory, make_plan
+from trackbench.execution.memory import check_memory
+from trackbench.execution.plan import cautions, make_plan
 from trackbench.registry import kinds
 
 

@@ -15,9 +15,10 @@ from trackbench.config.experiment import Experiment
 from trackbench.config.load import load
 from trackbench.errors import UserError
 from trackbench.evaluation.run_block import run_whole_block
-from trackbench.execution import plan, queue
+from trackbench.execution import memory, plan, queue
 from trackbench.execution.cache import BlockStore
-from trackbench.execution.plan import block_width, check_memory, make_plan
+from trackbench.execution.memory import check_memory
+from trackbench.execution.plan import block_width, make_plan
 from trackbench.execution.queue import Queue
 from trackbench.registry import kinds
 from trackbench.results.read_csv import read_columns
@@ -52,7 +53,7 @@ def test_nothing_is_refused_that_a_block_does_not_need(
     experiment = experiment_of(tmp_path, filters)
     ((task, *_),) = make_plan(experiment).tasks.values()
     run_whole_block(replace(task, index=1))  # what only the first block takes
-    monkeypatch.setattr(plan, "memory", lambda: peak(run_whole_block, task))
+    monkeypatch.setattr(memory, "memory", lambda: peak(run_whole_block, task))
     check_memory(experiment)
 
 
@@ -68,7 +69,7 @@ def test_nothing_is_refused_that_a_block_does_not_need(
 def test_what_no_machine_has_is_refused(
     filters: str, runs: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(plan, "memory", lambda: 10**10)
+    monkeypatch.setattr(memory, "memory", lambda: 10**10)
     with pytest.raises(UserError, match=r"needs at least .* GB of memory and this machine has 10"):
         check_memory(experiment_of(tmp_path, filters, runs))
 
@@ -77,7 +78,7 @@ def test_saved_tracks_of_all_filters_are_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     experiment = experiment_of(tmp_path, "A: {kind: ukf}, B: {kind: ukf}", 10_000_000)
-    monkeypatch.setattr(plan, "memory", lambda: 1_100_000_000)
+    monkeypatch.setattr(memory, "memory", lambda: 1_100_000_000)
     check_memory(experiment)
     with pytest.raises(UserError, match="needs at least"):
         check_memory(experiment, save_tracks=True)
@@ -244,7 +245,7 @@ def test_the_limit_of_a_container_counts(
     for name, text in files.items():
         (tmp_path / "fs" / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / "fs" / name).write_text(text)
-    assert [*plan.container_limits(tmp_path / "cgroup", tmp_path / "fs")] == limits
+    assert [*memory.container_limits(tmp_path / "cgroup", tmp_path / "fs")] == limits
 
 
 @pytest.mark.parametrize(("peak_of_one", "fitting"), [(2, 4), (3, 3), (4, 2), (7, 1), (12, 1)])

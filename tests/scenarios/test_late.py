@@ -28,7 +28,7 @@ from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.evaluation.run_block import run_block, run_stack
 from trackbench.evaluation.run_filter import FilterOutput, prior_of, run_filter
 from trackbench.evaluation.timing import Measured, measure
-from trackbench.execution.plan import _kept_states
+from trackbench.execution.memory import _kept_states
 from trackbench.filters.base import AnyFilter
 from trackbench.filters.external import External
 from trackbench.filters.kf import KF

@@ -66,7 +66,8 @@ def _check_config(config: Path, options: "Options", json: bool, picture: Path | 
     from trackbench.commands.read_experiment import prepare
     from trackbench.config.training import training_cautions
     from trackbench.errors import counted
-    from trackbench.execution.plan import cautions, check_memory
+    from trackbench.execution.memory import check_memory
+    from trackbench.execution.plan import cautions
 
     experiment = prepare(config, options)
     check_memory(experiment)

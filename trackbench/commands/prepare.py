@@ -14,7 +14,8 @@ from trackbench.errors import Mark, Problem, UserError, few_names
 from trackbench.evaluation.precision_check import checkpoints
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.engines import engine
-from trackbench.execution.plan import Plan, announced, check_memory, make_plan
+from trackbench.execution.memory import check_memory
+from trackbench.execution.plan import Plan, announced, make_plan
 from trackbench.execution.stop_when_precise import first_batch
 from trackbench.models.description import sensor_places
 from trackbench.report.sweep_files import as_sweep

@@ -1,19 +1,15 @@
 """Plan of an experiment: blocks of runs, each an independent task."""
 
-import os
-import sys
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property
 from math import ceil
-from pathlib import Path
 from typing import TypeAlias
 
 from trackbench.config.experiment import Experiment, Point
 from trackbench.config.requested_metrics import requested_contributions, requested_predictions
 from trackbench.config.settings import Settings
-from trackbench.errors import Problem, UserError, counted
+from trackbench.errors import counted
 from trackbench.evaluation.block import MOST_STACKED, BlockTask
 from trackbench.extension_points import foreign_parts
 from trackbench.filters.base import AnyFilter
@@ -25,7 +21,6 @@ _RUN_STEPS_AT_A_TIME = 200_000  # a long track's series, some thirty of them, st
 _BOOSTED_AT_A_TIME = 330_000  # in the few steps of a boost: below 200 MB
 _STACKED = 400_000  # run-steps that are filtered together: their series are made block by block
 _WIDEST = 500
-_PER_RUN = 10  # numbers of a run beside its series, at least
 _ONE_BY_ONE = 10  # few enough for two workers to share 50 runs, and to compute none in vain
 
 Key: TypeAlias = tuple[int, str]
@@ -91,14 +86,14 @@ def make_plan(experiment: Experiment, save_tracks: bool = False, stops: Sequence
     experiment may stop, so that results of that many runs are needed.
     """
     settings = experiment.settings
-    kept_series = _kept_series(experiment)
+    kept_series = stored_series(experiment)
     predictions = requested_predictions(experiment)
     tasks: dict[Key, list[BlockTask]] = {}
     for i, point in enumerate(experiment.points):
         reference = point.filters.get(settings.reference) if settings.reference else None
         for label, tracker in point.filters.items():
             # Consecutive blocks of this width; the last one may be trimmed.
-            width = _block_width_of(settings, tracker, point.scenario)
+            width = block_width_of(settings, tracker, point.scenario)
             first = BlockTask(
                 scenario=point.scenario,
                 filter=tracker,
@@ -109,7 +104,7 @@ def make_plan(experiment: Experiment, save_tracks: bool = False, stops: Sequence
                 runs_used=width,
                 reference=None if label == settings.reference else reference,
                 reference_assume=point.assumed.get(settings.reference or ""),
-                runs_with_tracks=_runs_with_tracks(experiment, save_tracks),
+                runs_with_tracks=runs_with_tracks(experiment, save_tracks),
                 keep_covariance=experiment.shown_covariances or save_tracks,
                 keep_steps=kept_series,
                 predictive_metrics=predictions,
@@ -129,20 +124,20 @@ def make_plan(experiment: Experiment, save_tracks: bool = False, stops: Sequence
     return Plan(tasks, experiment.plugins, settings.name)
 
 
-def _runs_with_tracks(experiment: Experiment, save_tracks: bool) -> int:
+def runs_with_tracks(experiment: Experiment, save_tracks: bool) -> int:
     """Return the number of first runs whose whole tracks are stored."""
     if save_tracks:
         return experiment.settings.runs
     return min(experiment.shown_runs, experiment.settings.runs)
 
 
-def _kept_series(experiment: Experiment) -> tuple[str, ...]:
+def stored_series(experiment: Experiment) -> tuple[str, ...]:
     """Return the series stored per run and step, for medians and shares of time averages."""
     names = [*experiment.settings.medians, *requested_contributions(experiment).series]
     return tuple(dict.fromkeys(names))
 
 
-def _block_width_of(settings: Settings, tracker: AnyFilter, scenario: Scenario) -> int:
+def block_width_of(settings: Settings, tracker: AnyFilter, scenario: Scenario) -> int:
     """Return the number of runs per block, as the key `block` requests it."""
     if isinstance(settings.block, int):
         return settings.block
@@ -188,100 +183,6 @@ def _run_limit(tracker: AnyFilter) -> int:
     usual = _PARTICLES_AT_A_TIME // tracker.particle_count
     boosted = _BOOSTED_AT_A_TIME // tracker.max_particle_count
     return min(usual, boosted)
-
-
-if sys.platform == "win32":
-    import ctypes
-
-    def memory() -> int:
-        """Return bytes of memory that the machine has."""
-        kilobytes = ctypes.c_ulonglong(0)
-        ctypes.windll.kernel32.GetPhysicallyInstalledSystemMemory(ctypes.byref(kilobytes))
-        return kilobytes.value * 1024 or sys.maxsize
-
-else:
-
-    @cache
-    def memory() -> int:
-        """Return the bytes of memory that the machine has, or the container if it may use less."""
-        of_machine = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-        limits = container_limits(Path("/proc/self/cgroup"), Path("/sys/fs/cgroup"))
-        return min([of_machine, *limits])
-
-
-def container_limits(groups: Path, root: Path) -> Iterator[int]:
-    """Yield the limits of memory, in bytes, of this process's control groups and of those around them.
-
-    ``groups`` lists them as ``0::/docker/1a`` (version 2) or ``4:memory:/docker/1a`` (version 1), and
-    ``root`` has their files. A container often has the file of its own group at the root.
-    """
-    try:
-        lines = groups.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError):
-        return
-    for line in lines:
-        _, _, rest = line.partition(":")
-        controllers, _, path = rest.partition(":")
-        if controllers == "":
-            home = root
-            name = "memory.max"
-        elif "memory" in controllers.split(","):
-            home = root / "memory"
-            name = "memory.limit_in_bytes"
-        else:
-            continue
-        group = home / path.lstrip("/")
-        for folder in (group, *group.parents):
-            if not folder.is_relative_to(home):
-                break
-            with suppress(OSError, ValueError):  # no file, or `max`: no limit
-                yield int((folder / name).read_text())
-
-
-def check_memory(experiment: Experiment, save_tracks: bool = False) -> None:
-    """Raise UserError if a block of a filter and the stored numbers exceed the machine's memory.
-
-    This is a lower bound: the particles with their weights before and after a step, and the estimates
-    of a block. The queue measures how much a block really takes.
-    """
-    settings = experiment.settings
-    series = len(_kept_series(experiment))
-    shown = _runs_with_tracks(experiment, save_tracks)
-    for point in experiment.points:
-        n_x = len(point.scenario.components)
-        steps = len(point.scenario.steps)
-        # Numbers that are stored of all runs, and of the tracks that are shown.
-        per_step = n_x * n_x if save_tracks else n_x
-        of_runs = settings.runs * (_PER_RUN + series * steps)
-        of_tracks = shown * per_step * steps * len(point.filters)
-        for label, tracker in point.filters.items():
-            # Numbers of one run while its block is filtered.
-            particles = tracker.max_particle_count * _kept_states(tracker, point, label)
-            of_run = 2 * (n_x + 1) * particles + n_x * steps
-            width = _block_width_of(settings, tracker, point.scenario)
-            needed = 8 * (width * of_run + of_runs + of_tracks)  # bytes, 8 of each number
-            if needed > memory():
-                message = (
-                    f"needs at least {needed / 1e9:.1f} GB of memory and this machine has "
-                    f"{memory() / 1e9:.1f} GB: use fewer particles or runs, or a smaller block"
-                )
-                mark = experiment.source.mark(("filters", label, "N"))
-                raise UserError(Problem(mark, f"filters.{label}", message))
-
-
-def _kept_states(tracker: AnyFilter, point: Point, label: str) -> int:
-    """Return how many states of a run are in memory at once.
-
-    A smoother has those of all steps. A filter that repeats steps for late measurements has the states
-    that it may go back to.
-    """
-    steps = len(point.scenario.steps)
-    if tracker.smooths:
-        return steps
-    late = point.assumed_scenario(label).late
-    if late is None or late.kind != "refilter":
-        return 1
-    return min(steps, 1 + point.scenario.longest_delay, 1 + (late.memory or steps))
 
 
 def announced(experiment: Experiment, plan: Plan, workers: int, kept: int = 0) -> str:

@@ -27,7 +27,8 @@ from trackbench.execution.engines import (
     SerialExecutor,
     WorkerDeathError,
 )
-from trackbench.execution.plan import memory, stack_limit
+from trackbench.execution.memory import memory
+from trackbench.execution.plan import stack_limit
 from trackbench.execution.worker import Computed, Work, compute_batch, environment_digests
 from trackbench.extension_points import field_values
 from trackbench.filters.base import JoinableFilter

@@ -1,0 +1,109 @@
+"""Memory of this machine or its container, and whether the blocks of an experiment fit into it."""
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+
+from trackbench.config.experiment import Experiment, Point
+from trackbench.errors import Problem, UserError
+from trackbench.execution.plan import block_width_of, runs_with_tracks, stored_series
+from trackbench.filters.base import AnyFilter
+
+_PER_RUN = 10  # numbers of a run beside its series, at least
+
+
+if sys.platform == "win32":
+    import ctypes
+
+    def memory() -> int:
+        """Return bytes of memory that the machine has."""
+        kilobytes = ctypes.c_ulonglong(0)
+        ctypes.windll.kernel32.GetPhysicallyInstalledSystemMemory(ctypes.byref(kilobytes))
+        return kilobytes.value * 1024 or sys.maxsize
+
+else:
+
+    @cache
+    def memory() -> int:
+        """Return the bytes of memory that the machine has, or the container if it may use less."""
+        of_machine = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+        limits = container_limits(Path("/proc/self/cgroup"), Path("/sys/fs/cgroup"))
+        return min([of_machine, *limits])
+
+
+def container_limits(groups: Path, root: Path) -> Iterator[int]:
+    """Yield the limits of memory, in bytes, of this process's control groups and of those around them.
+
+    ``groups`` lists them as ``0::/docker/1a`` (version 2) or ``4:memory:/docker/1a`` (version 1), and
+    ``root`` has their files. A container often has the file of its own group at the root.
+    """
+    try:
+        lines = groups.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError):
+        return
+    for line in lines:
+        _, _, rest = line.partition(":")
+        controllers, _, path = rest.partition(":")
+        if controllers == "":
+            home = root
+            name = "memory.max"
+        elif "memory" in controllers.split(","):
+            home = root / "memory"
+            name = "memory.limit_in_bytes"
+        else:
+            continue
+        group = home / path.lstrip("/")
+        for folder in (group, *group.parents):
+            if not folder.is_relative_to(home):
+                break
+            with suppress(OSError, ValueError):  # no file, or `max`: no limit
+                yield int((folder / name).read_text())
+
+
+def check_memory(experiment: Experiment, save_tracks: bool = False) -> None:
+    """Raise UserError if a block of a filter and the stored numbers exceed the machine's memory.
+
+    This is a lower bound: the particles with their weights before and after a step, and the estimates
+    of a block. The queue measures how much a block really takes.
+    """
+    settings = experiment.settings
+    series = len(stored_series(experiment))
+    shown = runs_with_tracks(experiment, save_tracks)
+    for point in experiment.points:
+        n_x = len(point.scenario.components)
+        steps = len(point.scenario.steps)
+        # Numbers that are stored of all runs, and of the tracks that are shown.
+        per_step = n_x * n_x if save_tracks else n_x
+        of_runs = settings.runs * (_PER_RUN + series * steps)
+        of_tracks = shown * per_step * steps * len(point.filters)
+        for label, tracker in point.filters.items():
+            # Numbers of one run while its block is filtered.
+            particles = tracker.max_particle_count * _kept_states(tracker, point, label)
+            of_run = 2 * (n_x + 1) * particles + n_x * steps
+            width = block_width_of(settings, tracker, point.scenario)
+            needed = 8 * (width * of_run + of_runs + of_tracks)  # bytes, 8 of each number
+            if needed > memory():
+                message = (
+                    f"needs at least {needed / 1e9:.1f} GB of memory and this machine has "
+                    f"{memory() / 1e9:.1f} GB: use fewer particles or runs, or a smaller block"
+                )
+                mark = experiment.source.mark(("filters", label, "N"))
+                raise UserError(Problem(mark, f"filters.{label}", message))
+
+
+def _kept_states(tracker: AnyFilter, point: Point, label: str) -> int:
+    """Return how many states of a run are in memory at once.
+
+    A smoother has those of all steps. A filter that repeats steps for late measurements has the states
+    that it may go back to.
+    """
+    steps = len(point.scenario.steps)
+    if tracker.smooths:
+        return steps
+    late = point.assumed_scenario(label).late
+    if late is None or late.kind != "refilter":
+        return 1
+    return min(steps, 1 + point.scenario.longest_delay, 1 + (late.memory or steps))
