@@ -448,6 +448,43 @@ def test_velocities_that_are_left_out_are_named(tmp_path: Path) -> None:
     assert "velocities are left out: they disagree with the positions\n" in made.stdout
 
 
+@pytest.mark.parametrize("names", ["min,sec", "minutes,seconds", "hour,min,sec", "sec,hundredths"])
+def test_a_time_in_several_columns_is_a_question(tmp_path: Path, names: str) -> None:
+    """The minutes were taken for the names of runs, and the seconds for the time."""
+    times = CAR.t * (0.1 if "hundredths" in names else 2.0)
+    parts = {
+        "hour": times // 3600 + 10,
+        **dict.fromkeys(("min", "minutes"), times // 60 % 60),
+        **dict.fromkeys(("sec", "seconds"), times // 1 % 60),
+        "hundredths": 100.0 * times % 100,
+    }
+    columns = [whole(parts[name]) for name in names.split(",")]
+    text = table(f"{names},x,y", *columns, *xy(CAR))
+    with pytest.raises(UserError, match="the time seems to be split over the columns"):
+        guessed(tmp_path, text)
+    seconds = "seconds" if "seconds" in names else "sec"
+    with pytest.raises(UserError, match=f"--set 'columns.time={seconds}'"):
+        guessed(tmp_path, text)
+
+
+def test_parts_of_a_time_that_stay_the_same_are_no_question(tmp_path: Path) -> None:
+    same = ["10"] * CAR.rows
+    scenario, _ = guessed(tmp_path, table("hour,min,sec,x,y", same, same, whole(CAR.t), *xy(CAR)))
+    check_path(scenario, CAR)
+
+
+def test_a_satellite_in_km_and_km_per_second(tmp_path: Path) -> None:
+    path = Path2(rows=60, usual_speed=7500.0)
+    places = (decimal(part / 1000.0, 3) for part in path.place)
+    speeds = (decimal(part / 1000.0, 4) for part in path.velocity)
+    text = table("time,x_km,y_km,vx_km_s,vy_km_s", whole(path.t), *places, *speeds)
+    scenario, written = guessed(tmp_path, text)
+    assert written["target"]["units"]["vx"] == "km/s"
+    check_path(scenario, path)
+    measured = scenario.target._recording.measurements[2:, :, 0]
+    np.testing.assert_allclose(measured, path.velocity[:, 1:], atol=0.1)
+
+
 def test_a_question_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "m.csv").write_text(radar_table(NEAR, from_x))
     made = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)

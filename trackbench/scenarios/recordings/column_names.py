@@ -289,7 +289,7 @@ def words_of(name: str) -> list[str]:
     name = re.sub(r"([a-z])([A-Z])", r"\1 \2", name.replace("°", " deg")).lower()
     name = spell_units(name)
     # Units that are one word in spite of the slash; the last four are of whole numbers, such as AIS has.
-    units = r"rad/s|deg/s|km/h|cm/s|mm/s|um/s|m/s|ft/s|deg/600000|deg/100|deg/10|kn/10"
+    units = r"rad/s|deg/s|km/h|km/s|cm/s|mm/s|um/s|m/s|ft/s|deg/600000|deg/100|deg/10|kn/10"
     return re.findall(rf"[0-9.e/+-]+\*[a-z0-9/]+|{units}|[a-z0-9]+", name)
 
 

@@ -35,7 +35,7 @@ from trackbench.scenarios.recordings.guess_record import (
 )
 from trackbench.scenarios.recordings.guess_robot import guess_odometry
 from trackbench.scenarios.recordings.guess_sensors import check_unused, guess_sensors
-from trackbench.scenarios.recordings.guess_time import DateForm, date_form
+from trackbench.scenarios.recordings.guess_time import DateForm, check_split_time, date_form
 from trackbench.scenarios.recordings.guess_units import UnitChoice, check_named_units
 from trackbench.scenarios.recordings.interleaved_rows import (
     MixedRowsError,
@@ -131,6 +131,7 @@ def _recognized_columns(
         find_dates(sample, columns, why)
     if "time" not in columns and "step" not in columns:
         raise DataError(Place(path, 1, 1, explain_no_time(names)))
+    check_split_time(sample, columns, user_naming.columns)
     # Step 2: find the sensors, and the form of dates.
     sensors = [SensorGuess(name="", kind="odometry", quantities=ODOMETRY)]
     if content == "measurements":

@@ -1,7 +1,7 @@
 """Guess of how a table writes its dates and times of day, and questions on its clock."""
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import partial
 from itertools import pairwise
@@ -11,13 +11,24 @@ import numpy as np
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
+from trackbench.scenarios.recordings.column_names import words_of
 from trackbench.scenarios.recordings.csv_tables import number, parse_cells
 from trackbench.scenarios.recordings.dates import KNOWN_FORMS, STAMP_FORMS, instant, is_instant
 from trackbench.scenarios.recordings.rows import Gathered, Rows, usual_interval
+from trackbench.scenarios.recordings.table_sample import Sample
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 _NAMED_CLOCKS = {"hhmm": "%H%M", "hhmmss": "%H%M%S", "mmss": "%M%S"}
 """Words in the name of a column that say how its numbers are times."""
+_PARTS_OF_TIMES = frozenset(
+    (
+        *("year", "years", "yr", "yyyy", "month", "months", "mon", "day", "days", "dd"),
+        *("hour", "hours", "hr", "hrs", "hh", "h", "minute", "minutes", "min", "mins", "mm", "mi"),
+        *("second", "seconds", "sec", "secs", "ss", "s", "hundredths", "centiseconds", "centisec"),
+        *("cs", "tenths", "millis", "milliseconds", "msec", "ms"),
+    )
+)
+"""Names of columns that may each have a part of a time."""
 _DOTTED_CLOCK = re.compile(r"\d{1,2}[.,][0-5]\d")
 _CLOCK = re.compile(r"([01]?\d|2[0-3])[0-5]\d([0-5]\d)(?:\.\d*)?")
 _STAMP = re.compile(r"\d{12}|\d{14}(\.\d+|\d{1,6})?")
@@ -127,6 +138,35 @@ def date_form(
     if first.endswith(":%f"):
         _check_frames(path, cells, first, line)
     return DateForm(form=first, is_date=True, why=f"guess: {_explain_form(first)}", other=other)
+
+
+def check_split_time(
+    sample: Sample, columns: Mapping[str, str], user_columns: Collection[str]
+) -> None:
+    """Raise DataError if the time is split over several columns, such as hour, min and sec.
+
+    ``columns`` are those of the quantities; the time is not checked if it is among ``user_columns``.
+    """
+    if "time" not in columns or "time" in user_columns:
+        return
+    time = columns["time"]
+    if "".join(words_of(time)) not in _PARTS_OF_TIMES:
+        return
+    others = []
+    for name in sample.names:
+        is_part = name != time and "".join(words_of(name)) in _PARTS_OF_TIMES
+        if not is_part or name in columns.values():
+            continue
+        values = sample.numbers(name)
+        values = values[np.isfinite(values)]
+        # A part that stays the same leaves the intervals as they are.
+        if len(np.unique(values)) > 1 and (values == np.round(values)).all():
+            others.append(name)
+    if others:
+        message = f"the time seems to be split over the columns {', '.join([*others, time])}:"
+        way = "write it into one column, as seconds or as hh:mm:ss, with the date if it changes"
+        option = f"if {time} alone is the time, say --set 'columns.time={in_option(time)}'"
+        raise DataError(Place(sample.path, 1, 1, f"{message} {way}; {option}"))
 
 
 def _check_zeros(path: str, cells: Sequence[str], line: int) -> None:

@@ -34,7 +34,7 @@ _SMALLEST_WHOLE = 1e4
 LENGTH_UNITS = {"m": 0.0, "km": 1.0, "mm": 1.0, "cm": 1.0, "ft": 1.0, "mi": 1.0, "nmi": 1.0}
 SPEED_UNITS = {
     **{"m/s": 0.0, "kn": 0.0, "km/h": 0.25, "mph": 0.25, "ft/s": 0.5, "cm/s": 0.5, "mm/s": 1.0},
-    "kn/10": 0.5,
+    **{"kn/10": 0.5, "km/s": 2.0},
 }
 """Points against a unit. Lengths that are not m count only beside a speed that agrees."""
 _USUAL_SPEEDS = ((0.05, 400.0, 0.0), (0.01, 3000.0, 1.0), (1e-3, 11200.0, 2.0))
@@ -542,7 +542,7 @@ def _speeds(
         # A knot is likelier beside latitudes.
         is_ais = not numbers.words.isdisjoint(_AIS)
         is_at_sea = (as_angle and unit == "kn") or (is_ais and unit.startswith("kn"))
-        unit_points = 0.0 if is_at_sea else points
+        unit_points = 0.0 if is_at_sea or unit == known else points
         agreeing.append((unit, unit_points + 0.5 * away / NEAR, True))
     yield from agreeing
     disagreement = _DISAGREES if np.isfinite(ratio) else 0.0

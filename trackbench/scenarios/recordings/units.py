@@ -27,6 +27,7 @@ DIMENSIONS = {
         "cm/s": 1e-2,
         "mm/s": 1e-3,
         "um/s": 1e-6,
+        "km/s": 1e3,
         "kn/10": 1852.0 / 36000.0,
     },
     "angle": {
@@ -79,7 +80,14 @@ UNIT_WORDS = {
     **{"umps": "um/s"},
     **{"degree": "deg", "degrees": "deg", "grad": "deg", "radians": "rad", "radian": "rad"},
     **{"knots": "kn", "knot": "kn", "kt": "kn", "kts": "kn", "kmh": "km/h", "kph": "km/h"},
-    **{"kmph": "km/h", "fps": "ft/s", "cmps": "cm/s", "mmps": "mm/s", "dps": "deg/s"},
+    **{
+        "kmps": "km/s",
+        "kmph": "km/h",
+        "fps": "ft/s",
+        "cmps": "cm/s",
+        "mmps": "mm/s",
+        "dps": "deg/s",
+    },
     **{"degps": "deg/s", "radps": "rad/s"},
     **{"mps": "m/s", "e7": "degE7", "dege7": "degE7", "1e7": "degE7"},
     **{"semicircles": "semicircle", "e6": "degE6", "dege6": "degE6", "1e6": "degE6"},
