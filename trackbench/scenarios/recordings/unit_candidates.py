@@ -43,6 +43,8 @@ _STANDSTILL = 0.5
 """m/s that something may seem to have whose measured speed is 0"""
 _TODAY = (1.0e9, 2.1e9)
 """seconds since 1970 of the years 2001 to 2036"""
+_OTHER_EPOCHS = (6e7, 6.5e8)
+"""seconds that may be those since 2000, 2006 (BeiDou), 2010 and the like, or the ms of hours and days"""
 
 
 class TimeUnit(NamedTuple):
@@ -254,17 +256,26 @@ def _times(
     largest = float(np.abs(finite).max(initial=0.0))
     is_whole = not (finite % 1.0).any()
     whole_seconds = _whole_seconds_of_days(finite)
+    is_today = any(
+        _TODAY[0] <= largest * UNITS[unit] <= _TODAY[1] for unit in ("s", "ms", "us", "ns")
+    )
+    intervals = np.diff(np.unique(finite))
+    in_minutes = bool(len(intervals)) and not (intervals % 60.0).any()
     points_by_unit: dict[str, float] = {}
     for row in TIME_UNITS:
         points = row.points
         is_date = any(least <= largest <= most for least, most in row.dates)
         if not is_date and largest > row.largest:
-            points += 3.0
+            since_other_epoch = row.unit == "s" and largest >= _OTHER_EPOCHS[0]
+            points += 0.5 if since_other_epoch and largest <= _OTHER_EPOCHS[1] else 3.0
         if row.is_whole and not is_whole:
             points += 1.0
-        # Seconds since 1970 are likelier than a clock that has run so long in another unit.
-        if row.unit != "s" and not is_date and _TODAY[0] <= largest <= _TODAY[1]:
-            points += 1.0
+        # Times since 1970 are likelier than a clock that has run so long in another unit.
+        if not is_date and is_today:
+            points += 1.5
+        # Whole minutes, such as 0, 60 and 120, are rather those of seconds.
+        if row.unit == "ms" and is_whole and in_minutes:
+            points += 0.5
         # Dates in days have fractions of days that are whole seconds; whole days are rare.
         if row.unit == "d" and is_date:
             if whole_seconds:
