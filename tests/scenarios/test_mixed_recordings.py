@@ -192,3 +192,20 @@ def test_hemispheres_are_read(tmp_path: Path) -> None:
     # The path leads south and east: 1.11 m and 0.925 m a second.
     x, y = target._recording.measurements[:2, -1, 0]
     np.testing.assert_allclose([x, y], [119 * 0.925, -119 * 1.109], rtol=2e-3)
+
+
+def test_a_position_and_a_radar_in_turn(tmp_path: Path) -> None:
+    """The form that the page on recordings shows: empty cells are those of the other sensor."""
+    t = np.arange(60)
+    x = 1000.0 + 8.0 * t
+    y = 500.0 + 3.0 * t
+    rows = ["time,sensor,x,y,range,azimuth"]
+    for i in t:
+        if i % 2:
+            polar = f"{np.hypot(x[i] + 900.0, y[i]):.2f},{np.arctan2(y[i], x[i] + 900.0):.5f}"
+            rows.append(f"{i},radar,,,{polar}")
+        else:
+            rows.append(f"{i},gps,{x[i] + 2.0 * np.sin(i):.2f},{y[i] + 2.0 * np.cos(i):.2f},,")
+    (tmp_path / "m.csv").write_text("\n".join(rows) + "\n")
+    sensors = recognized(str(tmp_path / "m.csv")).sensors
+    assert [sensor.kind for sensor in sensors] == ["position", "range-azimuth"]

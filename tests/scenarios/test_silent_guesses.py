@@ -491,3 +491,31 @@ def test_a_question_is_an_error(tmp_path: Path) -> None:
     assert made.returncode == 2
     assert made.stderr.startswith("m.csv:1:1: az_deg: do these angles count")
     assert not (tmp_path / "m.yaml").exists()
+
+
+SLOW = Path2(rows=60, usual_speed=0.03, every=60.0)
+
+
+@pytest.mark.parametrize(
+    ("first", "per_second", "unit"),
+    [(0, 1, "s"), (1714730400, 1000, "ms"), (1714730400, 10**6, "us")],
+)
+def test_minutes_of_something_slow_are_no_thousandths(
+    tmp_path: Path, first: int, per_second: int, unit: str
+) -> None:
+    """A buoy of 3 cm/s, whose times would be those of something that goes 30 m/s."""
+    times = [str((first + 60 * k) * per_second) for k in range(SLOW.rows)]
+    text = table("time,lat,lon", times, *lonlat(SLOW)[::-1])
+    with pytest.raises(UserError, match=f"units.time={unit}'"):
+        guessed(tmp_path, text)
+    check_path(guessed(tmp_path, text, f"units.time={unit}")[0], SLOW)
+
+
+def test_seconds_since_2006_may_be_milliseconds(tmp_path: Path) -> None:
+    """A cow of .4 m/s in seconds of BeiDou, or something of 400 m/s after a week of milliseconds."""
+    cow = Path2(rows=60, usual_speed=0.4, every=60.0)
+    times = [str(578923200 + 60 * k) for k in range(cow.rows)]
+    text = table("time,lat,lon", times, *lonlat(cow)[::-1])
+    with pytest.raises(UserError, match="units.time=s'"):
+        guessed(tmp_path, text)
+    check_path(guessed(tmp_path, text, "units.time=s")[0], cow)

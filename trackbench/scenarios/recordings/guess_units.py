@@ -196,8 +196,10 @@ class UnitChoice:
         is_position = sensor.quantities == PLACE
         if is_position and "azimuth" in columns and "speed" not in columns:
             angles = self._values("azimuth")[self._chosen_rows]
-            angles = angles * UNITS[self._unit_of_angles("azimuth", angles)]
-            check_bearings(self._sample, columns, self._user_columns, numbers, chosen, angles)
+            # The rows of this sensor may have no azimuth, which is then another sensor's.
+            if np.isfinite(angles).any():
+                angles = angles * UNITS[self._unit_of_angles("azimuth", angles)]
+                check_bearings(self._sample, columns, self._user_columns, numbers, chosen, angles)
         if has_velocity and not (chosen.agrees and chosen.same_way):
             check_velocity(self._sample, columns, numbers, known_units)
         if is_position and numbers.course is not None and numbers.speed is None:
