@@ -56,6 +56,7 @@ NO_PART_OF_BLOCKS = {
     "evaluation/uniformity_tests.py": _AFTER_BLOCKS,
     "core/build_compiled.py": "builds what `core/compiled.py` loads; a worker never imports it",
     "plugins/errors.py": _ERRORS,
+    "plugins/interrupts.py": _ERRORS,
     "errors.py": _ERRORS,
     "atomic_files.py": "writes finished blocks",
     "execution/block_file.py": "writes finished blocks",
