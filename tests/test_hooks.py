@@ -15,7 +15,7 @@ from trackbench.config.build import help_texts
 from trackbench.contract import check_file
 from trackbench.core.distributions import Gaussian
 from trackbench.errors import UserError
-from trackbench.execution.cache import _foreign_code
+from trackbench.execution.code_digests import foreign_code
 from trackbench.extension_points import InvalidHookError, hooks, mistakes, rebase
 from trackbench.filters.base import Filter
 from trackbench.filters.kf import KF
@@ -101,7 +101,7 @@ def test_a_class_without_the_base_is_put_on_it() -> None:
     assert (Plain.__name__, Plain.__doc__) == ("Plain", "As it stands in a file of one's own.")
     assert pickle.loads(pickle.dumps(one)) == one != Plain(N=8)
     assert hash(one) == hash(Plain(N=7))
-    assert set(_foreign_code(Plain)) != set() == set(_foreign_code(KF))
+    assert set(foreign_code(Plain)) != set() == set(foreign_code(KF))
 
 
 def test_a_key_without_a_default_may_be_named_like_a_hook() -> None:

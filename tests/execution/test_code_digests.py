@@ -170,9 +170,9 @@ def test_a_foreign_package_is_digested_whole(
     monkeypatch.syspath_prepend(tmp_path)
     import theirs  # type: ignore[import-not-found]
 
-    first = cache._package_digest.__wrapped__("theirs")
+    first = code_digests.package_digest.__wrapped__("theirs")
     (tmp_path / "theirs" / "evaluation" / "merge.py").write_text("x = 1\n")
-    assert cache._package_digest.__wrapped__("theirs") != first
+    assert code_digests.package_digest.__wrapped__("theirs") != first
     assert theirs is sys.modules.pop("theirs")
 
 

@@ -506,7 +506,7 @@ def test_minutes_of_something_slow_are_no_thousandths(
     """A buoy of 3 cm/s, whose times would be those of something that goes 30 m/s."""
     times = [str((first + 60 * k) * per_second) for k in range(SLOW.rows)]
     text = table("time,lat,lon", times, *lonlat(SLOW)[::-1])
-    with pytest.raises(UserError, match=f"units.time={unit}'"):
+    with pytest.raises(UserError, match=rf"units\.time={unit}'"):
         guessed(tmp_path, text)
     check_path(guessed(tmp_path, text, f"units.time={unit}")[0], SLOW)
 
@@ -516,6 +516,6 @@ def test_seconds_since_2006_may_be_milliseconds(tmp_path: Path) -> None:
     cow = Path2(rows=60, usual_speed=0.4, every=60.0)
     times = [str(578923200 + 60 * k) for k in range(cow.rows)]
     text = table("time,lat,lon", times, *lonlat(cow)[::-1])
-    with pytest.raises(UserError, match="units.time=s'"):
+    with pytest.raises(UserError, match=r"units\.time=s'"):
         guessed(tmp_path, text)
     check_path(guessed(tmp_path, text, "units.time=s")[0], cow)

@@ -138,7 +138,7 @@ def suite(
 def execute_suite(file: Path, problems: list[str], given: dict[str, Any]) -> None:
     """Run what `suite` requests, print the outcome, and exit."""
     from trackbench.commands.run_suite import preview_suite, run_suite
-    from trackbench.plugins.errors import interrupt
+    from trackbench.plugins.interrupts import interrupt
 
     options = api_options(given)
     if given["dry_run"]:
@@ -205,7 +205,7 @@ def execute(
     ``given`` are the command's options by name; ``watched``: run again after each change of a file.
     """
     from trackbench import api
-    from trackbench.plugins.errors import interrupt
+    from trackbench.plugins.interrupts import interrupt
 
     options = api_options(given)
     json = given["json"]

@@ -20,7 +20,7 @@ from trackbench.execution.cache import block_key, times_folder
 from trackbench.execution.plan import Key
 from trackbench.execution.runner import Outcome
 from trackbench.field_types import require_regular_file
-from trackbench.plugins.errors import guarded
+from trackbench.plugins.interrupts import guarded
 from trackbench.progress_bar import progress_bar
 
 

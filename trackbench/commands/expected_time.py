@@ -20,7 +20,7 @@ from trackbench.evaluation.block import BlockTask
 from trackbench.evaluation.time_by_trial import estimate_cpu_s
 from trackbench.execution.cache import BlockStore, cache_folder
 from trackbench.execution.plan import Key, Plan
-from trackbench.plugins.errors import guarded
+from trackbench.plugins.interrupts import guarded
 from trackbench.report.findings.phrases import joined
 from trackbench.results.folder_contents import TIMING
 from trackbench.results.manifest import read_manifest

@@ -50,7 +50,8 @@ from trackbench.config.tuned_entries import (
 from trackbench.errors import Mark, Problem, RunError, UserError
 from trackbench.filters.base import AnyFilter
 from trackbench.plugins.checks import check_scenario
-from trackbench.plugins.errors import PluginError, foreign_line, guarded
+from trackbench.plugins.errors import PluginError, foreign_line
+from trackbench.plugins.interrupts import guarded
 from trackbench.plugins.load import Plugin
 from trackbench.registry import Group
 from trackbench.yaml_source import Assembled, Source, from_mapping, read, unprintable_reason

@@ -24,7 +24,7 @@ from trackbench.filters.base import (
 )
 from trackbench.metrics import METRICS, in_window, is_reserved, joined, metric_of, metrics_of
 from trackbench.models.delays import LATE_COUNTS
-from trackbench.plugins.errors import guarded
+from trackbench.plugins.interrupts import guarded
 from trackbench.registry import of_kind
 from trackbench.scenarios.base import Scenario
 from trackbench.statistics.sample_statistics import STATISTICS

@@ -46,7 +46,8 @@ from trackbench.evaluation.validate_output import check_estimate, check_names, c
 from trackbench.extension_points import field_values
 from trackbench.filters.base import AnyFilter, Steps, declares_diagnostics, has_likelihood
 from trackbench.filters.ekf import EKF
-from trackbench.filters.external import FLOAT32_NOTE, PRINT_ALL_DIGITS, External, float32_advice
+from trackbench.filters.external import External
+from trackbench.filters.printed_digits import FLOAT32_NOTE, PRINT_ALL_DIGITS, float32_advice
 from trackbench.scenarios.base import Scenario
 
 Check: TypeAlias = Callable[[AnyFilter, Scenario], str | None]

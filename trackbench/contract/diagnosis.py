@@ -21,13 +21,9 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.linalg import distance
 from trackbench.filters.base import AnyFilter
 from trackbench.filters.ekf import EKF
-from trackbench.filters.external import (
-    PRINT_ALL_DIGITS,
-    External,
-    digits_of,
-    float32_advice,
-)
+from trackbench.filters.external import External
 from trackbench.filters.particle_filters import PF
+from trackbench.filters.printed_digits import PRINT_ALL_DIGITS, digits_of, float32_advice
 from trackbench.filters.ukf import UKF
 from trackbench.models.base import LocatingSensor
 from trackbench.models.likelihood import has_own_density

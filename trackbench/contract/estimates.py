@@ -12,7 +12,7 @@ from trackbench.core.distributions import per_run_moments
 from trackbench.core.random_streams import RunStreams
 from trackbench.filters.base import AnyFilter
 from trackbench.plugins.checks import filter_conflicts
-from trackbench.plugins.errors import guarded
+from trackbench.plugins.interrupts import guarded
 from trackbench.scenarios.base import Scenario, Simulation
 
 

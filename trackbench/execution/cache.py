@@ -7,16 +7,14 @@ file shows that the folder is a cache: without it nothing is deleted.
 """
 
 import hashlib
-import inspect
 import json
 import os
 import re
-import sys
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
@@ -26,7 +24,7 @@ from trackbench.errors import Mark, Problem, UserError, WriteError
 from trackbench.evaluation.block import BlockResult, BlockTask
 from trackbench.execution import code_digests
 from trackbench.execution.block_file import FORMAT, BlockFile, PackedBlock, decode, write_block
-from trackbench.execution.code_digests import add_sources, code_digest, python_files
+from trackbench.execution.code_digests import code_digest, foreign_code
 from trackbench.extension_points import Part, walk_parts
 from trackbench.field_types import require_regular_file
 
@@ -75,7 +73,7 @@ def _facts_of(component: Any) -> list[Any] | None:
     for inner in walk_parts(component):
         if isinstance(inner, type):
             continue
-        code += _foreign_code(type(inner))
+        code += foreign_code(type(inner))
         if isinstance(inner, Part):
             contents |= inner.contents
 
@@ -88,33 +86,6 @@ def _facts_of(component: Any) -> list[Any] | None:
     if code or code_digests.uses_numpy_arithmetic(component):
         arithmetic = code_digests.numpy_arithmetic()
     return [keys, code, arithmetic]
-
-
-def _foreign_code(cls: type[Any]) -> Iterator[str]:
-    """Yield digests of the code of those of a class and its bases that are from another package."""
-    for base in cls.__mro__:
-        name = base.__module__
-        if name.partition(".")[0] in ("trackbench", "builtins", "typing"):
-            continue
-        module = sys.modules[name]
-        # A plugin's module has the plugin's identity, and a module that it imports that of the plugin.
-        digest = getattr(module, "__plugin_digest__", "")
-        digest += getattr(module, "__plugin_brought__", "")
-        yield digest or _package_digest(name.partition(".")[0])
-
-
-@cache
-def _package_digest(name: str) -> str:
-    """Return the digest of an installed package's source, or of a module's."""
-    try:
-        file = Path(inspect.getsourcefile(sys.modules[name]) or "")
-    except TypeError:
-        # Code that was typed into an interpreter has no file: a random digest equals no stored one.
-        return os.urandom(16).hex()
-    digest = hashlib.sha256()
-    sources = python_files(file.parent if file.name == "__init__.py" else file)
-    add_sources(digest, file.parent, sources)
-    return digest.hexdigest()
 
 
 _CODE_DIGITS = 12

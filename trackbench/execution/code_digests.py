@@ -6,6 +6,8 @@ processor, on the kernels of BLAS and LAPACK, on the C library and on numpy's ve
 """
 
 import hashlib
+import inspect
+import os
 import platform
 import sys
 from collections.abc import Iterable, Iterator
@@ -56,6 +58,7 @@ NO_PART_OF_BLOCKS = {
     "evaluation/uniformity_tests.py": _AFTER_BLOCKS,
     "core/build_compiled.py": "builds what `core/compiled.py` loads; a worker never imports it",
     "plugins/errors.py": _ERRORS,
+    "plugins/interrupts.py": _ERRORS,
     "errors.py": _ERRORS,
     "atomic_files.py": "writes finished blocks",
     "execution/block_file.py": "writes finished blocks",
@@ -126,6 +129,33 @@ def own_arithmetic() -> str:
         runs.standard_gamma(3, (5, 3)),
     ]
     return _digest(results)
+
+
+def foreign_code(cls: type[Any]) -> Iterator[str]:
+    """Yield digests of the code of those of a class and its bases that are from another package."""
+    for base in cls.__mro__:
+        name = base.__module__
+        if name.partition(".")[0] in ("trackbench", "builtins", "typing"):
+            continue
+        module = sys.modules[name]
+        # A plugin's module has the plugin's identity, and a module that it imports that of the plugin.
+        digest = getattr(module, "__plugin_digest__", "")
+        digest += getattr(module, "__plugin_brought__", "")
+        yield digest or package_digest(name.partition(".")[0])
+
+
+@cache
+def package_digest(name: str) -> str:
+    """Return the digest of an installed package's source, or of a module's."""
+    try:
+        file = Path(inspect.getsourcefile(sys.modules[name]) or "")
+    except TypeError:
+        # Code that was typed into an interpreter has no file: a random digest equals no stored one.
+        return os.urandom(16).hex()
+    digest = hashlib.sha256()
+    sources = python_files(file.parent if file.name == "__init__.py" else file)
+    add_sources(digest, file.parent, sources)
+    return digest.hexdigest()
 
 
 @cache

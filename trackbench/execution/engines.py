@@ -16,7 +16,7 @@ from queue import SimpleQueue
 from typing import Any, Literal, TypeVar, cast
 
 from trackbench.errors import Mark, Problem, RunError, UserError
-from trackbench.plugins.errors import blocked, postponed
+from trackbench.plugins.interrupts import blocked, postponed
 
 _leave = os._exit  # as it was before any plugin ran
 _SAFE = "PYTHONSAFEPATH"

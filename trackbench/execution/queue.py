@@ -32,7 +32,8 @@ from trackbench.execution.plan import stack_limit
 from trackbench.execution.worker import Computed, Work, compute_batch, environment_digests
 from trackbench.extension_points import field_values
 from trackbench.filters.base import JoinableFilter
-from trackbench.plugins.errors import FilterError, message_of, postponed
+from trackbench.plugins.errors import FilterError, message_of
+from trackbench.plugins.interrupts import postponed
 from trackbench.plugins.load import Plugin, restore_modules
 
 _MOST_DEATHS = 4

@@ -16,7 +16,8 @@ from trackbench.execution import code_digests
 from trackbench.execution.block_file import BlockFile, write_block
 from trackbench.execution.code_digests import code_digest
 from trackbench.extension_points import foreign_parts
-from trackbench.plugins.errors import FilterError, blocked, guarded, located_message, working_folder
+from trackbench.plugins.errors import FilterError, located_message
+from trackbench.plugins.interrupts import blocked, guarded, working_folder
 from trackbench.plugins.load import Plugin, forget_outdated, load_plugin, working_folder_of
 from trackbench.plugins.patches import own_values, patch_message, undo_patches
 

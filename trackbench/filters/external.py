@@ -33,7 +33,7 @@ from trackbench.core.angles import wrap_angle
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.random_streams import run_seeds
-from trackbench.errors import counted, few_names
+from trackbench.errors import few_names
 from trackbench.extension_points import field_values
 from trackbench.field_types import (
     DataFile,
@@ -51,6 +51,7 @@ from trackbench.filters.external_process import (
     ProgramError,
     end_programs,
 )
+from trackbench.filters.printed_digits import Digits, digits_of
 from trackbench.models.base import Model, Scene, measured_angle_rows
 from trackbench.models.description import describe_model
 from trackbench.models.inputs import inputs_of
@@ -63,12 +64,6 @@ from trackbench.registry import register
 _ASYMMETRY = (
     1e-5  # largest difference of two correlations that should be equal; rounding in float32
 )
-_LEAST_NUMBERS = 10  # from which digits are counted
-_FLOAT32_DIGITS = 9  # with which every number of float32 is printed without loss
-_LARGE_SPACING = 0.05  # standard deviations: spacing of float32 that adds errors
-_TOO_FEW_DIGITS = 6  # fewer than the 7 to 9 that numbers of float32 need
-_MOST_DECIMALS = 8
-_NEARLY_WHOLE = 1e-6
 _PROBED_STEPS = 30
 _SHORT = 100  # steps that a program repeats, in place of another program
 _POOLS = 4  # filters whose programs stay ready in a thread
@@ -193,7 +188,7 @@ class External(Filter[ProgramState]):
         """Digests of the command's words and the files, as they were when the config was read."""
         return dict(self.__dict__["_content"])
 
-    def digits(self, model: Model, prior: Distribution, z: Array, k: int) -> "Digits":
+    def digits(self, model: Model, prior: Distribution, z: Array, k: int) -> Digits:
         """Run the program on z (n_z, T, M) from step k on, and describe the digits of its answers.
 
         The digits of a program that fails count as enough.
@@ -510,95 +505,6 @@ def _written_differently(a: float, b: float) -> tuple[str, str]:
         if f"{a:.{digits}g}" != f"{b:.{digits}g}":
             return f"{a:.{digits}g}", f"{b:.{digits}g}"
     return f"{a:.17g}", f"{b:.17g}"
-
-
-class Digits(NamedTuple):
-    """Digits of estimates."""
-
-    too_few: str = ""
-    """how few digits or decimals they have, such as "at most 6 digits"; empty if they have enough"""
-    is_float32: bool = False
-    """whether they have the digits of float32, and no more"""
-
-
-def digits_of(mean: Array, cov: Array) -> Digits:
-    """Describe the digits of estimates: means (n, ...) and variances of covariances (n, n, ...).
-
-    A number of 17 digits appears to have few by chance with a probability below 1e-5. Equal numbers of
-    the variances count once, as a constant covariance may have few digits. Other entries of a covariance
-    may be the mean of two answered numbers, which has more digits.
-    """
-    variances = np.einsum("ii...->i...", cov)
-    numbers = np.concatenate([mean.ravel(), np.unique(variances)])
-    x = numbers[np.isfinite(numbers) & (numbers != 0.0)]
-    if len(x) < _LEAST_NUMBERS:
-        return Digits()
-    with np.errstate(over="ignore", under="ignore"):
-        is_float32 = bool(np.array_equal(x, np.float32(x)))
-    digits = _most_digits(x)
-    if digits <= _TOO_FEW_DIGITS:
-        return Digits(too_few=f"at most {counted(digits, 'digit')}")
-    # 1000.123 has as many digits as a number of float32, but three decimals.
-    for decimals in range(1, _MOST_DECIMALS + 1):
-        whole = x * 10.0**decimals
-        # Of larger numbers the digits before the point leave none behind it.
-        is_small = np.abs(whole) < 10.0**_FLOAT32_DIGITS
-        is_whole = np.abs(whole - np.rint(whole)) < _NEARLY_WHOLE
-        has_few_digits = is_small
-        if digits <= _FLOAT32_DIGITS:
-            # 1.234567 of float32 has six decimals, too. Fewer digits than in float32 show them.
-            has_few_digits = np.abs(whole) < 10.0**_TOO_FEW_DIGITS
-        if has_few_digits.sum() >= _LEAST_NUMBERS and is_whole[is_small].all():
-            return Digits(too_few=f"at most {counted(decimals, 'decimal')}")
-    return Digits(is_float32=is_float32 or digits <= _FLOAT32_DIGITS)
-
-
-def _most_digits(x: Array) -> int:
-    """Return how many significant digits numbers (N,) have at most, none of which is zero.
-
-    It is 10, one more than float32 needs, if they have more.
-    """
-    exponent = np.floor(np.log10(np.abs(x)))
-    for digits in range(1, _FLOAT32_DIGITS + 1):
-        # A number with so many digits is whole after its decimal point is moved behind the last one.
-        whole = x / 10.0 ** (exponent - digits + 1)
-        if (np.abs(whole - np.rint(whole)) < _NEARLY_WHOLE).all():
-            return digits
-    return _FLOAT32_DIGITS + 1
-
-
-def float32_advice(mean: Array, cov: Array, components: Sequence[str]) -> str:
-    """Return the spacing of float32 at the largest coordinates, and the way on; empty if it is small.
-
-    ``mean`` (n, ...) and ``cov`` (n, n, ...) are estimates in float32. A spacing is large if it exceeds
-    a twentieth of the least standard deviation of a component: rounding then adds errors.
-    """
-    texts = []
-    worst_share = _LARGE_SPACING
-    for i, name in enumerate(components):
-        magnitude = np.nanmax(np.abs(mean[i]), initial=0.0)
-        variances = cov[i, i]
-        positive = variances[variances > 0.0]
-        if not np.isfinite(magnitude) or not positive.size:
-            continue
-        least_sigma = float(np.sqrt(positive.min()))
-        spacing = float(np.spacing(np.float32(magnitude)))
-        if spacing > worst_share * least_sigma:
-            worst_share = spacing / least_sigma
-            texts.append(
-                f"float32 has a spacing of {spacing:.2g} at {name} = {magnitude:.3g}, whose standard "
-                f"deviation is {least_sigma:.2g}: move the origin of the coordinates near to the "
-                "target, or compute in double; the Joseph form does not help"
-            )
-    return texts[-1] if texts else ""
-
-
-PRINT_ALL_DIGITS = "print 17 digits, as by `%.17g`, or in C++ `std::cout.precision(17)`"
-FLOAT32_NOTE = (
-    "the answers have the digits of float32. They are rounded to 6e-8 of their size, such as 100 km to "
-    "4 mm, and over many steps a covariance may lose its symmetry or become indefinite. This is no "
-    "mistake if your filter computes in float32"
-)
 
 
 def _check_repeated(again: Array, state: ProgramState, run: int) -> None:

@@ -15,7 +15,8 @@ from trackbench.evaluation.error_series import SeriesSums, per_run_metrics, seri
 from trackbench.extension_points import foreign_parts, is_foreign, walk_parts
 from trackbench.filters.base import AnyFilter, WrongReturnError
 from trackbench.models.sensors.base import SensorBase
-from trackbench.plugins.errors import PluginError, guarded, plugin_code
+from trackbench.plugins.errors import PluginError, plugin_code
+from trackbench.plugins.interrupts import guarded
 from trackbench.scenarios.base import Scenario
 
 S = TypeVar("S")

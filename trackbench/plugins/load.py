@@ -18,7 +18,8 @@ from trackbench import registry
 from trackbench.errors import RunError
 from trackbench.extension_points import InvalidHookError, Part
 from trackbench.field_types import require_regular_file
-from trackbench.plugins.errors import PluginError, guarded, message_of, place_within
+from trackbench.plugins.errors import PluginError, message_of, place_within
+from trackbench.plugins.interrupts import guarded
 from trackbench.plugins.patches import own_values, patch_message, undo_patches
 from trackbench.plugins.sources import (
     Finder,

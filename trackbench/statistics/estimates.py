@@ -66,7 +66,7 @@ class RunEstimate(NamedTuple):
 
     @property
     def is_exact(self) -> bool:
-        """True if the test of the number is exact, so that `rules.decided` needs fewer deviations."""
+        """True if the test of the number is exact: `verdict_rules.decided` needs fewer deviations."""
         return False
 
     @property
