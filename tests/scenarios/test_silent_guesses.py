@@ -485,6 +485,47 @@ def test_a_satellite_in_km_and_km_per_second(tmp_path: Path) -> None:
     np.testing.assert_allclose(measured, path.velocity[:, 1:], atol=0.1)
 
 
+@pytest.mark.parametrize(
+    "names",
+    [
+        "X,odom_x,odom_y,Y",
+        "x_est,y_est,x_obs,y_obs",
+        "filtered_x,filtered_y,raw_x,raw_y",
+        "x,y,x_meas,y_meas",
+    ],
+)
+def test_both_coordinates_are_of_the_measurement(tmp_path: Path, names: str) -> None:
+    """The y of another source, an estimate and the truth were taken."""
+    other = (decimal(5.0 * CAR.place[0], 2), decimal(5.0 * CAR.place[1], 2))
+    columns = [*other, *xy(CAR)]
+    if names.startswith("X"):
+        names = "gps_x,odom_x,odom_y,gps_y"
+        columns = [xy(CAR)[0], *other, xy(CAR)[1]]
+    scenario, written = guessed(tmp_path, table(f"time,{names}", whole(CAR.t), *columns))
+    measured = {"gps_x", "gps_y", "x_obs", "y_obs", "raw_x", "raw_y", "x_meas", "y_meas"}
+    columns_of_place = written["target"]["columns"]
+    assert {columns_of_place["x"], columns_of_place["y"]} <= measured
+    check_path(scenario, CAR)
+
+
+@pytest.mark.parametrize(
+    ("names", "answer", "x", "y"),
+    [
+        ("gps_lat,gps_lng,fix_lat,fix_lon", (), "gps_lng", "gps_lat"),
+        ("gps_lat,gps_long,map_lat,map_lng", (), "gps_long", "gps_lat"),
+        ("gps_lat,gps_lng,fix_lat,fix_lon", ("columns.latitude=fix_lat",), "fix_lon", "fix_lat"),
+    ],
+)
+def test_latitude_and_longitude_are_of_one_source(
+    tmp_path: Path, names: str, answer: tuple[str, ...], x: str, y: str
+) -> None:
+    longitude, latitude = lonlat(CAR)
+    text = table(f"time,{names}", whole(CAR.t), latitude, longitude, latitude, longitude)
+    _, written = guessed(tmp_path, text, *answer)
+    columns = written["target"]["columns"]
+    assert (columns["longitude"], columns["latitude"]) == (x, y)
+
+
 def test_a_question_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "m.csv").write_text(radar_table(NEAR, from_x))
     made = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
