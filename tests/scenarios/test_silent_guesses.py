@@ -526,6 +526,58 @@ def test_latitude_and_longitude_are_of_one_source(
     assert (columns["longitude"], columns["latitude"]) == (x, y)
 
 
+def beside_latitudes(names: str, *cells: str) -> str:
+    """Return a table whose degrees are positive, with columns of equal cells beside them."""
+    longitude, latitude = (decimal(np.abs(degrees), 7) for degrees in CAR.degrees)
+    words = ([cell] * CAR.rows for cell in cells)
+    return table(f"time,{names}", whole(CAR.t), latitude, longitude, *words)
+
+
+@pytest.mark.parametrize(
+    ("names", "cells", "answer"),
+    [
+        ("lat,lon,hemisphere", ["NW"], ["columns.north_south=", "columns.east_west="]),
+        ("lat,lon,lat_dir,lon_dir", ["1", "-1"], ["columns.north_south=", "columns.east_west="]),
+        ("latitud,longitud,ns,eo", ["N", "O"], ["columns.east_west="]),
+        ("Latitude S,Longitude E", [], ["columns.latitude=Latitude S"]),
+        ("Lat [°S],Lon [°E]", [], ["columns.latitude=Lat [°S]"]),
+        ("lat,lonW", [], ["columns.longitude=lonW"]),
+        ("lat_N,lon_W", [], ["columns.longitude=lon_W"]),
+        ("Latitude (deg N),Longitude (deg W)", [], ["columns.longitude=Longitude (deg W)"]),
+        ("latitude_degrees_south,longitude", [], ["columns.latitude=latitude_degrees_south"]),
+    ],
+)
+def test_a_hemisphere_in_doubt_is_a_question(
+    tmp_path: Path, names: str, cells: list[str], answer: list[str]
+) -> None:
+    """The degrees were read as north and east."""
+    text = beside_latitudes(names, *cells)
+    asked = "does it name the hemisphere|as its name says"
+    with pytest.raises(UserError, match=asked) as error:
+        guessed(tmp_path, text)
+    way = [change + '""' * change.endswith("=") for change in answer]
+    if "°" not in names:
+        assert all(f"--set '{change}'" in str(error.value) for change in way)
+    guessed(tmp_path, text, *way)
+
+
+@pytest.mark.parametrize(
+    "words", [("Northern", "Western"), ("N", "Ovest"), ("Süd", "West"), ("Sul", "Oeste")]
+)
+def test_hemispheres_have_words_of_several_languages(
+    tmp_path: Path, words: tuple[str, str]
+) -> None:
+    _, written = guessed(tmp_path, beside_latitudes("lat,lon,ns,ew", *words))
+    columns = written["target"]["columns"]
+    assert (columns["north_south"], columns["east_west"]) == ("ns", "ew")
+
+
+@pytest.mark.parametrize("names", ["lat_N,lon_E,ns", "lat_degrees_north,lon_degrees_east,ns"])
+def test_names_of_north_and_east_and_satellites_are_no_question(tmp_path: Path, names: str) -> None:
+    _, written = guessed(tmp_path, beside_latitudes(names, "9"))
+    assert "latitude" in written["target"]["columns"]
+
+
 def test_a_question_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "m.csv").write_text(radar_table(NEAR, from_x))
     made = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)

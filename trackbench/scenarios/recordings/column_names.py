@@ -64,6 +64,12 @@ _MEASURED_WORDS = frozenset(("meas", "measured", "measurement", "obs", "observed
 """Words of a measurement, which comes before a column without such a word: that may be the truth."""
 _ESTIMATED_WORDS = frozenset(("est", "hat", "filtered"))
 """Words of the result of a filter, which comes after a column without such a word."""
+_SIDES = {
+    "latitude": frozenset(("n", "north", "s", "south")),
+    "longitude": frozenset(("e", "east", "w", "west")),
+}
+"""Words in the name of a coordinate's column for the side to which its numbers count."""
+_NEGATIVE_SIDES = {"s": "south", "south": "south", "w": "west", "west": "west"}
 _CLOCK_WORDS = re.compile(
     r"(?:unix|posix|epoch|utc|gps|gnss|time|timestamp|stamp|since|1970|t|ts|"
     r"(?:milli|micro|nano)?s(?:ec|ecs|econd|econds)?|millis|micros|nanos|msecs?|usecs?|nsecs?|[mun]s)+"
@@ -126,7 +132,10 @@ def columns_of(
         rank_of_word = {word: rank for rank, word in enumerate(text.split())}
         ranks = []
         for place, (name, words) in enumerate(words_by_name.items()):
-            known = [spelling for spelling in spellings[name] if spelling in rank_of_word]
+            names_of_one = spellings[name]
+            if quantity in _SIDES:
+                names_of_one = [*names_of_one, _without_side(words, quantity)]
+            known = [spelling for spelling in names_of_one if spelling in rank_of_word]
             if not known and quantity == "time" and _is_clock(words):
                 ranks.append((True, 0, True, len(rank_of_word), place, name))
             if known:
@@ -153,6 +162,20 @@ def columns_of(
             if not {*spellings[name]}.isdisjoint(short_names):
                 del columns[quantity]
     return columns
+
+
+def _without_side(words: list[str], quantity: str) -> str:
+    """Return the joined words of a coordinate's name without units, fillers and north, south ..."""
+    ignored = _SIDES[quantity].union(_FILLERS.split())
+    return "".join(word for word in _without_units(words) if word not in ignored)
+
+
+def negative_side_of(name: str, quantity: str) -> str:
+    """Return south or west if the name of a coordinate's column ends so; empty otherwise."""
+    last = words_of(name)[-1]
+    if last not in _SIDES[quantity]:
+        return ""
+    return _NEGATIVE_SIDES.get(last, "")
 
 
 def _rank_of_estimate(words: Collection[str]) -> int:
