@@ -27,6 +27,7 @@ from tests.scenarios.test_device_tables import (
 from trackbench.config.load import load
 from trackbench.errors import UserError
 from trackbench.scaffold import write_config_for
+from trackbench.scenarios.recordings.column_names import unit_of
 
 CAR = Path2(rows=60)
 MINUTES = Path2(rows=50, usual_speed=2.0, every=60.0)
@@ -576,6 +577,37 @@ def test_hemispheres_have_words_of_several_languages(
 def test_names_of_north_and_east_and_satellites_are_no_question(tmp_path: Path, names: str) -> None:
     _, written = guessed(tmp_path, beside_latitudes(names, "9"))
     assert "latitude" in written["target"]["columns"]
+
+
+@pytest.mark.parametrize(
+    ("names", "unit"),
+    [
+        ("speed (m/min),course", "m/min"),
+        ("speed_m_min,course", "m/min"),
+        ("speed [km/min],course", "km/min"),
+        ("speed (ft per min),course", "ft/min"),
+        ("speed [dm/s],course", "dm/s"),
+        ("speed_dm_s,course", "dm/s"),
+        ("speed [m/h],course", "m/h"),
+    ],
+)
+def test_an_unknown_unit_of_a_speed_is_an_error(tmp_path: Path, names: str, unit: str) -> None:
+    """The unit was dropped, and another one was chosen with which times and positions agree."""
+    text = turning([[1, 0], [0, 1]], names, *SPEED_AND_COURSE)
+    with pytest.raises(UserError, match=f"the unit {unit} is unknown here"):
+        guessed(tmp_path, text)
+    with pytest.raises(UserError, match=r"--set units\.speed=m/s"):
+        guessed(tmp_path, text)
+    _, written = guessed(tmp_path, text, "units.speed=m/s")
+    assert written["target"]["units"]["speed"] == "m/s"
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [("m/sec", "m/s"), ("km/hr", "km/h"), ("mi/h", "mph"), ("nmi/h", "kn"), ("km/s", "km/s")],
+)
+def test_units_of_speeds_have_several_spellings(name: str, unit: str) -> None:
+    assert unit_of(f"speed [{name}]", "speed") == unit
 
 
 def test_a_question_is_an_error(tmp_path: Path) -> None:

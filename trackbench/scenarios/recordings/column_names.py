@@ -8,6 +8,7 @@ from typing import Literal, NamedTuple
 
 from trackbench.scenarios.recordings.units import (
     OTHER_UNITS,
+    RATES,
     UNIT_WORDS,
     is_other_unit,
     is_unit_of,
@@ -357,13 +358,15 @@ def words_of(name: str) -> list[str]:
     name = spell_units(name)
     # Units that are one word in spite of the slash; the last four are of whole numbers, such as AIS has.
     units = r"rad/s|deg/s|km/h|km/s|cm/s|mm/s|um/s|m/s|ft/s|deg/600000|deg/100|deg/10|kn/10"
-    return re.findall(rf"[0-9.e/+-]+\*[a-z0-9/]+|{units}|[a-z0-9]+", name)
+    return re.findall(rf"[0-9.e/+-]+\*[a-z0-9/]+|{RATES}|{units}|[a-z0-9]+", name)
 
 
 def _without_units(words: list[str]) -> list[str]:
     """Return the words without units; the first word stays."""
     units = OTHER_UNITS.union(UNIT_WORDS)
-    return [word for i, word in enumerate(words) if i == 0 or not (word in units or "*" in word)]
+    return [
+        word for i, word in enumerate(words) if i == 0 or not (word in units or is_other_unit(word))
+    ]
 
 
 def _word_set(text: str) -> frozenset[str]:
