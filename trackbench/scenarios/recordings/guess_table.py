@@ -190,4 +190,4 @@ def _recognized_columns(
     guess = guess_from_all_rows(
         path, naming, why, sensors, sample, user_naming.columns, user_keys, tables
     )
-    return replace(guess, names=names)
+    return replace(guess, names=names, other_order=clock.other_order)
