@@ -2,6 +2,7 @@
 
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -266,3 +267,35 @@ def test_measurements_before_the_first_state_are_noted(tmp_path: Path) -> None:
     config.unlink()
     written(gps_logger, radar_log, changes=(f"origin={list(PLACE)}",))
     assert not any("first state" in note for note in load(config).points[0].scenario.target.notices)
+
+
+def test_the_order_of_days_is_asked_only_beside_a_file_with_another_one(tmp_path: Path) -> None:
+    """05/03/2024 was read as 5 March beside a file of 3 May."""
+    began = datetime(2024, 5, 3, 10, tzinfo=UTC).timestamp()
+    moments = [datetime.fromtimestamp(began + t, UTC) for t in T]
+    columns = [np.round(EAST, 2), np.round(NORTH, 2)]
+    iso = write(
+        tmp_path / "iso.csv", "time,x,y", [f"{m:%Y-%m-%d %H:%M:%S}" for m in moments], *columns
+    )
+    days = [f"{m:%m/%d/%Y %H:%M:%S}" for m in moments]
+    one = write(tmp_path / "one.csv", "time,x,y", days, *columns)
+    two = write(tmp_path / "two.csv", "time,x,y", days, *columns)
+    asked = "a day in either order, which matters beside the other file"
+    month_first = 'time_format="%m/%d/%Y %H:%M:%S"'
+    for first, second, number in ((iso, one, 1), (one, iso, 0)):
+        with pytest.raises(UserError, match=asked) as error:
+            written(first, second)
+        answer = f"measurement_naming.{number}.{month_first}"
+        assert f"--set '{answer}'" in str(error.value)
+        config = written(first, second, changes=(answer,)).paths[0]
+        scenario: Any = load(config).points[0].scenario
+        assert np.ptp(scenario.times) == pytest.approx(np.ptp(T), abs=5.0)
+        config.unlink()
+    with pytest.raises(UserError, match=asked) as error:
+        write_config_for(iso, "both", tmp_path, truth=one)
+    answer = f"truth_naming.{month_first}"
+    assert f"--set '{answer}'" in str(error.value)
+    write_config_for(iso, "both", tmp_path, [answer], truth=one).paths[0].unlink()
+    with pytest.raises(UserError, match=asked):
+        write_config_for(one, "both", tmp_path, truth=iso)
+    written(one, two)

@@ -27,6 +27,7 @@ from tests.scenarios.test_device_tables import (
 from trackbench.config.load import load
 from trackbench.errors import UserError
 from trackbench.scaffold import write_config_for
+from trackbench.scenarios.recordings.column_names import unit_of
 
 CAR = Path2(rows=60)
 MINUTES = Path2(rows=50, usual_speed=2.0, every=60.0)
@@ -483,6 +484,130 @@ def test_a_satellite_in_km_and_km_per_second(tmp_path: Path) -> None:
     check_path(scenario, path)
     measured = scenario.target._recording.measurements[2:, :, 0]
     np.testing.assert_allclose(measured, path.velocity[:, 1:], atol=0.1)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        "X,odom_x,odom_y,Y",
+        "x_est,y_est,x_obs,y_obs",
+        "filtered_x,filtered_y,raw_x,raw_y",
+        "x,y,x_meas,y_meas",
+    ],
+)
+def test_both_coordinates_are_of_the_measurement(tmp_path: Path, names: str) -> None:
+    """The y of another source, an estimate and the truth were taken."""
+    other = (decimal(5.0 * CAR.place[0], 2), decimal(5.0 * CAR.place[1], 2))
+    columns = [*other, *xy(CAR)]
+    if names.startswith("X"):
+        names = "gps_x,odom_x,odom_y,gps_y"
+        columns = [xy(CAR)[0], *other, xy(CAR)[1]]
+    scenario, written = guessed(tmp_path, table(f"time,{names}", whole(CAR.t), *columns))
+    measured = {"gps_x", "gps_y", "x_obs", "y_obs", "raw_x", "raw_y", "x_meas", "y_meas"}
+    columns_of_place = written["target"]["columns"]
+    assert {columns_of_place["x"], columns_of_place["y"]} <= measured
+    check_path(scenario, CAR)
+
+
+@pytest.mark.parametrize(
+    ("names", "answer", "x", "y"),
+    [
+        ("gps_lat,gps_lng,fix_lat,fix_lon", (), "gps_lng", "gps_lat"),
+        ("gps_lat,gps_long,map_lat,map_lng", (), "gps_long", "gps_lat"),
+        ("gps_lat,gps_lng,fix_lat,fix_lon", ("columns.latitude=fix_lat",), "fix_lon", "fix_lat"),
+    ],
+)
+def test_latitude_and_longitude_are_of_one_source(
+    tmp_path: Path, names: str, answer: tuple[str, ...], x: str, y: str
+) -> None:
+    longitude, latitude = lonlat(CAR)
+    text = table(f"time,{names}", whole(CAR.t), latitude, longitude, latitude, longitude)
+    _, written = guessed(tmp_path, text, *answer)
+    columns = written["target"]["columns"]
+    assert (columns["longitude"], columns["latitude"]) == (x, y)
+
+
+def beside_latitudes(names: str, *cells: str) -> str:
+    """Return a table whose degrees are positive, with columns of equal cells beside them."""
+    longitude, latitude = (decimal(np.abs(degrees), 7) for degrees in CAR.degrees)
+    words = ([cell] * CAR.rows for cell in cells)
+    return table(f"time,{names}", whole(CAR.t), latitude, longitude, *words)
+
+
+@pytest.mark.parametrize(
+    ("names", "cells", "answer"),
+    [
+        ("lat,lon,hemisphere", ["NW"], ["columns.north_south=", "columns.east_west="]),
+        ("lat,lon,lat_dir,lon_dir", ["1", "-1"], ["columns.north_south=", "columns.east_west="]),
+        ("latitud,longitud,ns,eo", ["N", "O"], ["columns.east_west="]),
+        ("Latitude S,Longitude E", [], ["columns.latitude=Latitude S"]),
+        ("Lat [°S],Lon [°E]", [], ["columns.latitude=Lat [°S]"]),
+        ("lat,lonW", [], ["columns.longitude=lonW"]),
+        ("lat_N,lon_W", [], ["columns.longitude=lon_W"]),
+        ("Latitude (deg N),Longitude (deg W)", [], ["columns.longitude=Longitude (deg W)"]),
+        ("latitude_degrees_south,longitude", [], ["columns.latitude=latitude_degrees_south"]),
+    ],
+)
+def test_a_hemisphere_in_doubt_is_a_question(
+    tmp_path: Path, names: str, cells: list[str], answer: list[str]
+) -> None:
+    """The degrees were read as north and east."""
+    text = beside_latitudes(names, *cells)
+    asked = "does it name the hemisphere|as its name says"
+    with pytest.raises(UserError, match=asked) as error:
+        guessed(tmp_path, text)
+    way = [change + '""' * change.endswith("=") for change in answer]
+    if "°" not in names:
+        assert all(f"--set '{change}'" in str(error.value) for change in way)
+    guessed(tmp_path, text, *way)
+
+
+@pytest.mark.parametrize(
+    "words", [("Northern", "Western"), ("N", "Ovest"), ("Süd", "West"), ("Sul", "Oeste")]
+)
+def test_hemispheres_have_words_of_several_languages(
+    tmp_path: Path, words: tuple[str, str]
+) -> None:
+    _, written = guessed(tmp_path, beside_latitudes("lat,lon,ns,ew", *words))
+    columns = written["target"]["columns"]
+    assert (columns["north_south"], columns["east_west"]) == ("ns", "ew")
+
+
+@pytest.mark.parametrize("names", ["lat_N,lon_E,ns", "lat_degrees_north,lon_degrees_east,ns"])
+def test_names_of_north_and_east_and_satellites_are_no_question(tmp_path: Path, names: str) -> None:
+    _, written = guessed(tmp_path, beside_latitudes(names, "9"))
+    assert "latitude" in written["target"]["columns"]
+
+
+@pytest.mark.parametrize(
+    ("names", "unit"),
+    [
+        ("speed (m/min),course", "m/min"),
+        ("speed_m_min,course", "m/min"),
+        ("speed [km/min],course", "km/min"),
+        ("speed (ft per min),course", "ft/min"),
+        ("speed [dm/s],course", "dm/s"),
+        ("speed_dm_s,course", "dm/s"),
+        ("speed [m/h],course", "m/h"),
+    ],
+)
+def test_an_unknown_unit_of_a_speed_is_an_error(tmp_path: Path, names: str, unit: str) -> None:
+    """The unit was dropped, and another one was chosen with which times and positions agree."""
+    text = turning([[1, 0], [0, 1]], names, *SPEED_AND_COURSE)
+    with pytest.raises(UserError, match=f"the unit {unit} is unknown here"):
+        guessed(tmp_path, text)
+    with pytest.raises(UserError, match=r"--set units\.speed=m/s"):
+        guessed(tmp_path, text)
+    _, written = guessed(tmp_path, text, "units.speed=m/s")
+    assert written["target"]["units"]["speed"] == "m/s"
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [("m/sec", "m/s"), ("km/hr", "km/h"), ("mi/h", "mph"), ("nmi/h", "kn"), ("km/s", "km/s")],
+)
+def test_units_of_speeds_have_several_spellings(name: str, unit: str) -> None:
+    assert unit_of(f"speed [{name}]", "speed") == unit
 
 
 def test_a_question_is_an_error(tmp_path: Path) -> None:

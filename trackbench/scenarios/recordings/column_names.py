@@ -2,11 +2,13 @@
 
 import re
 import unicodedata
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
+from itertools import product
 from typing import Literal, NamedTuple
 
 from trackbench.scenarios.recordings.units import (
     OTHER_UNITS,
+    RATES,
     UNIT_WORDS,
     is_other_unit,
     is_unit_of,
@@ -57,6 +59,18 @@ _FILLERS = (
     "enhanced osd custom tagblock translation baseline"
 )
 """Words that may stand beside a quantity in a name: field.pose.pose.position.x, p_RS_R_x."""
+_COORDINATES = (("x", "y"), ("latitude", "longitude"), ("vx", "vy"))
+"""Pairs of quantities that have to be of one source."""
+_MEASURED_WORDS = frozenset(("meas", "measured", "measurement", "obs", "observed"))
+"""Words of a measurement, which comes before a column without such a word: that may be the truth."""
+_ESTIMATED_WORDS = frozenset(("est", "hat", "filtered"))
+"""Words of the result of a filter, which comes after a column without such a word."""
+_SIDES = {
+    "latitude": frozenset(("n", "north", "s", "south")),
+    "longitude": frozenset(("e", "east", "w", "west")),
+}
+"""Words in the name of a coordinate's column for the side to which its numbers count."""
+_NEGATIVE_SIDES = {"s": "south", "south": "south", "w": "west", "west": "west"}
 _CLOCK_WORDS = re.compile(
     r"(?:unix|posix|epoch|utc|gps|gnss|time|timestamp|stamp|since|1970|t|ts|"
     r"(?:milli|micro|nano)?s(?:ec|ecs|econd|econds)?|millis|micros|nanos|msecs?|usecs?|nsecs?|[mun]s)+"
@@ -96,10 +110,14 @@ class NamedColumn(NamedTuple):
     unit: str | None
 
 
-def columns_of(names: Iterable[str]) -> dict[str, NamedColumn]:
+def columns_of(
+    names: Iterable[str], given: Mapping[str, str] | None = None
+) -> dict[str, NamedColumn]:
     """Return the column of each quantity that a table's columns ``names`` seem to have.
 
     If several columns may be one quantity, it is the one with the surest name, and otherwise the first.
+    Both coordinates are of one source if possible: odom_y is none beside gps_x and gps_y. ``given`` are
+    the columns of quantities that are known.
     """
     words_by_name = {name: words_of(name) for name in names}
     # Each name is tried in three spellings: as it is, without units, and without words that say nothing.
@@ -110,20 +128,34 @@ def columns_of(names: Iterable[str]) -> dict[str, NamedColumn]:
         without_fillers = [word for word in without_units if word not in fillers]
         spellings[name] = ["".join(words), "".join(without_units), "".join(without_fillers)]
     columns = {}
+    ranks_by_quantity = {}
     for quantity, text in _WORDS.items():
         rank_of_word = {word: rank for rank, word in enumerate(text.split())}
         ranks = []
         for place, (name, words) in enumerate(words_by_name.items()):
-            known = [spelling for spelling in spellings[name] if spelling in rank_of_word]
+            names_of_one = spellings[name]
+            if quantity in _SIDES:
+                names_of_one = [*names_of_one, _without_side(words, quantity)]
+            known = [spelling for spelling in names_of_one if spelling in rank_of_word]
             if not known and quantity == "time" and _is_clock(words):
-                ranks.append((True, True, len(rank_of_word), place, name))
+                ranks.append((True, 0, True, len(rank_of_word), place, name))
             if known:
                 # The stamp of a message is the time of its measurement; others may be times of logging.
                 is_late = quantity == "time" and words[-1] != "stamp"
                 has_fillers = known[0] not in spellings[name][:2]
-                ranks.append((is_late, has_fillers, rank_of_word[known[0]], place, name))
+                rank = rank_of_word[known[0]]
+                estimated = 0 if quantity == "time" else _rank_of_estimate(words)
+                ranks.append((is_late, estimated, has_fillers, rank, place, name))
+        ranks_by_quantity[quantity] = sorted(ranks)
         if ranks:
             *_, name = min(ranks)
+            columns[quantity] = NamedColumn(column=name, unit=unit_of(name, quantity))
+    for pair in _COORDINATES:
+        candidates = [[name for *_, name in ranks_by_quantity[quantity]] for quantity in pair]
+        for place, quantity in enumerate(pair):
+            if given and quantity in given:
+                candidates[place] = [given[quantity]]
+        for quantity, name in zip(pair, _pair_of_one_source(*candidates), strict=False):
             columns[quantity] = NamedColumn(column=name, unit=unit_of(name, quantity))
     for quantity, (partner, short_names) in _PARTNERS.items():
         if quantity in columns and partner not in columns:
@@ -131,6 +163,42 @@ def columns_of(names: Iterable[str]) -> dict[str, NamedColumn]:
             if not {*spellings[name]}.isdisjoint(short_names):
                 del columns[quantity]
     return columns
+
+
+def _without_side(words: list[str], quantity: str) -> str:
+    """Return the joined words of a coordinate's name without units, fillers and north, south ..."""
+    ignored = _SIDES[quantity].union(_FILLERS.split())
+    return "".join(word for word in _without_units(words) if word not in ignored)
+
+
+def negative_side_of(name: str, quantity: str) -> str:
+    """Return south or west if the name of a coordinate's column ends so; empty otherwise."""
+    last = words_of(name)[-1]
+    if last not in _SIDES[quantity]:
+        return ""
+    return _NEGATIVE_SIDES.get(last, "")
+
+
+def _rank_of_estimate(words: Collection[str]) -> int:
+    """Return -1 if the words of a name are those of a measurement, and 1 if they are an estimate's."""
+    if not _MEASURED_WORDS.isdisjoint(words):
+        return -1
+    return int(not _ESTIMATED_WORDS.isdisjoint(words))
+
+
+def _pair_of_one_source(first: Iterable[str], second: Iterable[str]) -> tuple[str, ...]:
+    """Return the surest columns of two coordinates whose names have the same words beside them.
+
+    The surest of each come first. It is empty if there are no such columns.
+    """
+    fillers = _FILLERS.split()
+    for name, other in product(first, second):
+        words, other_words = (
+            {word for word in words_of(column) if word in fillers} for column in (name, other)
+        )
+        if words == other_words:
+            return name, other
+    return ()
 
 
 def _is_clock(words: list[str]) -> bool:
@@ -290,13 +358,15 @@ def words_of(name: str) -> list[str]:
     name = spell_units(name)
     # Units that are one word in spite of the slash; the last four are of whole numbers, such as AIS has.
     units = r"rad/s|deg/s|km/h|km/s|cm/s|mm/s|um/s|m/s|ft/s|deg/600000|deg/100|deg/10|kn/10"
-    return re.findall(rf"[0-9.e/+-]+\*[a-z0-9/]+|{units}|[a-z0-9]+", name)
+    return re.findall(rf"[0-9.e/+-]+\*[a-z0-9/]+|{RATES}|{units}|[a-z0-9]+", name)
 
 
 def _without_units(words: list[str]) -> list[str]:
     """Return the words without units; the first word stays."""
     units = OTHER_UNITS.union(UNIT_WORDS)
-    return [word for i, word in enumerate(words) if i == 0 or not (word in units or "*" in word)]
+    return [
+        word for i, word in enumerate(words) if i == 0 or not (word in units or is_other_unit(word))
+    ]
 
 
 def _word_set(text: str) -> frozenset[str]:

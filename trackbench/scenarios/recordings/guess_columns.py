@@ -58,8 +58,9 @@ def guess_columns(
 
     Reasons are added to ``why``.
     """
-    columns = {name: named.column for name, named in columns_of(sample.names).items()}
     user_columns = user_naming.columns
+    named_columns = columns_of(sample.names, user_columns)
+    columns = {name: named.column for name, named in named_columns.items()}
     columns = {n: c for n, c in columns.items() if c not in user_columns.values()} | user_columns
     # An empty name means that no column is this quantity; of runs and sensors that their rows are mixed.
     columns = {n: c for n, c in columns.items() if c or n in ("run", "sensor")}

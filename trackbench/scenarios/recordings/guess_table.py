@@ -19,6 +19,7 @@ from trackbench.scenarios.recordings.guess_columns import (
 )
 from trackbench.scenarios.recordings.guess_coordinates import (
     check_earth_centered,
+    check_hemispheres,
     check_slant_ranges,
     check_split_angles,
     check_zones,
@@ -145,6 +146,8 @@ def _recognized_columns(
         check_split_angles(sample, columns)
         check_earth_centered(sample, columns, units)
         check_zones(sample, columns, user_naming.columns)
+    if not {*PLACE} <= columns.keys():
+        check_hemispheres(sample, columns, user_naming.columns)
     check_slant_ranges(sample, columns, units, user_naming.columns)
     if "time" in columns and not {"date", *STAMP_PARTS} & columns.keys():
         sample.require_two_times(columns["time"])
@@ -187,4 +190,4 @@ def _recognized_columns(
     guess = guess_from_all_rows(
         path, naming, why, sensors, sample, user_naming.columns, user_keys, tables
     )
-    return replace(guess, names=names)
+    return replace(guess, names=names, other_order=clock.other_order)

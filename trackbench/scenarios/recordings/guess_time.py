@@ -64,6 +64,8 @@ class DateForm(NamedTuple):
     other: str = ""
     """another form that fits all cells: minutes and seconds in place of hours and minutes, or "s" for
     numbers of seconds"""
+    other_order: str = ""
+    """form with another order of day and month, and the same times since the first one"""
 
 
 def date_form(
@@ -123,12 +125,16 @@ def date_form(
         times_by_form,
         key=lambda form: (_unsteady(times_by_form[form]), "%p" in form and form[:2] == "%d"),
     )
+    other_order = ""
     for form in others:
         if np.array_equal(
             times_by_form[form] - times_by_form[form][0],
             times_by_form[first] - times_by_form[first][0],
         ):
-            continue  # the same times since the first one
+            # The same times since the first one: the order matters beside another file alone.
+            if times_by_form[form][0] != times_by_form[first][0]:
+                other_order = other_order or form
+            continue
         falls, gap = _unsteady(times_by_form[first])
         other_falls, other_gap = _unsteady(times_by_form[form])
         if falls == other_falls and other_gap < _STEADIER * gap:
@@ -137,7 +143,8 @@ def date_form(
             raise DataError(Place(path, line, 1, message + way))
     if first.endswith(":%f"):
         _check_frames(path, cells, first, line)
-    return DateForm(form=first, is_date=True, why=f"guess: {_explain_form(first)}", other=other)
+    why = f"guess: {_explain_form(first)}"
+    return DateForm(form=first, is_date=True, why=why, other=other, other_order=other_order)
 
 
 def check_split_time(

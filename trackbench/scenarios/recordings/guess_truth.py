@@ -1,5 +1,6 @@
 """Guess of the columns of a truth, which is a table of its own beside that of the measurements."""
 
+import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -54,6 +55,7 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
     Raises DataError if the table has no time or no positions.
     """
     table_guess = recognized(path, user_naming)
+    _check_order_of_days(path, table_guess, [guess.naming])
     if [sensor.quantities for sensor in table_guess.sensors] != [("x", "y")]:
         measured = ", ".join(dict.fromkeys(sensor.kind for sensor in table_guess.sensors))
         message = (
@@ -117,6 +119,10 @@ def settled(
     ``user_keys`` are the keys that the user set, ``others`` the guesses at further files of the
     recording. Raises DataError with the questions that remain.
     """
+    namings = [other.naming for other in others]
+    if truth is not None:
+        namings.append(truth.naming)
+    _check_order_of_days(guess.path, guess, namings)
     is_known = "clockwise" in user_keys or guess.why.get("clockwise", "").startswith("as ")
     tracks: list[tuple[Track | None, str]] = []
     if truth is not None:
@@ -133,6 +139,25 @@ def settled(
     if guess.questions:
         raise DataError(*guess.questions)
     return guess
+
+
+def _check_order_of_days(path: str, guess: Guess, others: Sequence[Naming]) -> None:
+    """Raise DataError if day and month may be in either order, and other files do not have this order.
+
+    ``others`` are the names and forms of these files.
+    """
+    form = guess.naming.time_format
+    order = _order_of_days(form)
+    if not guess.other_order or all(_order_of_days(o.time_format) == order for o in others):
+        return
+    message = "dates may be a day in either order, which matters beside the other file: say which, "
+    way = f"`--set 'time_format=\"{form}\"'` or `--set 'time_format=\"{guess.other_order}\"'`"
+    raise DataError(Place(path, 1, 1, message + way))
+
+
+def _order_of_days(form: str) -> str:
+    """Return the letters of day, month and year in a form of dates: dmy of %d/%m/%Y."""
+    return "".join(re.findall("%([dmy])", form.replace("%Y", "%y")))
 
 
 def _unit_of_heading(path: str, table_guess: Guess, column: str) -> str:

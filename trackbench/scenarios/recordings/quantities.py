@@ -14,8 +14,16 @@ KEYS = (
 )
 """Keys of `columns` that are no quantities."""
 HEMISPHERES = {
-    "latitude": ("north_south", ("n", "north", "nord", "norte"), ("s", "south", "sud", "sur")),
-    "longitude": ("east_west", ("e", "east", "est", "ost", "este"), ("w", "west", "ouest")),
+    "latitude": (
+        "north_south",
+        ("n", "north", "northern", "nord", "norte", "noord"),
+        ("s", "south", "southern", "sud", "sur", "sul", "süd", "sued", "zuid"),
+    ),
+    "longitude": (
+        "east_west",
+        ("e", "east", "eastern", "est", "ost", "este", "leste", "oost"),
+        ("w", "west", "western", "ouest", "ovest", "oeste"),
+    ),
 }
 """Key of the column of a coordinate's hemisphere, and its words for positive and negative ones."""
 STAMP_PARTS = {"week": 604800.0, "subsecond": 1e-9}

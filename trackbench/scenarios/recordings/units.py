@@ -77,7 +77,8 @@ UNIT_WORDS = {
     **{unit: unit for unit in UNITS},
     **{"feet": "ft", "foot": "ft", "miles": "mi", "nm": "nmi", "metre": "m", "meter": "m"},
     **{"meters": "m", "metres": "m", "kilometers": "km", "kilometres": "km"},
-    **{"umps": "um/s"},
+    **{"umps": "um/s", "mi/h": "mph", "nmi/h": "kn", "nm/h": "kn", "km/hr": "km/h"},
+    **{"km/hour": "km/h", "mi/hr": "mph"},
     **{"degree": "deg", "degrees": "deg", "grad": "deg", "radians": "rad", "radian": "rad"},
     **{"knots": "kn", "knot": "kn", "kt": "kn", "kts": "kn", "kmh": "km/h", "kph": "km/h"},
     **{
@@ -105,9 +106,14 @@ OTHER_UNITS = frozenset(
 )
 """Words that are units of lengths, angles and speeds, and none that a recording may have."""
 _PER_SECOND = re.compile(
-    r"(?<![a-z])(km|m|cm|mm|um|ft|deg|rad)(?:[_ ]per[_ ]|[_ .]?(?=[sh]\^?-1)|_)"
+    r"(?<![a-z])(km|m|dm|cm|mm|um|ft|deg|rad)(?:[_ ]per[_ ]|[_ .]?(?=[sh]\^?-1)|_)"
     r"(s|h)(?:\^?-1)?(?![a-z0-9])"
 )
+_PER_MINUTE = re.compile(
+    r"(?<![a-z])(km|m|cm|mm|ft)(?:[_ ]per[_ ]|[_ .]?(?=min\^?-1)|_)min(?![a-z0-9])"
+)
+RATES = r"(?:km|dm|cm|mm|um|ft|mi|nmi|nm|yd|m)/(?:minutes?|min|s|hours?|hr|h|days?|d)(?![a-z0-9])"
+"""Pattern of units of speeds, which are one word in spite of the slash; most are unknown."""
 _NAUTICAL_MILES = re.compile(r"(?:nautical|sea)[ _-]?miles?|seemeilen?|milles? marins?")
 _MICROMETERS = re.compile(r"microns?(?![a-z])|micromet(?:er|re)s?(?![a-z])")
 _BRACKETS = re.compile(r"[\[(]([^\])]*)[\])]")
@@ -165,7 +171,8 @@ def unit_in(words: Collection[str], quantity: str) -> str | None:
 
 def is_other_unit(word: str) -> bool:
     """Test whether a word is a unit that a recording cannot have, such as yd and 0.1*m."""
-    return word in OTHER_UNITS or "*" in word
+    is_rate = re.fullmatch(RATES, word) is not None
+    return word in OTHER_UNITS or "*" in word or (is_rate and word not in UNIT_WORDS)
 
 
 def spell_units(name: str) -> str:
@@ -173,6 +180,7 @@ def spell_units(name: str) -> str:
     name = _MICROMETERS.sub("um", name)
     # m_s, m per s and m s^-1 are m/s.
     name = _PER_SECOND.sub(r"\1/\2", name)
+    name = _PER_MINUTE.sub(r"\1/min", name)
     name = _NAUTICAL_MILES.sub("nmi", name)
     # [0.01 m] is cm; [0.1 m], which has no name, is one word, 0.1*m.
     return _BRACKETS.sub(_name_scaled_unit, name)
