@@ -1,5 +1,6 @@
 """Several targets or sensors in one table, which a column of words names; columns that name neither."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -221,6 +222,20 @@ def test_targets_in_a_column_that_is_called_like_a_quality_are_a_question(
     assert f"column {name} splits the rows into parts that lie apart: are they several tar" in said
     for option in (f"columns.run={name}", f"columns.sensor={name}", 'columns.run=""'):
         assert f"--set '{option}'" in said
+        done = trackbench("new", "experiment", "--from", "m.csv", "--set", option, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        (tmp_path / "m.yaml").unlink()
+
+
+@pytest.mark.parametrize("name", ["device_id", "device", "node", "source", "station", "type"])
+def test_targets_in_a_column_that_is_called_like_sensors_are_a_question(
+    tmp_path: Path, name: str
+) -> None:
+    said = taking_turns(tmp_path, name, np.array(["A7", "B2"])[TURNS])
+    assert f"column {name} splits the rows into parts that lie apart: are they several tar" in said
+    options = re.findall("--set '(.*?)'", said)
+    assert options[:2] == [f"columns.run={name}", f"columns.sensor={name}"]
+    for option in options:
         done = trackbench("new", "experiment", "--from", "m.csv", "--set", option, cwd=tmp_path)
         assert done.returncode == 0, done.stderr
         (tmp_path / "m.yaml").unlink()

@@ -314,17 +314,21 @@ def key_of_labels(error: MixedRowsError) -> str:
     if error.role not in ("sensor", "quality"):
         return "run"
     # The column's name says sensors or a quality, and the rows say targets.
-    column = in_option(error.column)
+    raise DataError(question_on_parts(error.places[0].file, error.column, "run"))
+
+
+def question_on_parts(path: str, label: str, mixed: str) -> Place:
+    """Return the question on a column whose words split the rows into parts that lie apart.
+
+    ``mixed`` is the key of `columns` which is empty if the rows are to be mixed.
+    """
+    column = in_option(label)
     message = (
-        f"column {column} splits the rows into parts that lie apart: are they several targets, or"
+        f"column {column} splits the rows into parts that lie apart: are they several targets,"
     )
+    message += " or sensors of one with a bias?"
     way = f"`--set 'columns.run={column}'`, `--set 'columns.sensor={column}'`, or to mix them"
-    place = error.places[0]
-    raise DataError(
-        place._replace(
-            message=f"{message} sensors of one with a bias? Say {way} `--set 'columns.run=\"\"'`"
-        )
-    )
+    return Place(path, 1, 1, f"{message} Say {way} `--set 'columns.{mixed}=\"\"'`")
 
 
 def explain_labels(path: str, label_columns: dict[str, str]) -> list[Place]:
