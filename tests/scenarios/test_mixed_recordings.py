@@ -261,6 +261,25 @@ def test_many_targets_with_numbers(tmp_path: Path) -> None:
     assert len(guess.runs) == 20
 
 
+@pytest.mark.parametrize("names", ["team,no", "fleet,boat"])
+def test_targets_that_two_columns_name_are_a_question(tmp_path: Path, names: str) -> None:
+    words = np.array(["A,1", "A,2", "B,1", "B,2"])[np.arange(N) % 4]
+    said = taking_turns(tmp_path, names, words)
+    first, second = names.split(",")
+    assert f"m.csv:1:1: columns {first} and {second} together split the rows into parts tha" in said
+    option = 'columns.run=""'
+    assert f"--set '{option}'" in said
+    done = trackbench("new", "experiment", "--from", "m.csv", "--set", option, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    (tmp_path / "m.yaml").unlink()
+    # Rows of one time.
+    same_times = (np.arange(N) // 4).astype(float)
+    assert "together split the rows into parts" in taking_turns(tmp_path, names, words, same_times)
+    # The other way: both in one column.
+    write(tmp_path, "player", np.char.replace(words, ",", ""), LINE + 3000.0 * (np.arange(N) % 4))
+    assert len(recognized(str(tmp_path / "m.csv")).runs) == 4
+
+
 def test_measured_whole_numbers_name_no_targets(tmp_path: Path) -> None:
     for numbers in (RNG.integers(0, 30, N), 60 - np.arange(N) // 4, np.rint(LINE[0] / 40)):
         write(tmp_path, "value", numbers.astype(int), LINE + 2.0 * NOISE)

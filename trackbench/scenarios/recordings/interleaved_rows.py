@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Collection, Mapping, Sequence
+from itertools import combinations
 from typing import Literal
 
 import numpy as np
@@ -167,6 +168,46 @@ def check_label(
     mix = "run" if columns.column("run") is None else "sensor"
     way += f' each, or `columns: {{{mix}: ""}}` to mix them'
     raise MixedRowsError(Place(columns.path, 1, 1, f"{message}: {way}"), label, role, split)
+
+
+def check_label_pairs(
+    columns: Columns,
+    table: Table,
+    labels: Sequence[str],
+    quantities: Mapping[str, Array],
+    runs: WholeNumbers,
+    time: Array,
+    of_sensor: WholeNumbers | slice,
+) -> None:
+    """Raise DataError if two columns together name several targets, as a team and a number do.
+
+    The arguments are those of `check_label`, which found no target in a single one of the ``labels``.
+    """
+    if not len(runs):
+        return
+    rows = np.flatnonzero(runs == np.bincount(runs).argmax())
+    values = as_positions({name: values[rows] for name, values in quantities.items()})
+    named = [label for label in labels if role_of(label) != "quality"]
+    codes_by_label = {label: table.columns[label][of_sensor][rows] for label in named}
+    for pair in combinations(named, 2):
+        both = np.stack([codes_by_label[label] for label in pair])
+        found, codes = np.unique(both, axis=1, return_inverse=True)
+        number = found.shape[1]
+        fewer = max(len(np.unique(part)) for part in both)
+        if not fewer < number <= _MOST_WORDS or len(rows) < 2 * number:
+            continue
+        codes = codes.reshape(-1)
+        if split_by(codes, time[rows], values) == "apart" and is_regular(codes, time[rows]):
+            raise DataError(question_on_pair(columns.path, *pair))
+
+
+def question_on_pair(path: str, first: str, second: str) -> Place:
+    """Return the question on two columns whose words together split the rows into parts."""
+    message = f"columns {first} and {second} together split the rows into parts that lie apart:"
+    message += " do both name the target?"
+    way = "Join both into one column, and say --set 'columns.run=ITS NAME'; or say"
+    way += " --set 'columns.run=\"\"' to mix the rows"
+    return Place(path, 1, 1, f"{message} {way}")
 
 
 def split_by(codes: Index, time: Array, values: Array) -> Split:
