@@ -1,5 +1,6 @@
 """Several targets or sensors in one table, which a column of words names; columns that name neither."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -209,3 +210,105 @@ def test_a_position_and_a_radar_in_turn(tmp_path: Path) -> None:
     (tmp_path / "m.csv").write_text("\n".join(rows) + "\n")
     sensors = recognized(str(tmp_path / "m.csv")).sensors
     assert [sensor.kind for sensor in sensors] == ["position", "range-azimuth"]
+
+
+def taking_turns(folder: Path, name: str, words: Any, times: Any = T) -> str:
+    """Write rows of targets 3 km apart, one after the other in turn, and return what `new` says."""
+    words = np.asarray(words)
+    _, codes = np.unique(words, return_inverse=True)
+    write(folder, name, words, LINE[:, : len(words)] + 2.0 * NOISE + 3000.0 * codes, times)
+    done = trackbench("new", "experiment", "--from", "m.csv", cwd=folder)
+    return done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("name", ["ship", "nr"])
+def test_names_of_targets_that_are_written_with_a_point(tmp_path: Path, name: str) -> None:
+    taking_turns(tmp_path, name, np.array(["1.0", "2.0"])[TURNS])
+    guess = recognized(str(tmp_path / "m.csv"))
+    assert guess.naming.columns["run"] == name
+    assert guess.runs == [("1.0", 60), ("2.0", 60)]
+
+
+@pytest.mark.parametrize(
+    "name", ["class", "class_name", "state", "status_id", "level", "mode", "q"]
+)
+def test_targets_in_a_column_that_is_called_like_a_quality_are_a_question(
+    tmp_path: Path, name: str
+) -> None:
+    said = taking_turns(tmp_path, name, np.array(["car", "bike"])[TURNS])
+    assert f"column {name} splits the rows into parts that lie apart: are they several tar" in said
+    for option in (f"columns.run={name}", f"columns.sensor={name}", 'columns.run=""'):
+        assert f"--set '{option}'" in said
+        done = trackbench("new", "experiment", "--from", "m.csv", "--set", option, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        (tmp_path / "m.yaml").unlink()
+
+
+@pytest.mark.parametrize("name", ["device_id", "device", "node", "source", "station", "type"])
+def test_targets_in_a_column_that_is_called_like_sensors_are_a_question(
+    tmp_path: Path, name: str
+) -> None:
+    said = taking_turns(tmp_path, name, np.array(["A7", "B2"])[TURNS])
+    assert f"column {name} splits the rows into parts that lie apart: are they several tar" in said
+    options = re.findall("--set '(.*?)'", said)
+    assert options[:2] == [f"columns.run={name}", f"columns.sensor={name}"]
+    for option in options:
+        done = trackbench("new", "experiment", "--from", "m.csv", "--set", option, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        (tmp_path / "m.yaml").unlink()
+
+
+@pytest.mark.parametrize("name", ["ship", "partner"])
+def test_a_target_without_a_name_beside_one_with_a_name_is_a_question(
+    tmp_path: Path, name: str
+) -> None:
+    said = taking_turns(tmp_path, name, np.array(["", "B"])[TURNS])
+    assert f"column {name}: B is the only name, and rows without one lie far from its" in said
+    option = 'columns.run=""'
+    assert f"--set '{option}'" in said
+    done = trackbench("new", "experiment", "--from", "m.csv", "--set", option, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+
+
+def test_many_targets_with_numbers(tmp_path: Path) -> None:
+    jersey = 1 + np.arange(N) % 20
+    write(tmp_path, "jersey", jersey, LINE / 8.0 + 0.1 * NOISE + 30.0 * jersey)
+    guess = recognized(str(tmp_path / "m.csv"))
+    assert guess.naming.columns["run"] == "jersey"
+    assert len(guess.runs) == 20
+
+
+@pytest.mark.parametrize("names", ["team,no", "fleet,boat"])
+def test_targets_that_two_columns_name_are_a_question(tmp_path: Path, names: str) -> None:
+    words = np.array(["A,1", "A,2", "B,1", "B,2"])[np.arange(N) % 4]
+    said = taking_turns(tmp_path, names, words)
+    first, second = names.split(",")
+    assert f"m.csv:1:1: columns {first} and {second} together split the rows into parts tha" in said
+    option = 'columns.run=""'
+    assert f"--set '{option}'" in said
+    done = trackbench("new", "experiment", "--from", "m.csv", "--set", option, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    (tmp_path / "m.yaml").unlink()
+    # Rows of one time.
+    same_times = (np.arange(N) // 4).astype(float)
+    assert "together split the rows into parts" in taking_turns(tmp_path, names, words, same_times)
+    # The other way: both in one column.
+    write(tmp_path, "player", np.char.replace(words, ",", ""), LINE + 3000.0 * (np.arange(N) % 4))
+    assert len(recognized(str(tmp_path / "m.csv")).runs) == 4
+
+
+def test_measured_whole_numbers_name_no_targets(tmp_path: Path) -> None:
+    for numbers in (RNG.integers(0, 30, N), 60 - np.arange(N) // 4, np.rint(LINE[0] / 40)):
+        write(tmp_path, "value", numbers.astype(int), LINE + 2.0 * NOISE)
+        assert "run" not in recognized(str(tmp_path / "m.csv")).naming.columns
+
+
+def test_a_second_target_that_appears_late(tmp_path: Path) -> None:
+    times = np.arange(1500.0)
+    is_late = (times >= 1100) & (times % 2 == 1)
+    values = np.stack([3.0 * times, times]) + 3000.0 * is_late
+    values += np.random.default_rng(1).normal(size=values.shape)
+    write(tmp_path, "name", np.where(is_late, "B", "A"), values, times)
+    guess = recognized(str(tmp_path / "m.csv"))
+    assert guess.naming.columns["run"] == "name"
+    assert guess.runs == [("A", 1300), ("B", 200)]

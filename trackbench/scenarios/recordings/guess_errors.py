@@ -28,7 +28,11 @@ from trackbench.scenarios.recordings.guess_robot import (
     sigmas_of_inputs,
 )
 from trackbench.scenarios.recordings.guess_sensors import SENSORS, unwrapped_values
-from trackbench.scenarios.recordings.guess_targets import check_jumps, guess_same_time
+from trackbench.scenarios.recordings.guess_targets import (
+    check_jumps,
+    check_sensors_apart,
+    guess_same_time,
+)
 from trackbench.scenarios.recordings.guess_time import check_clock, check_daylight_saving
 from trackbench.scenarios.recordings.quantities import PLACE, VELOCITY
 from trackbench.scenarios.recordings.read_rows import read_rows
@@ -122,6 +126,9 @@ def guess_from_all_rows(
         if "time" not in user_columns:
             check_daylight_saving(gathered, ordered)
         longest.append(ordered)
+    if by_name and "sensor" not in user_columns:
+        kinds = [sensor.kind for sensor in sensors]
+        check_sensors_apart(path, columns["sensor"], kinds, longest)
     # Standard deviations of the errors, and the usual speed, by each sensor.
     levels = [
         levels_of(rows, sensor.kind, in_degrees)

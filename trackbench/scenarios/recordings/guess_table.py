@@ -42,6 +42,7 @@ from trackbench.scenarios.recordings.interleaved_rows import (
     MixedRowsError,
     explain_labels,
     key_of_labels,
+    question_on_pair,
 )
 from trackbench.scenarios.recordings.quantities import ODOMETRY, PLACE, STAMP_PARTS
 from trackbench.scenarios.recordings.table_sample import Sample
@@ -89,6 +90,9 @@ def _recognized(
             guess = _recognized_columns(path, with_labels, user_keys, tables, content)
         except MixedRowsError as error:
             key = key_of_labels(error)
+            if key == "run" and "run" in label_columns:
+                pair = question_on_pair(path, label_columns["run"], error.column)
+                raise DataError(pair) from None
             if key in label_columns or key in user_naming.columns:
                 raise
             label_columns[key] = error.column

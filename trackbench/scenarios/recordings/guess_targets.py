@@ -1,6 +1,6 @@
 """Questions on rows of several targets: jumps of place, and places of one time far apart."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Any, Literal, NamedTuple
 
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from trackbench.core.arrays import Array
 from trackbench.field_types import DataError
+from trackbench.scenarios.recordings.interleaved_rows import question_on_parts, split_by
 from trackbench.scenarios.recordings.row_noise import error_of_line
 from trackbench.scenarios.recordings.rows import Gathered, Rows
 from trackbench.scenarios.recordings.table_sample import Sample
@@ -65,6 +66,23 @@ def guess_same_time(
     if gathered.dated and not (rows.time % _DAY).any():
         return None  # dates without a time of day
     return "spread"
+
+
+def check_sensors_apart(
+    path: str, column: str, kinds: Sequence[str], rows_by_sensor: Sequence[Rows]
+) -> None:
+    """Raise DataError if the positions of a run's sensors lie apart, as those of several targets.
+
+    ``column`` names the sensors, ``kinds`` are their types, ``rows_by_sensor`` the rows of one run.
+    """
+    rows = [rows for kind, rows in zip(kinds, rows_by_sensor, strict=True) if kind == "position"]
+    if len(rows) < 2:
+        return
+    codes = np.repeat(np.arange(len(rows)), [len(part.time) for part in rows])
+    time = np.concatenate([part.time for part in rows])
+    values = np.concatenate([part.values[:2] for part in rows], axis=1)
+    if split_by(codes, time, values) == "apart":
+        raise DataError(question_on_parts(path, column, "sensor"))
 
 
 def _lie_apart(ticks: NDArray[np.integer[Any]], places: Array) -> bool:

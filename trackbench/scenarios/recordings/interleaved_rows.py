@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Collection, Mapping, Sequence
+from itertools import combinations
 from typing import Literal
 
 import numpy as np
@@ -39,6 +40,8 @@ _LONGEST_INTERVAL = 5.0
 """usual intervals between the rows of a jump, at most"""
 _REGULAR_CHANGES = 1.2
 """changes per row of the rarer parts, from which on parts alternate; strictly alternating ones have 2"""
+_CHANGES_OF_MANY = 0.9
+"""changes per row, from which on any number of parts alternate"""
 _NEAR_INTERVAL = 0.2
 """deviation from the usual interval, as a share of it, of an interval that is nearly equal"""
 _REGULAR_SHARE = 0.7
@@ -78,19 +81,15 @@ def possible_labels(columns: Columns, of_time: Collection[str]) -> list[str]:
 def may_split(name: str, cells: Sequence[str]) -> bool:
     """Test whether a column may name the target or sensor of each row, by its name and first cells.
 
-    The cells must be words that are repeated, and no measured numbers. Rows may be sorted by target, so
-    that all of these cells are one word: then the name of the column must say that it names targets.
+    The cells must be words that are repeated, and no measured numbers. Rows may be sorted by target, or
+    the second target may come late, so that all of these cells may be one word.
     """
     words = {cell for cell in cells if cell}
-    role = role_of(name)
-    if role == "quality" or _has_decimals(words):
+    if _has_decimals(words):
         return False
-    if role:
+    if role_of(name) not in ("", "quality"):
         return 0 < len(words) < len(cells)
-    if not 2 <= len(words) <= _MOST_WORDS or len(cells) < 2 * len(words):
-        return False
-    # Many different numbers are rather measured ones.
-    return len(words) <= _MOST_NUMBERS or not all(map(is_value, words))
+    return 0 < len(words) <= _MOST_WORDS and len(cells) >= 2 * len(words)
 
 
 def check_label(
@@ -118,9 +117,14 @@ def check_label(
     if is_frame and columns.column("sensor") is not None:
         return
     empty = words.index("") if "" in words else -1  # code of empty cells; none has -1
-    is_longest = (runs == np.bincount(runs).argmax()) & (codes != empty)
-    rows = np.flatnonzero(is_longest)
+    is_longest = runs == np.bincount(runs).argmax()
+    rows = np.flatnonzero(is_longest & (codes != empty))
     found, counts = np.unique(codes[rows], return_counts=True)
+    # Beside a single name empty cells may be those of another target.
+    is_one_unnamed = len(found) == 1 and empty != -1
+    if is_one_unnamed:
+        rows = np.flatnonzero(is_longest)
+        found, counts = np.unique(codes[rows], return_counts=True)
     values = as_positions({name: values[rows] for name, values in quantities.items()})
     # At least two words, on two rows each on average, and two words that are on several rows.
     is_repeated = len(found) >= 2 and len(rows) >= 2 * len(found) and (counts > 1).sum() > 1
@@ -132,21 +136,78 @@ def check_label(
     split = split_by(codes[rows], time[rows], values)
     # Parts that differ by the size of their errors alone are sensors only if they take turns.
     is_mixed = split == "apart" or (split == "errors" and is_regular(codes[rows], time[rows]))
-    if role:
+    if role and not is_one_unnamed:
         is_mixed = split != "one"
+    # Words for a quality, and empty cells, name targets only if these are far apart and take turns,
+    # and many numbers only if they take turns.
+    all_words = [words[code] for code in found.tolist()]
+    is_measured = not role and len(found) > _MOST_NUMBERS and all(map(is_value, all_words))
+    if role == "quality" or is_one_unnamed or is_measured:
+        is_mixed = split == "apart" and is_regular(codes[rows], time[rows])
+    if is_mixed and (role == "quality" or is_one_unnamed):
+        is_mixed = _are_far(codes[rows], time[rows], values)
+    # Words after the first rows may be measured numbers.
+    if not role and (len(found) > _MOST_WORDS or _has_decimals(all_words)):
+        is_mixed = False
     if not is_mixed:
         return
-    shown = ", ".join(words[code] for code in found[:_MOST_WORDS_SHOWN].tolist())
+    shown = ", ".join(all_words[:_MOST_WORDS_SHOWN])
     more = ", ..." if len(found) > _MOST_WORDS_SHOWN else ""
     message = (
         f"column {label} has {len(found)} values ({shown}{more}), which would be one run and sensor"
     )
     if split in ("apart", "errors"):
         message += "; the rows of each agree with themselves better than with the others"
+    if is_one_unnamed:
+        name = next(words[code] for code in found.tolist() if code != empty)
+        message = f"{name} is the only name, and rows without one lie far from its rows:"
+        message += " are they of another target?"
+        way = f"Give it a name in {label}, or say --set 'columns.run=\"\"' to mix the rows"
+        raise DataError(Place(columns.path, 1, 1, f"column {label}: {message} {way}"))
     way = f"say `columns: {{run: {label}}}` for a run each, `columns: {{sensor: {label}}}` for a sensor"
     mix = "run" if columns.column("run") is None else "sensor"
     way += f' each, or `columns: {{{mix}: ""}}` to mix them'
     raise MixedRowsError(Place(columns.path, 1, 1, f"{message}: {way}"), label, role, split)
+
+
+def check_label_pairs(
+    columns: Columns,
+    table: Table,
+    labels: Sequence[str],
+    quantities: Mapping[str, Array],
+    runs: WholeNumbers,
+    time: Array,
+    of_sensor: WholeNumbers | slice,
+) -> None:
+    """Raise DataError if two columns together name several targets, as a team and a number do.
+
+    The arguments are those of `check_label`, which found no target in a single one of the ``labels``.
+    """
+    if not len(runs):
+        return
+    rows = np.flatnonzero(runs == np.bincount(runs).argmax())
+    values = as_positions({name: values[rows] for name, values in quantities.items()})
+    named = [label for label in labels if role_of(label) != "quality"]
+    codes_by_label = {label: table.columns[label][of_sensor][rows] for label in named}
+    for pair in combinations(named, 2):
+        both = np.stack([codes_by_label[label] for label in pair])
+        found, codes = np.unique(both, axis=1, return_inverse=True)
+        number = found.shape[1]
+        fewer = max(len(np.unique(part)) for part in both)
+        if not fewer < number <= _MOST_WORDS or len(rows) < 2 * number:
+            continue
+        codes = codes.reshape(-1)
+        if split_by(codes, time[rows], values) == "apart" and is_regular(codes, time[rows]):
+            raise DataError(question_on_pair(columns.path, *pair))
+
+
+def question_on_pair(path: str, first: str, second: str) -> Place:
+    """Return the question on two columns whose words together split the rows into parts."""
+    message = f"columns {first} and {second} together split the rows into parts that lie apart:"
+    message += " do both name the target?"
+    way = "Join both into one column, and say --set 'columns.run=ITS NAME'; or say"
+    way += " --set 'columns.run=\"\"' to mix the rows"
+    return Place(path, 1, 1, f"{message} {way}")
 
 
 def split_by(codes: Index, time: Array, values: Array) -> Split:
@@ -214,6 +275,23 @@ def _jumps(time: Array, values: Array, codes: Index) -> bool:
     return bool(is_jump.sum() > 0.5 * is_change.sum())
 
 
+def _are_far(codes: Index, time: Array, values: Array) -> bool:
+    """Test whether a change from one part to another is many times as far as a step within a part.
+
+    ``codes`` (R,) number the parts of rows with ``time`` (R,) and ``values`` (n, R).
+    """
+    order = np.argsort(time, kind="stable")
+    codes = codes[order]
+    places = values[:, order]
+    steps = np.abs(np.diff(places, axis=1))
+    changes = np.median(steps[:, np.diff(codes) != 0], axis=1)
+    steps_within = []
+    for code in np.unique(codes).tolist():
+        steps_within.append(np.abs(np.diff(places[:, codes == code], axis=1)))
+    usual = np.median(np.concatenate(steps_within, axis=1), axis=1)
+    return bool((changes > _JUMP * usual).any())
+
+
 def is_regular(codes: Index, time: Array) -> bool:
     """Test whether the parts alternate in time, each at nearly equal intervals.
 
@@ -226,6 +304,8 @@ def is_regular(codes: Index, time: Array) -> bool:
     changes = int((np.diff(codes) != 0).sum())
     # Two parts that alternate row by row change twice per row of the rarer one.
     fewest_changes = _REGULAR_CHANGES * (len(codes) - counts.max())
+    # Of many parts nearly every row is a change.
+    fewest_changes = min(fewest_changes, _CHANGES_OF_MANY * (len(codes) - 1))
     if changes < fewest_changes:
         return False
     for code in np.unique(codes).tolist():
@@ -272,20 +352,24 @@ def key_of_labels(error: MixedRowsError) -> str:
     # Rows of one target whose errors differ in size are those of several sensors.
     if error.split == "errors" or (error.role == "sensor" and error.split == "unknown"):
         return "sensor"
-    if error.role != "sensor":
+    if error.role not in ("sensor", "quality"):
         return "run"
-    # The column's name says sensors, and the rows say targets.
-    column = in_option(error.column)
+    # The column's name says sensors or a quality, and the rows say targets.
+    raise DataError(question_on_parts(error.places[0].file, error.column, "run"))
+
+
+def question_on_parts(path: str, label: str, mixed: str) -> Place:
+    """Return the question on a column whose words split the rows into parts that lie apart.
+
+    ``mixed`` is the key of `columns` which is empty if the rows are to be mixed.
+    """
+    column = in_option(label)
     message = (
-        f"column {column} splits the rows into parts that lie apart: are they several targets, or"
+        f"column {column} splits the rows into parts that lie apart: are they several targets,"
     )
+    message += " or sensors of one with a bias?"
     way = f"`--set 'columns.run={column}'`, `--set 'columns.sensor={column}'`, or to mix them"
-    place = error.places[0]
-    raise DataError(
-        place._replace(
-            message=f"{message} sensors of one with a bias? Say {way} `--set 'columns.run=\"\"'`"
-        )
-    )
+    return Place(path, 1, 1, f"{message} Say {way} `--set 'columns.{mixed}=\"\"'`")
 
 
 def explain_labels(path: str, label_columns: dict[str, str]) -> list[Place]:
@@ -313,5 +397,6 @@ def is_word_column(cells: Sequence[str]) -> bool:
 
 
 def _has_decimals(words: Collection[str]) -> bool:
-    """Test whether a word is a number with decimals, such as 0.5 or 1,5e3."""
-    return any(re.fullmatch(r"[-+]?\d*[.,]\d+([eE][-+]?\d+)?", word) for word in words)
+    """Test whether a word is a number with decimals, such as 0.5 or 1,5e3; 1.0 is a whole number."""
+    decimals = r"[-+]?\d*[.,](\d*[1-9]\d*([eE][-+]?\d+)?|\d+[eE][-+]?\d+)"
+    return any(re.fullmatch(decimals, word) for word in words)

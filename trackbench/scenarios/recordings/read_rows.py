@@ -13,7 +13,11 @@ from trackbench.scenarios.recordings.column_names import rest_of_stamp
 from trackbench.scenarios.recordings.csv_lines import plain_label
 from trackbench.scenarios.recordings.csv_tables import Table, WholeNumbers
 from trackbench.scenarios.recordings.data_files import files_of
-from trackbench.scenarios.recordings.interleaved_rows import check_label, possible_labels
+from trackbench.scenarios.recordings.interleaved_rows import (
+    check_label,
+    check_label_pairs,
+    possible_labels,
+)
 from trackbench.scenarios.recordings.origins import frames_of_runs
 from trackbench.scenarios.recordings.rows import TICK, Gathered, Rows
 
@@ -171,6 +175,17 @@ def _read_file(
                 time=time[of_sensor],
                 of_sensor=of_sensor,
             )
+    for components, of_sensor in zip(sensors, rows_by_sensor, strict=True):
+        measured = {name: quantities[name][of_sensor] for name in components}
+        check_label_pairs(
+            columns,
+            table,
+            labels,
+            quantities=measured,
+            runs=runs[of_sensor],
+            time=time[of_sensor],
+            of_sensor=of_sensor,
+        )
     files = np.full(len(time), len(gathered.files), dtype=np.int32)
     gathered.files.append(path)
     # Step 6: take the rows of each sensor.
