@@ -30,6 +30,8 @@ from trackbench.scaffold import write_config_for
 
 CAR = Path2(rows=60)
 MINUTES = Path2(rows=50, usual_speed=2.0, every=60.0)
+COUNTED_MINUTES = Path2(rows=25, usual_speed=30.0, every=60.0)
+HOURLY = Path2(rows=60, usual_speed=0.3, every=3600.0)
 AIRCRAFT = Path2(rows=60, usual_speed=200.0, every=4.0)
 NOON = datetime(2024, 5, 3, 12, 1, 0)
 SUMMER_TIME = datetime(2024, 3, 31, 1, 59, 30)
@@ -109,6 +111,18 @@ ASKED: dict[str, tuple[str, str, tuple[str, ...], Path2 | None]] = {
         r"lat, lon in degE7.*lat, lon in semicircle",
         ("units.latitude=degE7", "units.longitude=degE7"),
         CAR,
+    ),
+    "a count of minutes": (
+        table("time,lat,lon", whole(COUNTED_MINUTES.t / 60.0), *lonlat(COUNTED_MINUTES)[::-1]),
+        r"time in s, with a usual speed of 1\.9e\+03 m/s.*time in min, with a usual speed of 32 m/s",
+        ("units.time=min",),
+        None,
+    ),
+    "hours as fractions of days": (
+        table("time,lat,lon", decimal(HOURLY.t / 86400.0, 6), *lonlat(HOURLY)[::-1]),
+        r"time in d, with a usual speed of 0\.3 m/s.*time in h, with a usual speed of 7\.2 m/s",
+        ("units.time=d",),
+        None,
     ),
     "radians of six digits": (
         table("time,lat,lon", whole(CAR.t),
@@ -483,6 +497,13 @@ def test_a_satellite_in_km_and_km_per_second(tmp_path: Path) -> None:
     check_path(scenario, path)
     measured = scenario.target._recording.measurements[2:, :, 0]
     np.testing.assert_allclose(measured, path.velocity[:, 1:], atol=0.1)
+
+
+def test_times_with_marks_between_thousands_are_numbers(tmp_path: Path) -> None:
+    times = [f'"{1714730400000 + 1000 * k:,}"' for k in range(CAR.rows)]
+    scenario, written = guessed(tmp_path, table("time,x,y", times, *xy(CAR)))
+    assert written["target"]["units"]["time"] == "ms"
+    check_path(scenario, CAR)
 
 
 def test_a_question_is_an_error(tmp_path: Path) -> None:
