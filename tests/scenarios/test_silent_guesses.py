@@ -506,6 +506,34 @@ def test_times_with_marks_between_thousands_are_numbers(tmp_path: Path) -> None:
     check_path(scenario, CAR)
 
 
+def refused(tmp_path: Path, text: str, truth: str = "") -> str:
+    """Return the message on a table, perhaps beside a truth."""
+    (tmp_path / "m.csv").write_text(text)
+    options = []
+    if truth:
+        (tmp_path / "truth.csv").write_text(truth)
+        options = ["--truth", "truth.csv"]
+    made = trackbench("new", "experiment", "g", "--from", "m.csv", *options, cwd=tmp_path)
+    assert made.returncode == 2
+    assert not (tmp_path / "g.yaml").exists()
+    return made.stderr
+
+
+def test_a_truth_on_a_grid_cannot_stand_beside_latitudes(tmp_path: Path) -> None:
+    east, north = decimal(633e3 + CAR.place[0], 2), decimal(5627e3 + CAR.place[1], 2)
+    measured = table("time,lat,lon", whole(CAR.t), *lonlat(CAR)[::-1])
+    message = refused(tmp_path, measured, table("time,easting,northing", whole(CAR.t), east, north))
+    assert "truth.csv:1:1: easting and northing count from a point 5662 km away" in message
+
+
+def test_a_truth_of_several_sources_is_told_so(tmp_path: Path) -> None:
+    measured = table("time,lat,lon", whole(CAR.t), *lonlat(CAR)[::-1])
+    sources = ["rtk", "ins"] * (CAR.rows // 2)
+    truth = table("time,source,lat,lon", whole(CAR.t), sources, *lonlat(CAR)[::-1])
+    message = refused(tmp_path, measured, truth)
+    assert "column source names rtk, ins, and a truth is of one source" in message
+
+
 def test_a_question_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "m.csv").write_text(radar_table(NEAR, from_x))
     made = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
