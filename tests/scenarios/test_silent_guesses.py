@@ -519,6 +519,27 @@ def refused(tmp_path: Path, text: str, truth: str = "") -> str:
     return made.stderr
 
 
+def test_angles_in_text_are_named(tmp_path: Path) -> None:
+    angles = [f"299:{k // 60:02}:{k % 60:02}" for k in range(CAR.rows)]
+    text = table("time,range_m,azimuth", whole(CAR.t), xy(CAR)[0], angles)
+    message = refused(tmp_path, text)
+    assert "m.csv:2:1: azimuth: '299:00:00' is not a number" in message
+    option = 'columns.azimuth=""'
+    made = trackbench("new", "experiment", "g", "--from", "m.csv", "--set", option, cwd=tmp_path)
+    assert made.returncode == 0
+
+
+def test_positions_that_begin_late_are_named(tmp_path: Path) -> None:
+    empty = "".join(f"{k},,\n" for k in range(10_000))
+    text = f"time,x,y\n{empty}10000,1,2\n10001,2,3\n"
+    assert "x, y: there is no number in the first 10000 rows" in refused(tmp_path, text)
+
+
+def test_two_rows_are_too_few(tmp_path: Path) -> None:
+    message = refused(tmp_path, "time,x,y\n0,0.691,1.667\n1,7.705,2.319\n")
+    assert "m.csv: has 2 rows in its longest run, which are too few" in message
+
+
 def test_a_truth_on_a_grid_cannot_stand_beside_latitudes(tmp_path: Path) -> None:
     east, north = decimal(633e3 + CAR.place[0], 2), decimal(5627e3 + CAR.place[1], 2)
     measured = table("time,lat,lon", whole(CAR.t), *lonlat(CAR)[::-1])
