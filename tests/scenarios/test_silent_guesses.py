@@ -519,6 +519,13 @@ def refused(tmp_path: Path, text: str, truth: str = "") -> str:
     return made.stderr
 
 
+def test_a_date_and_an_hour_are_a_split_time(tmp_path: Path) -> None:
+    days = ["2024-05-03"] * 40 + ["2024-05-04"] * 20
+    hours = decimal(CAR.t / 3.0 % 24.0, 4)
+    message = refused(tmp_path, table("date,hour,x,y", days, hours, *xy(CAR)))
+    assert "the time seems to be split over the columns hour, date" in message
+
+
 def test_angles_in_text_are_named(tmp_path: Path) -> None:
     angles = [f"299:{k // 60:02}:{k % 60:02}" for k in range(CAR.rows)]
     text = table("time,range_m,azimuth", whole(CAR.t), xy(CAR)[0], angles)
@@ -553,6 +560,15 @@ def test_a_truth_of_several_sources_is_told_so(tmp_path: Path) -> None:
     truth = table("time,source,lat,lon", whole(CAR.t), sources, *lonlat(CAR)[::-1])
     message = refused(tmp_path, measured, truth)
     assert "column source names rtk, ins, and a truth is of one source" in message
+
+
+def test_velocities_without_numbers_are_named(tmp_path: Path) -> None:
+    empty = [""] * CAR.rows
+    (tmp_path / "m.csv").write_text(
+        table("time,x,y,speed,course", whole(CAR.t), *xy(CAR), empty, empty)
+    )
+    made = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
+    assert "velocities are left out: they have no numbers\n" in made.stdout
 
 
 def test_a_question_is_an_error(tmp_path: Path) -> None:
