@@ -25,7 +25,7 @@ from trackbench.config.recording_answers import (
     reporting_questions,
     with_option_of_zone,
 )
-from trackbench.errors import Mark, Problem, UserError, in_line
+from trackbench.errors import Mark, Problem, UserError, counted, in_line
 from trackbench.execution.plan import cautions
 from trackbench.field_types import DataError
 from trackbench.registry import GROUPS, kinds
@@ -92,6 +92,8 @@ LANGUAGES = {
 _FORM_OF |= dict.fromkeys(LANGUAGES, "filter")
 _TEMPLATES |= {name: (f"language.{x.ending}", "language.yaml") for name, x in LANGUAGES.items()}
 _MOST_NAMES = 8  # that a message shows
+_FEWEST_ROWS = 3
+"""rows of a run, of which one starts the filters and one is held out"""
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9]*(?:[-_ ][A-Za-z0-9]+)*")
 
 
@@ -226,6 +228,11 @@ def write_config_for(
         with reporting_questions("truth_naming."):
             truth_guess = recognized_truth(str(truth), guess, namings["truth_naming."])
     guess = _settled(mark, tables, table_guesses, truth_guess)
+    _, rows_of_longest_run = guess.runs[0]
+    if truth is None and rows_of_longest_run < _FEWEST_ROWS:
+        message = f"has {counted(rows_of_longest_run, 'row')} in its longest run, which are too few"
+        way = f"take a recording of {_FEWEST_ROWS} or more"
+        raise UserError(Problem(Mark(data.name), "", f"{message}: {way}"))
     # Step 2: the template's lines for the data's columns and units.
     relative_paths = [_path_from(folder, table) for table in tables]
     relative = relative_paths[0]

@@ -25,3 +25,10 @@ def test_a_second_may_have_digits_or_none(cell: str, form: str, microsecond: int
 def test_another_form_is_a_value_error(cell: str, form: str) -> None:
     with pytest.raises(ValueError, match=f"a time as {form}"):
         moment(cell, form)
+
+
+def test_elapsed_hours_go_on_beyond_a_day() -> None:
+    before = moment("23:59:59", "%H:%M:%S")
+    after = moment("24:00:00.5", "%H:%M:%S.%f")
+    assert (after - before).total_seconds() == 1.5
+    assert (moment("100:00:00", "%H:%M:%S") - after).total_seconds() == 76 * 3600 - 0.5

@@ -31,6 +31,8 @@ from trackbench.scenarios.recordings.column_names import unit_of
 
 CAR = Path2(rows=60)
 MINUTES = Path2(rows=50, usual_speed=2.0, every=60.0)
+COUNTED_MINUTES = Path2(rows=25, usual_speed=30.0, every=60.0)
+HOURLY = Path2(rows=60, usual_speed=0.3, every=3600.0)
 AIRCRAFT = Path2(rows=60, usual_speed=200.0, every=4.0)
 NOON = datetime(2024, 5, 3, 12, 1, 0)
 SUMMER_TIME = datetime(2024, 3, 31, 1, 59, 30)
@@ -110,6 +112,18 @@ ASKED: dict[str, tuple[str, str, tuple[str, ...], Path2 | None]] = {
         r"lat, lon in degE7.*lat, lon in semicircle",
         ("units.latitude=degE7", "units.longitude=degE7"),
         CAR,
+    ),
+    "a count of minutes": (
+        table("time,lat,lon", whole(COUNTED_MINUTES.t / 60.0), *lonlat(COUNTED_MINUTES)[::-1]),
+        r"time in s, with a usual speed of 1\.9e\+03 m/s.*time in min, with a usual speed of 32 m/s",
+        ("units.time=min",),
+        None,
+    ),
+    "hours as fractions of days": (
+        table("time,lat,lon", decimal(HOURLY.t / 86400.0, 6), *lonlat(HOURLY)[::-1]),
+        r"time in d, with a usual speed of 0\.3 m/s.*time in h, with a usual speed of 7\.2 m/s",
+        ("units.time=d",),
+        None,
     ),
     "radians of six digits": (
         table("time,lat,lon", whole(CAR.t),
@@ -608,6 +622,76 @@ def test_an_unknown_unit_of_a_speed_is_an_error(tmp_path: Path, names: str, unit
 )
 def test_units_of_speeds_have_several_spellings(name: str, unit: str) -> None:
     assert unit_of(f"speed [{name}]", "speed") == unit
+def test_times_with_marks_between_thousands_are_numbers(tmp_path: Path) -> None:
+    times = [f'"{1714730400000 + 1000 * k:,}"' for k in range(CAR.rows)]
+    scenario, written = guessed(tmp_path, table("time,x,y", times, *xy(CAR)))
+    assert written["target"]["units"]["time"] == "ms"
+    check_path(scenario, CAR)
+
+
+def refused(tmp_path: Path, text: str, truth: str = "") -> str:
+    """Return the message on a table, perhaps beside a truth."""
+    (tmp_path / "m.csv").write_text(text)
+    options = []
+    if truth:
+        (tmp_path / "truth.csv").write_text(truth)
+        options = ["--truth", "truth.csv"]
+    made = trackbench("new", "experiment", "g", "--from", "m.csv", *options, cwd=tmp_path)
+    assert made.returncode == 2
+    assert not (tmp_path / "g.yaml").exists()
+    return made.stderr
+
+
+def test_a_date_and_an_hour_are_a_split_time(tmp_path: Path) -> None:
+    days = ["2024-05-03"] * 40 + ["2024-05-04"] * 20
+    hours = decimal(CAR.t / 3.0 % 24.0, 4)
+    message = refused(tmp_path, table("date,hour,x,y", days, hours, *xy(CAR)))
+    assert "the time seems to be split over the columns hour, date" in message
+
+
+def test_angles_in_text_are_named(tmp_path: Path) -> None:
+    angles = [f"299:{k // 60:02}:{k % 60:02}" for k in range(CAR.rows)]
+    text = table("time,range_m,azimuth", whole(CAR.t), xy(CAR)[0], angles)
+    message = refused(tmp_path, text)
+    assert "m.csv:2:1: azimuth: '299:00:00' is not a number" in message
+    option = 'columns.azimuth=""'
+    made = trackbench("new", "experiment", "g", "--from", "m.csv", "--set", option, cwd=tmp_path)
+    assert made.returncode == 0
+
+
+def test_positions_that_begin_late_are_named(tmp_path: Path) -> None:
+    empty = "".join(f"{k},,\n" for k in range(10_000))
+    text = f"time,x,y\n{empty}10000,1,2\n10001,2,3\n"
+    assert "x, y: there is no number in the first 10000 rows" in refused(tmp_path, text)
+
+
+def test_two_rows_are_too_few(tmp_path: Path) -> None:
+    message = refused(tmp_path, "time,x,y\n0,0.691,1.667\n1,7.705,2.319\n")
+    assert "m.csv: has 2 rows in its longest run, which are too few" in message
+
+
+def test_a_truth_on_a_grid_cannot_stand_beside_latitudes(tmp_path: Path) -> None:
+    east, north = decimal(633e3 + CAR.place[0], 2), decimal(5627e3 + CAR.place[1], 2)
+    measured = table("time,lat,lon", whole(CAR.t), *lonlat(CAR)[::-1])
+    message = refused(tmp_path, measured, table("time,easting,northing", whole(CAR.t), east, north))
+    assert "truth.csv:1:1: easting and northing count from a point 5662 km away" in message
+
+
+def test_a_truth_of_several_sources_is_told_so(tmp_path: Path) -> None:
+    measured = table("time,lat,lon", whole(CAR.t), *lonlat(CAR)[::-1])
+    sources = ["rtk", "ins"] * (CAR.rows // 2)
+    truth = table("time,source,lat,lon", whole(CAR.t), sources, *lonlat(CAR)[::-1])
+    message = refused(tmp_path, measured, truth)
+    assert "column source names rtk, ins, and a truth is of one source" in message
+
+
+def test_velocities_without_numbers_are_named(tmp_path: Path) -> None:
+    empty = [""] * CAR.rows
+    (tmp_path / "m.csv").write_text(
+        table("time,x,y,speed,course", whole(CAR.t), *xy(CAR), empty, empty)
+    )
+    made = trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path)
+    assert "velocities are left out: they have no numbers\n" in made.stdout
 
 
 def test_a_question_is_an_error(tmp_path: Path) -> None:

@@ -295,7 +295,8 @@ class _Reading:
         for name, content in self.contents.items():
             values: Column
             column = cells[name]
-            if self.thousands and content == "number":
+            is_number = content == "number" or (content == "time" and not self.form)
+            if self.thousands and is_number:
                 column = [without_thousands(cell, self.thousands) for cell in column]
             if content == "time" and self._date is not None and self._is_time_of_day(column[0]):
                 dates_and_times = zip(cells[self._date], column, strict=True)

@@ -29,6 +29,8 @@ _YEAR_OF_OFFSETS = 2024
 _NANOSECONDS = re.compile(r"([.,:]\d{6})\d+")
 _ELAPSED = re.compile(r"(\d+):([0-5]\d(?:\.\d{1,6})?)")
 """Minutes, of which there may be more than 59, and seconds."""
+_ELAPSED_HOURS = re.compile(r"(\d+):([0-5]\d):([0-5]\d(?:\.\d{1,6})?)")
+"""Hours, of which there may be more than 23, minutes and seconds."""
 _DIGITS_OF_CLOCKS = {"%H%M": 4, "%M%S": 4, "%M%S.%f": 4, "%H%M%S": 6, "%H%M%S.%f": 6}
 """Digits before the point of a time of day in one number, which may lack zeros at its beginning."""
 _HALVES_OF_DAY = re.compile(r"\b([ap])\. ?m\.", re.IGNORECASE)
@@ -91,6 +93,12 @@ def moment(cell: str, form: str = "") -> datetime:
             elapsed = _ELAPSED.fullmatch(cell)
             if elapsed:
                 seconds = 60 * int(elapsed[1]) + float(elapsed[2])
+                return _NO_DATE + timedelta(microseconds=round(1e6 * seconds))
+        if form.startswith("%H:%M:%S") and ("%f" in form or "." not in cell):
+            elapsed = _ELAPSED_HOURS.fullmatch(cell)
+            if elapsed:
+                minutes = 60 * int(elapsed[1]) + int(elapsed[2])
+                seconds = 60 * minutes + float(elapsed[3])
                 return _NO_DATE + timedelta(microseconds=round(1e6 * seconds))
         if form:
             return datetime.strptime(cell, form)

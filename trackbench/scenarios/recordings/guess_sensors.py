@@ -131,27 +131,30 @@ def _no_position(columns: ColumnByQuantity, sample: Sample) -> str:
     known = ", ".join(names)[:200]
     # Case 1: a column has the name of a measured quantity, and no numbers.
     for name in filter(columns.get, MEASURED):
-        cell = next((cell for cell in sample.cells(columns[name]) if cell), "")
-        if cell and not np.isfinite(sample.numbers(columns[name])).any():
-            message = (
-                f"{columns[name]}: {cell[:40]!r} is not a number, nor is any other of its cells"
-            )
-            return f"{message}: write decimal numbers, such as -8.5042, without letters"
-    # Case 2: coordinates of another kind.
+        mistake = _no_numbers(columns[name], sample)
+        if mistake:
+            return mistake
+    # Case 2: they are all empty in the rows that are looked at.
+    empty = [columns[name] for name in ("x", "y", *GEODETIC[:2], *MEASURED) if columns.get(name)]
+    empty = [name for name in dict.fromkeys(empty) if not any(sample.cells(name))]
+    if empty and not columns.get("sensor"):
+        message = f"{', '.join(empty)}: there is no number in the first {len(sample)} rows"
+        return f"{message}: leave out the rows before the first measurement"
+    # Case 3: coordinates of another kind.
     if any("ecef" in "".join(words_of(name)) for name in names):
         message = "coordinates from the center of the Earth (ECEF) are not read; there are"
         way = "convert them to latitude and longitude (EPSG:4978 to EPSG:4326)"
         return f"{message} {known}: {way}"
-    # Case 3: a cell is 54.32, 10.13.
+    # Case 4: a cell is 54.32, 10.13.
     for name in names:
         if any(re.fullmatch(r"-?\d+\.\d+, *-?\d+\.\d+", cell) for cell in sample.cells(name)[:1]):
             return f"column {name} has two numbers in a cell: give each a column, latitude and longitude"
-    # Case 4: a sensor, or the whole table, measures nothing that is known.
+    # Case 5: a sensor, or the whole table, measures nothing that is known.
     if columns.get("sensor"):
         words = ", ".join(sample.words(columns["sensor"]))[:80]
         message = f"column {columns['sensor']} names {words}, and one of them has no {pairs}"
         return f"{message}; there are {known}: `--set 'columns.sensor=\"\"'` mixes all"
-    # Case 5: the odometry of a robot has no measurements.
+    # Case 6: the odometry of a robot has no measurements.
     odometry = odometry_of(names)
     if odometry.keys() >= {*ODOMETRY}:
         shown = " and ".join(named.column for named in odometry.values())
@@ -160,6 +163,15 @@ def _no_position(columns: ColumnByQuantity, sample: Sample) -> str:
         return f"{message}: {way} --input {sample.path} (docs/your-robot.md)"
     way = f"say which are, `--set 'columns.x={names[0]}' --set 'columns.y={names[-1]}'`"
     return f"no columns look like {pairs}; there are {known}: {way}"
+
+
+def _no_numbers(column: str, sample: Sample) -> str:
+    """Return the message and the advice for a column of text; empty if it has numbers or no cells."""
+    cell = next((cell for cell in sample.cells(column) if cell), "")
+    if not cell or np.isfinite(sample.numbers(column)).any():
+        return ""
+    message = f"{column}: {cell[:40]!r} is not a number, nor is any other of its cells"
+    return f"{message}: write decimal numbers, such as -8.5042, without letters"
 
 
 def check_unused(
@@ -177,6 +189,10 @@ def check_unused(
     quantity = other_part.get(sensors[0].kind)
     if quantity is None or quantity in user_naming.columns:
         return
+    mistake = _no_numbers(columns.get(quantity, ""), sample)
+    if mistake:
+        way = f"or say --set 'columns.{quantity}=\"\"' to leave them out"
+        raise DataError(Place(sample.path, sample.line, 1, f"{mistake}; {way}"))
     candidates = []
     for name in sample.names:
         has_numbers = np.isfinite(sample.numbers(name)).any()

@@ -8,7 +8,7 @@ from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.column_names import words_of
 from trackbench.scenarios.recordings.csv_lines import TextFormat
-from trackbench.scenarios.recordings.csv_tables import header, parse_cells
+from trackbench.scenarios.recordings.csv_tables import header, parse_cells, without_thousands
 from trackbench.scenarios.recordings.dates import instant
 from trackbench.scenarios.recordings.guess_columns import (
     TableContent,
@@ -158,6 +158,8 @@ def _recognized_columns(
     clock = DateForm(user_naming.time_format, bool(user_naming.time_format))
     if "time" in columns and not clock.form:
         times = sample.cells(columns["time"])
+        if form.thousands:
+            times = [without_thousands(cell, form.thousands) for cell in times]
         dates = []
         if "date" in columns:
             dates = sample.cells(columns["date"])

@@ -29,6 +29,7 @@ _PARTS_OF_TIMES = frozenset(
     )
 )
 """Names of columns that may each have a part of a time."""
+_HOURS = frozenset(("hour", "hours", "hr", "hrs", "hh", "h"))
 _DOTTED_CLOCK = re.compile(r"\d{1,2}[.,][0-5]\d")
 _CLOCK = re.compile(r"([01]?\d|2[0-3])[0-5]\d([0-5]\d)(?:\.\d*)?")
 _STAMP = re.compile(r"\d{12}|\d{14}(\.\d+|\d{1,6})?")
@@ -157,17 +158,20 @@ def check_split_time(
     if "time" not in columns or "time" in user_columns:
         return
     time = columns["time"]
-    if "".join(words_of(time)) not in _PARTS_OF_TIMES:
+    is_part = "".join(words_of(time)) in _PARTS_OF_TIMES
+    is_day = "date" in words_of(time) and 2 * len(sample.words(time)) <= len(sample)
+    if not is_part and not is_day:
         return
     others = []
     for name in sample.names:
-        is_part = name != time and "".join(words_of(name)) in _PARTS_OF_TIMES
-        if not is_part or name in columns.values():
+        parts = _PARTS_OF_TIMES if is_part else _HOURS
+        is_other_part = name != time and "".join(words_of(name)) in parts
+        if not is_other_part or name in columns.values():
             continue
         values = sample.numbers(name)
         values = values[np.isfinite(values)]
-        # A part that stays the same leaves the intervals as they are.
-        if len(np.unique(values)) > 1 and (values == np.round(values)).all():
+        # A part that stays the same leaves the intervals as they are. Hours of a date may have decimals.
+        if len(np.unique(values)) > 1 and (is_day or (values == np.round(values)).all()):
             others.append(name)
     if others:
         message = f"the time seems to be split over the columns {', '.join([*others, time])}:"

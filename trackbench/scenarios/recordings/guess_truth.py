@@ -15,12 +15,15 @@ from trackbench.scenarios.recordings.csv_lines import TextFormat
 from trackbench.scenarios.recordings.guess_azimuths import with_places
 from trackbench.scenarios.recordings.guess_record import Guess, Track
 from trackbench.scenarios.recordings.guess_table import recognized
-from trackbench.scenarios.recordings.quantities import GEODETIC
+from trackbench.scenarios.recordings.quantities import GEODETIC, PLACE
 from trackbench.scenarios.recordings.table_sample import Sample
 from trackbench.scenarios.recordings.yaml_values import quoted
 
 _MOST_INTERVALS = 1.5
 """usual intervals between two rows within which the truth is a straight line"""
+
+_FAR = 1e5
+"""m: positions farther from x = y = 0 count from the origin of a grid"""
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,7 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
     """
     table_guess = recognized(path, user_naming)
     _check_order_of_days(path, table_guess, [guess.naming])
+    _check_sources(path, table_guess)
     if [sensor.quantities for sensor in table_guess.sensors] != [("x", "y")]:
         measured = ", ".join(dict.fromkeys(sensor.kind for sensor in table_guess.sensors))
         message = (
@@ -63,6 +67,7 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
         )
         way = "say which columns these are, --set 'truth_naming.columns.x=NAME'"
         raise DataError(Place(path, 1, 1, f"{message}: {way} --set 'truth_naming.columns.y=NAME'"))
+    _check_grid(path, guess, table_guess)
     columns = dict(table_guess.naming.columns)
     units = dict(table_guess.naming.units)
     is_geodetic = not {"x", "y"} <= columns.keys()
@@ -106,6 +111,37 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
         places=table_guess.places,
         names=tuple(table_guess.names),
     )
+
+
+def _check_sources(path: str, table_guess: Guess) -> None:
+    """Raise DataError if a column names several sources of the truth's positions."""
+    column = table_guess.naming.columns.get("sensor")
+    if not column or len(table_guess.sensors) < 2:
+        return
+    names = ", ".join(sensor.name for sensor in table_guess.sensors)[:200]
+    message = f"column {in_line(column)} names {in_line(names)}, and a truth is of one source"
+    raise DataError(Place(path, 1, 1, f"{message}: leave out the rows of the others"))
+
+
+def _check_grid(path: str, guess: Guess, table_guess: Guess) -> None:
+    """Raise DataError if positions count from far away, as on a map's grid, beside latitudes.
+
+    They are those of the truth, or those of the only table of measurements in ``guess``.
+    """
+    if guess.files or guess.naming.origin or bool(guess.origin) == bool(table_guess.origin):
+        return
+    planar = guess if table_guess.origin else table_guess
+    columns = planar.naming.columns
+    if planar.places is None or not columns.keys() >= {*PLACE}:
+        return
+    distance = float(np.nanmin(np.hypot(*planar.places.values)))
+    if distance < _FAR:
+        return
+    names = f"{in_line(columns['x'])} and {in_line(columns['y'])}"
+    message = f"{names} count from a point {distance / 1e3:.0f} km away, as on a map's grid (UTM),"
+    way = "convert them to latitude and longitude"
+    where = path if planar is table_guess else guess.path
+    raise DataError(Place(where, 1, 1, f"{message} and the other table has latitudes: {way}"))
 
 
 def settled(

@@ -147,7 +147,12 @@ class UnitChoice:
             for name in {*VELOCITY, *COURSE} & self._columns.keys():
                 self._columns.pop(name)
                 self._units.pop(name, None)
-            self._why["velocity"] = "velocities are left out: they disagree with the positions"
+            reason = "they disagree with the positions"
+            velocity = () if numbers.velocity is None else numbers.velocity
+            measured = [numbers.speed, numbers.course, *velocity]
+            if any(values is not None and not np.isfinite(values).any() for values in measured):
+                reason = "they have no numbers"
+            self._why["velocity"] = f"velocities are left out: {reason}"
         # The chosen one of two forms of dates; it is empty for the form that the clock has already.
         if first.time in clocks and first.time:
             if first.time == "s":

@@ -261,6 +261,7 @@ def _times(
     )
     intervals = np.diff(np.unique(finite))
     in_minutes = bool(len(intervals)) and not (intervals % 60.0).any()
+    has_degrees = numbers.is_angle and _largest_sizes(numbers.place)[1] <= 90.0
     points_by_unit: dict[str, float] = {}
     for row in TIME_UNITS:
         points = row.points
@@ -288,6 +289,12 @@ def _times(
             points = _FEW
         elif row.unit == "min" and _are_rounded_seconds(finite * UNITS["h"], finite):
             points = 2.0 * _FEW
+        # 0.041667 h is 150 s, and in d it is an hour.
+        elif row.unit == "d" and not is_date and _may_be_days(finite):
+            points = _FEW
+        # 0, 1 and 2 may count minutes, hours or days if in s the speed is that of a rocket.
+        elif row.points and not is_date and is_whole and has_degrees:
+            points -= 0.5
         points_by_unit[row.unit] = min(points, points_by_unit.get(row.unit, np.inf))
     for unit, points in points_by_unit.items():
         yield unit, UNITS[unit], points
@@ -319,6 +326,14 @@ def _are_rounded_seconds(seconds: Array, written: Array) -> bool:
     largest = np.abs(written).max()
     rounding = 0.55 * 10.0**-digits * float(seconds.max() / largest) if largest > 0.0 else 0.0
     return bool(0.0 < rounding < 0.05 and (np.abs(_off_whole(seconds)) <= rounding).all())
+
+
+def _may_be_days(times: Array) -> bool:
+    """Test whether times that are whole seconds in hours are multiples of ten minutes in days."""
+    if not _are_rounded_seconds(times * UNITS["h"], times):
+        return False
+    off_whole = 600.0 * _off_whole(times * UNITS["d"] / 600.0)
+    return bool((np.abs(off_whole) < 0.6).all())
 
 
 def _off_whole(values: Array) -> Array:
