@@ -622,6 +622,8 @@ def test_an_unknown_unit_of_a_speed_is_an_error(tmp_path: Path, names: str, unit
 )
 def test_units_of_speeds_have_several_spellings(name: str, unit: str) -> None:
     assert unit_of(f"speed [{name}]", "speed") == unit
+
+
 def test_times_with_marks_between_thousands_are_numbers(tmp_path: Path) -> None:
     times = [f'"{1714730400000 + 1000 * k:,}"' for k in range(CAR.rows)]
     scenario, written = guessed(tmp_path, table("time,x,y", times, *xy(CAR)))
