@@ -1,5 +1,6 @@
 """Starting files of components, scenarios and experiments that run as they are."""
 
+import json
 import os
 import re
 import sys
@@ -10,7 +11,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import yaml
 
 from trackbench.atomic_files import write_text
 from trackbench.config.load import load
@@ -25,6 +25,7 @@ from trackbench.config.recording_answers import (
     reporting_questions,
     with_option_of_zone,
 )
+from trackbench.config.resolved_config import as_yaml
 from trackbench.errors import Mark, Problem, UserError, counted, in_line
 from trackbench.execution.plan import cautions
 from trackbench.field_types import DataError
@@ -50,6 +51,7 @@ from trackbench.scenarios.recordings.guess_truth import TruthGuess, recognized_t
 from trackbench.scenarios.recordings.landmark_table import read_landmarks
 from trackbench.scenarios.recordings.yaml_values import quoted
 from trackbench.scenarios.targets.measured import Measured
+from trackbench.yaml_source import parse
 
 _INPUT_GAP = re.compile(r"`input_gap: ([^`]*)`")
 _FORM_OF = {
@@ -447,7 +449,8 @@ def _with_some_places(text: str, origin: Sequence[float]) -> str:
 
     ``origin`` is the latitude and longitude of some position, deg; empty if there is none.
     """
-    config = yaml.safe_load(text)
+    # Plain data, read by the rules of configs: a name such as "12e4" or "yes" stays a word.
+    config = json.loads(json.dumps(parse(text, "config").data))
     scenario = config["scenario"]
     for number, sensor in enumerate(scenario["sensor"]):
         if "at" in sensor and isinstance(sensor["at"][0], str):
@@ -458,7 +461,7 @@ def _with_some_places(text: str, origin: Sequence[float]) -> str:
     target = scenario["target"]
     if target.get("origin") == ["LATITUDE", "LONGITUDE"]:
         target["origin"] = [*origin]
-    return str(yaml.safe_dump(config, sort_keys=False))
+    return as_yaml(config)
 
 
 def _reported(problem: Problem | str, path: Path, data: str) -> Problem | str:

@@ -320,6 +320,26 @@ def test_a_component_with_the_name_of_an_angle_is_noted(
     assert all(f"write `angles: [{name}]` into the motion" in note for note in notes)
 
 
+@pytest.mark.parametrize(
+    ("angles", "is_noted"), [("", True), (", angles: [compass]", False), (", angles: []", False)]
+)
+def test_a_sensor_of_an_angle_of_the_state_is_noted(
+    tmp_path: Path, angles: str, is_noted: bool
+) -> None:
+    """Without its key a compass that jumps from 360 to 0 deg is off by a turn."""
+    text = RECORDED.replace("MORE", ", angles: [heading]").replace(", angles: [compass]", angles)
+    (tmp_path / "c.yaml").write_text(text)
+    _, _, seen = _recorded()
+    rows = [f"{T * k},{z}" for k, z in enumerate(seen, 1)]
+    (tmp_path / "z.csv").write_text("time,compass\n" + "\n".join(rows) + "\n")
+    truth = [f"{T * k},0,0" for k in range(1, len(seen) + 1)]
+    (tmp_path / "truth.csv").write_text("time,heading,rate\n" + "\n".join(truth) + "\n")
+    (point,) = load(tmp_path / "c.yaml").points
+    notes = [note for note in point.scenario.cautions if "measures the angle" in note]
+    assert len(notes) == is_noted
+    assert all("compass measures the angle heading" in note for note in notes)
+
+
 def test_a_recorded_truth_that_jumps_by_a_turn_is_noted(tmp_path: Path) -> None:
     angle = np.mod(0.2 * np.arange(80) + pi, 2.0 * pi) - pi
     rows = [f"{k},{cos(a):.4f},{a:.4f}" for k, a in enumerate(angle.tolist())]

@@ -510,3 +510,36 @@ def test_ids_that_are_equal_whole_numbers_are_one_landmark(tmp_path: Path, file:
     # A config has whole numbers, as 3.0 in it would be a mistake.
     config.write_text(re.sub(r"sensors: \[.*\]", "sensors: [4, 3, 7, 6, 5]", config.read_text()))
     assert len(load(config).points[0].scenario.sensor) == 5
+
+
+def test_detections_in_the_frame_of_the_robot_are_a_question(tmp_path: Path) -> None:
+    """x ahead and y to the left of the robot were read as the robot's own position."""
+    four_tables(tmp_path)
+    rows = [*csv.DictReader((tmp_path / "seen.csv").read_text().splitlines())]
+    text = "field.header.stamp,field.id,x,y\n"
+    for row in rows:
+        distance = float(row["field.range_mm"]) / 1000.0
+        angle = math.radians(float(row["field.bearing_deg"]))
+        x = distance * math.cos(angle)
+        y = distance * math.sin(angle)
+        text += f"{row['field.header.stamp']},{row['field.id']},{x:.3f},{y:.3f}\n"
+    (tmp_path / "seen.csv").write_text(text)
+    printed = of_tables(tmp_path, *FOUR)
+    assert "x and y in rows of the landmarks (field.id): are they seen from the robot?" in printed
+    assert not (tmp_path / "robot.yaml").exists()
+
+
+def test_names_of_anchors_may_look_like_numbers_or_answers(tmp_path: Path) -> None:
+    rows = ["time,anchor,distance"]
+    for k in range(60):
+        rows += [f"{k / 10},{name},{4.0 + i + 0.01 * (k % 7)}" for i, name in enumerate(NAMES)]
+    (tmp_path / "m.csv").write_text("\n".join(rows) + "\n")
+    made = trackbench(
+        "new", "experiment", "--from", "m.csv", "--set", "units.range=m", cwd=tmp_path
+    )
+    assert made.returncode == 0, made.stderr
+    assert f"sensors: [{', '.join(QUOTED)}]" in (tmp_path / "m.yaml").read_text()
+
+
+NAMES = ("12e4", "ab12", "off", "yes")
+QUOTED = ('"12e4"', "ab12", "off", "yes")

@@ -21,6 +21,7 @@ from trackbench.models.motions.irregular import with_angle_names
 from trackbench.models.motions.kinematic import ConstantVelocity
 from trackbench.models.motions.nonlinear import AngledMotion, EquationMotion, NonlinearMotion
 from trackbench.models.sensors.base import SensorBase
+from trackbench.models.sensors.function import FunctionSensor
 from trackbench.models.sensors.stacked import Sensors, sensors_of, stack_for
 from trackbench.registry import register
 from trackbench.scenarios.base import Scenario, Simulation
@@ -537,6 +538,16 @@ class Tracking(Scenario):
                     f"{why}, and no key says that it is one, so that a whole turn counts as an error: "
                     f"if it is an angle in rad, write `angles: [{name}]` into the {owner}"
                 )
+        for sensor in self.sensor if isinstance(self.sensor, tuple) else (self.sensor,):
+            if not isinstance(sensor, FunctionSensor) or sensor.angles is not None:
+                continue
+            for measured, term in sensor.h.items():
+                if term in self.angles:
+                    notes.append(
+                        f"{measured} measures the angle {term}, and no key of the sensor says that it "
+                        "is one, so that a whole turn counts as an error: write "
+                        f"`angles: [{measured}]` into the sensor, or `angles: []` if it counts on"
+                    )
         return notes
 
     @cached_property

@@ -25,7 +25,7 @@ from trackbench.scenarios.recordings.guess_record import (
     UnitByQuantity,
 )
 from trackbench.scenarios.recordings.interleaved_rows import is_word_column
-from trackbench.scenarios.recordings.quantities import COURSE, KEYS, ODOMETRY, VELOCITY
+from trackbench.scenarios.recordings.quantities import COURSE, KEYS, ODOMETRY, PLACE, VELOCITY
 from trackbench.scenarios.recordings.read_rows import read_rows
 from trackbench.scenarios.recordings.row_noise import scatter
 from trackbench.scenarios.recordings.row_order import in_order
@@ -92,6 +92,18 @@ def settle_landmarks(
     # Rows are split by landmark unless the user has named another column of sensors.
     is_split = place is not None and user_naming.columns.get("sensor", place) == place
     angle = columns.get("azimuth")
+    has_polar = not {"range", "azimuth", "bearing"}.isdisjoint(columns)
+    if tables.landmarks and is_split and not has_polar and columns.keys() >= {*PLACE}:
+        x = columns["x"]
+        y = columns["y"]
+        message = f"{x} and {y} in rows of the landmarks ({place}): are they seen from the robot?"
+        way = (
+            f"Write range = sqrt({x}^2 + {y}^2) and bearing = atan2({y}, {x}) into two columns, if"
+        )
+        way += (
+            f" {x} points ahead and {y} to the left; if they are the robot's own positions, leave"
+        )
+        raise DataError(Place(sample.path, 1, 1, f"{message} {way} out --landmarks"))
     if tables.landmarks and angle is not None and "azimuth" not in user_naming.columns:
         columns.setdefault("bearing", angle)
     if "bearing" not in columns and (angle is not None or tables.is_empty):
