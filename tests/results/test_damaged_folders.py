@@ -243,5 +243,5 @@ def test_a_line_names_the_file(small: Path, tmp_path: Path) -> None:
         _ = api.load(folder).per_step
     array("truth", np.array(1.0))(folder / "shown.npz")
     reseal(folder)
-    with pytest.raises(RunError, match=r"figure f failed: over_time\.py:\d+: IndexError"):
+    with pytest.raises(RunError, match=r"figure f failed: estimates\.py:\d+: IndexError"):
         api.plot(folder, ["svg"])

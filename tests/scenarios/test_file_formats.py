@@ -178,7 +178,12 @@ def test_a_column_of_sensors_beside_one_sensor_is_refused(
 
 def test_a_config_has_a_sensor_for_each_name(tmp_path: Path) -> None:
     (tmp_path / "m.csv").write_text(sensors("gps", "radar"))
-    assert trackbench("new", "experiment", "--from", "m.csv", cwd=tmp_path).returncode == 0
+    words = ("new", "experiment", "--from", "m.csv")
+    # Positions that lie 100 m apart may be those of two targets.
+    asked = trackbench(*words, cwd=tmp_path)
+    assert "--set 'columns.sensor=sensor'" in asked.stderr.replace("`", "")
+    answer = ("--set", "columns.sensor=sensor")
+    assert trackbench(*words, *answer, cwd=tmp_path).returncode == 0
     target = yaml.safe_load((tmp_path / "m.yaml").read_text())["scenario"]["target"]
     assert target["sensors"] == ["gps", "radar"]
     assert np.isfinite(seen(tmp_path / "m.yaml")).sum() == 2 * 19
