@@ -558,8 +558,8 @@ class FaultContext(NamedTuple):
             changed = (self.rows(fault), self.faulty_steps(fault))
             corrected = fault.corrected(self._stretch(fault, z))
             later_factor = self._factor_on_errors(ordered[i + 1 :])[changed]
-            if (later_factor != 1.0).any():
-                # Later faults have multiplied the error, too.
+            # Later faults have multiplied a bias, too. Over other faults their factor may be NaN.
+            if isinstance(fault, Bias) and (later_factor != 1.0).any():
                 corrected = z[changed] - later_factor[..., None] * (z[changed] - corrected)
             z[changed] = corrected
         return z
