@@ -292,13 +292,13 @@ def _turns(node: Node, jumps: list[float], never_negative: list[bool]) -> float:
             return 0.0 if never_negative[1] else 1.0
         case "+" | "-" | "negative":
             return max(jumps)
-        case "*" | "/" if any(jumps) and any(map(is_constant, node.arguments)):
+        case "*" if any(jumps) and any(map(is_constant, node.arguments)):
             # A factor of an angle, such as 180/pi.
             u, v = node.arguments
             factor = u.value if is_constant(u) else v.value
-            if node.operation == "*":
-                return abs(max(jumps) * factor)
-            return abs(max(jumps) / factor)
+            return abs(max(jumps) * factor)
+        case "/" if any(jumps) and is_constant(node.arguments[1]):
+            return abs(max(jumps) / node.arguments[1].value)
         case _:
             return 0.0
 
