@@ -228,11 +228,11 @@ class Legs(Flown):
         return states
 
     def windows(self, times: Array, scored: Mask) -> dict[str, Mask]:
-        """Return masks (K,) of the scored ones of the ``times``, by the name of a part of the flight.
+        """Select ``quiet``, settled straight flight; of the turns, if there are any:
 
-        ``quiet`` is settled straight flight, and ``before`` the flight before the first leg. ``turns``
-        are all legs, and ``starts`` their beginnings; ``leg n`` and ``start n`` are those of one leg.
+        ``before`` the first one, ``turns`` and each ``leg n``, their ``starts`` and each ``start n``.
         """
+        # Each is a mask (K,) of scored steps. `trackbench describe legs` prints the text above.
         inside = self._inside(times)
         # Start of a turn: its first `edge` seconds.
         starts = [
