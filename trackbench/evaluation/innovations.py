@@ -35,13 +35,20 @@ class Innovations:
         self._errors: list[Array] = []
 
     def add(self, predicted: Gaussian, z: Array, k: int) -> None:
-        """Add the prediction of step k and its measurements (n_z, M)."""
+        """Add the predicted state of step k and the step's measurements (n_z, M).
+
+        The step waits until there are enough for one call.
+        """
         self._waiting.append((predicted, z, k))
+        # Numbers in covariances (n, n, M) of all waiting steps; the size of the mean is n M.
         if len(self._waiting) * len(predicted.mean) * predicted.mean.size >= _AT_ONCE:
             self._compute_waiting()
 
     def add_steps(self, predicted: Gaussian, z: Array, steps: Sequence[int]) -> None:
-        """Add predictions of many steps, with means (n, T, M), and their measurements (n_z, T, M)."""
+        """Add predictions of many steps, with means (n, T, M), and their measurements (n_z, T, M).
+
+        ``steps`` are the numbers of the steps.
+        """
         n = len(predicted.mean)
         model = Model(self._model.motion, SensorOfSteps(self._model.sensor, steps))
         # The batch (T, M) becomes one axis.
