@@ -43,14 +43,16 @@ class NextBatch(NamedTuple):
 
 
 def next_batch(experiment: Experiment, most: int, outcome: Outcome) -> NextBatch | None:
-    """Return the experiment with the runs of the next checkpoint.
+    """Return the experiment with the runs of the next checkpoint; None if the runs end.
 
-    Returns None after two good checkpoints in a row, or after the last. ``experiment`` has the runs made
-    so far, which are at least those of the first checkpoint. ``most`` is the largest number of runs.
+    They end without the key `until`, after the last checkpoint, or after two checkpoints in a row at
+    which all standard errors are small enough. ``experiment`` has the runs made so far, which are at
+    least those of the first checkpoint. ``most`` is the largest number of runs.
     """
     settings = experiment.settings
     if not settings.until:
         return None
+    # Numbers of runs at all checkpoints, and at those up to now.
     stops = list(checkpoints(settings.min_runs, most))
     passed = [runs for runs in stops if runs <= settings.runs]
     if len(passed) == len(stops):
@@ -63,6 +65,7 @@ def next_batch(experiment: Experiment, most: int, outcome: Outcome) -> NextBatch
             return None
     least_precise = ""
     if last:
+        # A share that is not finite, as of a target of zero, counts as the worst.
         worst = max(last, key=lambda check: check.share if isfinite(check.share) else inf)
         least_precise = worst.progress_text
     bigger = with_runs(experiment, stops[len(passed)])
@@ -85,7 +88,11 @@ def imprecise(
 
 
 def stop_reason(experiment: Experiment, most: int, outcome: Outcome) -> Iterator[str]:
-    """Yield why the runs ended, if the config has `until`; ``most`` is the largest number of runs."""
+    """Yield lines on why the runs ended, if the config has `until`.
+
+    Either all standard errors are small enough, or a line names each that is not. ``experiment`` has the
+    runs made, and ``most`` is the largest number of runs.
+    """
     if not experiment.settings.until:
         return
     runs = experiment.settings.runs
