@@ -116,7 +116,7 @@ def _keys_without_default(cls: type[AnyFilter]) -> list[str]:
 
 
 def report(findings: dict[str, list[Finding]]) -> Iterator[str]:
-    """Yield the lines of a report on each kind."""
+    """Yield the lines of a report on each filter, given by its kind or by its label in a config."""
     for kind, findings_of_kind in findings.items():
         yield f"{kind}:"
         for finding in findings_of_kind:
@@ -124,7 +124,10 @@ def report(findings: dict[str, list[Finding]]) -> Iterator[str]:
 
 
 def run_check(name: str, check: Check, tracker: AnyFilter, scenario: Scenario) -> Finding:
-    """Run one check and return its finding; an exception of the filter is a breach of the contract."""
+    """Run one check and return its finding; an exception of the filter is a breach of the contract.
+
+    ``name`` is the title of the check in the finding.
+    """
     try:
         with guarded(), np.errstate(all="ignore"), catch_warnings():
             simplefilter("ignore")
