@@ -314,7 +314,7 @@ def name_of_unwrapped(
 
     ``tested`` are the estimates of the filter from the ``data``, ``center`` those of a reference. An
     angle explains the runs in which they are far from each other, if most of these runs are right once
-    the angle is measured without a cut. A cut is a value at which the numbers of an angle jump by a turn.
+    the angle is measured without a cut, a value at which its numbers jump by a turn.
     """
     rows = problem.angle_rows  # of the state
     deviations = deviation(tested, center, rows)  # (M,), in standard deviations
