@@ -278,7 +278,7 @@ class _WithoutWrap(ModelDraws):
 
     @cached_property
     def model(self) -> Model:
-        """Model that filters get."""
+        """Model that filters get: the innovation of its sensor is the plain difference."""
         model = super().model
         plain: Sensor = copy(model.sensor)
         object.__setattr__(plain, "innovation", np.subtract)

@@ -84,6 +84,7 @@ def check_filter(
     if scenario is None and tracker.runs_program and why_not_linear:
         # Every check would fail by this text.
         why = why_not_linear
+        # A program without any answer does not speak the protocol: a config would not help.
         is_silent = isinstance(tracker, External) and tracker.is_silent
         if on is None and not is_silent:
             why += f"; {_NAME_A_CONFIG}"
@@ -166,7 +167,8 @@ def _choose_scenario(
 ) -> tuple[Scenario | None, str]:
     """Choose the first scenario that the filter can run on; explain why it cannot run on earlier ones.
 
-    The candidates are the contract's scenarios and ``scenarios``, or only ``on`` if that is given.
+    The candidates are the contract's scenarios and ``scenarios``, or only ``on`` if that is given. The
+    scenario is None if the filter runs on none of them.
     """
     candidates = (PLANAR, SCALAR, RADAR, *scenarios) if on is None else (on,)
     reasons: list[str] = []

@@ -43,8 +43,8 @@ def bound_steps(
 ) -> Iterator[StepColumns]:
     """Yield a scenario's lower bounds at every step, as `step_columns` has the RMSE.
 
-    ``bounds`` (T + 1,) are by quantity. The standard error is from ``without``, the bounds without one
-    batch of simulated paths each.
+    ``bounds`` (T + 1,) are by quantity. ``without`` has for each batch of simulated paths the bounds
+    from all other batches: their jackknife gives the standard error.
     """
     for quantity, bound in bounds.items():
         stderr = np.full_like(bound, _jackknife([others[quantity] for others in without]))

@@ -222,10 +222,13 @@ class Calibration:
     """
 
     def __init__(self, components: Sequence[str], wanted: Sequence[str]) -> None:
+        """Begin before the first step."""
         self._components = components
         self._wanted = {"calibration", "ranks", "crps"}.intersection(wanted)
         self.disabled = not self._wanted
+        # By series: the values (M,) of each step.
         self._rows: dict[str, list[Array]] = {}
+        # By step: the number of possible ranks, and log NEES less its mean (`Posterior`).
         self._places: list[int] = []
         self._log_excess: list[Array | None] = []
 
@@ -332,7 +335,10 @@ def noncredibility(nees: Array, n: int, rank: Array | None = None) -> Array:
 
 
 def rank_of(nees: str, series: Mapping[str, Array], n: int) -> Array | None:
-    """Return the degrees of freedom (T, M) of a NEES of n components; None if it has n everywhere."""
+    """Return the degrees of freedom (T, M) of a NEES of n components; None if it has n everywhere.
+
+    ``nees`` is the name of its series. A series ``unused_nees`` counts the components without spread.
+    """
     name = f"unused_{nees}"
     if name not in series:
         return None

@@ -181,14 +181,17 @@ class SeriesSums:
     def from_series(
         cls, values: Mapping[str, Array], windows: Mapping[str, Mask], counts: Collection[str]
     ) -> "SeriesSums":
-        """Return the sums of whole series (T + 1, M)."""
+        """Return the sums of whole series: ``values`` are arrays (T + 1, M) by the names of the series.
+
+        The other arguments are those of the constructor.
+        """
         sums = cls(windows, counts)
         for name, rows in values.items():
             sums.add(name, rows, 0)
         return sums
 
     def add(self, series: str, rows: Array, first: int) -> None:
-        """Add the values ``rows`` (S, M) of a series, given by name, of the steps from ``first`` on."""
+        """Add the values ``rows`` (S, M) of the steps from index ``first`` on to the named series."""
         if series not in self._reductions:
             self._reductions[series] = {
                 name: metric.over_steps
@@ -226,10 +229,11 @@ class SeriesSums:
     def over_windows(self, values: Mapping[str, Array]) -> dict[str, Array]:
         """Return each metric of each run (M,) over each window; ``values`` are the whole series."""
         by_window: list[dict[str, Array]] = [{} for _ in self._windows]
-        last_steps = [np.flatnonzero(mask)[-1] for mask in self._masks]
+        last_steps = [np.flatnonzero(mask)[-1] for mask in self._masks]  # index, of each window
         for series, reductions in self._reductions.items():
             if not reductions:
                 continue
+            # Each way to reduce the steps to one number: arrays (W, M) over the W windows.
             sums = self._window_sums[series, "values"]
             mean = sums.total / sums.number
             reduced = {"sum": sums.total, "mean": mean, "last": values[series][last_steps]}

@@ -117,8 +117,8 @@ def _is_affine(x: Array) -> bool:
     ``x`` (..., 4) are its values at 0, a, b and a + b. Components without any value are left out.
     """
     known = x[~np.isnan(x).all(axis=-1)]
-    # A larger difference is no rounding error of values of this size.
     difference = known[..., 3] + known[..., 0] - known[..., 1] - known[..., 2]
+    # More than 1e-9 of the largest value is no rounding error.
     return bool(np.all(np.abs(difference) <= 1e-9 * np.abs(known).max(initial=0.0)))
 
 

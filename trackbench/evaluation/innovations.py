@@ -30,7 +30,9 @@ class Innovations:
         """
         self._model = model
         self._errors_at_mean = errors_at_mean
+        # Steps that wait for a call: predicted state, measurements and number of each.
         self._waiting: list[tuple[Gaussian, Array, int]] = []
+        # By call: the innovations and the prediction errors of its steps.
         self._computed: list[Innovation] = []
         self._errors: list[Array] = []
 
@@ -65,7 +67,10 @@ class Innovations:
             self._errors.append(innovation.nu)
 
     def joined(self, runs: int) -> tuple[Array, Array]:
-        """Return the innovations (n_z, T, M) of all steps and their covariances (n_z, n_z, T, M)."""
+        """Return the innovations (n_z, T, M) of all steps and their covariances (n_z, n_z, T, M).
+
+        ``runs`` is M.
+        """
         self._compute_waiting()
         nu = np.concatenate([i.nu for i in self._computed], axis=1)
         S = np.concatenate([i.S for i in self._computed], axis=2)
@@ -73,7 +78,10 @@ class Innovations:
         return nu.reshape(n_z, -1, runs), S.reshape(n_z, n_z, -1, runs)
 
     def errors(self, runs: int) -> Array:
-        """Return the prediction errors (n_z, T, M) of all steps: innovations, or errors at the mean."""
+        """Return the prediction errors (n_z, T, M) of all steps: innovations, or errors at the mean.
+
+        ``runs`` is M.
+        """
         self._compute_waiting()
         errors = np.concatenate(self._errors, axis=1)
         return errors.reshape(len(errors), -1, runs)
@@ -147,6 +155,7 @@ def innovation_metrics(values: Mapping[str, Array], mask: Mask) -> dict[str, Arr
     # Autocorrelation = sum of lagged products over sum of squares (lag 0).
     for name, rows in values.items():
         if name.startswith("autocovariance_"):
+            # A run without two measurements at this lag has no correlation.
             paired = ~np.isnan(rows[mask]).all(axis=0)
             correlation = np.where(paired, total_of_known(rows[mask]) / nis, np.nan)
             metrics[name.replace("covariance", "correlation")] = correlation

@@ -45,7 +45,10 @@ def series_of(m: Measure) -> str | None:
 
 
 def statistic_of(m: Measure) -> str | None:
-    """Return the statistic over the runs' shares whose value is the measure m; None without shares."""
+    """Return the statistic over the runs' shares whose value is the measure m: "mean", "rms" or "std".
+
+    A share is what one run contributes to a number over steps. The result is None if m has no shares.
+    """
     if series_of(m) is None:
         return None
     if m.statistic:

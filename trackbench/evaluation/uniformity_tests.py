@@ -72,10 +72,11 @@ def at_step(pit: Array) -> Histogram:
 
 
 def over_steps(shares: Array) -> Histogram:
-    """Test runs' shares (TENTHS, M) of steps: Hotelling's T^2 of their means (1931).
+    """Test the transforms of many steps, by each run's ``shares`` (TENTHS, M): Hotelling's T^2 (1931).
 
-    NaN, as of lost runs, is left out; the distance is that at the tenths' edges. Ranks of fewer than ten
-    places get no test.
+    A share is that of a run's steps whose transform is in a tenth of (0, 1). Runs with NaN, such as lost
+    ones, are left out. The distance is that at the tenths' edges. Ranks of fewer than ten places get no
+    test.
     """
     from scipy.special import fdtrc
 

@@ -280,7 +280,7 @@ class SerialExecutor(Executor):
     """Executor that computes at once, in this process."""
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        """Run the function now."""
+        """Run the function now, in this process, and return a future that is done."""
         future: Future[T] = Future()
         try:
             future.set_result(fn(*args, **kwargs))

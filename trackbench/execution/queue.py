@@ -58,7 +58,10 @@ class Queue:
     """
 
     def __init__(self, workers: int, store: BlockStore) -> None:
-        """Begin without tasks; ``workers`` is the number of processes that compute them."""
+        """Begin without tasks; ``workers`` is the number of processes that compute them.
+
+        The results are stored in ``store``.
+        """
         self.failed: dict[tuple[object, ...], str] = {}
         """reasons why filters failed, by `algorithm`"""
         self._first_failed: dict[tuple[object, ...], int] = {}
@@ -72,7 +75,7 @@ class Queue:
         self._store = store
         self._remote = False  # True for the workers of a cluster
         self._waiting: deque[Stack] = deque()
-        self._running: dict[Future[list[Computed]], list[Stack]] = {}
+        self._running: dict[Future[list[Computed]], list[Stack]] = {}  # submitted batches
         self._seconds: dict[tuple[object, ...], float] = {}  # of a block, by `algorithm`
         self._plugins: dict[BlockTask, tuple[Plugin, ...]] = {}  # of every task ever added
 

@@ -35,7 +35,7 @@ class FoundBlocks:
         self._bytes = 0
 
     def keep(self, task: BlockTask, block: PackedBlock) -> None:
-        """Keep a block if there is room for it."""
+        """Keep a block if there is room for it; the key is the identity of its task."""
         if self._bytes + block.numbers.nbytes <= _KEPT_BYTES:
             self._blocks[id(task)] = task, block
             self._bytes += block.numbers.nbytes

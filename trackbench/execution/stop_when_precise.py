@@ -75,7 +75,11 @@ def next_batch(experiment: Experiment, most: int, outcome: Outcome) -> NextBatch
 def imprecise(
     experiment: Experiment, outcome: Outcome, runs: int | None = None
 ) -> Iterator[tuple[Key, PrecisionCheck]]:
-    """Yield the numbers whose standard error exceeds that of `until` after ``runs``, or all, runs."""
+    """Yield the numbers whose standard error is larger than the config's key `until` allows.
+
+    The errors are those after the first ``runs`` runs; default: all. Before each check stand the grid
+    point and the label of the filter.
+    """
     targets = []
     for metric, error in experiment.settings.until.items():
         targets.append(PrecisionTarget.read(metric, error))

@@ -159,5 +159,5 @@ def _peak_memory() -> int:
         return 0
     import resource
 
-    unit = 1 if sys.platform == "darwin" else 1024
+    unit = 1 if sys.platform == "darwin" else 1024  # bytes of the number's unit
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit

@@ -81,7 +81,7 @@ class ResultsFolder:
 
     @property
     def config(self) -> dict[str, Any]:
-        """Resolved config."""
+        """Resolved config, in which defaults are written out, as a mapping."""
         config = self.source.data
         assert isinstance(config, dict)
         return config

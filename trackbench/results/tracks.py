@@ -85,7 +85,7 @@ class FigureTracks(TrackFile):
     def _arrays(self, label: str, tracks: Tracks, scenario: Scenario) -> dict[str, Array]:
         """Return one filter's arrays by name: no more runs and digits than the figures show.
 
-        ``label`` is that of the filter, and ``tracks`` are its tracks of all runs that any figure shows.
+        ``label`` is that of the filter. Its ``tracks`` have at least the runs that figures show.
         """
         figures = [figure for figure in self.experiment.figures.values() if figure.shown_runs]
         # Number of runs that are drawn in all detail: a figure without `shown_components` may draw
