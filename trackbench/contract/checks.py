@@ -363,7 +363,8 @@ def _check_gaps(tracker: AnyFilter, scenario: Scenario) -> None:
         raise ContractError("the estimate is not finite where a measurement is missing (NaN)")
     if np.array_equal(missing.mean, measured.mean):
         return  # the filter uses no measurement
-    # A filter with a gate ignores measurements that are far away, and perhaps zero.
+    # A filter with a gate ignores measurements that are far away, and perhaps zero. Its estimates then
+    # equal those at a gap, which is no mistake.
     far_away = estimate_at_gaps(1e3 * (1.0 + float(np.nanmax(np.abs(z)))))
     has_gate = np.array_equal(missing.mean, far_away.mean)
     replacements: dict[str, Array | float] = {
@@ -377,6 +378,7 @@ def _check_gaps(tracker: AnyFilter, scenario: Scenario) -> None:
             raise ContractError(f"a missing measurement ({symbol}) is taken as {name}")
     if not np.allclose(missing.cov, measured.cov, rtol=1e-9, atol=0.0):
         return
+    # A measurement must change the covariance, unless the filter has a constant one.
     if not has_constant_covariance(run_filter(tracker, scenario, data)):
         message = "the covariance is the same with and without a measurement"
         message += ": does the update reduce it?"
@@ -473,6 +475,7 @@ def _check_place(tracker: AnyFilter, scenario: Scenario) -> None:
         raise LeftOutError("the filter refuses a radar that does not stand at the origin")
     if not _uses_measurements(tracker, PLACED):
         raise LeftOutError("the filter uses no measurement")
+    # RADAR stands at the origin, PLACED elsewhere, and MOVING moves.
     problems = {"a radar at [-1500, 2000]": PLACED}
     if runs_on(tracker, MOVING):
         problems["a radar that moves on a `platform`"] = MOVING
@@ -481,7 +484,8 @@ def _check_place(tracker: AnyFilter, scenario: Scenario) -> None:
         if not _depends_on_place(tracker, problem):
             message = f"with {name} the estimates equal those of a radar at the origin"
             raise ContractError(f"{message}; {_way_to_place(tracker, problem)}")
-    # Step 2: the errors, if they fit with a radar at the origin.
+    # Step 2: the errors, if they fit with a radar at the origin. A filter with several motions, which
+    # reports the diagnostic `mode`, has no reference filter.
     precise_tracker = _with_many_particles(tracker)
     if "mode" in run_filter(tracker, RADAR, simulate(RADAR, runs=2)).series:
         return

@@ -134,7 +134,8 @@ def misfit(
     """
     data = with_gaps(simulate(scenario, runs, seed=seed))
     tested = run_filter(tracker, tested_scenario or scenario, data)
-    # Step 1: references. A filter that draws is compared with a particle filter of as many particles.
+    # Step 1: references. UKF and EKF need the moments of a measurement, which some sensors lack. A
+    # filter that draws is also compared with a particle filter of as many particles, or of 50.
     sensor = scenario.model.sensor
     has_moments = not (has_own_density(sensor) and sensor.why_no_moments())
     reference_filters: list[AnyFilter] = [UKF(), EKF()] if has_moments else []
@@ -147,7 +148,7 @@ def misfit(
             references.append(run_filter(reference_filter, scenario, data))
     if not references:
         return ""
-    # Step 2: scores about the reference with the least error.
+    # Step 2: scores of all filters, with distances from the reference that has the least error.
     mean_errors = []
     for reference in references:
         scores = score(reference, references[0], data, scenario)
