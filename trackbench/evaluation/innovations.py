@@ -51,6 +51,7 @@ class Innovations:
 
         ``steps`` are the numbers of the steps.
         """
+        self._compute_waiting()  # the steps that were added before come first
         n = len(predicted.mean)
         model = Model(self._model.motion, SensorOfSteps(self._model.sensor, steps))
         # The batch (T, M) becomes one axis.
