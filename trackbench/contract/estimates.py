@@ -121,6 +121,7 @@ def _state_words(rng: Generator) -> list[int]:
 def runs_on(tracker: AnyFilter, scenario: Scenario) -> bool:
     """Test whether a filter accepts a scenario and runs on it without an exception."""
     try:
+        # `guarded`: the filter's code cannot end the program.
         with guarded(), np.errstate(all="ignore"):
             if why_not(tracker, scenario):
                 return False

@@ -130,6 +130,7 @@ def run_check(name: str, check: Check, tracker: AnyFilter, scenario: Scenario) -
     ``name`` is the title of the check in the finding.
     """
     try:
+        # `guarded`: the filter's code cannot end the program.
         with guarded(), np.errstate(all="ignore"), catch_warnings():
             simplefilter("ignore")
             note = check(tracker, scenario)

@@ -91,6 +91,7 @@ def check_memory(experiment: Experiment, save_tracks: bool = False) -> None:
                     f"needs at least {needed / 1e9:.1f} GB of memory and this machine has "
                     f"{memory() / 1e9:.1f} GB: use fewer particles or runs, or a smaller block"
                 )
+                # Position in the config of the filter's key `N`, or else of the filter.
                 mark = experiment.source.mark(("filters", label, "N"))
                 raise UserError(Problem(mark, f"filters.{label}", message))
 

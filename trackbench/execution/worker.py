@@ -75,6 +75,7 @@ def compute(
     # Only a plugin may replace functions of the package; without one there is nothing to undo.
     before = own_values() if foreign_parts(components) else ([], {})
     try:
+        # `guarded`: a plugin's code cannot end the process.
         with guarded(), working_folder(working_folder_of(plugins)):
             results = run_stack(blocks)
     except Exception as error:

@@ -128,7 +128,7 @@ class ResultsFolder:
     def published(self) -> Published:
         """Published numbers and claims that the results are compared with."""
         paths = self.config.get("published", [])
-        mark = self.source.mark(("published",))
+        mark = self.source.mark(("published",))  # place of the key in the config, for messages
         return read_published(self.folder, paths, self.config["name"], mark=mark)
 
     @property
