@@ -448,7 +448,10 @@ def _compare_with_references(tracker: AnyFilter, problem: ModelDraws) -> str:
 
 
 def _runs_for(tracker: AnyFilter) -> int:
-    """Return the number of runs on which a filter is compared."""
+    """Return the number of runs on which a filter is compared with reference filters.
+
+    It is smaller if the filter loops over its runs in Python, which takes longer.
+    """
     if tracker.loops_over_runs:
         return _LOOPED_RUNS
     return _RUNS

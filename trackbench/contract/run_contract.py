@@ -105,9 +105,9 @@ def check_filter(
 
 
 def _keys_without_default(cls: type[AnyFilter]) -> list[str]:
-    """Name the keys that every entry of the filter must set."""
+    """Name the keys of the filter class that have no default, so that every config must set them."""
     if not is_dataclass(cls):
-        return []
+        return []  # `_with_defaults` reports this
     names = []
     for field in fields(cls):
         has_default = field.default is not MISSING or field.default_factory is not MISSING

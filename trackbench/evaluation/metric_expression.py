@@ -207,7 +207,10 @@ class Measure(NamedTuple):
 
 @cache
 def measure(text: str) -> Measure:
-    """Parse an expression; raises ValueError."""
+    """Parse an expression such as ``gain(mean(rmse_position[turns]), PF)`` or ``rmse@20``.
+
+    The module's docstring has all forms. Raises ValueError for another text.
+    """
     groups = _GRAMMAR.fullmatch(text)
     if groups is None:
         raise ValueError(

@@ -265,9 +265,10 @@ def mark_cache(root: Path) -> bool:
 
 
 def clear_cache(root: Path, old_only: bool = False) -> None:
-    """Delete all blocks, or with ``old_only`` those of other versions of the code.
+    """Delete all blocks, cached figures and CPU times in the cache folder ``root``.
 
-    Files of other names stay. Raises UserError for a folder with other files and without a marker.
+    With ``old_only`` the blocks of this version of the code stay. Files that trackbench did not write
+    stay, too. Raises UserError for a folder with such files and without the marker of a cache.
     """
     if not root.is_dir():
         return

@@ -27,7 +27,10 @@ def with_runs(experiment: Experiment, runs: int) -> Experiment:
 
 
 def first_batch(experiment: Experiment) -> Experiment:
-    """Return the experiment with the runs of the first checkpoint; itself without the key `until`."""
+    """Return the experiment with the runs of the first checkpoint; itself without the key `until`.
+
+    A checkpoint is a number of runs after which the standard errors are checked.
+    """
     settings = experiment.settings
     if not settings.until:
         return experiment
@@ -45,9 +48,10 @@ class NextBatch(NamedTuple):
 def next_batch(experiment: Experiment, most: int, outcome: Outcome) -> NextBatch | None:
     """Return the experiment with the runs of the next checkpoint; None if the runs end.
 
-    They end without the key `until`, after the last checkpoint, or after two checkpoints in a row at
-    which all standard errors are small enough. ``experiment`` has the runs made so far, which are at
-    least those of the first checkpoint. ``most`` is the largest number of runs.
+    A checkpoint is a number of runs after which the standard errors are checked. The runs end without
+    the key `until`, after the last checkpoint, or after two checkpoints in a row at which all standard
+    errors are small enough. ``experiment`` has the runs made so far, which are at least those of the
+    first checkpoint. ``most`` is the largest number of runs.
     """
     settings = experiment.settings
     if not settings.until:
