@@ -131,8 +131,11 @@ class PredictionScorer:
         self._held_steps: list[int] = []
         self._has_likelihood = has_likelihood(tracker)
         # States of the package's filters have the attribute `prediction`, or none of that name. In the
-        # state of a plugin's filter the attribute may be something else.
-        self._has_predictions = not foreign_parts(tracker)
+        # state of a plugin's filter the attribute may be something else, and its step may write to the
+        # state.
+        is_foreign = bool(foreign_parts(tracker))
+        self._has_predictions = not is_foreign
+        self._may_change_states = is_foreign or tracker.loops_over_runs
 
     @property
     def disabled(self) -> bool:
@@ -142,9 +145,10 @@ class PredictionScorer:
     def snapshot(self, state: Any) -> Any:
         """Return a state that the filter's next step does not change.
 
-        A filter that loops over runs has an object for each run, which changes with every step.
+        A filter that loops over runs has an object for each run, which changes with every step. A plugin
+        may write to the arrays of its state.
         """
-        if not self._tracker.loops_over_runs:
+        if not self._may_change_states:
             return state
         # The second argument keeps the model, which the objects share, from being copied.
         return deepcopy(state, {id(self._model): self._model})
