@@ -209,8 +209,8 @@ class Filter(Part, Generic[State]):
         Returns
         -------
         dict
-            Reason by key (``detector.window_s``), or by ``""`` for the filter as a whole. Each is
-            an error before anything runs.
+            Reason by key (``detector.window_s``), or by ``""``, which is `WHOLE_FILTER`, for the filter
+            as a whole. Each is an error before anything runs.
         """
         return {}
 
@@ -225,7 +225,7 @@ class Filter(Part, Generic[State]):
         Returns
         -------
         dict
-            Reasons by key.
+            Reason by key, such as "without `gate`", which ends the sentence "has no effect ...".
         """
         return {}
 
@@ -426,6 +426,8 @@ class WrongReturnError(ValueError):
         self.method = method
 
 
+WHOLE_FILTER = ""
+"""Key of a conflict that concerns the filter as a whole and none of its keys."""
 OWN_MOTION = {"assume.motion": "as this filter has a motion of its own"}
 """Idle keys of a filter that uses only the time between steps of the assumed motion."""
 PLANAR_POSITION = ("state.planar", "motion.T", "sensor.per_axis")

@@ -11,7 +11,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.conversions import Conversion, Polar, convert
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.kalman import Updated
-from trackbench.filters.base import Filter
+from trackbench.filters.base import WHOLE_FILTER, Filter
 from trackbench.filters.gaussian import MODEL_NOISE, GaussianFilter, extended_prediction
 from trackbench.models.base import Model, Scene
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
@@ -113,7 +113,7 @@ class Converted(Filter[LastTwoScans]):
             message = (
                 f"conversion estimates position and velocity only; its motion has {others}, too"
             )
-            return {"": f"{message}; give it `assume: {{motion: {{kind: cv, q: 0}}}}`"}
+            return {WHOLE_FILTER: f"{message}; give it `assume: {{motion: {{kind: cv, q: 0}}}}`"}
         return {}
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> LastTwoScans:

@@ -43,7 +43,7 @@ from trackbench.field_types import (
     freeze_mappings,
     require_regular_file,
 )
-from trackbench.filters.base import Filter, Steps, WrongReturnError
+from trackbench.filters.base import WHOLE_FILTER, Filter, Steps, WrongReturnError
 from trackbench.filters.external_process import (
     PROTOCOL,
     NoFirstAnswerError,
@@ -206,7 +206,7 @@ class External(Filter[ProgramState]):
         A program that does not answer at all is not started again for another scenario.
         """
         if self in _SILENT:
-            return {"": _SILENT[self]}
+            return {WHOLE_FILTER: _SILENT[self]}
         motion, sensor = scenario.model
         state = few_names(motion.components)
         measurement = few_names(sensor.components)
@@ -215,10 +215,10 @@ class External(Filter[ProgramState]):
             why = _why_not_ready(self, self._hello(scenario.model))
         except NoFirstAnswerError as error:
             _SILENT[self] = f"{error} {where}"
-            return {"": _SILENT[self]}
+            return {WHOLE_FILTER: _SILENT[self]}
         if not why:
             return {}
-        return {"": f"{why} {where}"}
+        return {WHOLE_FILTER: f"{why} {where}"}
 
     @property
     def is_silent(self) -> bool:

@@ -26,7 +26,7 @@ from trackbench.core.many_steps import filter_steps
 from trackbench.core.smoothing import Transition, smooth
 from trackbench.core.unscented import Unscented
 from trackbench.field_types import NonNegative, OpenShare, Positive
-from trackbench.filters.base import FixedLag, InnovationFilter, SmoothingFilter, Steps
+from trackbench.filters.base import WHOLE_FILTER, FixedLag, InnovationFilter, SmoothingFilter, Steps
 from trackbench.filters.gate import (
     GateScope,
     count_refused,
@@ -340,7 +340,7 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
         """Reject a redundant component of the measurement, and weights on noise that is not normal."""
         if name := _redundant_component(scenario):
             message = f"`{name}` is a combination of other measured components, its noise included"
-            return {"": f"the innovation covariance is singular: {message}; leave it out"}
+            return {WHOLE_FILTER: f"the innovation covariance is singular: {message}; leave it out"}
         if self.robust is None or not has_own_density(scenario.model.sensor):
             return {}
         message = "weighs normal noise of covariance R, and this sensor's noise is not normal"

@@ -16,7 +16,7 @@ from trackbench.core.distributions import Distribution, Gaussian, Shifted
 from trackbench.core.particles import Particles
 from trackbench.core.posterior_scores import LinePosterior, ParticlePosterior, Posterior
 from trackbench.core.sums import dot
-from trackbench.filters.base import Filter, WrongReturnError
+from trackbench.filters.base import WHOLE_FILTER, Filter, WrongReturnError
 from trackbench.models.base import GammaMotion, Model, SampledMotion, Scene, Sensor, angle_rows
 from trackbench.models.likelihood import log_likelihood
 from trackbench.registry import register
@@ -102,9 +102,11 @@ class Grid(Filter[Resolved]):
             message = f"grid needs a state of one component; this one has {len(motion.components)}"
             if len(motion.components) == 2:
                 message += "; use grid-2d"
-            return {"": message}
+            return {WHOLE_FILTER: message}
         if isinstance(motion, GammaMotion) and motion.noise.shape > _MAX_GAMMA_SHAPE:
-            return {"": f"grid is exact for gamma noise of a shape up to {_MAX_GAMMA_SHAPE} only"}
+            return {
+                WHOLE_FILTER: f"grid is exact for gamma noise of a shape up to {_MAX_GAMMA_SHAPE} only"
+            }
         # Try the transition from the start, at the scenario's first step, to the next step: it shows
         # which density the motion has.
         step_after_start = int(scenario.steps[0]) + 1
@@ -112,10 +114,10 @@ class Grid(Filter[Resolved]):
         if isinstance(transition, Gaussian):
             if np.all(transition.cov > 0.0):
                 return {}
-            return {"": "grid needs process noise, and this motion has none"}
+            return {WHOLE_FILTER: "grid needs process noise, and this motion has none"}
         if not (hasattr(transition, "prob") and isinstance(motion, BoundedMotion)):
             members = "the transition's `prob` and the motion's `support` and `origins`"
-            return {"": f"grid needs {members}, or a Gaussian transition"}
+            return {WHOLE_FILTER: f"grid needs {members}, or a Gaussian transition"}
         return {}
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Resolved:

@@ -24,7 +24,7 @@ from trackbench.core.posterior_scores import ParticlePosterior, Posterior
 from trackbench.core.random_streams import Streams
 from trackbench.core.unscented import Unscented
 from trackbench.field_types import Finite, NonNegative, Positive, Share
-from trackbench.filters.base import Filter
+from trackbench.filters.base import WHOLE_FILTER, Filter
 from trackbench.filters.gaussian import AssumedNoise, idle_noise_mean
 from trackbench.filters.particle_base import PFState
 from trackbench.filters.ukf import augmented_step, spread_conflicts
@@ -131,7 +131,9 @@ class ProposalFilter(Filter[PFState]):
         motion = scenario.model.motion
         _, transition = self._weight_reading
         if isinstance(motion, NormalMotion) and linalg.is_singular(motion.Q):
-            return {"": "weighs by the density of the process noise, and this motion's is singular"}
+            return {
+                WHOLE_FILTER: "weighs by the density of the process noise, and this motion's is singular"
+            }
         if transition == "increment" and not isinstance(motion, GammaMotion):
             key = f"{self._reading_path}transition_density"
             return {key: "increment is defined for a gamma process noise"}

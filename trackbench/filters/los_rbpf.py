@@ -22,6 +22,7 @@ from trackbench.core.particles import Evidence, Particles
 from trackbench.core.random_streams import SomeRuns, Streams
 from trackbench.core.sums import total
 from trackbench.field_types import NonNegative, OpenShare
+from trackbench.filters.base import WHOLE_FILTER
 from trackbench.filters.particle_base import ParticleFilter, PFState
 from trackbench.models.base import Model, Scene
 from trackbench.models.motions.kinematic import Linear
@@ -131,9 +132,11 @@ class LineOfSight(ParticleFilter):
         if self.weights != "log":
             return {"weights": "los-rbpf weighs in the log domain only"}
         if not isinstance(scenario.model.sensor, RangeAzimuth):
-            return {"": "los-rbpf needs a radar of constant noise"}
+            return {WHOLE_FILTER: "los-rbpf needs a radar of constant noise"}
         if not scenario.model.sensor.at_origin:
-            return {"": "los-rbpf needs a radar at the origin; the assumed one is elsewhere"}
+            return {
+                WHOLE_FILTER: "los-rbpf needs a radar at the origin; the assumed one is elsewhere"
+            }
         return {}
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> PFState:

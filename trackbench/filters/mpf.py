@@ -25,6 +25,7 @@ from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.particle_moves import Kernel, displaced, jitter
 from trackbench.core.particles import Particles
 from trackbench.field_types import NonNegative
+from trackbench.filters.base import WHOLE_FILTER
 from trackbench.filters.particle_base import ParticleFilter, PFState
 from trackbench.models.base import Model, Scene
 from trackbench.models.motions.kinematic import Linear
@@ -53,7 +54,7 @@ class MPF(ParticleFilter):
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Reject a motion without process noise, which moves the positions."""
         if cast(Linear, scenario.model.motion).Q[0, 0] == 0.0:
-            return {"": "mpf needs process noise: q must be greater than 0"}
+            return {WHOLE_FILTER: "mpf needs process noise: q must be greater than 0"}
         return {}
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
