@@ -246,7 +246,7 @@ def _transformed(dx: Array, dz: Array, S: Array, R: Array) -> Array:
     L = linalg.cholesky(S)
     whitened = linalg.solve_lower(L[..., None], dz)
     if dz.shape[-1] <= len(dz):
-        # As many measurements as members or more: the root itself, a matrix (N, N, runs).
+        # As many measurements as members or more: the root itself, T = (I - W' W)^1/2 (N, N, runs).
         rows = np.ascontiguousarray(np.moveaxis(whitened, 2, 0))
         square = linalg.matmul(rows, linalg.transpose(rows)) / (dz.shape[-1] - 1.0)
         w, V = linalg.eigen(linalg.identity_minus(square))
@@ -310,7 +310,7 @@ class ExactFlow(EnsembleFilter):
         start = predicted.mean
         P = predicted.cov
         # All particles of a run flow by one affine map of their deviations from the mean, x -> B x + c:
-        # dB = A B dt, dc = (A c + b) dt (Euler steps).
+        # dB = A B dt, dc = (A c + b) dt (Euler steps, with A and b of the middle of each step).
         B = np.broadcast_to(with_trailing(np.eye(len(P)), 1, leading=2), P.shape)
         c = np.zeros_like(start)
         time = 0.0
@@ -365,6 +365,7 @@ def _flow(
 def _step_lengths(steps: int) -> list[float]:
     """Return the lengths of the steps in pseudo-time, which grow by a factor and sum to one."""
     lengths = [_GROWTH**i for i in range(steps)]
+    # In order: `sum` differs from Python 3.12 on.
     whole = 0.0
     for length in lengths:
         whole += length

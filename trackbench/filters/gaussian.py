@@ -255,13 +255,13 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
         return [state._replace(posterior=posterior) for state, posterior in pairs]
 
     def faded_transition(self, model: Model, state: Gaussian, k: int) -> Transition:
-        """Predict to step k as `step` does, with the covariance with the posterior."""
-        # cov(x', f(x')) of the faded x' ~ N(m, a^2 P) is a^2 cov(x, f(x')).
+        """Predict to step k as `step` does; ``cross`` is cov(x, x_k), x the posterior before fading."""
+        # The prediction starts from the faded x' ~ N(m, a^2 P). cov(x', f(x')) is a^2 cov(x, f(x')).
         transition = self.transition(model, self.prepared(state), k)
         return Transition(transition.predicted, transition.cross / (self.fading * self.fading))
 
     def transition(self, model: Model, state: Gaussian, k: int) -> Transition:
-        """Predict to step k from a posterior, with the covariance with it.
+        """Predict to step k from a posterior, with the covariance of both states.
 
         Parameters
         ----------
@@ -295,7 +295,7 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
         return value + self.log_ratio(innovation, innovation.nis)
 
     def log_likelihood(self, state: Tracked) -> Array:
-        """Evaluate log p(z_k | z_1..k-1) (M,) of the last measurement by `log_density`."""
+        """Evaluate log p(z_k | z_1..k-1) (M,) by `log_density`; NaN before the first measurement."""
         if state.innovation is None:
             return np.full(state.nis.shape, np.nan)
         return self.log_density(state.innovation)
@@ -523,7 +523,7 @@ def nonlinear_steps(
     keeps_predictions: bool,
     rule: Unscented | None = None,
 ) -> Steps | None:
-    """Return all steps of a UKF, or of the EKF of a radar, with the same bytes.
+    """Return all steps of a UKF, or of the EKF of a radar, bit for bit those of the filter's `step`.
 
     Parameters
     ----------
@@ -609,7 +609,7 @@ def select_innovation(
 
 
 def join_steps(states: Gaussian, steps: Index) -> Gaussian:
-    """Return the Gaussians before the steps of these indices as one batch, each step's runs in turn.
+    """Return the Gaussians before K steps, of indices (K,), as one batch (K M,), step after step.
 
     ``states`` has means (n, T + 1, M), of which the first is that before the first step.
     """
@@ -635,7 +635,7 @@ class NonlinearFilter(GaussianFilter):
 
     def initialize(self, model: Model, prior: Distribution) -> Gaussian:
         """Start from the prior's moments, or from those of two-point differencing."""
-        # The converted scans replace the prior; P0 replaces its covariance.
+        # By the key `start` converted scans replace the prior; the key `P0` replaces its covariance.
         if self.start is not None and isinstance(prior, Convertible):
             prior = prior.gaussian(self.start)
         if self.P0 is not None:

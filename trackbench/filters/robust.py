@@ -190,7 +190,10 @@ class Huber(RobustUpdate):
         return self.k / np.maximum(np.sqrt(squared), self.k)
 
     def log_ratio(self, nis: Array, n: Index) -> Array:
-        """Return the ratio of Huber's density, ``exp(-rho(r))`` over its integral."""
+        """Return the log-ratio (M,) of Huber's density of scale S to the normal one, by NIS (M,).
+
+        Huber's density is ``exp(-rho(r))`` over its integral. n (M,) counts the measured components.
+        """
         r = np.sqrt(nis)
         rho = np.where(r > self.k, self.k * r - 0.5 * self.k * self.k, 0.5 * nis)
         return np.asarray(0.5 * nis - rho - _log_integrals(self.k, int(n.max(initial=0)))[n])
@@ -198,11 +201,15 @@ class Huber(RobustUpdate):
 
 @cache
 def _log_integrals(k: float, n_z: int) -> Array:
-    """Return the logarithm of ``int exp(-rho(|u|)) du`` over n components, less that of the normal."""
+    """Return log(I_n / J_n) (n_z + 1,) for n = 0, ..., n_z components; k is Huber's constant.
+
+    I_n is the integral of ``exp(-rho(|u|))`` over n components u, and J_n that of ``exp(-|u|^2 / 2)``.
+    """
+    # For a large k the tail is zero, and the terms below would overflow.
     tail = float(exp(-0.5 * k * k))
     values = [0.0]
     for n in range(1, n_z + 1):
-        # P(chi^2_n < k^2) + 2 e^(-k^2/2) (n-1)! / (2^(n/2) Gamma(n/2) k^n) sum_j<n k^2j / j!
+        # I_n / J_n = P(chi^2_n < k^2) + 2 e^(-k^2/2) (n-1)! / (2^(n/2) Gamma(n/2) k^n) sum_j<n k^2j / j!
         value = float(chi_square_cdf(k * k, n))
         if tail > 0.0:
             terms = sum(k ** (2 * j - n) / factorial(j) for j in range(n))
@@ -254,7 +261,8 @@ AnyRobust: TypeAlias = Annotated[Huber | StudentT, Field(discriminator="kind")]
 
 
 def sensor_rows(sensor: Sensor) -> list[slice]:
-    """Return the rows of each sensor in a measurement."""
+    """Return the rows of each sensor in a measurement z (n_z, M)."""
+    # Faults may multiply the noise of the sensors: the sensor inside has the rows.
     while isinstance(sensor, ScaledNoise):
         sensor = sensor.sensor
     return rows_of(cast(Sensors, sensor))
