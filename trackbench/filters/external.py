@@ -78,6 +78,7 @@ class _Line:
     def __init__(
         self, text_by_run: Sequence[str], number: int, time: float, before: "_Line | None"
     ):
+        """Store the lines of the M runs, the number of steps since `init`, and the time since it, s."""
         self.text_by_run = text_by_run
         self.number = number
         self.time = time
@@ -160,14 +161,14 @@ class External(Filter[ProgramState]):
             raise InvalidKeyError(message, "command", 0)
         for i, file in enumerate(self.files):
             try:
-                _files_below(file)
+                _files_below(file)  # raises the error of a file that cannot be read
             except OSError as error:
                 raise InvalidKeyError(f"{file}: {error.strerror}", "files", i) from None
         # The numbers depend on the files as they were read: they may change before the program runs.
         object.__setattr__(self, "_content", self.digests())
 
     def digests(self) -> tuple[tuple[str, str], ...]:
-        """Digest the words of the command, the files and the variables as they are now."""
+        """Return each word of the command, file and variable with the digest of what it is now."""
         words = [(word, _digest(word)) for word in self.command]
         files = [(file, _digest_below(file)) for file in self.files]
         variables = [(name, _digest_of_variable(name)) for name in self.environment]
@@ -255,6 +256,7 @@ class External(Filter[ProgramState]):
     def init(self, model: Model, prior: Distribution, rng: Generator) -> ProgramState:
         """Begin each run with the moments of its prior."""
         prior = per_run_moments(Gaussian(prior.mean, prior.cov))
+        # The line is `init SEED TIME mean cov`, at time 0.
         lines = []
         for run, seed in enumerate(run_seeds(rng, prior.mean.shape[1])):
             moments = [prior.mean[:, run], prior.cov[..., run].ravel()]
@@ -317,9 +319,9 @@ class External(Filter[ProgramState]):
         return mean, cov
 
     def _hello(self, model: Model) -> str:
-        """Return the first line that a program is sent."""
+        """Return the first line that a program is sent: ``trackbench 1 {JSON}`` with the problem."""
         motion, sensor = model
-        facts: dict[str, object] = {
+        problem: dict[str, object] = {
             "components": motion.components,
             "measurement": sensor.components,
             "T": getattr(motion, "T", None),
@@ -328,7 +330,7 @@ class External(Filter[ProgramState]):
         }
         inputs = inputs_of(motion)
         if inputs is not None:
-            facts["input"] = inputs.names
+            problem["input"] = inputs.names
         # R of any other sensor may differ from step to step.
         H = None
         if isinstance(sensor, SensorBase | StackedSensor):
@@ -337,10 +339,11 @@ class External(Filter[ProgramState]):
             n = len(motion.F)
             R = sensor.measurement(np.zeros((n, 1)), 1).cov.reshape(len(sensor.components), -1)
             matrices = {"F": motion.F, "Q": motion.Q, "H": H(n), "R": R}
-            facts["model"] = {name: matrix.tolist() for name, matrix in matrices.items()}
+            problem["model"] = {name: matrix.tolist() for name, matrix in matrices.items()}
         # Without spaces: programs that find `"q": ` of their parameters by text do not find it here.
         described = json.dumps(describe_model(model), separators=(",", ":"))
-        text = f"{json.dumps(facts).removesuffix('}')}, {described.removeprefix('{')}"
+        # Both JSON objects become one: `{a` and `b}` from `{a}` and `{b}`.
+        text = f"{json.dumps(problem).removesuffix('}')}, {described.removeprefix('{')}"
         return f"trackbench {PROTOCOL} {text}"
 
 
@@ -381,7 +384,10 @@ def _digest(word: str) -> str:
 
 
 def _files_below(path: str) -> list[Path]:
-    """List a file, or all files in a folder; raises OSError for one that cannot be read."""
+    """List a file, or all files in a folder.
+
+    Raises OSError if the path is missing, a device or a pipe.
+    """
     if not os.path.isdir(path):
         return [require_regular_file(path)]
     return sorted(file for file in Path(path).rglob("*") if file.is_file())
@@ -576,6 +582,7 @@ class _Copy:
         try:
             answers = self.program.exchange(earlier + new)
         except ProgramError as error:
+            # Count from the first new line; negative at a line that was sent again.
             error.answered -= len(earlier)
             raise
         self.last_sent = (lines[-1], run)
@@ -586,6 +593,7 @@ class _Pool:
     """Programs of one filter, started when they are needed."""
 
     def __init__(self, tracker: External, hello: str) -> None:
+        """Start with no program; ``hello`` is the first line that each one will be sent."""
         self._tracker = tracker
         self._hello = hello
         self._copies: dict[int, _Copy] = {}

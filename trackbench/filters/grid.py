@@ -94,8 +94,8 @@ class Grid(Filter[Resolved]):
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Reject several components, gamma noise of a large shape, and motions without a density.
 
-        The density is continued by its formula below its edge, where a large shape is too steep:
-        from 30 on the estimate is wrong if R is large, and no check shows it.
+        The quadrature continues a gamma density by its formula below the density's edge, where a large
+        shape is too steep: from 30 on the estimate is wrong if R is large, and no check shows it.
         """
         motion = scenario.model.motion
         if len(motion.components) > 1:
@@ -168,6 +168,7 @@ class Grid(Filter[Resolved]):
             difference = np.inf
             if self._has_dense_nodes(model, old.posterior, k):
                 difference = _largest_difference(new)
+            # With the most nodes a larger difference is allowed than the one that doubles them.
             tolerance = _REFINE_ABOVE if doubled < _DOUBLINGS else _TOLERANCE
             if difference <= tolerance:
                 angles = angle_rows(model.motion)
@@ -255,7 +256,7 @@ class Grid(Filter[Resolved]):
 
     def log_likelihood(self, state: Resolved) -> Array:
         """Evaluate log p(z_k | z_1..k-1) (M,), exact."""
-        first = state.posterior[0]
+        first = state.posterior[0]  # each panel has p(z_k | z_1..k-1), over all panels
         if first.evidence is None:
             return np.full(first.low.shape, np.nan)
         return elementary.log(first.evidence)

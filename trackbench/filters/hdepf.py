@@ -225,12 +225,14 @@ class EvolutionFilter(ProposalFilter):
                 trial = np.clip(trial, lowest, highest)
             # Step 4: selection by the gain in fitness, f(v) - f(x).
             trial_fitness = log_fitness(trial)
+            # The gain from -inf to -inf is NaN, and is not accepted.
             with np.errstate(invalid="ignore", over="ignore"):
                 gain = self.reading.compared(trial_fitness) - self.reading.compared(fitness)
             take = selection.accept(gain, rng)
             is_new = (trial != x).any(axis=0)  # a trial that equals its parent does not count
             x = choose(take, trial, x)
             fitness = choose(take, trial_fitness, fitness)
+            # The result is the best point that each of the N slots has visited, or the last population.
             if self.reading.keep_best == "slot":
                 better = fitness > best_fitness
                 best_x = choose(better, x, best_x)

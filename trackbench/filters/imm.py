@@ -151,7 +151,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
 
     @property
     def all_requirements(self) -> tuple[str, ...]:
-        """Also what the models' filter requires of sensor and prior."""
+        """Also what the models' filter requires of sensor and prior; the IMM has its own motions."""
         of_filter = [name for name in self.filter.requires if not name.startswith("motion.")]
         return self.requires + tuple(of_filter)
 
@@ -164,6 +164,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         conflicts: dict[str, str] = {}
         for model in self.models(scenario.model):
             conflicts |= self.filter.conflicts(_with_model(scenario, model))
+        # The key of a conflict is below `filter`, or is `filter` if it concerns the whole filter.
         return {f"filter.{key}".rstrip("."): reason for key, reason in conflicts.items()}
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
@@ -423,8 +424,8 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
     ) -> Transition:
         """Predict the state of one model to step k by the motion of another one, ``next_model``.
 
-        Return the prediction and its covariance with the state. ``next_state`` is the other model's
-        state, which has the moments of the components that only this model has.
+        Return the prediction and its covariance with ``state``. ``next_state`` is the state of
+        ``next_model``, which has the moments of the components that ``state`` lacks.
         """
         names = model.motion.components
         next_names = next_model.motion.components

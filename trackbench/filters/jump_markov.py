@@ -67,7 +67,7 @@ class JumpMarkov(Filter[State]):
         return np.full(r, 1.0 / r)
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Reject motions with other positions and velocities than the target, or unknown inputs."""
+        """Reject motions with other positions and velocities than the target, or inputs not recorded."""
         target = position_velocity_components(scenario.model.motion)
         conflicts = super().conflicts(scenario)
         unknown_inputs = {}
@@ -153,7 +153,8 @@ class MultipleModelPF(JumpMarkov[PFState], ParticleFilter):
         # Step 1: draw the motion of each particle by its row of the transition matrix.
         extra = _extra_deviations(models)
         before = state.mode
-        mode = _draw_modes(np.array(self.transition).T[:, before], rng)
+        p = np.array(self.transition).T[:, before]  # probability (r, M, N) of each motion j
+        mode = _draw_modes(p, rng)
         # Step 2: draw the components that the motion before did not have; move.
         x = state.particles.x.copy()
         new = np.isnan(extra[:, before])

@@ -93,6 +93,7 @@ class ProposalFilter(Filter[PFState]):
         """Draw N particles from the prior."""
         x = prior.sample(rng, self.N)
         cloud = Particles(x, particles.equal_weights(*x.shape[1:]))
+        # w is stored for the effective sample size.
         return PFState.first(cloud)._replace(w=cloud.w)
 
     def estimate(self, state: PFState) -> Gaussian:
@@ -135,6 +136,7 @@ class ProposalFilter(Filter[PFState]):
                 WHOLE_FILTER: "weighs by the density of the process noise, and this motion's is singular"
             }
         if transition == "increment" and not isinstance(motion, GammaMotion):
+            # Filters with several interpretations have the key below `reading`.
             key = f"{self._reading_path}transition_density"
             return {key: "increment is defined for a gamma process noise"}
         return {}
@@ -196,7 +198,7 @@ class KalmanProposalFilter(ProposalFilter):
         return super().conflicts(scenario) | self._kalman_conflicts(scenario.model)
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Report as idle the keys of a proposal without draws."""
+        """Report as idle the keys of the Kalman proposal if all draws come from the transition."""
         idle = super().idle_keys(scenario) | idle_noise_mean(scenario)
         if self.defensive == 1.0:
             keys = ("Q", "R", "P0", "noise_mean", "alpha", "beta", "kappa")
@@ -249,6 +251,7 @@ class UnscentedProposal:
     def _kalman(
         self, model: Model, state: Gaussian, z: Array, k: int, assumed: AssumedNoise
     ) -> Gaussian:
+        """Return the UKF's posterior of every particle (n, M, N) at step k, given z (n_z, M)."""
         posterior, _ = augmented_step(model, state, z, k, assumed, self._rule)
         return posterior
 

@@ -94,7 +94,8 @@ def split_by_cross_speed_sign(frame: Particles) -> CrossSpeedModes | None:
     deviations = np.sqrt(moments[0].cov[1, 1]) + np.sqrt(moments[1].cov[1, 1])
     separate = distance > _SEPARATION * deviations
     separate &= (share > 0.0).all(axis=0)
-    # A mode that is not given up has at least a quarter of the particles.
+    # Two separate modes of noticeable weight have at least a quarter of the particles each: the gain is
+    # the quotient of a mode's share of the particles and its share of the weight.
     whole = combine(moments, share).cov
     undecided = separate & (share > _NEGLIGIBLE).all(axis=0)
     floored = np.clip(share, _MODE_FLOOR, 1.0 - _MODE_FLOOR)
@@ -365,9 +366,9 @@ def _from_frame(azimuth: Array, frame: Array) -> Array:
     t = 0.5 * frame[0]
     v_c, r, v_r = frame[1:]
     # cos d = 2 / (1 + t^2) - 1,  sin d = 2 t / (1 + t^2),  t = tan(d / 2)
-    part = 1.0 / (1.0 + t * t)
-    c = 2.0 * part - 1.0
-    s = 2.0 * t * part
+    square_of_cos_half = 1.0 / (1.0 + t * t)
+    c = 2.0 * square_of_cos_half - 1.0
+    s = 2.0 * t * square_of_cos_half
     # theta = azimuth + d
     azimuth_c, azimuth_s = cos_sin(azimuth)
     azimuth_c = azimuth_c[:, None]
@@ -378,9 +379,9 @@ def _from_frame(azimuth: Array, frame: Array) -> Array:
 
 
 def _to_cartesian(c: Array, s: Array, v_c: Array, r: Array, v_r: Array) -> Array:
-    """Transform cross speed v_c, range r and range rate v_r to (px, vx, py, vy).
+    """Transform cross speed v_c, range r and range rate v_r to (px, vx, py, vy), an array (4, M, N).
 
-    u = (c, s) is the line of sight.
+    u = (c, s) is the line of sight. All arguments are (M, N).
     """
     out = np.empty((4, *r.shape))
     # p = r u

@@ -52,7 +52,10 @@ class MPF(ParticleFilter):
     diagnostic_names = ParticleFilter.diagnostic_names - {"ess"}  # the weights are not stored
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Reject a motion without process noise, which moves the positions."""
+        """Reject a motion without process noise.
+
+        With q = 0 the velocity variance C would be zero after one step, and the gain K would be 0 / 0.
+        """
         if cast(Linear, scenario.model.motion).Q[0, 0] == 0.0:
             return {WHOLE_FILTER: "mpf needs process noise: q must be greater than 0"}
         return {}

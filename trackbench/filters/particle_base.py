@@ -62,7 +62,7 @@ class PFState(NamedTuple):
         return self.evidence[0].log if self.evidence else np.full(self.collapsed.shape, np.nan)
 
     def diagnostics(self) -> dict[str, Array]:
-        """Return collapsed runs, the effective sample size as a share of N, and the extra ones."""
+        """Return ``collapsed_steps``, 1 where every weight was zero, ``ess`` / N, and the extra ones."""
         values = {"collapsed_steps": self.collapsed.astype(float)}
         if self.w is not None:
             values["ess"] = particles.effective_sample_size(self.w) / self.w.shape[-1]
@@ -120,7 +120,7 @@ class ParticleFilter(WeightedParticlesFilter):
         return self.N * (self.boost if self.boost_scans else 1)
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Report as idle a key of the boost that is set without the other one."""
+        """Report as idle a key of the boost, more particles in the first steps, without the other."""
         idle = {}
         if self.boost_scans == 0:
             idle["boost"] = "with `boost_scans: 0`"

@@ -258,7 +258,10 @@ class APF(SimulatingSmoother):
         return carried == "float64"
 
     def _in_arithmetic(self, log_w: Array) -> Array:
-        """Return log-products of weights and likelihoods; small ones are lost in float64."""
+        """Return first-stage log-weights (M, N), with -inf for those that are zero in float64.
+
+        With logarithms, which have no smallest weight, they are unchanged.
+        """
         if self._carries_float64 and self.weights != "log":
             return read_likelihood(log_w, "naive")
         return log_w

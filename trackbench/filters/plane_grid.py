@@ -175,7 +175,7 @@ def _moments(states: Iterable[State]) -> Gaussian:
 def _map(motion: SampledMotion, state: Gaussian, k: int) -> Map:
     """Express the motion to step k as a map with additive noise.
 
-    The steps of its derivatives are relative to the spread of the state and of the noise.
+    Its Jacobian is that of central differences, with steps relative to the spread of state and noise.
     """
 
     def f(x: Array) -> Array:

@@ -110,6 +110,7 @@ class EPF(_ResamplingFilter):
     def _kalman(
         self, model: Model, state: Gaussian, z: Array, k: int, assumed: AssumedNoise
     ) -> Gaussian:
+        """Return the EKF's posterior of every particle (n, M, N) at step k, given z (n_z, M)."""
         posterior, _ = extended_step(model, state, z, k, assumed)
         return posterior
 

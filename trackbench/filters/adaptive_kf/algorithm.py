@@ -30,7 +30,7 @@ from trackbench.filters.adaptive_kf.per_axis import (
     axis_step,
     both_axes,
     first_components,
-    history,
+    initial_history,
     is_missing,
     per_axis,
     refilter,
@@ -144,7 +144,7 @@ class VariableDimension(Filter[AdaptiveState]):
     def cautions(self, scenario: Scene) -> list[str]:
         """Note that the exit test fires in the scenario's smallest turn, if it does."""
         T, R = sampling_of(scenario.model)
-        smallest = min(scenario.turns, default=None)
+        smallest = min(scenario.turns, default=None)  # acceleration, m/s^2
         return exit_cautions(self.parameters.exit, self.parameters.mf, T, R, smallest)
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> AdaptiveState:
@@ -155,7 +155,7 @@ class VariableDimension(Filter[AdaptiveState]):
         axes = nmf.cov.shape[2]
         # One onset hypothesis per sample of the detection window.
         window = p.detector.window(sampling_of(model).T)
-        past = history(nmf, window) if p.initialize == "barshalom" else None
+        past = initial_history(nmf, window) if p.initialize == "barshalom" else None
         # The MF has no estimate before the first alarm: mean zero, unit covariance.
         identity = np.broadcast_to(np.eye(3)[:, :, None, None], (3, 3, axes, runs))
         zero = np.zeros(runs)
@@ -304,7 +304,7 @@ def _update_statistics(
         g = np.array([T * T / 2, T])
         inputs = inputs.update(k, p.nmf.axis(T).F, g, state.nmf, innovation, R)
     else:
-        inputs = inputs.with_start(k)
+        inputs = inputs.with_start(k)  # only the earliest possible onset is stored
     if past is not None:
         past = past.add_measurement(z, k)
     # Exit test: a' P_a^-1 a of the MF's acceleration in the last p samples.
@@ -327,7 +327,8 @@ def _first_decision(
     rho, inputs, past, _ = state.detector
     runs = np.arange(len(rho))
     oldest_zeta = state.record.zeta
-    # Statistic: rho, or the largest zeta. Onset t*: argmax of zeta over the window, or a fixed age.
+    # Statistic: rho, or the largest zeta. Onset t*: argmax of zeta over the window, or a fixed age: the
+    # newest onset as printed in the paper, or the oldest of the window.
     statistic = rho
     if detector.onset_rule == "argmax":
         zeta = inputs.significance()
@@ -420,7 +421,7 @@ def _return_to_nmf(state: AdaptiveState, over: Mask, k: int) -> AdaptiveState:
 
 
 def _advance_windows(state: AdaptiveState, k: int) -> AdaptiveState:
-    """Replace the oldest possible onset in the window by the one after step k."""
+    """Replace the oldest onset in the window by the one after step k, and store the NMF's posterior."""
     detector = state.detector._replace(inputs=state.detector.inputs.add_onset(k))
     if detector.history is not None:
         detector = detector._replace(history=detector.history.add_posterior(state.nmf, k))

@@ -57,6 +57,7 @@ def both_axes(state: Gaussian) -> Gaussian:
     """Join position and velocity of both axes: mean (4, M), cov (4, 4, M)."""
     runs = state.mean.shape[-1]
     cov = np.zeros((4, 4, runs))
+    # One covariance for both axes, or one for each: index -1 is the second axis, or the only entry.
     cov[:2, :2] = state.cov[:2, :2, 0]
     cov[2:, 2:] = state.cov[:2, :2, -1]
     return Gaussian(state.mean[:2].swapaxes(0, 1).reshape(4, runs), cov)
@@ -121,12 +122,12 @@ class History(NamedTuple):
 
     def add_measurement(self, z: Array, k: int) -> "History":
         """Add the measurement of step k."""
-        return self._replace(z=_with(self.z, k, z))
+        return self._replace(z=_with_entry(self.z, k, z))
 
     def add_posterior(self, posterior: Gaussian, k: int) -> "History":
         """Add the posterior of step k."""
-        mean = _with(self.mean, k, posterior.mean)
-        cov = _with(self.cov, k, posterior.cov)
+        mean = _with_entry(self.mean, k, posterior.mean)
+        cov = _with_entry(self.cov, k, posterior.cov)
         return self._replace(mean=mean, cov=cov)
 
     def has_measurement(self, k: Index) -> Mask:
@@ -135,7 +136,7 @@ class History(NamedTuple):
         return np.asarray(np.isfinite(self.z[k % len(self.z), :, runs]).all(axis=1))
 
 
-def history(prior: Gaussian, window: int) -> History:
+def initial_history(prior: Gaussian, window: int) -> History:
     """Fill every slot of a history with the prior, without measurements."""
     return History(
         np.broadcast_to(prior.mean, (window, *prior.mean.shape)),
@@ -191,8 +192,8 @@ def augmented_start(state: Gaussian, z: Array, T: float, R: float) -> Gaussian:
     return Gaussian(mean, np.stack([np.stack(row) for row in rows]))
 
 
-def _with(ring: Array, k: int, entry: Array) -> Array:
-    """Return a copy of a ring of entries with that of step k replaced."""
+def _with_entry(ring: Array, k: int, entry: Array) -> Array:
+    """Return a copy of a ring (W, ...) of the last W steps' entries with that of step k replaced."""
     out = ring.copy()
     out[k % len(ring)] = entry
     return out

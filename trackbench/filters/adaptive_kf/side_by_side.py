@@ -71,6 +71,7 @@ class _PerRun:
         self._width = width
 
     def __getattr__(self, name: str) -> Any:
+        """Return an attribute of all objects as one, or a method that does so with its results."""
         values = [getattr(part, name) for part in self._parts]
         stacked = self._method(values) if callable(values[0]) else _per_run(values, self._width)
         self.__dict__[name] = stacked  # looked up at every step
