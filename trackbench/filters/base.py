@@ -147,19 +147,19 @@ class Filter(Part, Generic[State]):
         return frozenset()
 
     def expectation(self, state: State, g: Callable[[Array], dict[str, Array]]) -> dict[str, Array]:
-        """Return posterior means of functions of the state that differ from g(mean).
+        """Return posterior means of nonlinear functions g of the state, which differ from g(mean).
 
         Parameters
         ----------
         state : State
             State after a step.
         g : callable
-            Named functions of states x (n_x, ...).
+            Takes states x (n_x, ...) and returns the values (...) of the functions by name.
 
         Returns
         -------
         dict of array (M,)
-            Posterior means by name; default: none, so that g(mean) is taken.
+            Posterior means by name; default: none, and the functions are not scored.
         """
         return {}
 

@@ -55,7 +55,7 @@ def _state_of_draws(x: Array, log_w: Array, angles: tuple[int, ...] = ()) -> PFS
     averaged.
     """
     # A log-weight that all particles share is broadcast to (M, N) first.
-    w, collapsed, mass = particles.normalize(np.broadcast_to(log_w, x.shape[1:]))
+    w, collapsed, sum_of_weights = particles.normalize(np.broadcast_to(log_w, x.shape[1:]))
     cloud = bring_together(Particles(x, w), angles)
     return PFState(
         particles=cloud,
@@ -63,7 +63,8 @@ def _state_of_draws(x: Array, log_w: Array, angles: tuple[int, ...] = ()) -> PFS
         estimate=cloud.moments(),
         collapsed=collapsed,
         w=w,
-        evidence=(Evidence(mass, carried=0.0, N=w.shape[1]),),
+        # For p(z_k | z_1..k-1): the mean of N weights that were equal before the update.
+        evidence=(Evidence(sum_of_weights, carried=0.0, N=w.shape[1]),),
     )
 
 

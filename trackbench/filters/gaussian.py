@@ -203,7 +203,10 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
         return posterior, innovation, None
 
     def _gate(self, model: Model, before: Gaussian, updated: Tracked, z: Array, k: int) -> Tracked:
-        """Update ``before`` again without the measurements whose NIS in ``updated`` is too large."""
+        """Update ``before`` again without the measurements whose NIS in ``updated`` is too large.
+
+        ``before`` is the posterior of step k - 1, and ``updated`` the state after all measurements z.
+        """
         assert updated.innovation is not None
         refused = self.refused_components(model.sensor, z, updated.innovation, updated.nis)
         posterior = updated.posterior

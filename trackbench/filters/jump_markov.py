@@ -267,5 +267,6 @@ def _spreads(models: list[Model], x: Array, mode: Index, w: Array) -> list[Sprea
         w_of_motion = np.where(mode == j, w, 0.0)
         share = total(w_of_motion)
         cloud = Particles(x[rows], w_of_motion / np.where(share > 0.0, share, 1.0)[:, None])
+        # Which particles are the motion's members is set after resampling.
         spreads.append(Spread(members=None, share=share, cov=cloud.moments().cov))
     return spreads

@@ -184,11 +184,16 @@ class LineOfSight(ParticleFilter):
             half_distance[missing] = 0.0
         count_operations("likelihoods", half_distance, component_axes=0)
         log_w = state.log_w - half_distance
-        w, collapsed, mass = particles.normalize(log_w)
+        w, collapsed, sum_of_weights = particles.normalize(log_w)
+        # The factor 1 / (2 pi sqrt(S) sigma_a) of the densities is left out of the weights.
         scale = 2.0 * np.pi * np.sqrt(S * sensor.R[1, 1])
-        # A step without a measurement has no likelihood.
+        # The likelihood p(z_k | z_1..k-1) is the mean weight times this factor. A step without a
+        # measurement has none.
         evidence = Evidence(
-            mass, carried=state.log_w, N=w.shape[1], scale=np.where(missing, np.nan, scale)
+            sum_of_weights,
+            carried=state.log_w,
+            N=w.shape[1],
+            scale=np.where(missing, np.nan, scale),
         )
         if collapsed.any():
             log_w = np.where(collapsed[:, None], 0.0, log_w)

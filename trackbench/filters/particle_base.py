@@ -164,15 +164,16 @@ class ParticleFilter(WeightedParticlesFilter):
         collapsed : array (M,)
             Runs in which every weight was zero, which get equal weights.
         evidence : tuple of Evidence
-            Factors of the likelihood of the measurement.
+            Factors of the estimate of p(z_k | z_1..k-1), here one.
         """
         log_w = self._log_likelihood(model, z, x, k)
         # Resampling leaves the log-weights 0.0, which stands for equal weights.
         is_equal = isinstance(state.log_w, float) and state.log_w == 0.0
         if not is_equal:
             log_w = log_w + state.log_w
-        w, collapsed, mass = particles.normalize(log_w)
-        return w, collapsed, (Evidence(mass, carried=state.log_w, N=w.shape[1]),)
+        w, collapsed, sum_of_weights = particles.normalize(log_w)
+        evidence = Evidence(sum_of_weights, carried=state.log_w, N=w.shape[1])
+        return w, collapsed, (evidence,)
 
     def _log_likelihood(self, model: Model, z: Array, x: Array, k: int) -> Array:
         """Return log p(z_k | x_k = x) (M, N), in the arithmetic that the key ``weights`` names."""

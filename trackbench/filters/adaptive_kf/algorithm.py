@@ -148,7 +148,7 @@ class VariableDimension(Filter[AdaptiveState]):
         return exit_cautions(self.parameters.exit, self.parameters.mf, T, R, smallest)
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> AdaptiveState:
-        """Start the NMF at the prior in every run."""
+        """Start the NMF, the non-maneuvering filter, at the prior in every run; the MF is off."""
         p = self.parameters
         nmf = per_axis(prior)
         runs = nmf.mean.shape[-1]
@@ -183,7 +183,8 @@ class VariableDimension(Filter[AdaptiveState]):
         """Run the filters, then decide: maneuver, confirmation, end of the maneuver (Figure 1)."""
         p = self.parameters
         sampling = sampling_of(model)
-        # The NMF, and the MF if any run has it on, take the measurement; the statistics follow.
+        # The non-maneuvering filter (NMF) takes the measurement, and the maneuvering one (MF) if any run
+        # has it on; the statistics follow.
         state, nmf_nis = _run_filters(p, state, z, sampling)
         state = _update_statistics(p, state, nmf_nis, z, k, sampling)
         # First decision: is the target maneuvering, and since when? Then the MF starts.
@@ -241,10 +242,10 @@ class VariableDimension(Filter[AdaptiveState]):
     def diagnostics(self, state: AdaptiveState) -> dict[str, Array]:
         """Report ``nis``, ``mode``, ``alarm``, ``alarm_age_s``, ``zeta`` and ``zeta_beyond``.
 
-        ``mode``: 1 in the MF. ``alarm``: 1 where the first decision has just found a maneuver.
-        ``alarm_age_s``: time since its onset. If the onset is the argmax of zeta: ``zeta`` of the
-        window's oldest onset (adaptive-kf paper, eq. 5: chi-square with two degrees of freedom in
-        straight flight), and ``zeta_beyond``: 1 above the 10 % point of that law.
+        ``mode``: 1 where the maneuvering filter is on alone. ``alarm``: 1 where the first decision has
+        just found a maneuver. ``alarm_age_s``: time since its onset. If the onset is the argmax of zeta:
+        ``zeta`` of the window's oldest onset (adaptive-kf paper, eq. 5: chi-square with two degrees of
+        freedom in straight flight), and ``zeta_beyond``: 1 above the 10 % point of that law.
         """
         record = state.record
         values = {
@@ -292,7 +293,10 @@ def _run_filters(
 def _update_statistics(
     p: Parameters, state: AdaptiveState, nis: Array, z: Array, k: int, sampling: Sampling
 ) -> AdaptiveState:
-    """Update the statistics of the first decision and of the exit test; ``nis`` is the NMF's."""
+    """Update the statistics of the first decision and of the exit test.
+
+    ``nis`` (M,) is that of the non-maneuvering filter (NMF), 0 without a measurement, and z is (2, M).
+    """
     T, R = sampling
     rho, inputs, past, significance = state.detector
     innovation = state.record.nmf
@@ -356,7 +360,7 @@ def _first_decision(
 def _start_mf(
     p: Parameters, state: AdaptiveState, alarm: Mask, slot: Index, k: int, sampling: Sampling
 ) -> AdaptiveState:
-    """Start the MF in the runs with an ``alarm`` (M,), at their onsets t*.
+    """Start the maneuvering filter (MF) in the runs with an ``alarm`` (M,), at their onsets t*.
 
     ``slot`` (M,) is the place of each onset in the window.
     """
@@ -385,6 +389,7 @@ def _start_mf(
 def _second_decision(p: Parameters, mode: Mode, alarm: Mask, k: int) -> tuple[Mask, Mask]:
     """Return the runs (M,) whose maneuver is confirmed, and those in which the comparison has ended.
 
+    Non-maneuvering and maneuvering filter (MF) are compared by their log-likelihood ratio, the evidence.
     ``alarm`` (M,) marks the runs with an alarm at this step.
     """
     n = p.dlw.n
@@ -395,7 +400,7 @@ def _second_decision(p: Parameters, mode: Mode, alarm: Mask, k: int) -> tuple[Ma
 
 
 def _exit_test(p: Parameters, state: AdaptiveState, k: int, sampling: Sampling) -> Mask:
-    """Return the runs (M,) in which the MF ends: its acceleration is not significant any more."""
+    """Return the runs (M,) in which the maneuvering filter (MF) ends: no significant acceleration."""
     # The MF has been on alone for at least `hold_s`.
     long_enough = (k - state.mode.since) * sampling.T >= p.exit.hold_s
     # The sum of the significances of the last p samples is below Ta.
@@ -404,9 +409,9 @@ def _exit_test(p: Parameters, state: AdaptiveState, k: int, sampling: Sampling) 
 
 
 def _return_to_nmf(state: AdaptiveState, over: Mask, k: int) -> AdaptiveState:
-    """Start the NMF again in the runs in which the MF is ``over`` (M,), with empty statistics.
+    """Start the non-maneuvering filter (NMF) again in the runs ``over`` (M,), with empty statistics.
 
-    It starts from the MF's position and velocity.
+    It starts from position and velocity of the maneuvering filter (MF), which ends in these runs.
     """
     if not over.any():
         return state

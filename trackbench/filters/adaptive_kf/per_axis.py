@@ -148,10 +148,11 @@ def initial_history(prior: Gaussian, window: int) -> History:
 def refilter(
     past: History, onset: Index, runs: Index, k: int, motion: Axis, sampling: Sampling
 ) -> Gaussian:
-    """Filter the measurements since the onset again by the MF, up to step k.
+    """Filter the measurements since the onset again by the maneuvering filter (MF), up to step k.
 
-    ``past`` has the window's measurements, ``runs`` (m,) are the runs that are filtered, ``onset`` (m,)
-    is the step of each one's onset, and ``motion`` is the MF's.
+    ``past`` has the window's measurements and the posteriors of the non-maneuvering filter (NMF),
+    ``runs`` (m,) are the runs that are filtered, ``onset`` (m,) is the step of each one's onset, and
+    ``motion`` is the MF's. The result has means (3, 2, m).
     """
     T, R = sampling
     W = len(past.z)
@@ -170,7 +171,7 @@ def refilter(
 def augmented_start(state: Gaussian, z: Array, T: float, R: float) -> Gaussian:
     """Estimate position, velocity, acceleration by the first measurement z (2, m) of a maneuver.
 
-    The acceleration a is the one that moves the last posterior (x, v, P) of the NMF to z within T:
+    The acceleration a is the one that moves the posterior (x, v, P) of the step before to z within T:
     ``a = 2 (z - x - T v) / T^2``. The position is z, the velocity ``v + T a`` (Bar-Shalom & Birmiwal
     1982, eqs. 21-29). R is the variance of z.
     """
