@@ -278,6 +278,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
             # Means of an angle are first shifted by whole turns to near each other.
             angles = angle_rows(models[j].motion)
             moments = combine(filled, mixing[:, j], self._without_spread(names, j), angles)
+            # With a fading memory, or as a square root, if the filter's keys ask so.
             mixed.append(self.filter.prepared(moments))
         return mixed
 
@@ -366,7 +367,10 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         return weights, mean_nis
 
     def _mean_sensor_weight(self, predicted_weights: Array, filtered: _Filtered) -> Array | None:
-        """Average the models' weights (M,) of the measured components; None without ``robust``."""
+        """Average the models' weights (M,) of the measured components by the models' probabilities.
+
+        None if the filter has no key ``robust``.
+        """
         if self.filter.robust is None:
             return None
         sensor_weights = [weight for weight in filtered.sensor_weights if weight is not None]
@@ -441,9 +445,10 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         return replace(transition, cross=linalg.matmul(Transition(y, cross).gain, transition.cross))
 
     def _without_spread(self, names: list[tuple[str, ...]], j: int) -> list[list[int]]:
-        """List, for the state of each model, the components of model j that it lacks.
+        """List, for the state of each model, the indices of the components of model j that it lacks.
 
-        They enter the mixing without spread. The list is empty unless `mixing` is zero-mean.
+        ``names`` are the components of each model. `combine` takes the deviations of the lacking ones
+        from the mixed mean as zero. The list is empty unless `mixing` is zero-mean.
         """
         if self.mixing != "zero-mean":
             return []

@@ -229,6 +229,7 @@ class LineOfSight(ParticleFilter):
         old = x[:, degenerate]
         azimuth = arctan2(old[2, :, 0], old[0, :, 0])
         frame = Particles(_to_frame(azimuth, old), w[degenerate])
+        # Each run has its own random numbers, which do not depend on the other degenerate runs.
         noise = SomeRuns(rng, k, np.flatnonzero(degenerate))
         modes = split_by_cross_speed_sign(frame)
         resampled, log_w = self._resample_with_mode_floor(frame, modes, noise, size)
@@ -241,6 +242,7 @@ class LineOfSight(ParticleFilter):
         new = _from_frame(azimuth, jittered)
         if degenerate.all():
             return state._replace(particles=Particles(new, resampled.w), log_w=log_w)
+        # The other runs keep their particles and log-weights.
         out = Particles(x.copy(), w.copy())
         every_log_w = np.zeros_like(w)
         every_log_w += state.log_w
@@ -344,6 +346,7 @@ def _add_range_covariance(moments: Gaussian, P: Array) -> Gaussian:
 def _to_frame(azimuth: Array, x: Array) -> Array:
     """Transform states x, (px, vx, py, vy), to (2 tan(d / 2), v_c, r, r'), d the angle from an azimuth.
 
+    x is (4, M, N), and ``azimuth`` (M,) is one of each run.
     2 tan(d / 2) is nearly the angle d, with an error of third order. It does not jump within the
     particles, and the transform back needs no cosine.
     """
@@ -367,7 +370,10 @@ def _to_frame(azimuth: Array, x: Array) -> Array:
 
 
 def _from_frame(azimuth: Array, frame: Array) -> Array:
-    """Transform ``frame``, line-of-sight coordinates about an azimuth, to states (px, vx, py, vy)."""
+    """Transform line-of-sight coordinates (4, M, N) about an azimuth (M,) to states (px, vx, py, vy).
+
+    The coordinates are those of `_to_frame`: 2 tan(d / 2), v_c, r and r'.
+    """
     t = 0.5 * frame[0]
     v_c, r, v_r = frame[1:]
     # cos d = 2 / (1 + t^2) - 1,  sin d = 2 t / (1 + t^2),  t = tan(d / 2)

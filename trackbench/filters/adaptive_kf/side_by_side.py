@@ -22,7 +22,10 @@ class JoinableVariableDimension(VariableDimension, JoinableFilter[AdaptiveState]
     """Base of the filters that `SideBySide` joins."""
 
     def structure(self, scenario: Scene) -> Hashable:
-        """Return the choices between algorithms, and the lengths of arrays."""
+        """Return the choices between algorithms and the lengths of arrays.
+
+        Filters for which these are equal can be joined.
+        """
         p = self.parameters
         window = p.detector.window(sampling_of(scenario.model).T)
         choices = (p.detector.kind, p.detector.onset_rule, p.initialize)
