@@ -190,7 +190,7 @@ class External(Filter[ProgramState]):
         return dict(self.__dict__["_content"])
 
     def digits(self, model: Model, prior: Distribution, z: Array, k: int) -> Digits:
-        """Run the program on z (n_z, T, M) from step k on, and describe the digits of its answers.
+        """Run the program on z (n_z, T, M) from step k on, and test the digits of its answers.
 
         The digits of a program that fails count as enough.
         """

@@ -190,7 +190,7 @@ class Program:
                 text = f"was ended by the signal {signal_name(-code)}"
                 if fault_of_signal(-code):
                     return f"{text}, {fault_of_signal(-code)}"
-                if -code == signal.SIGKILL:
+                if -code == signal.SIGKILL:  # as the kernel sends it when memory runs out
                     return f"{text}; was memory short?"
                 return text
             return f"ended with code {code}"
@@ -270,7 +270,7 @@ def programs_cpu_s() -> float:
 
 
 def end_programs(programs: Iterable[Program]) -> None:
-    """Ask the programs to end, and kill those that still run after a while."""
+    """Ask the programs to end, and kill those that still run after `_END_S` seconds."""
     programs = [*programs]
     for program in programs:
         program.ask_to_end()

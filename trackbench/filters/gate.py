@@ -94,7 +94,7 @@ def count_refused(scope: GateScope, sensor: Sensor, refused: Mask) -> Array:
 
 @cache
 def gate_limits(gate: float, n_z: int) -> Array:
-    """Return the chi-square quantiles (n_z + 1,) by the number of measured components."""
+    """Return the chi-square quantiles (n_z + 1,): entry n is for n measured components."""
     from scipy.special import chdtri
 
     # Without a measured component the limit is infinite: nothing is refused.

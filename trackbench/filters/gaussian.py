@@ -72,7 +72,7 @@ class Tracked(NamedTuple):
 
     @property
     def prediction(self) -> Gaussian | None:
-        """Estimate of the step without its measurement, bit for bit; None if it is not stored."""
+        """Estimate that the step gives bit for bit without its measurement; None if it is not stored."""
         return None if self.innovation is None else self.innovation.predicted
 
 

@@ -81,7 +81,7 @@ class ModelBank(NamedTuple):
 
     @property
     def prediction(self) -> Gaussian | None:
-        """Estimate of the step without its measurement, bit for bit; None if it is not stored."""
+        """Estimate that the step gives bit for bit without its measurement; None if it is not stored."""
         states = [i.predicted for i in self.innovations if i.predicted is not None]
         if self.predicted is None or len(states) < len(self.states):
             return None

@@ -225,7 +225,7 @@ def _draw_extra(extra: Array, mode: Index, rng: Streams) -> Array:
 
 
 def _draw_modes(p: Array, rng: Streams) -> Index:
-    """Draw numbers (M, N) with probabilities p (r, M, N)."""
+    """Draw the number of a motion, 0 to r - 1, for each particle (M, N), given p (r, M, N)."""
     # The number is that of the sums p_0, p_0 + p_1, ... that a uniform draw reaches.
     u = rng.random(p.shape[1:])
     edge = np.zeros(p.shape[1:])

@@ -105,7 +105,7 @@ class ProposalFilter(Filter[PFState]):
         return ParticlePosterior(state.averaged_particles)
 
     def log_likelihood(self, state: PFState) -> Array:
-        """Return the logarithm (M,) of the mean weight; NaN if the weights are no densities."""
+        """Return the logarithm (M,) of the mean weight; NaN without the model's transition density."""
         _, transition = self._weight_reading
         if transition != "model":
             return np.full(state.collapsed.shape, np.nan)

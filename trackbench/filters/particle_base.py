@@ -83,7 +83,7 @@ class WeightedParticlesFilter(Filter[PFState]):
     def expectation(
         self, state: PFState, g: Callable[[Array], dict[str, Array]]
     ) -> dict[str, Array]:
-        """Return posterior means (M,) of functions of the state."""
+        """Return posterior means (M,), by name, of the functions g (M, N) of the particles (n, M, N)."""
         return state.averaged_particles.expectation(g)
 
     def log_likelihood(self, state: PFState) -> Array:

@@ -74,7 +74,7 @@ def _most_digits(x: Array) -> int:
 
 
 def float32_advice(mean: Array, cov: Array, components: Sequence[str]) -> str:
-    """Return the spacing of float32 at the largest coordinates, and the way on; empty if it is small.
+    """Return the spacing of float32 at the largest coordinates, and advice; empty if it is small.
 
     ``mean`` (n, ...) and ``cov`` (n, n, ...) are estimates in float32. A spacing is large if it exceeds
     a twentieth of the least standard deviation of a component: rounding then adds errors.

@@ -272,6 +272,7 @@ class Reweighted:
     """A sensor whose noise is N(0, R / w), with weights w (sensors, M)."""
 
     def __init__(self, sensor: Sensor, weights: Array) -> None:
+        """Store the weights (n_z, M) of the components, from those of the sensors (sensors, M)."""
         self._sensor = sensor
         self._weights = np.empty((len(sensor.components), weights.shape[1]))
         for weight, rows in zip(weights, sensor_rows(sensor), strict=True):

@@ -245,7 +245,7 @@ def point_prediction(
     points = rule.points(state)
     Q = assumed.transition(model, state.mean, k).cov
     moved = assumed.transition(model, points.x, k).mean
-    return points.moments(moved, Q, isinstance(state, Factored))
+    return points.moments(moved, Q, roots=isinstance(state, Factored))
 
 
 class _Measured(NamedTuple):
@@ -476,7 +476,8 @@ def point_transition(
 ) -> Transition:
     """Predict x_k by points, with its covariance with x_{k-1}.
 
-    The points are those of `augmented_step`, or of the state alone as in `additive_step`.
+    With ``augmented`` the points are those of `augmented_step`, else of the state alone as in
+    `additive_step`.
     """
     n_x = state.mean.shape[0]
     Q = assumed.transition(model, state.mean, k).cov

@@ -75,7 +75,7 @@ class Mode(NamedTuple):
     """log-likelihood of the MF over that of the NMF, summed while both are on"""
 
     def switch(self, active: Index, k: int) -> "Mode":
-        """Return the mode with the ``active`` filters (M,) switched on.
+        """Return the mode with the ``active`` filters (M,) switched on: NMF, BOTH or MF.
 
         Runs that change do so at step k.
         """
@@ -142,7 +142,7 @@ class VariableDimension(Filter[AdaptiveState]):
         return OWN_MOTION
 
     def cautions(self, scenario: Scene) -> list[str]:
-        """Note that the exit test fires in the scenario's smallest turn, if it does."""
+        """Note an exit test that fires in the scenario's smallest turn, or never after a long one."""
         T, R = sampling_of(scenario.model)
         smallest = min(scenario.turns, default=None)  # acceleration, m/s^2
         return exit_cautions(self.parameters.exit, self.parameters.mf, T, R, smallest)

@@ -72,7 +72,7 @@ class Detector:
 
     @property
     def onset_rule(self) -> str:
-        """Rule of the onset: argmax, window or paper."""
+        """Rule of the onset, argmax, window or paper: the key ``onset``, or the default of the kind."""
         if self.onset is not None:
             return self.onset
         return "window" if self.kind == "fading" else "argmax"

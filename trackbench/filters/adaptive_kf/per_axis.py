@@ -125,7 +125,7 @@ class History(NamedTuple):
         return self._replace(z=_with_entry(self.z, k, z))
 
     def add_posterior(self, posterior: Gaussian, k: int) -> "History":
-        """Add the posterior of step k."""
+        """Return the history with the posterior of step k in the slot of step k - W."""
         mean = _with_entry(self.mean, k, posterior.mean)
         cov = _with_entry(self.cov, k, posterior.cov)
         return self._replace(mean=mean, cov=cov)
