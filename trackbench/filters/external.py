@@ -368,7 +368,7 @@ def _why_not_ready(tracker: External, hello: str) -> str:
 
 
 def _digest(word: str) -> str:
-    """Digest a word: a file, a program that is found on the PATH, ``--key=file``, or a text."""
+    """Return the SHA-256 of a word: a file, a program on the PATH, ``--key=file``, or a text."""
     path = Path(shutil.which(word) or word)
     value = Path(word.partition("=")[2])
     try:
@@ -394,7 +394,7 @@ def _files_below(path: str) -> list[Path]:
 
 
 def _digest_below(path: str) -> str:
-    """Digest a file's content, or the names and contents of all files in a folder."""
+    """Return the SHA-256 of a file's content, or of names and contents of all files in a folder."""
     try:
         if not os.path.isdir(path):
             return hashlib.sha256(Path(path).read_bytes()).hexdigest()

@@ -123,8 +123,8 @@ class Grid(Filter[Resolved]):
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Resolved:
         """Put all mass on a known first state, or place nodes over the prior.
 
-        They are placed over the intervals that a bounded prior has, or over a few standard deviations on
-        both sides of the mean.
+        The nodes lie in the intervals of a bounded prior, or within `_PRIOR_REACH` standard deviations
+        of the mean.
         """
         if not np.any(prior.cov):
             point = quadrature.point_mass(prior.mean)

@@ -73,7 +73,7 @@ def axis_step(state: Gaussian, motion: Axis, z: Array, R: Array) -> Updated:
     nu = (z - predicted.mean[0])[None]
     if any_nan(nu):
         nu = np.where(np.isnan(nu).any(axis=1), np.nan, nu)
-    posterior, innovation = kalman.update(predicted, nu, _position(len(motion.F)), R)
+    posterior, innovation = kalman.update(predicted, nu, _position_matrix(len(motion.F)), R)
     # Axes that share their covariance (A = 1) still do after a missing measurement, for which the update
     # gave each axis its own.
     axes = state.cov.shape[2]
@@ -82,7 +82,7 @@ def axis_step(state: Gaussian, motion: Axis, z: Array, R: Array) -> Updated:
 
 
 @cache
-def _position(n: int) -> Array:
+def _position_matrix(n: int) -> Array:
     """Return H (1, n) of a sensor that measures the first of n components."""
     return fixed(np.eye(1, n))
 
