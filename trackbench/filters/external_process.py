@@ -87,7 +87,7 @@ class Program:
         except OSError as error:
             self._errors.close()
             raise ProgramError(f"{command[0]} cannot be started: {error.strerror}") from None
-        # The guard kills the program's process group if this process ends, and so its end of the pipe.
+        # The guard kills the program's process group when its input ends, as at the end of this process.
         self._guard = subprocess.Popen(
             [*_GUARD, str(self._process.pid)], stdin=subprocess.PIPE, start_new_session=True
         )

@@ -136,7 +136,7 @@ class ProposalFilter(Filter[PFState]):
                 WHOLE_FILTER: "weighs by the density of the process noise, and this motion's is singular"
             }
         if transition == "increment" and not isinstance(motion, GammaMotion):
-            # Filters with several interpretations have the key below `reading`.
+            # `pfde` and `hdepf` have the key below `reading`.
             key = f"{self._reading_path}transition_density"
             return {key: "increment is defined for a gamma process noise"}
         return {}

@@ -205,7 +205,7 @@ def _log_integrals(k: float, n_z: int) -> Array:
 
     I_n is the integral of ``exp(-rho(|u|))`` over n components u, and J_n that of ``exp(-|u|^2 / 2)``.
     """
-    # For a large k the tail is zero, and the terms below would overflow.
+    # For a large k the tail is zero, and the terms below may overflow.
     tail = float(exp(-0.5 * k * k))
     values = [0.0]
     for n in range(1, n_z + 1):
