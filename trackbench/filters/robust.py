@@ -212,7 +212,9 @@ def _log_integrals(k: float, n_z: int) -> Array:
         # I_n / J_n = P(chi^2_n < k^2) + 2 e^(-k^2/2) (n-1)! / (2^(n/2) Gamma(n/2) k^n) sum_j<n k^2j / j!
         value = float(chi_square_cdf(k * k, n))
         if tail > 0.0:
-            terms = sum(k ** (2 * j - n) / factorial(j) for j in range(n))
+            terms = 0.0
+            for j in range(n):  # in order: `sum` differs from Python 3.12 on
+                terms += k ** (2 * j - n) / factorial(j)
             scale = log(2.0 * factorial(n - 1)) - 0.5 * n * log(2.0) - log_gamma(0.5 * n)
             value += tail * float(exp(scale)) * terms
         values.append(float(log(value)))
