@@ -171,11 +171,15 @@ class MultipleModelPF(JumpMarkov[PFState], ParticleFilter):
         spreads = _spreads(models, x, mode, w)
         x = resampling.select(x, index)
         mode = resampling.select(mode, index)
+        jittered = x.copy()
         for j, rows in enumerate(_rows_of_motions(models)):
             kernel = spreads[j]._replace(members=mode == j)
-            x[rows] = jitter_modes(x[rows], [kernel], self.kernel, rng, self.bandwidth_scale)
+            jittered[rows] = jitter_modes(
+                jittered[rows], [kernel], self.kernel, rng, self.bandwidth_scale
+            )
+        regularized = self._jitter_measured(z, x, jittered)
         return PFState(
-            particles=Particles(x, particles.equal_weights(*index.shape)),
+            particles=Particles(regularized, particles.equal_weights(*index.shape)),
             averaged_particles=weighted,
             estimate=weighted.moments(),
             collapsed=collapsed,
