@@ -68,12 +68,19 @@ class Banana(FigureKind):
         return style.add_title_and_legend(figure, self.title)
 
     def _draw_panel(self, ax: Axes, range_km: float, rng: Generator) -> None:
-        """Draw samples of the target, and ellipses of each conversion of the measurement."""
+        """Draw samples of the target, and ellipses of each conversion of the measurement.
+
+        The target was measured at the range ``range_km`` and the azimuth 0. The horizontal axis is
+        across the line of sight, in km. The vertical axis is along it, in m from the measured position.
+        """
         from matplotlib.ticker import FuncFormatter, MaxNLocator
 
         sigma_azimuth = 1e-3 * self.sigma_azimuth_mrad
         measurement = Polar(
-            np.array([1e3 * range_km]), np.array([0.0]), self.sigma_range**2, sigma_azimuth**2
+            r=np.array([1e3 * range_km]),
+            a=np.array([0.0]),
+            range_variance=self.sigma_range**2,
+            azimuth_variance=sigma_azimuth**2,
         )
         # Step 1: samples of the position. At azimuth 0 the line of sight is the first axis.
         ranges = measurement.r + self.sigma_range * rng.standard_normal(self.samples)
@@ -96,7 +103,7 @@ class Banana(FigureKind):
             for deviations in (1, 2):
                 along, across = ellipse(mean, converted.cov[..., 0], deviations)
                 ax.plot(1e-3 * across, along, **look)
-        # Step 3: labels.
+        # Step 3: labels; fewer ticks where panels are narrow.
         panels = len(self.ranges_km)
         ax.set_title(f"{range_km:g} km")
         ax.set_xlabel(style.wrapped("Across the line of sight (km)", panels))
@@ -127,7 +134,10 @@ class PosteriorEllipses(FigureKind):
     shown_covariances = True
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """Require a radar measurement at the point and step."""
+        """Require a radar measurement at the point and step.
+
+        Return the reason by key, ``""`` for the figure as a whole; empty if all is well.
+        """
         if self.point > len(points):
             return {"point": f"{self.point} is more than the number of points, {len(points)}"}
         point = points[self.point - 1]
@@ -154,7 +164,7 @@ class PosteriorEllipses(FigureKind):
         )
 
     def draw(self, results: Results) -> Figure:
-        """Return the measurement's arc of two standard deviations, and an ellipse per filter."""
+        """Return the region of the measurement, and an ellipse per filter, up to two sigma."""
         figure, ax = style.subplots(height_in=3.4)
         point = results.grid_points[self.point - 1]
         tracks = results.tracks(point)
@@ -167,7 +177,9 @@ class PosteriorEllipses(FigureKind):
     ) -> None:
         """Draw measurement, prediction and posteriors, seen from the true target.
 
-        The state is px, vx, py, vy. The measurement of the step at index k has the index k - 1.
+        The state is px, vx, py, vy. ``tracks`` are those of `Results.tracks` at the point, with the axes
+        (component, step, run). The first step has no measurement, so that the measurement of the step at
+        index k has the index k - 1.
         """
         k = int(np.flatnonzero(tracks["steps"] == self.step)[0])
         run = self.run - 1
@@ -233,7 +245,7 @@ class _View:
 
     @classmethod
     def toward(cls, target: Array) -> "_View":
-        """Return the view from the origin toward a target (2,)."""
+        """Return the view from the origin, where the sensor is, toward a target (2,)."""
         azimuth = np.arctan2(target[1], target[0])
         c = np.cos(azimuth)
         s = np.sin(azimuth)
@@ -244,14 +256,21 @@ class _View:
         return np.asarray(self.rotation @ (positions - self.target[:, None]))
 
     def ellipse_of(self, gaussian: Gaussian) -> Array:
-        """Return the 2-sigma ellipse (2, 201) of a position in these coordinates."""
+        """Return the 2-sigma ellipse (2, 201) of a position along and across the line of sight.
+
+        ``gaussian`` is the distribution of x and y.
+        """
         mean = self.rotation @ (gaussian.mean - self.target)
         cov = self.rotation @ gaussian.cov @ self.rotation.T
         return ellipse(mean, cov, 2.0)
 
 
 def _measured_region(z: Array, view: _View, sensor: dict[str, Any]) -> Array:
-    """Return the outline (2, 402) of the region within two sigma of a range and azimuth (2,)."""
+    """Return the outline of the region within two sigma of a measurement.
+
+    ``z`` (2,) is its range, m, and azimuth, rad. ``sensor`` has the keys of the sensor. The outline
+    (2, 402) is along and across the line of sight, m.
+    """
     half_width = 2.0 * 1e-3 * sensor["sigma_azimuth_mrad"]  # two sigma, rad
     azimuths = z[1] + half_width * np.linspace(-1.0, 1.0, 201)
     near_ranges = np.full(201, z[0] - 2.0 * sensor["sigma_range"])
@@ -263,25 +282,29 @@ def _measured_region(z: Array, view: _View, sensor: dict[str, Any]) -> Array:
 
 
 def _kind(component: Any) -> str | None:
-    """Read the kind of a component in plain data; None of several sensors, and of none."""
+    """Return the ``kind`` of a component with these keys; None for a list of sensors, and for None."""
     if not isinstance(component, dict):
         return None
     return component.get("kind")
 
 
 def predicted_position(posterior: Gaussian, scenario: dict[str, Any]) -> Gaussian:
-    """Return the predicted position (2,) one scan after a posterior of px, vx, py, vy.
+    """Return the distribution of x and y one scan after a posterior of px, vx, py, vy.
 
-    The motion is that of the scenario, white noise acceleration.
+    ``scenario`` has the keys of the scenario. Its motion is white noise acceleration.
     """
     motion = WhiteAcceleration(q=scenario["target"]["motion"]["q"]).sampled(scenario["T"])
+    # F m and Q; nothing depends on the step, here 0.
     moved = motion.transition(posterior.mean, 0)
     cov = motion.F @ posterior.cov @ motion.F.T + moved.cov
     return Gaussian(moved.mean[0::2], cov[0::2, 0::2])
 
 
 def ellipse(mean: Array, cov: Array, deviations: float) -> Array:
-    """Return points (2, 201) of the curve of constant density, ``deviations`` sigma from the mean."""
+    """Return points (2, 201) of the curve of constant density, ``deviations`` sigma from the mean.
+
+    ``mean`` (2,) and ``cov`` (2, 2) are those of a Gaussian.
+    """
     angle = np.linspace(0.0, 2.0 * np.pi, 201)
     circle = np.stack([np.cos(angle), np.sin(angle)])
     return np.asarray(mean[:, None] + deviations * _root(cov) @ circle)

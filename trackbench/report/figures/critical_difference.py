@@ -56,7 +56,7 @@ class CriticalDifference(FigureKind):
         """Rank the filters at a point of the grid, and draw the ranks."""
         metric = str(self.metric)
         runs = results.runs(point)
-        ranked = [label for label in labels if (label, metric) in runs]
+        ranked = [label for label in labels if (label, metric) in runs]  # those that did not fail
         if len(ranked) < 2:
             ax.set_axis_off()
             return
@@ -67,7 +67,7 @@ class CriticalDifference(FigureKind):
             values = -values
             best = "largest"
         mean = mean_ranks(values)
-        # Step 2: groups of filters that are closer than the critical difference.
+        # Step 2: groups of filters whose mean ranks differ by at most the critical difference.
         number_of_runs = values.shape[1]
         critical = critical_difference(len(ranked), number_of_runs, self.alpha)
         groups = cliques(mean, critical)
