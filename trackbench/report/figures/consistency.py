@@ -181,10 +181,11 @@ class Bias(OverTime):
         """Draw a line with two standard errors per filter, and a line at zero."""
         ax.axhline(0.0, color="black", linewidth=0.6)
         all_series = list(self.metric_series(results, point, metric))
-        for place, series in enumerate(all_series):
+        for line_index, series in enumerate(all_series):
             look = series.look
             x, value, stderr = self.series_with_gaps(series.rows)
             if filter_lines.draw_filter_line(ax, x, value, look):
-                filter_lines.draw_error_band(ax, x, value, stderr, look, place, len(all_series))
+                lines = len(all_series)
+                filter_lines.draw_error_band(ax, x, value, stderr, look, line_index, lines)
         if self.linear_within is not None:
             ax.set_yscale("symlog", linthresh=self.linear_within)

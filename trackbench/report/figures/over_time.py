@@ -317,9 +317,9 @@ class OverTime(Curves):
         point = results.points()[0]
         across = axes[0][0].get_gridspec().ncols  # panels in a row
         panels = []
-        for place, ((ax,), label) in enumerate(zip(axes, panel_labels, strict=True)):
+        for index, ((ax,), label) in enumerate(zip(axes, panel_labels, strict=True)):
             ax.set_title(style.wrapped(label, across))
-            is_lowest = place + across >= len(panel_labels)  # no panel is below it
+            is_lowest = index + across >= len(panel_labels)  # no panel is below it
             if is_lowest:
                 ax.set_xlabel(self.x_name)
                 ax.tick_params(labelbottom=True)

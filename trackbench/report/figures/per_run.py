@@ -98,6 +98,6 @@ def _sort_over_shares(values: Array) -> tuple[Array, Array]:
         return values, values
     ranked = np.sort(values)
     number = min(_MOST_POINTS, len(ranked))
-    places = np.unique(np.linspace(0, len(ranked) - 1, number).round().astype(int))
-    shares = 100.0 * (places + 1) / len(ranked)
-    return shares, ranked[places]
+    indices = np.unique(np.linspace(0, len(ranked) - 1, number).round().astype(int))
+    shares = 100.0 * (indices + 1) / len(ranked)
+    return shares, ranked[indices]

@@ -68,12 +68,12 @@ def _draw_scene_in_plane(scenario: Scenario, truth: Array, measurements: Array) 
     # Step 2: times along the path.
     # Times of a clock, such as seconds since 1970, are counted from the first one.
     is_late = scales.is_late(float(times[0]), float(times[-1]))
-    for place in np.linspace(0, len(times) - 1, _MARKS).astype(int):
-        x, y = first_path[:, place]
+    for index in np.linspace(0, len(times) - 1, _MARKS).astype(int):
+        x, y = first_path[:, index]
         plane.plot(x, y, ".", color="black", markersize=5)
-        text = f"{times[place]:g} s"
-        if is_late and place:
-            text = f"+{times[place] - times[0]:g} s"
+        text = f"{times[index]:g} s"
+        if is_late and index:
+            text = f"+{times[index] - times[0]:g} s"
         elif is_late:
             text = f"{time_text(times[0])} s"
         plane.annotate(text, (x, y), (4, 4), textcoords="offset points", fontsize=7)

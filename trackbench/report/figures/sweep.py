@@ -450,7 +450,7 @@ class SweepFigure(FigureKind):
             heights = [list(chain.from_iterable(heights))] * len(panels)
         across = max(1, min(len(panels), style.MOSAIC))
         panel_in = sheet().width_in / across - _AXIS_IN
-        for place, (ax, panel) in enumerate(zip(axes, panels, strict=False)):
+        for index, (ax, panel) in enumerate(zip(axes, panels, strict=False)):
             if is_numeric and scales.are_wide(x_values):
                 ax.set_xscale("log")
             _set_limits(ax, places)
@@ -459,10 +459,10 @@ class SweepFigure(FigureKind):
                 scales.set_ticks_at_values(ax, places, texts, panel_in)
             else:
                 ax.set_xticks(places, [str(value) for value in x_values])
-            if scales.are_wide(heights[place]):
+            if scales.are_wide(heights[index]):
                 scales.set_plain_log_scale(ax.yaxis, most=np.inf)
             ax.set_xlabel(results.axis(x_path))
-            is_first_of_row = place % across == 0
+            is_first_of_row = index % across == 0
             if is_first_of_row or not has_one_metric:
                 ax.set_ylabel(panel.y_label)
             heading = captions.heading(results, panel.path_values)

@@ -157,8 +157,8 @@ class Track(FigureKind):
         figure, axes = style.subplots(
             1, panels, height, width, squeeze=False, sharex=True, sharey=True
         )
-        for place, ax in enumerate(axes[0]):
-            label = self.filters[place] if self.filters else ""
+        for index, ax in enumerate(axes[0]):
+            label = self.filters[index] if self.filters else ""
             self._draw_panel(ax, results, scene, label, meters_per_unit, facts.spans)
             ax.set_aspect("equal")
             ax.set_xlabel(f"x ({unit})")

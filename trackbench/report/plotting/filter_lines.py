@@ -113,8 +113,8 @@ def insert_gaps(steps: Array, *series: Array) -> tuple[Array, ...]:
     if not len(distances):
         return tuple(np.array(values, dtype=float) for values in series)
     is_gap = distances > _GAP * np.median(distances)
-    places = np.flatnonzero(is_gap) + 1  # indices of the first step behind each gap
-    return tuple(np.insert(np.asarray(values, dtype=float), places, np.nan) for values in series)
+    behind = np.flatnonzero(is_gap) + 1  # index of the first step behind each gap
+    return tuple(np.insert(np.asarray(values, dtype=float), behind, np.nan) for values in series)
 
 
 def draw_gray_line(ax: Axes, x: Array, value: Array, steps: int = 1) -> None:

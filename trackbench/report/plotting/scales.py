@@ -188,18 +188,18 @@ def set_ticks_at_values(ax: Axes, places: Array, texts: Sequence[str], width_in:
     half_widths = [0.5 * _DIGIT_IN * (len(text) + 1) for text in texts]  # with a space
     # Step 2: labels from left to right that overlap neither the one before nor the last one.
     last = len(places) - 1
-    labeled = [0]
-    for place in range(1, last):
+    labeled = [0]  # indices of the values with a label
+    for index in range(1, last):
         is_free = True
         for other in (labeled[-1], last):
-            distance = abs(middles[place] - middles[other])
-            is_free &= bool(distance >= half_widths[place] + half_widths[other])
+            distance = abs(middles[index] - middles[other])
+            is_free &= bool(distance >= half_widths[index] + half_widths[other])
         if is_free:
-            labeled.append(place)
+            labeled.append(index)
     labeled.append(last)
     ax.xaxis.set_major_locator(FixedLocator([float(value) for value in places]))
     ax.xaxis.set_major_formatter(
-        FixedFormatter([text if place in labeled else "" for place, text in enumerate(texts)])
+        FixedFormatter([text if index in labeled else "" for index, text in enumerate(texts)])
     )
     ax.xaxis.set_minor_locator(NullLocator())
 

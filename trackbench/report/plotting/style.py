@@ -161,7 +161,7 @@ def number_lines(labels: Sequence[str], figures: Iterable[Collection[str]]) -> d
     # Figures with enough colors for their labels.
     small_figures = [figure for figure in figures if len(figure) <= len(COLORS)]
     numbers: dict[str, int] = {}
-    for place, label in enumerate(labels):
+    for index, label in enumerate(labels):
         # Colors of labels so far that some figure draws beside this one.
         taken_colors = set()
         for figure in small_figures:
@@ -169,10 +169,10 @@ def number_lines(labels: Sequence[str], figures: Iterable[Collection[str]]) -> d
                 taken_colors |= {
                     numbers[other] % len(COLORS) for other in figure if other in numbers
                 }
-        # One number of each color, from the label's own place on; the first with a free color.
-        candidates = range(place, place + len(COLORS))
+        # One number of each color, from the label's own index on; the first with a free color.
+        candidates = range(index, index + len(COLORS))
         free = [number for number in candidates if number % len(COLORS) not in taken_colors]
-        numbers[label] = next(iter(free), place)
+        numbers[label] = next(iter(free), index)
     return numbers
 
 

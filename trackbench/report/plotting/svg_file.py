@@ -108,8 +108,8 @@ def number_shapes(figure: "Figure") -> list[str]:
             if label not in labels:
                 labels.append(label)
     serial_numbers = count()
-    for place, ax in enumerate(panels):
-        ax.set_gid(f"axes-{place}")
+    for index, ax in enumerate(panels):
+        ax.set_gid(f"axes-{index}")
         for artist, label in _shapes(ax):
             if label in labels:
                 artist.set_gid(f"of-{labels.index(label)}-{next(serial_numbers)}")
@@ -258,8 +258,8 @@ def _curve_data(ax: "Axes", labels: list[str]) -> Iterator[dict[str, Any]]:
         x, y = (np.asarray(values, dtype=float) for values in line.get_data(orig=False))
         # Of a long line every second, third, ... point.
         period = ceil(len(x) / _MOST_POINTS)
-        places = np.arange(0, len(x), period)
-        stored = places[np.isfinite(x[places]) & np.isfinite(y[places])]
+        indices = np.arange(0, len(x), period)
+        stored = indices[np.isfinite(x[indices]) & np.isfinite(y[indices])]
         curve: dict[str, Any] = {"of": labels.index(label), "color": to_hex(line.get_color())}
         abscissas = _rounded(x[stored] - start_of_times(ax))
         if abscissas != last_abscissas:

@@ -49,7 +49,7 @@ def draw_figures(
 ) -> list[SuiteFigure]:
     """Draw the figures of each group into ``folder/figures``; return them as SVG with captions.
 
-    ``formats`` are those of the files. A group without any filter has no figures.
+    ``formats`` are those of the files, of `style.forms`. A group without any filter has no figures.
     """
     drawn = []
     for group in groups:
@@ -64,15 +64,14 @@ def draw_figures(
             name = f"{group.group}-{kind}"
             with style.rc_context():
                 figure = draw(group)
-                contents = {"svg": style.content(figure, "svg")}
+                contents = {"svg": style.content(figure, "svg")}  # the page takes it in any case
                 for form in formats:
-                    if form not in contents and form != "tex":
+                    if form not in contents:
                         contents[form] = style.content(figure, form)
                 style.close(figure)
             for form in formats:
-                if form in contents:
-                    target = ensure_folder(folder / "figures") / f"{name}.{form}"
-                    write_bytes(target, contents[form])
+                target = ensure_folder(folder / "figures") / f"{name}.{form}"
+                write_bytes(target, contents[form])
             drawn.append(SuiteFigure(name=name, caption=caption, svg=contents["svg"]))
     return drawn
 
