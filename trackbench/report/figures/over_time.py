@@ -520,7 +520,7 @@ class RmseVsTime(OverTime):
             starts_known = self.log and _all_start_at_zero(all_series)
             for line_index, series in enumerate(all_series):
                 look = series.look
-                k, value, stderr = self.series_with_gaps(series.rows)
+                x, value, stderr = self.series_with_gaps(series.rows)
                 # Zeros, and errors that are only rounding: a logarithmic axis does not show them.
                 is_hidden = np.zeros(len(value), dtype=np.bool_)
                 if self.log:
@@ -529,15 +529,15 @@ class RmseVsTime(OverTime):
                     # A line of zeros alone stays, so that the legend has it.
                     if np.isfinite(shown).any():
                         value = shown
-                if self.draw_curve(ax, k, value, look, panel.label, panel_labels):
+                if self.draw_curve(ax, x, value, look, panel.label, panel_labels):
                     filter_lines.draw_error_band(
-                        ax, k, value, stderr, look, line_index, lines_with_errors, self.log
+                        ax, x, value, stderr, look, line_index, lines_with_errors, self.log
                     )
                     if is_hidden.any():
-                        filter_lines.draw_lone_points(ax, k, value, look["color"])
+                        filter_lines.draw_lone_points(ax, x, value, look["color"])
                     if starts_known:  # the zero at the start is that of all lines, and gets no mark
                         is_hidden[0] = False
-                    zeros = filter_lines.Zeros(x=k[is_hidden], color=look["color"])
+                    zeros = filter_lines.Zeros(x=x[is_hidden], color=look["color"])
                     zeros_of_lines.append(zeros)
             filter_lines.mark_zeros(ax, zeros_of_lines)
         return self.finish(figure, panel_labels)

@@ -50,8 +50,7 @@ def ordered_problems(group: SuiteScores) -> list[str]:
     _, problems, ratios = ratio_matrix(group)
     names = list(dict.fromkeys(group.classes[problem] for problem in problems))
     logs = np.log(ratios)
-    # A row for each class, a column for each filter.
-    # Mean logarithm of the ratios over the problems of a class.
+    # Mean logarithms over the problems of each class: a row for each class, a column for each filter.
     means = np.array(
         [logs[:, [group.classes[p] == name for p in problems]].mean(axis=1) for name in names]
     )
