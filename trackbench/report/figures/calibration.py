@@ -122,7 +122,7 @@ def _say_of_ranks(labels: list[str], adjective: str) -> str:
 
 
 def _draw_histogram(ax: Axes, ranks: Histogram, color: str, over_steps: bool) -> None:
-    """Draw the ten bars of a rank histogram, their expectation, its 95 % band, and the p-value.
+    """Draw the ten bars of a rank histogram, their expectation, its 95 % band, and the p-value if known.
 
     If ``over_steps``, the ranks are those of all steps of the runs. They depend on each other, so that
     the band is by the standard errors over the runs. Otherwise each run has one rank.
@@ -148,6 +148,8 @@ def _draw_histogram(ax: Axes, ranks: Histogram, color: str, over_steps: bool) ->
     ax.tick_params(labelbottom=True)
     highest = max(float(ranks.shares.max()), float(high.max()))
     ax.set_ylim(0.0, max(2.0 * level, 1.1 * highest))
+    if np.isnan(ranks.p):  # too few runs or places for a test
+        return
     if ranks.p > _LEAST_P:
         ax.set_title(f"p = {ranks.p:.2g}")
     else:
