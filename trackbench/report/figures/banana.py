@@ -157,7 +157,8 @@ class PosteriorEllipses(FigureKind):
     def default_caption(self, results: Results) -> str:
         """Return what is drawn: the run, the step and the filters."""
         labels = listed([named(label) for label in results.chosen(self.filters)])
-        where = phrases.at_point(results.points()[self.point - 1])
+        # The number counts all points of the grid, also those where every filter failed.
+        where = phrases.at_point(results.grid_points[self.point - 1])
         return (
             f"Run {self.run}, step {self.step}{where}: the 2-sigma ellipses of {labels} around the true "
             "target, and the region of the measurement."
