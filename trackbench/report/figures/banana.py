@@ -15,6 +15,7 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import block_stream
 from trackbench.field_types import Count, Positive
 from trackbench.models.motions.kinematic import WhiteAcceleration
+from trackbench.models.sensors.angular import Platform
 from trackbench.registry import register
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import listed, named
@@ -184,9 +185,12 @@ class PosteriorEllipses(FigureKind):
         """
         k = int(np.flatnonzero(tracks["steps"] == self.step)[0])
         run = self.run - 1
-        view = _View.toward(tracks["truth"][[0, 2], k, run])
+        sensor = scenario["sensor"]
+        sensor_place = _place_of_sensor(sensor, self.step)
+        view = _View.between(sensor_place, tracks["truth"][[0, 2], k, run])
         # Step 1: outlines (2, n) along and across the line of sight, m.
-        measured = _measured_region(tracks["measurements"][:, k - 1, run], view, scenario["sensor"])
+        z = tracks["measurements"][:, k - 1, run]
+        measured = _measured_region(z, view, sensor, sensor_place)
         predicted: list[Array] = []
         if f"cov/{self.predicted}" in tracks:
             posterior_before = Gaussian(
@@ -245,9 +249,10 @@ class _View:
     """from x and y to along and across, (2, 2)"""
 
     @classmethod
-    def toward(cls, target: Array) -> "_View":
-        """Return the view from the origin, where the sensor is, toward a target (2,)."""
-        azimuth = np.arctan2(target[1], target[0])
+    def between(cls, sensor_place: Array, target: Array) -> "_View":
+        """Return the view from the place of the sensor (2,) toward a target (2,), m."""
+        px, py = target - sensor_place
+        azimuth = np.arctan2(py, px)
         c = np.cos(azimuth)
         s = np.sin(azimuth)
         return cls(target=target, rotation=np.array([[c, s], [-s, c]]))
@@ -266,18 +271,25 @@ class _View:
         return ellipse(mean, cov, 2.0)
 
 
-def _measured_region(z: Array, view: _View, sensor: dict[str, Any]) -> Array:
+def _place_of_sensor(sensor: dict[str, Any], step: int) -> Array:
+    """Return the place (2,) at a step, m, of the sensor with these keys."""
+    if sensor.get("platform") is not None:
+        return np.array(Platform(**sensor["platform"]).place(step))
+    return np.array(sensor.get("at") or (0.0, 0.0))
+
+
+def _measured_region(z: Array, view: _View, sensor: dict[str, Any], sensor_place: Array) -> Array:
     """Return the outline of the region within two sigma of a measurement.
 
-    ``z`` (2,) is its range, m, and azimuth, rad. ``sensor`` has the keys of the sensor. The outline
-    (2, 402) is along and across the line of sight, m.
+    ``z`` (2,) is its range, m, and azimuth, rad. ``sensor`` has the keys of the sensor, which is at
+    ``sensor_place`` (2,), m. The outline (2, 402) is along and across the line of sight, m.
     """
     half_width = 2.0 * 1e-3 * sensor["sigma_azimuth_mrad"]  # two sigma, rad
     azimuths = z[1] + half_width * np.linspace(-1.0, 1.0, 201)
     near_ranges = np.full(201, z[0] - 2.0 * sensor["sigma_range"])
     far_ranges = np.full(201, z[0] + 2.0 * sensor["sigma_range"])
-    near = view.transform(position(near_ranges, azimuths))
-    far = view.transform(position(far_ranges, azimuths))
+    near = view.transform(sensor_place[:, None] + position(near_ranges, azimuths))
+    far = view.transform(sensor_place[:, None] + position(far_ranges, azimuths))
     # Along the near arc, and back along the far one.
     return np.concatenate([near, far[:, ::-1]], axis=1)
 
