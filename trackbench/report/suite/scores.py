@@ -362,7 +362,7 @@ def _ratio_to_best(ranking: Ranking, candidate: Candidate) -> Ratio:
     if not ranking.order:  # no filter has an error that can be ranked
         return Ratio()
     best = ranking.order[0]
-    if candidate is best:
+    if _is_first(ranking, candidate):
         return Ratio(value=1.0, low=1.0, high=1.0)
     # The ranking does not compare filters that lose more runs.
     comparison = ranking.compared.get(candidate.name) or compare(candidate.sample, best.sample)
@@ -379,7 +379,7 @@ def _word(ranking: Ranking, candidate: Candidate) -> str:
     """
     if candidate in ranking.losing:
         return LOSES_MORE
-    if ranking.order and candidate is ranking.order[0]:
+    if _is_first(ranking, candidate):
         return BEST
     comparison = ranking.compared.get(candidate.name)
     if comparison is None or not (comparison.is_tested or comparison.is_equal):
@@ -387,6 +387,14 @@ def _word(ranking: Ranking, candidate: Candidate) -> str:
     if comparison.sign:  # not 0: a significant difference
         return WORSE
     return ALIKE
+
+
+def _is_first(ranking: Ranking, candidate: Candidate) -> bool:
+    """Test whether a filter is the first of its ranking.
+
+    The ranking of a recording may have a copy of the candidate, over the steps that all filters have.
+    """
+    return bool(ranking.order) and ranking.order[0].name == candidate.name
 
 
 def _ratio_to_reference(
