@@ -136,13 +136,14 @@ class RecordedPath(FromFiles, Naming, Flown):
     """name of the run that is flown; needed if the file has several"""
 
     def __post_init__(self) -> None:
+        """Check the keys, and read the file once: the property `_path` returns what was read."""
         super().__post_init__()
         self.check_names((*_POSITIONS, *_VELOCITIES))
         with self.reading():
-            times, states = self._rows()
+            times, states = self._read_path()
         object.__setattr__(self, "_read", (fixed(times), fixed(states)))
 
-    def _rows(self) -> tuple[Array, Array]:
+    def _read_path(self) -> tuple[Array, Array]:
         """Read times (R,) and x, y, z, vx, vy, vz (6, R), NaN where the file has none of them."""
         # Step 1: read the rows of one run, in order of time.
         chosen: tuple[str, ...] = ()
@@ -155,14 +156,15 @@ class RecordedPath(FromFiles, Naming, Flown):
             in_space=True,
             chosen=chosen,
         )
-        rows = read_rows(gathered, [self.file], [(*_POSITIONS, *_VELOCITIES)], least=2)
+        quantities = (*_POSITIONS, *_VELOCITIES)
+        rows = read_rows(gathered, [self.file], [quantities], least=2)
         gathered.check_idle_keys()
         gathered.check_origin(self.origin, "origin")
         gathered.note_distances()
         # One table for each sensor, and here the only one; its runs are checked below.
         (path,) = chosen_runs(gathered, rows, chosen, ("run",))
         path = in_order(gathered, path)
-        if gathered.stepped:
+        if gathered.stepped:  # the file has numbers of steps in place of times
             raise self._mistake("a path needs a column time")
         if len(gathered.runs) > 1:
             raise self._mistake(f"has {len(gathered.runs)} runs: name one by `run`")
@@ -202,6 +204,7 @@ class RecordedPath(FromFiles, Naming, Flown):
     @property
     def axes(self) -> int:
         """Axes of the space it moves in."""
+        # Row 2 is z, which is NaN in all rows of a file without it.
         _, values = self._path
         return 2 if np.isnan(values[2, 0]) else 3
 
