@@ -254,7 +254,7 @@ def interact(
     weights : array (r, M)
         Weights of the models before the first step.
     models : sequence of LinearModel
-        Matrices of each model; H, R and the numbers of the steps are those of the first.
+        Matrices of each model; H, R and ``motion.numbers`` are those of the first.
     transition : array (r, r)
         Probabilities p_ij of a switch from model i to model j.
     z : array (n_z, T, M)
@@ -361,9 +361,11 @@ class GaussianMixture(Symmetric):
 
     @property
     def mode(self) -> Array:
-        """Mean (n, M) of the part at whose mean the density is highest."""
+        """Mean of the part at whose mean the density is highest, for each run (n, M)."""
+        # The parts' means (n,) are points; `log_prob` takes them as (n, 1).
         heights = [float(self.log_prob(part.mean[:, None])[0]) for part in self.parts]
-        return np.tile(self.parts[int(np.argmax(heights))].mean[:, None], (1, self.runs))
+        highest = self.parts[int(np.argmax(heights))]
+        return np.tile(highest.mean[:, None], (1, self.runs))
 
     def sample(self, rng: Streams, *trailing: int) -> Array:
         """Draw the part of each state, then the state (n, M, *trailing)."""
