@@ -206,11 +206,11 @@ def compare_estimates(a: RunEstimate, b: RunEstimate, other: float = 0.0) -> Com
 def difference_of_measures(
     a: RunEstimate, b: RunEstimate, factor: float = 1.0, are_variances: bool = False
 ) -> RunEstimate:
-    """Return ``a - factor b``, paired by runs, with the limits that suit what is subtracted.
+    """Return ``a - factor b``, paired by runs, with the confidence limits that its test needs.
 
     The difference of two variances has the limits of both variances, and the difference of two shares
-    of runs has the limits of a difference of proportions. ``are_variances`` says that a and b are
-    variances as such, neither a gain nor a ratio to another filter.
+    of runs has the limits of a difference of proportions. ``are_variances`` is true if a and b are two
+    variances over the runs, and false for other numbers, such as ratios of variances.
     """
     term = linear_combination(a.value - factor * b.value, a, b, 1.0, -factor)
     if are_variances:
@@ -249,7 +249,10 @@ def _as_difference_of_proportions(
 
 @np.errstate(all="ignore")
 def compare_independent(a: RunEstimate, b: RunEstimate) -> Comparison:
-    """Compare two numbers from different runs by Student's t; shares by the binomial limits of both."""
+    """Compare two numbers from different runs by Student's t; shares by the binomial limits of both.
+
+    The degrees of freedom are one less than the fewer runs of both.
+    """
     runs = min(a.runs, b.runs)
     stderr = float(np.hypot(a.stderr, b.stderr))
     difference = RunEstimate(a.value - b.value, stderr, None, runs)

@@ -43,7 +43,10 @@ def mean(x: Array) -> Estimate:
 
 @_quietly
 def variance(x: Array) -> Estimate:
-    """Return the unbiased variance of x (M,); standard error by leaving out one run at a time."""
+    """Return the unbiased variance of x (M,); standard error by leaving out one run at a time.
+
+    The standard error is NaN for fewer than four runs, and both are NaN for fewer than two.
+    """
     M = len(x)
     if M < 2:
         return Estimate(np.nan, np.nan)
@@ -129,9 +132,11 @@ def _influence_on_deviation(x: Array) -> Array:
 
 
 def _influence_on_variance(x: Array) -> Array:
-    """Return the jackknife's influences, from the variances without each run."""
+    """Return the jackknife's influences (M,), from the variances without each run."""
     M = len(x)
     squares = np.square(x - _mean(x))
+    # Without run m the variance is (sum d^2 - d_m^2 M / (M - 1)) / (M - 2), d the deviations from the
+    # mean. The influence is (M - 1) times the variance less this: M / (M - 2) d_m^2, centered.
     return (squares - _mean(squares)) * (M / max(M - 2.0, 1.0))
 
 
