@@ -314,7 +314,11 @@ def drop_missing_cov(R: Array, missing: Mask) -> Array:
 
 
 def log_prob_of_measured(nu: Array, cov: Array, missing: Mask, root: Array | None = None) -> Array:
-    """Evaluate log N(nu; 0, cov) (*batch) of the measured components of nu (n_z, *batch)."""
+    """Evaluate log N(nu; 0, cov) (*batch) of the measured components of nu (n_z, *batch).
+
+    ``missing`` (n_z, *batch) marks the other components, for which ``cov`` has the rows and columns of a
+    unit matrix. ``root`` is the Cholesky factor of ``cov``, if it is known.
+    """
     value = zero_mean_log_prob(np.where(missing, 0.0, nu), cov, root)
     # Each missing component has entered with the density of N(0, 1) at zero.
     value += 0.5 * LOG_2PI * missing.sum(axis=0)

@@ -448,7 +448,10 @@ def _block(components: tuple[int, ...]) -> tuple[Index, ...]:
 
 @cache
 def common_components(names: tuple[str, ...], other_names: tuple[str, ...]) -> Common:
-    """Find the positions of the components that two models share, by the names of their components."""
+    """Find the components that two models share, by the ``names`` of each model's components.
+
+    Return their indices in ``names``, and those in ``other_names``, in the order of the other model.
+    """
     shared = [name for name in other_names if name in names]
     source = tuple(names.index(name) for name in shared)
     target = tuple(other_names.index(name) for name in shared)

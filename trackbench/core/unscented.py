@@ -124,7 +124,7 @@ class GaussHermite:
 
     @cached_property
     def nodes(self) -> list[tuple[float, float]]:
-        """Nodes, the roots of the Hermite polynomial, and their weights, which sum to one."""
+        """Pairs (node, weight) for N(0, 1): roots of He_n, and weights whose sum is one."""
         n = self.order
         norm = factorial(n) / (n * n)
         return [(x, norm / _hermite(n - 1, x) ** 2) for x in _hermite_roots(n)]

@@ -205,7 +205,10 @@ class Share(RunEstimate):
         return round(self.value * self.runs)
 
     def z(self, target: float = 0.0, other: float = 0.0) -> float:
-        """Return z of the hypothesis that the event has this probability."""
+        """Return z of the hypothesis that the event has the probability ``target``, by exact tails.
+
+        It is the z of a mean if the target has the standard error ``other``, or without runs.
+        """
         if other > 0.0 or not self.runs:
             return super().z(target, other)
         return inference.share_z(self.events, self.runs, target)
