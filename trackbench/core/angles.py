@@ -48,7 +48,8 @@ def wrapped_difference(x: Array, other: Array, angles: Sequence[int]) -> Array:
 def mean_direction(x: Array, w: Array, mean: Array, rows: Sequence[int]) -> Array:
     """Return ``mean`` (n, M) with its angles replaced by the mean directions of states x (n, M, N).
 
-    A direction is ``atan2(sum w sin a, sum w cos a)``, on the turn of ``mean``.
+    The angles are the ``rows`` of x. A direction is ``atan2(sum w sin a, sum w cos a)`` with the weights
+    w (M, N), on the turn of ``mean``.
     """
     if not rows:
         return mean

@@ -137,7 +137,10 @@ def combine(
 def brought_together(
     states: Sequence[Gaussian], weights: Array, angles: Sequence[int]
 ) -> list[Gaussian]:
-    """Shift the angles of means by whole turns to near their mean direction, on the first one's turn."""
+    """Shift the angles of r means by whole turns to within half a turn of their mean direction.
+
+    ``weights`` (r, M) are those of the states. The direction is on the turn of the first mean.
+    """
     means = np.stack([state.mean for state in states], axis=-1)
     center = mean_direction(means, weights.T, states[0].mean, angles)
     return [Gaussian(near(state.mean, center, angles), state.cov) for state in states]

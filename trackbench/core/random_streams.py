@@ -64,7 +64,7 @@ class RunStreams:
         self._waiting: dict[tuple[str, float], Array] = {}
 
     def standard_normal(self, size: tuple[int, ...]) -> Array:
-        """Draw N(0, 1) variates."""
+        """Draw N(0, 1) variates (*draws, M), column m from the stream of run m."""
 
         def draw_chunk() -> Array:
             return box_muller(self._columns(lambda g: g.bit_generator.random_raw(_CHUNK)))
@@ -72,7 +72,7 @@ class RunStreams:
         return self._take(("normal", 0.0), draw_chunk, size)
 
     def random(self, size: tuple[int, ...]) -> Array:
-        """Draw uniform variates in [0, 1)."""
+        """Draw uniform variates (*draws, M) in [0, 1), column m from the stream of run m."""
 
         def draw_chunk() -> Array:
             return self._columns(lambda g: g.random(_CHUNK))
@@ -80,7 +80,10 @@ class RunStreams:
         return self._take(("uniform", 0.0), draw_chunk, size)
 
     def standard_gamma(self, shape: float, size: tuple[int, ...]) -> Array:
-        """Draw Gamma(shape, rate 1) variates; by numpy unless the shape is a small whole number."""
+        """Draw Gamma(shape, rate 1) variates (*draws, M), column m from the stream of run m.
+
+        They are drawn by numpy unless the shape is a small whole number (`is_erlang`).
+        """
         # Gamma(n) of whole n is the sum of n exponentials, -log of a product of uniforms.
         if is_erlang(shape):
             return erlang(self.random((int(shape), *_shape(size))))

@@ -168,7 +168,10 @@ class Family(dict[tuple[str, str], Comparison]):
 
 @np.errstate(all="ignore")
 def compare(a: Sample, b: Sample) -> Comparison | None:
-    """Compare two filters, not as one of a family of tests; None without a common run or step."""
+    """Compare the samples of two filters; None without a common run or step.
+
+    z is of this pair alone, and p is NaN: `as_family` sets it for several comparisons together.
+    """
     # Step 1: a recording is compared step by step.
     if a.steps is not None and b.steps is not None:
         if not (a.steps.has_value & b.steps.has_value).any():

@@ -291,12 +291,12 @@ class OfSteps(RunEstimate):
         return []
 
     def z(self, target: float = 0.0, other: float = 0.0) -> float:
-        """Return z of the hypothesis that the mean of the steps is the target."""
+        """Return z of the hypothesis that the mean of the steps is the target; ``other`` is not used."""
         assert self.influences is not None
         return series_mean(self.influences + (self.value - target)).z
 
     def interval(self, level: float = 0.95, other: float = 0.0) -> tuple[float, float]:
-        """Return the confidence interval of the steps' mean."""
+        """Return the confidence interval of the steps' mean; ``other`` is not used."""
         assert self.influences is not None
         width = series_mean(self.influences).half_width(level)
         return self.value - width, self.value + width

@@ -195,9 +195,10 @@ def stderr_of(low: float, high: float) -> float:
 def share_z(events: int, runs: int, probability: float) -> float:
     """Return z of the hypothesis that an event has this probability, from its exact tail probability.
 
-    z exceeds the normal quantile of a level exactly if the `share_interval` of that level excludes the
-    probability. It is infinite for an impossible outcome: one run without the event refutes the
-    probability 1. It is zero if the tail has a probability of more than a half.
+    ``events`` of the ``runs`` had the event. z exceeds the normal quantile of a level exactly if the
+    `share_interval` of that level excludes the probability. It is infinite for an impossible outcome:
+    one run without the event refutes the probability 1. It is zero if the tail has a probability of more
+    than a half.
     """
     from scipy.special import bdtr, bdtrc, ndtri
 

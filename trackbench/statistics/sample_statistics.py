@@ -60,7 +60,7 @@ def variance(x: Array) -> Estimate:
 
 @_quietly
 def rms(x: Array) -> Estimate:
-    """Return the root mean square (eq. 15 of the hdepf paper for per-run RMSEs); delta method."""
+    """Return the root mean square of x (M,), as of RMSEs per run (hdepf paper, eq. 15); delta method."""
     squares = mean(np.square(x))
     value = float(np.sqrt(squares.value))
     if value == 0.0:
