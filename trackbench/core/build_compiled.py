@@ -33,6 +33,7 @@ def build() -> bool:
         *("-I", sysconfig.get_paths()["include"], *linking),
         *("-o", str(part), str(FOLDER / "_compiled.c")),
     ]
+    # Compile into a file of this process, then move it to its place.
     BUILT.unlink(missing_ok=True)
     with suppress(OSError, subprocess.SubprocessError):
         subprocess.run(command, check=True, capture_output=True, timeout=300)

@@ -285,7 +285,7 @@ def as_family(comparisons: Mapping[Key, Comparison], tests: int = 0) -> dict[Key
 
 
 def compare_all(samples: Mapping[str, Sample]) -> Family:
-    """Compare every two filters, given by label, as one family of tests."""
+    """Compare every two filters, whose samples are given by label, as one family of tests."""
     compared_in_arrays = _compare_side_by_side(samples)
     comparisons = {}
     for a, b in combinations(samples, 2):

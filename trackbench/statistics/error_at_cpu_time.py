@@ -163,8 +163,8 @@ def compare_at(a: AtCost, b: AtCost) -> Comparison:
 def front(spots: Sequence[Spot], higher: bool = False) -> Iterator[Spot]:
     """Yield the spots, the cheapest first, that are better than all others of the same cost or less.
 
-    A spot is a filter at one of its sizes, with its cost (CPU time) and its error.
-    The lower ``error`` is better; if ``higher``, as of an efficiency, the larger one is.
+    A spot is a filter at one of its sizes, with its ``cost`` in CPU time and its ``error``. The lower
+    ``error`` is better; if ``higher``, as of an efficiency, the larger one is.
     """
     # Times this sign, a lower value is a better one.
     sign = -1.0 if higher else 1.0
