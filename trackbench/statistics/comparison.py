@@ -151,6 +151,10 @@ class Comparison(NamedTuple):
     def swapped(self) -> "Comparison":
         """Comparison of b with a."""
         opposite = self.difference.scaled(-self.difference.value, -1.0)
+        if opposite.pair is not None:
+            a, b, factor = opposite.pair
+            assert factor == 1.0  # as in every comparison of two samples
+            opposite = opposite._replace(pair=(b, a, factor))
         return self._replace(a=self.b, b=self.a, difference=opposite, z=-self.z)
 
 
