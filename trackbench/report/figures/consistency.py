@@ -11,7 +11,7 @@ from trackbench.evaluation.metric_expression import OfStep, measure
 from trackbench.field_types import Count, OpenShare, Positive
 from trackbench.registry import register
 from trackbench.report.figures import captions
-from trackbench.report.figures.over_time import MetricSeries, OverTime
+from trackbench.report.figures.over_time import MetricSeries, OverTime, leftmost_panels
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import joined, named
 from trackbench.report.plotting import filter_lines, style
@@ -170,8 +170,9 @@ class Bias(OverTime):
         for panel in panels:
             for ax, metric in zip(panel.axes, self.rows.values(), strict=True):
                 self._draw_metric(ax, results, panel.point, metric)
-        for ax, y_label in zip(panels[0].axes, self.rows, strict=True):
-            ax.set_ylabel(y_label)
+        for panel in leftmost_panels(panels):
+            for ax, y_label in zip(panel.axes, self.rows, strict=True):
+                ax.set_ylabel(y_label)
         self.keep_possible_scales(figure)
         self.count_times(figure)
         style.legend_outside(figure)

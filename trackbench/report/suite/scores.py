@@ -37,7 +37,7 @@ from trackbench.statistics.collapsed_runs import collapsed_runs, indefinite_runs
 from trackbench.statistics.comparison import Comparison, compare
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.sample_statistics import mean
-from trackbench.statistics.significance_rules import ALIKE, UNTESTED, WORSE
+from trackbench.statistics.significance_rules import ALIKE, BETTER, UNTESTED, WORSE
 
 WORST = 10.0
 """Ratio to the best from which on a filter counts as useless for the problem."""
@@ -374,8 +374,9 @@ def _ratio_to_best(ranking: Ranking, candidate: Candidate) -> Ratio:
 def _word(ranking: Ranking, candidate: Candidate) -> str:
     """Return how the filter compares with the best, as the ranking decides it.
 
-    It is `LOSES_MORE`, `BEST`, `UNTESTED`, `WORSE` (significantly) or `ALIKE` (no significant
-    difference).
+    It is `LOSES_MORE`, `BEST`, `UNTESTED`, `WORSE` or `BETTER` (significantly), or `ALIKE` (no
+    significant difference). A filter can be better than the first of the ranking on the runs that
+    neither of them loses.
     """
     if candidate in ranking.losing:
         return LOSES_MORE
@@ -384,8 +385,11 @@ def _word(ranking: Ranking, candidate: Candidate) -> str:
     comparison = ranking.compared.get(candidate.name)
     if comparison is None or not (comparison.is_tested or comparison.is_equal):
         return UNTESTED
-    if comparison.sign:  # not 0: a significant difference
+    # The errors of a suite are better if they are lower.
+    if comparison.sign > 0:
         return WORSE
+    if comparison.sign < 0:
+        return BETTER
     return ALIKE
 
 
