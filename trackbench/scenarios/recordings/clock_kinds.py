@@ -161,8 +161,8 @@ def reason_against(first: FileClock, other: FileClock) -> str:
         message += f" if {gps.column} of {gps.path} counts from 1970 in UTC, say `zone: UTC`,"
         return f"{message} or else write UNIX times into the file"
     if "number" in kinds and len(kinds) == 2:
-        way = "use one kind; dates with a zone and UNIX times, seconds since 1970, go together"
-        return f"{message}: {way}"
+        remedy = "use one kind; dates with a zone and UNIX times, seconds since 1970, go together"
+        return f"{message}: {remedy}"
     return f"{message}: use one kind"
 
 

@@ -353,14 +353,16 @@ class Columns:
         known = ", ".join(self.names)[:200]
         column = self.naming.columns.get(name) or self.naming.columns.get(name.rpartition(".")[2])
         message = f"no column {name}; there are {known}"
-        way = f" (see `{key}`)"
+        remedy = f" (see `{key}`)"
         if column:
             quantity = name.rpartition(".")[2]
             message = f"no column {column}, which `{key}` has for {quantity}; there are {known}"
-            way = ""
+            remedy = ""
         if self._keys.own and key == "columns":
-            way = f": a file with other names needs `{self._keys.own}: {{columns: {{time: NAME}}}}`"
-        return self.mistake(f"{message}{way}")
+            remedy = (
+                f": a file with other names needs `{self._keys.own}: {{columns: {{time: NAME}}}}`"
+            )
+        return self.mistake(f"{message}{remedy}")
 
     def mistake(self, message: str) -> DataError:
         """Return the error for a mistake of the table as a whole."""
@@ -427,12 +429,12 @@ class Columns:
             for value, n in outlying(values).items():
                 message = f"{n} cells are {value:.9g}, far outside the others: empty them"
                 others = self._columns_with(table, value, column)
-                way = f", or say `missing: [{value:.15g}]`, if they hold no measurement"
+                remedy = f", or say `missing: [{value:.15g}]`, if they hold no measurement"
                 if others:
                     key = f"`missing: {{{quantity}: [{value:.15g}]}}`"
-                    way = f", or say {key}, if they hold no measurement"
-                    way += f" (`missing: [{value:.15g}]` would also empty cells of {others})"
-                self.far.append(f"{self.path}: {column}: {message}{way}")
+                    remedy = f", or say {key}, if they hold no measurement"
+                    remedy += f" (`missing: [{value:.15g}]` would also empty cells of {others})"
+                self.far.append(f"{self.path}: {column}: {message}{remedy}")
 
     def _columns_with(self, table: Table, value: float, column: str) -> str:
         """Return another column in which ``value`` is a usual number; empty if there is none."""
@@ -687,10 +689,10 @@ class Columns:
                 message = (
                     f"{table.words[column][codes[row]]} beside a {quantity} of {values[row]:.9g}"
                 )
-                way = f"say `columns: {{{key}: {column}}}`, or {ignore}"
+                remedy = f"say `columns: {{{key}: {column}}}`, or {ignore}"
                 if values[row] < 0.0:
-                    way = f"correct one of them, or say {ignore}"
-                place = Place(self.path, int(table.lines[row]), 1, f"{column}: {message}: {way}")
+                    remedy = f"correct one of them, or say {ignore}"
+                place = Place(self.path, int(table.lines[row]), 1, f"{column}: {message}: {remedy}")
                 raise DataError(place)
             return
         # Step 2: check the words, and the signs of numbers that have one.
@@ -705,8 +707,8 @@ class Columns:
             message = (
                 f"{values[row]:.9g} beside {table.words[column][codes[row]]} in column {column}"
             )
-            way = f"correct one of them, or say {ignore}"
-            place = Place(self.path, int(table.lines[row]), 1, f"{coordinate}: {message}: {way}")
+            remedy = f"correct one of them, or say {ignore}"
+            place = Place(self.path, int(table.lines[row]), 1, f"{coordinate}: {message}: {remedy}")
             raise DataError(place)
         # Step 3: south and west are negative; without a letter the place is unknown.
         values[is_negative] = -np.abs(values[is_negative])

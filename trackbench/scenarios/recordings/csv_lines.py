@@ -266,8 +266,8 @@ def _check_kinds(path: str, cells: Mapping[int, list[str]], separator: str) -> N
         shown = ", ".join(f"{kind} ({widths.pop()} cells)" for kind, widths in kinds.items())
         first = next(iter(kinds))
         marks = {" ": "[[:space:]]", "\t": "[[:space:]]"}
-        way = f"split the file, such as `grep '^{first}{marks.get(separator, separator)}'`"
-        message = f"has rows of {len(kinds)} kinds: {shown[:100]}: {way}, and name the columns"
+        remedy = f"split the file, such as `grep '^{first}{marks.get(separator, separator)}'`"
+        message = f"has rows of {len(kinds)} kinds: {shown[:100]}: {remedy}, and name the columns"
         raise DataError(Place(path, next(iter(cells)), 1, message))
 
 
@@ -285,8 +285,8 @@ def _find_header(
     above = max((number for number in comments if number < first), default=0)
     if above and any(map(is_value, cells[first])):
         # The comment may be split as the table is, or by any separator, or by white space before names.
-        ways = (separator, r"\s*[,;\t|]\s*|\s+", _BEFORE_NAMES)
-        names = _split_names(comments[above], ways, widths)
+        separators = (separator, r"\s*[,;\t|]\s*|\s+", _BEFORE_NAMES)
+        names = _split_names(comments[above], separators, widths)
         if len(names) not in widths:
             return first
         cells[above] = names
@@ -299,13 +299,13 @@ def _find_header(
     return _fullest_line(cells, start)
 
 
-def _split_names(line: str, ways: Sequence[str], widths: Sequence[int]) -> list[str]:
+def _split_names(line: str, separators: Sequence[str], widths: Sequence[int]) -> list[str]:
     """Split a line of names into a usual number of cells, one of ``widths``.
 
-    ``ways`` are a separator and then patterns, which are tried in order. If none fits, the separator
-    is used.
+    ``separators`` are a separator and then patterns, which are tried in order. If none fits, the
+    separator is used.
     """
-    separator, *patterns = ways
+    separator, *patterns = separators
     by_separator = _split_cells(line, separator)
     if len(by_separator) in widths:
         return by_separator

@@ -155,8 +155,8 @@ def header(path: str, form: TextFormat | None = None) -> list[str]:
     layout = layout_of(path, form)
     if layout.header and all(is_value(name) for name in layout.names if name):
         message = f"holds {', '.join(layout.names)[:60]} and no names of columns: name all"
-        way = f"{len(layout.names)}, such as `format: {{names: [time, x, y]}}`"
-        raise DataError(Place(path, layout.header, 1, f"{message} {way}"))
+        remedy = f"{len(layout.names)}, such as `format: {{names: [time, x, y]}}`"
+        raise DataError(Place(path, layout.header, 1, f"{message} {remedy}"))
     return layout.names
 
 

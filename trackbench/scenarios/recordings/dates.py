@@ -161,10 +161,10 @@ def type_of_clock(cell: str, parse_number: Callable[[str], float], form: str, fi
     message = f"{first.message}: {cell[:40]!r} is no number of seconds and no date in ISO 8601"
     if form:
         message = f"{first.message}: {cell[:40]!r} is not a time as {form}"
-    way = 'say how it is written, `time_format: "%d/%m/%Y %H:%M:%S"` (or %m/%d/%Y, %H:%M:%S.%f)'
+    remedy = 'say how it is written, `time_format: "%d/%m/%Y %H:%M:%S"` (or %m/%d/%Y, %H:%M:%S.%f)'
     if cell and not any(map(str.isdigit, cell)):
-        way = "say `format: {skip: 1}` if the line holds units, or correct it"
-    raise DataError(first._replace(message=f"{message}: {way}"))
+        remedy = "say `format: {skip: 1}` if the line holds units, or correct it"
+    raise DataError(first._replace(message=f"{message}: {remedy}"))
 
 
 def dates_quickly(cells: Sequence[str], form: str) -> Array | None:

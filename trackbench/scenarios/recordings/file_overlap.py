@@ -9,7 +9,7 @@ import numpy as np
 from trackbench.core.arrays import Array
 from trackbench.durations import time_text
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.rows import TICK, Gathered, Rows, usual_interval
+from trackbench.scenarios.recordings.rows import TICK, ReadingContext, Rows, usual_interval
 from trackbench.scenarios.recordings.units import UNITS
 from trackbench.scenarios.recordings.yaml_values import mapping_in_braces
 
@@ -35,7 +35,7 @@ class _Span(NamedTuple):
 
 
 def check_common_time(
-    measured: Gathered, measured_rows: Sequence[Rows], other: Gathered, rows: Rows
+    measured: ReadingContext, measured_rows: Sequence[Rows], other: ReadingContext, rows: Rows
 ) -> None:
     """Raise DataError if a file has no common time with the measurements, or times in another unit.
 
@@ -52,17 +52,21 @@ def check_common_time(
     period = f"{time_text(span.first)} to {time_text(span.last)}{unit}"
     ends = f"its times are from {other_period}, and those of {measured.files[0]} from {period}"
     is_apart = _share_in_common(span, other_span) == 0.0
-    way = ""
+    remedy = ""
     if not measured.stepped and not measured.dated:
-        way = _way_to_other_unit(measured, other, span, other_span)
-    if way:
-        raise DataError(Place(other.files[0], 1, 1, f"{ends}: one of their units differs; {way}"))
+        remedy = _remedy_of_units(measured, other, span, other_span)
+    if remedy:
+        raise DataError(
+            Place(other.files[0], 1, 1, f"{ends}: one of their units differs; {remedy}")
+        )
     if is_apart:
-        way = "give both files times of one clock"
-        raise DataError(Place(other.files[0], 1, 1, f"{ends}: they have no time in common; {way}"))
+        remedy = "give both files times of one clock"
+        raise DataError(
+            Place(other.files[0], 1, 1, f"{ends}: they have no time in common; {remedy}")
+        )
 
 
-def note_files_apart(gathered: Gathered, measured_rows: Sequence[Rows]) -> None:
+def note_files_apart(context: ReadingContext, measured_rows: Sequence[Rows]) -> None:
     """Add a note on two sensors' files that lie further apart in time than either is long.
 
     ``measured_rows`` are those of each sensor. A sensor may follow another, so this is no mistake.
@@ -72,10 +76,10 @@ def note_files_apart(gathered: Gathered, measured_rows: Sequence[Rows]) -> None:
     for (rows, span), (next_rows, next_span) in pairwise(spans):
         longest = max(span.last - span.first, next_span.last - next_span.first)
         if next_span.first - span.last > max(longest, TICK):
-            unit = "" if gathered.stepped else " s"
-            gathered.notices.append(
-                f"{gathered.files[next_rows.file[0]]} begins at {time_text(next_span.first)}{unit}, and "
-                f"{gathered.files[rows.file[0]]} ends at {time_text(span.last)}{unit}: they have no "
+            unit = "" if context.stepped else " s"
+            context.notices.append(
+                f"{context.files[next_rows.file[0]]} begins at {time_text(next_span.first)}{unit}, and "
+                f"{context.files[rows.file[0]]} ends at {time_text(span.last)}{unit}: they have no "
                 "time in common; check their clocks, `zone` and `units`"
             )
 
@@ -96,7 +100,9 @@ def _share_in_common(span: _Span, other: _Span) -> float:
     return max(common, TICK) / whole
 
 
-def _way_to_other_unit(measured: Gathered, other: Gathered, span: _Span, other_span: _Span) -> str:
+def _remedy_of_units(
+    measured: ReadingContext, other: ReadingContext, span: _Span, other_span: _Span
+) -> str:
     """Return the advice to read one of two files in another unit of time; empty if none is better.
 
     The times of the measurements have the ``span``.
@@ -129,7 +135,7 @@ def _unit_of_size(size: float) -> str:
     return ""
 
 
-def _keys_with_unit(other: Gathered, unit: str) -> str:
+def _keys_with_unit(other: ReadingContext, unit: str) -> str:
     """Return the file's own keys in the config, with another unit of time."""
     columns = {}
     for name in ("time", "run"):

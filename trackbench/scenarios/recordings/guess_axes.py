@@ -11,7 +11,7 @@ from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_names import words_of
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity
 from trackbench.scenarios.recordings.quantities import COURSE, GEODETIC, PLACE, VELOCITY
-from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.unit_candidates import (
     LEAST_COSINE,
     Candidate,
@@ -51,7 +51,7 @@ REFLECTIONS = (
 
 
 def check_bearings(
-    sample: Sample,
+    sample: TableSample,
     columns: ColumnByQuantity,
     user_columns: Collection[str],
     unscaled: UnscaledRows,
@@ -104,7 +104,7 @@ def has_north_first(
 
 
 def check_velocity(
-    sample: Sample,
+    sample: TableSample,
     columns: ColumnByQuantity,
     unscaled: UnscaledRows,
     known_units: Mapping[str, str],
@@ -121,7 +121,7 @@ def check_velocity(
 
 
 def check_course(
-    sample: Sample,
+    sample: TableSample,
     columns: ColumnByQuantity,
     unscaled: UnscaledRows,
     chosen: Candidate,
@@ -141,7 +141,7 @@ def check_course(
 
 
 def _question_on_axes(
-    sample: Sample, columns: ColumnByQuantity, change: Reflection, velocity: list[str]
+    sample: TableSample, columns: ColumnByQuantity, change: Reflection, velocity: list[str]
 ) -> Place:
     """Return the question which of positions and velocities are right.
 

@@ -10,7 +10,7 @@ from trackbench.field_types import Place
 from trackbench.scenarios.recordings.column_names import words_of
 from trackbench.scenarios.recordings.guess_record import Guess, Track
 from trackbench.scenarios.recordings.guess_sensors import ANGLES
-from trackbench.scenarios.recordings.rows import Gathered, Rows
+from trackbench.scenarios.recordings.rows import ReadingContext, Rows
 
 Convention = Literal["named", "compass", "polar", "open"]
 """Azimuths count clockwise from north as the column's name says (named) or as numbers beyond 180 deg do
@@ -34,15 +34,15 @@ def azimuths_of(
     return azimuths
 
 
-def track_of(gathered: Gathered, rows: Rows, scale: float = 1.0) -> Track:
+def track_of(context: ReadingContext, rows: Rows, scale: float = 1.0) -> Track:
     """Return rows as a track; ``scale`` is the unit of their azimuths, rad."""
     time = rows.time
-    if gathered.dated:
-        time = time + gathered.since / 1e6
+    if context.dated:
+        time = time + context.since / 1e6
     values = np.stack([rows.values[0], rows.values[1] * scale])
     # UNIX times count from 1970, too.
-    is_unix = gathered.clock is not None and gathered.clock.kind == "unix"
-    return Track(time=time, values=values, is_dated=bool(gathered.dated) or is_unix)
+    is_unix = context.clock is not None and context.clock.kind == "unix"
+    return Track(time=time, values=values, is_dated=bool(context.dated) or is_unix)
 
 
 def settle_azimuths(guess: Guess, angles: list[Array], is_said: bool) -> Guess:
@@ -56,7 +56,7 @@ def settle_azimuths(guess: Guess, angles: list[Array], is_said: bool) -> Guess:
     if not angles or column is None or naming.clockwise:
         return guess
     if is_said:
-        guess.why["anticlockwise"] = "azimuths count from x to y"
+        guess.reasons["anticlockwise"] = "azimuths count from x to y"
         return guess
     convention = convention_of(column, naming.units.get("azimuth", ""), angles)
     if guess.places is not None and convention != "named":
@@ -64,18 +64,18 @@ def settle_azimuths(guess: Guess, angles: list[Array], is_said: bool) -> Guess:
         if settled is not None:
             return settled
     if convention == "polar":
-        guess.why["anticlockwise"] = (
+        guess.reasons["anticlockwise"] = (
             "guess: azimuths count from x to y; of radars from north say `clockwise: [azimuth]`"
         )
         return guess
     if convention == "open":
         questions = [Place(guess.path, 1, 1, line) for line in question_on_azimuths(column)]
         return replace(guess, questions=questions)
-    guess.why["clockwise"] = (
+    guess.reasons["clockwise"] = (
         "guess: from 0 to 360 deg, as of radars; leave it out if it counts from x to y"
     )
     if convention == "named":
-        guess.why["clockwise"] = "as the column's name says: from north"
+        guess.reasons["clockwise"] = "as the column's name says: from north"
     return replace(guess, naming=replace(naming, clockwise=("azimuth",)))
 
 
@@ -89,14 +89,14 @@ def with_places(guess: Guess, places: Track, reason: str) -> Guess | None:
     is_clockwise = is_clockwise_by_places(guess.radar, places)
     if is_clockwise is None:
         return None
-    why = {name: text for name, text in guess.why.items() if name != "clockwise"}
+    reasons = {name: text for name, text in guess.reasons.items() if name != "clockwise"}
     if is_clockwise:
-        why["clockwise"] = f"as {reason}"
+        reasons["clockwise"] = f"as {reason}"
     else:
-        why["anticlockwise"] = f"azimuths count from x to y, as {reason}"
+        reasons["anticlockwise"] = f"azimuths count from x to y, as {reason}"
     clockwise = ("azimuth",) if is_clockwise else ()
     naming = replace(guess.naming, clockwise=clockwise)
-    return replace(guess, naming=naming, why=why, questions=[])
+    return replace(guess, naming=naming, reasons=reasons, questions=[])
 
 
 def convention_of(column: str, unit: str, angles: list[Array]) -> Convention:

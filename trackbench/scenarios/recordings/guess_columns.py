@@ -29,7 +29,7 @@ from trackbench.scenarios.recordings.quantities import (
     ODOMETRY,
     VELOCITY,
 )
-from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 _MOST_SENSORS = 50
@@ -48,15 +48,15 @@ _SENSOR_KEYS = ("landmark", "landmarks", "tag", "id", "marker", "station", "rada
 
 
 def guess_columns(
-    sample: Sample,
+    sample: TableSample,
     user_naming: Naming,
-    why: ReasonByKey,
+    reasons: ReasonByKey,
     tables: RobotTables,
     content: TableContent,
 ) -> tuple[ColumnByQuantity, UnitByQuantity]:
     """Return columns and units by quantity, guessed from the names of columns and a line of units.
 
-    Reasons are added to ``why``.
+    Reasons are added to ``reasons``.
     """
     user_columns = user_naming.columns
     named_columns = columns_of(sample.names, user_columns)
@@ -94,15 +94,15 @@ def guess_columns(
         unit = unit_of(column, name)
         if unit is not None:
             units[name] = unit
-    why |= dict.fromkeys(units, "as the column's name says")
+    reasons |= dict.fromkeys(units, "as the column's name says")
     for name, column in columns.items():
         unit = sample.unit(column, name)
         if unit is not None:
             units[name] = unit
-            why[name] = "as the line of units says"
+            reasons[name] = "as the line of units says"
     units |= user_naming.units
     if is_robot:
-        guess_units_of_robot(sample, columns, units, why)
+        guess_units_of_robot(sample, columns, units, reasons)
     return columns, units
 
 
@@ -120,7 +120,7 @@ def check_given_keys(path: str, user_naming: Naming) -> None:
         raise DataError(Place(path, 1, 1, message))
 
 
-def find_dates(sample: Sample, columns: ColumnByQuantity, why: ReasonByKey) -> None:
+def find_dates(sample: TableSample, columns: ColumnByQuantity, reasons: ReasonByKey) -> None:
     """Add the time to the columns if it is the only column whose cells are dates."""
     dated = []
     for name in sample.names:
@@ -132,10 +132,10 @@ def find_dates(sample: Sample, columns: ColumnByQuantity, why: ReasonByKey) -> N
             dated.append(name)
     if len(dated) == 1:
         columns["time"] = dated[0]
-        why["time_column"] = "guess: its cells are dates"
+        reasons["time_column"] = "guess: its cells are dates"
 
 
-def _hemispheres(sample: Sample, columns: ColumnByQuantity) -> dict[str, str]:
+def _hemispheres(sample: TableSample, columns: ColumnByQuantity) -> dict[str, str]:
     """Find the columns of the letters N and S, and E and W, beside latitude and longitude.
 
     Return them by their key of `columns`, ``north_south`` or ``east_west``.
@@ -174,9 +174,9 @@ def explain_no_time(names: list[str]) -> str:
     message = f"no column looks like a time or a step; there are {', '.join(names)[:200]}"
     if {"year", "month", "day"} <= {name.lower() for name in names}:
         return f"{message}: join the parts of dates into one column, 2025-04-03 10:00:00"
-    way = (
+    remedy = (
         f"say which is one, `--set 'columns.time={names[0]}'` (or columns.step), or number the rows"
     )
     if any(map(is_value, names)):
-        way += f", or name all {len(names)} if no line does, `--set 'format.names=[time, x, y]'`"
-    return f"{message}: {way}"
+        remedy += f", or name all {len(names)} if no line does, `--set 'format.names=[time, x, y]'`"
+    return f"{message}: {remedy}"

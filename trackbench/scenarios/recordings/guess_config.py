@@ -353,11 +353,11 @@ def _gated_filter_lines(guess: Guess, kind: str) -> list[str]:
     if guess.outliers < _LEAST_OUTLIERS:
         return []
     percent = float(f"{100.0 * guess.outliers:.1g}")
-    why = f"some {percent:g} % of the rows are far from the line between their neighbors"
+    reason = f"some {percent:g} % of the rows are far from the line between their neighbors"
     keys = f"kind: {kind}, gate: 0.999"
     if guess.files or (guess.inputs and len(guess.sensors) > 1):
         keys += ", gate_by: sensor"
-    return [f"  {kind.upper()} with gate: {{{keys}}}  # guess: {why}"]
+    return [f"  {kind.upper()} with gate: {{{keys}}}  # guess: {reason}"]
 
 
 def _robust_filter_lines(guess: Guess, kind: str) -> list[str]:
@@ -365,8 +365,8 @@ def _robust_filter_lines(guess: Guess, kind: str) -> list[str]:
     if guess.outliers < _LEAST_OUTLIERS:
         return []
     robust = "{kind: student-t, df: 4}"
-    why = "weighs such rows less; a gate may also reject the target in a maneuver, and lose it"
-    return [f"  {kind.upper()} with Student t: {{kind: {kind}, robust: {robust}}}  # {why}"]
+    reason = "weighs such rows less; a gate may also reject the target in a maneuver, and lose it"
+    return [f"  {kind.upper()} with Student t: {{kind: {kind}, robust: {robust}}}  # {reason}"]
 
 
 def _late_key(guess: Guess) -> str:
@@ -457,7 +457,7 @@ def guessed_units(guess: Guess, prefix: str = "") -> list[str]:
     """
     lines = []
     for name in ("range", "azimuth", "bearing", "v", "w"):
-        reason = guess.why.get(name, "")
+        reason = guess.reasons.get(name, "")
         if name in guess.naming.units and reason.startswith("guess"):
             column = quoted(guess.naming.columns[name])
             unit = guess.naming.units[name]
@@ -465,12 +465,12 @@ def guessed_units(guess: Guess, prefix: str = "") -> list[str]:
             lines.append(f"read {column} in {unit} ({explanation})")
     if lines:
         lines[-1] += f"; another unit: --set {prefix}units.NAME=UNIT"
-    if guess.why.get("clockwise", "").startswith("guess"):
+    if guess.reasons.get("clockwise", "").startswith("guess"):
         column = quoted(guess.naming.columns["azimuth"])
         reading = f"read {column} clockwise from north (from 0 to 360 deg, as of radars)"
         lines.append(f"{reading}; from x to y: --set '{prefix}clockwise=[]'")
-    if "velocity" in guess.why:
-        lines.append(guess.why["velocity"])
+    if "velocity" in guess.reasons:
+        lines.append(guess.reasons["velocity"])
     return lines
 
 
@@ -593,7 +593,7 @@ def _target_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
     """Yield the lines of the target's keys: how the table is read, with the reasons as comments."""
     truth = tables.truth
     naming = guess.naming
-    why = guess.why
+    reasons = guess.reasons
     columns = _used_columns(guess)
     if guess.files:
         yield "measurement_naming:  # of each file, in their order"
@@ -614,8 +614,8 @@ def _target_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
         yield f"origin: [LATITUDE, LONGITUDE]  # write where {where} is, deg"
     elif any("latitude" in _used_columns(file) for file in guess.each_file):
         yield "# x and y are meters east and north of the first position, or of `origin: [lat, lon]`"
-    if "velocity" in why:
-        yield f"# {why['velocity']}"
+    if "velocity" in reasons:
+        yield f"# {reasons['velocity']}"
     if len(guess.runs) > 1:
         (longest, _), *others = guess.runs
         names = ", ".join(quoted(name) for name, _ in others[:_MOST_NAMES])
@@ -627,7 +627,7 @@ def _target_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
 def _naming_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
     """Yield the lines of a file's columns, units and format, with the reasons as comments."""
     naming = guess.naming
-    why = guess.why
+    reasons = guess.reasons
     columns = _used_columns(guess)
     yield "columns:  # guess, from their names"
     for name, column in columns.items():
@@ -636,11 +636,11 @@ def _naming_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
         line = f"  {name}: {quoted(column)}"
         # The reasons for other columns are those of their units, and stand beside these.
         if name in _LABEL_COLUMNS:
-            line += comment_on(why, name)
+            line += comment_on(reasons, name)
         if name == "time":
-            line += comment_on(why, "time_column")
+            line += comment_on(reasons, "time_column")
         if name == "vy":
-            line += comment_on(why, "exchanged")
+            line += comment_on(reasons, "exchanged")
         yield line
     unused = unused_columns(guess)
     if unused:
@@ -652,21 +652,21 @@ def _naming_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
     units = {name: unit for name, unit in naming.units.items() if name in columns}
     if units:
         yield "units:"
-        yield from (f"  {name}: {unit}{comment_on(why, name)}" for name, unit in units.items())
+        yield from (f"  {name}: {unit}{comment_on(reasons, name)}" for name, unit in units.items())
     if naming.format is not None:
-        yield f"format: {format_in_braces(naming.format)}{comment_on(why, 'format')}"
+        yield f"format: {format_in_braces(naming.format)}{comment_on(reasons, 'format')}"
     if naming.time_format:
-        yield f"time_format: {json.dumps(naming.time_format)}{comment_on(why, 'time_format')}"
+        yield f"time_format: {json.dumps(naming.time_format)}{comment_on(reasons, 'time_format')}"
     if naming.zone:
         yield f"zone: {quoted(naming.zone)}"
     if naming.missing:
-        yield f"missing: {missing_in_yaml(naming)}{comment_on(why, 'missing')}"
+        yield f"missing: {missing_in_yaml(naming)}{comment_on(reasons, 'missing')}"
     if naming.clockwise and "azimuth" in columns:
-        yield f"clockwise: [{', '.join(naming.clockwise)}]{comment_on(why, 'clockwise')}"
-    elif "azimuth" in columns and "anticlockwise" in why:
-        yield f"# {why['anticlockwise']}"
+        yield f"clockwise: [{', '.join(naming.clockwise)}]{comment_on(reasons, 'clockwise')}"
+    elif "azimuth" in columns and "anticlockwise" in reasons:
+        yield f"# {reasons['anticlockwise']}"
     if naming.same_time is not None:
-        yield f"same_time: {naming.same_time}{comment_on(why, 'same_time')}"
+        yield f"same_time: {naming.same_time}{comment_on(reasons, 'same_time')}"
 
 
 def _sensor_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:

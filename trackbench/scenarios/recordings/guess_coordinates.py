@@ -16,7 +16,7 @@ from trackbench.scenarios.recordings.column_names import (
     words_of,
 )
 from trackbench.scenarios.recordings.quantities import GEODETIC, HEMISPHERES
-from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.units import UNITS
 from trackbench.scenarios.recordings.yaml_values import in_option
 
@@ -33,7 +33,7 @@ _LARGEST_SHARE = 0.005
 """of a range that its component in the plane may be shorter"""
 
 
-def check_split_angles(sample: Sample, columns: Mapping[str, str]) -> None:
+def check_split_angles(sample: TableSample, columns: Mapping[str, str]) -> None:
     """Raise DataError for a latitude or longitude whose minutes are in a column of their own.
 
     Its degrees then are whole numbers, and a column with a similar name has numbers from 0 to 60.
@@ -56,14 +56,14 @@ def check_split_angles(sample: Sample, columns: Mapping[str, str]) -> None:
             message = (
                 f"{column} has whole degrees, and {' and '.join(parts)} the rest of the {quantity}"
             )
-            way = f"write one column of decimal degrees, {column} + {parts[0]} / 60"
+            remedy = f"write one column of decimal degrees, {column} + {parts[0]} / 60"
             if len(parts) > 1:
-                way += f" + {parts[1]} / 3600"
-            raise DataError(Place(sample.path, sample.line, 1, f"{message}: {way}"))
+                remedy += f" + {parts[1]} / 3600"
+            raise DataError(Place(sample.path, sample.line, 1, f"{message}: {remedy}"))
 
 
 def check_hemispheres(
-    sample: Sample, columns: Mapping[str, str], user_columns: Collection[str]
+    sample: TableSample, columns: Mapping[str, str], user_columns: Collection[str]
 ) -> None:
     """Raise DataError if a coordinate may count to the south or west, and is read as north or east.
 
@@ -78,10 +78,10 @@ def check_hemispheres(
         side = negative_side_of(column, quantity)
         if side and quantity not in user_columns and key not in columns:
             message = f"do the numbers of {column} count to the {side}, as its name says?"
-            way = f"Then write degrees to the {side} as negative numbers"
+            remedy = f"Then write degrees to the {side} as negative numbers"
             option = f"--set 'columns.{quantity}={in_option(column)}'"
-            way += f"; if they are negative there, say {option}"
-            raise DataError(Place(sample.path, sample.line, 1, f"{message} {way}"))
+            remedy += f"; if they are negative there, say {option}"
+            raise DataError(Place(sample.path, sample.line, 1, f"{message} {remedy}"))
     if not {*keys}.isdisjoint(user_columns):
         return
     for name in sample.names:
@@ -94,11 +94,11 @@ def check_hemispheres(
         if len(numbers) and not {*numbers} <= {-1.0, 1.0}:
             continue
         message = f"{name} has {', '.join(words)}: does it name the hemisphere of a coordinate?"
-        way = "Then write N and S, E and W into it, or degrees to the south and west as negative"
-        way += " numbers without it"
+        remedy = "Then write N and S, E and W into it, or degrees to the south and west as negative"
+        remedy += " numbers without it"
         options = " ".join(f"--set 'columns.{key}=\"\"'" for key in keys if key not in columns)
         raise DataError(
-            Place(sample.path, sample.line, 1, f"{message} {way}; if not, say {options}")
+            Place(sample.path, sample.line, 1, f"{message} {remedy}; if not, say {options}")
         )
 
 
@@ -112,7 +112,7 @@ def _names_hemisphere(name: str) -> bool:
 
 
 def check_earth_centered(
-    sample: Sample, columns: Mapping[str, str], units: Mapping[str, str]
+    sample: TableSample, columns: Mapping[str, str], units: Mapping[str, str]
 ) -> None:
     """Raise DataError if x and y, with a further column, count from the center of the Earth."""
     if not columns.keys() >= {"x", "y"}:
@@ -135,11 +135,13 @@ def check_earth_centered(
             if _RADII[0] <= middle <= _RADII[1] and not is_height:
                 names = f"{columns['x']}, {columns['y']} and {name}"
                 message = f"{names} count from the center of the Earth, {middle / 1e3:.0f} km away"
-                way = "convert them to latitude and longitude (EPSG:4978 to EPSG:4326)"
-                raise DataError(Place(sample.path, sample.line, 1, f"{message}: {way}"))
+                remedy = "convert them to latitude and longitude (EPSG:4978 to EPSG:4326)"
+                raise DataError(Place(sample.path, sample.line, 1, f"{message}: {remedy}"))
 
 
-def check_zones(sample: Sample, columns: Mapping[str, str], user_columns: Collection[str]) -> None:
+def check_zones(
+    sample: TableSample, columns: Mapping[str, str], user_columns: Collection[str]
+) -> None:
     """Raise DataError if x and y are those of several zones, which have no plane in common.
 
     A user who named the column of the runs, among ``user_columns``, has answered the question.
@@ -157,14 +159,14 @@ def check_zones(sample: Sample, columns: Mapping[str, str], user_columns: Collec
             message = (
                 f"{name} has {', '.join(zones[:4])}: each zone counts from a meridian of its own"
             )
-            way = "convert all rows to one zone or to latitude and longitude"
+            remedy = "convert all rows to one zone or to latitude and longitude"
             option = f"--set 'columns.run={in_option(name)}' makes each zone a run"
-            where = Place(sample.path, sample.line, 1, f"{message}; {way}; {option}")
+            where = Place(sample.path, sample.line, 1, f"{message}; {remedy}; {option}")
             raise DataError(where)
 
 
 def check_slant_ranges(
-    sample: Sample,
+    sample: TableSample,
     columns: Mapping[str, str],
     units: Mapping[str, str],
     user_columns: Collection[str],
@@ -195,7 +197,7 @@ def check_slant_ranges(
             f"{name} usually is {np.median(elevation):.3g} {unit}, so that a slant range is longer"
         )
         message += f" by {100.0 * share:.2g} % than the distance in the plane"
-        way = f"write {columns['range']} * cos({name}) into a column, or use the sensor"
-        way += " range-azimuth-elevation"
+        remedy = f"write {columns['range']} * cos({name}) into a column, or use the sensor"
+        remedy += " range-azimuth-elevation"
         option = f"if ranges are along the ground, say --set 'columns.range={column}'"
-        raise DataError(Place(sample.path, sample.line, 1, f"{message}: {way}; {option}"))
+        raise DataError(Place(sample.path, sample.line, 1, f"{message}: {remedy}; {option}"))

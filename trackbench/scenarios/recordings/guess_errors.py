@@ -44,14 +44,14 @@ from trackbench.scenarios.recordings.row_noise import (
 )
 from trackbench.scenarios.recordings.row_order import in_order
 from trackbench.scenarios.recordings.rows import (
-    Gathered,
+    ReadingContext,
     Rows,
     check_turns,
     chosen_runs,
     longest_first,
     usual_interval,
 )
-from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.units import UNITS
 
 _TURN = 2.0 * np.pi
@@ -62,9 +62,9 @@ _LARGEST_AZIMUTH_ERROR = 0.5
 def guess_from_all_rows(
     path: str,
     naming: Naming,
-    why: ReasonByKey,
+    reasons: ReasonByKey,
     sensors: list[SensorGuess],
-    sample: Sample,
+    sample: TableSample,
     user_columns: Collection[str],
     user_keys: Collection[str],
     tables: RobotTables,
@@ -77,7 +77,9 @@ def guess_from_all_rows(
     # Angles are read as if they were not clockwise: errors and speeds of the mirror image are the same.
     # Rows far from the origin are accepted here, and reported when their run is read.
     is_robot = "bearing" in naming.columns or tables.odometry is not None
-    gathered = Gathered(replace(naming, clockwise=()), refuses_far_rows=False, has_inputs=is_robot)
+    context = ReadingContext(
+        replace(naming, clockwise=()), refuses_far_rows=False, has_inputs=is_robot
+    )
     units = naming.units
     columns = naming.columns
     by_name: list[str] = []
@@ -87,9 +89,9 @@ def guess_from_all_rows(
     read = quantities_by_sensor
     if quantities_by_sensor == [PLACE] and not by_name and has_velocity(columns):
         read = [(*PLACE, *VELOCITY)]
-    rows_by_sensor = read_rows(gathered, [path], read, names=by_name)
-    gathered.check_idle_keys()
-    rows_by_sensor = chosen_runs(gathered, rows_by_sensor, ())
+    rows_by_sensor = read_rows(context, [path], read, names=by_name)
+    context.check_idle_keys()
+    rows_by_sensor = chosen_runs(context, rows_by_sensor, ())
     azimuths = azimuths_of(quantities_by_sensor, rows_by_sensor)
     is_wide = any((np.abs(a[np.isfinite(a)]) > _TURN).any() for a in azimuths)
     angle = "bearing" if is_robot else "azimuth"
@@ -97,34 +99,34 @@ def guess_from_all_rows(
     scale = 1.0
     if in_degrees:
         units[angle] = "deg"
-        why[angle] = "guess: there are angles beyond 2 pi"
+        reasons[angle] = "guess: there are angles beyond 2 pi"
         scale = UNITS["deg"]
     for names, rows in zip(quantities_by_sensor, rows_by_sensor, strict=True):
         if angle in names:
             scaled = rows._replace(values=rows.values * scale)
             row_of_angle = len(names) - 1
-            check_turns(gathered, scaled, {angle: row_of_angle})
+            check_turns(context, scaled, {angle: row_of_angle})
     # Sort the runs by length; noise and speed are those of the longest.
-    rows_of_run = [np.bincount(rows.run, minlength=len(gathered.runs)) for rows in rows_by_sensor]
+    rows_of_run = [np.bincount(rows.run, minlength=len(context.runs)) for rows in rows_by_sensor]
     sizes = np.sum(rows_of_run, axis=0)
-    runs = longest_first(gathered.runs, sizes)
+    runs = longest_first(context.runs, sizes)
     longest = []
     for sensor, rows in zip(sensors, rows_by_sensor, strict=True):
         measured = np.isfinite(rows.values[: len(sensor.quantities)]).all(axis=0)
         run_rows = rows.at(np.flatnonzero(measured & (rows.run == sizes.argmax())))
-        check_clock(gathered, run_rows)
-        way = None
+        check_clock(context, run_rows)
+        same_time = None
         if naming.same_time is None:
-            way = guess_same_time(gathered, run_rows, sensor.kind, in_degrees)
-        if way is not None:
-            naming = replace(naming, same_time=way)
-            gathered.naming = replace(naming, clockwise=())
-            why["same_time"] = "guess: several rows of a whole second; or mean, or last"
-        ordered = in_order(gathered, run_rows)
+            same_time = guess_same_time(context, run_rows, sensor.kind, in_degrees)
+        if same_time is not None:
+            naming = replace(naming, same_time=same_time)
+            context.naming = replace(naming, clockwise=())
+            reasons["same_time"] = "guess: several rows of a whole second; or mean, or last"
+        ordered = in_order(context, run_rows)
         if "run" not in user_columns:
-            check_jumps(gathered, ordered, sensor.kind, in_degrees, sample)
+            check_jumps(context, ordered, sensor.kind, in_degrees, sample)
         if "time" not in user_columns:
-            check_daylight_saving(gathered, ordered)
+            check_daylight_saving(context, ordered)
         longest.append(ordered)
     if by_name and "sensor" not in user_columns:
         kinds = [sensor.kind for sensor in sensors]
@@ -162,7 +164,7 @@ def guess_from_all_rows(
     for sensor, rows in zip(sensors, longest, strict=True):
         if sensor.kind in ("position", "range-azimuth") and sensor.kind not in tracks:
             is_radar = sensor.kind == "range-azimuth"
-            tracks[sensor.kind] = track_of(gathered, rows, scale if is_radar else 1.0)
+            tracks[sensor.kind] = track_of(context, rows, scale if is_radar else 1.0)
     inputs: dict[str, float] = {}
     odometry: Rows | None = None
     if tables.odometry is not None:
@@ -174,7 +176,7 @@ def guess_from_all_rows(
         inputs = sigmas_of_inputs(odometry)
     guess = Guess(
         naming=naming,
-        why=why,
+        reasons=reasons,
         runs=runs,
         sensors=guesses,
         speed=rounded_speed,
@@ -182,8 +184,8 @@ def guess_from_all_rows(
         steps=steps,
         inputs=inputs,
         interval=usual_interval(np.concatenate([rows.time for rows in longest])),
-        origin=(gathered.origin or ())[:2],
-        is_dated=bool(gathered.dated),
+        origin=(context.origin or ())[:2],
+        is_dated=bool(context.dated),
         outliers=max(outliers),
         path=path,
         radar=tracks.get("range-azimuth"),
@@ -191,7 +193,7 @@ def guess_from_all_rows(
     )
     is_answered = "w" in user_columns or tables.names_turn_rate
     # The times of dates in two files count from different moments.
-    are_comparable = tables.odometry is None or not gathered.dated
+    are_comparable = tables.odometry is None or not context.dated
     if odometry is not None and not is_answered and are_comparable:
         bearings = []
         for sensor, rows in zip(sensors, longest, strict=True):

@@ -36,7 +36,7 @@ def joined_guess(paths: Sequence[str], guesses: Sequence[Guess]) -> Guess:
     speed = next((file.speed for file in files if file.speed), 1.0)
     return Guess(
         naming=Naming(columns=clock, origin=first.naming.origin),
-        why={},
+        reasons={},
         runs=rows.most_common(),
         sensors=[file.sensors[0] for file in files],
         speed=speed,
@@ -59,8 +59,8 @@ def _of_one_sensor(path: str, guess: Guess) -> Guess:
     name = Path(path).stem
     if guess.inputs:
         message = "is the log of a robot, which is alone in a config that is written"
-        way = "write the config for it, and add the further files to its `measurements`"
-        raise DataError(Place(path, 1, 1, f"{message}: {way} (docs/your-robot.md)"))
+        remedy = "write the config for it, and add the further files to its `measurements`"
+        raise DataError(Place(path, 1, 1, f"{message}: {remedy} (docs/your-robot.md)"))
     if len(guess.sensors) > 1:
         names = ", ".join(sensor.name for sensor in guess.sensors[:_MOST_NAMES])
         message = f"has {len(guess.sensors)} sensors ({names}), and each of several files is of one"
@@ -89,5 +89,5 @@ def _check_runs(paths: Sequence[str], files: Sequence[Guess]) -> None:
     for path, file in zip(paths, files, strict=True):
         runs = [name for name, _ in file.runs][:_MOST_NAMES]
         message.append(f"{Path(path).name} has {', '.join(runs)}")
-    way = "no run is in all files: name each run alike in all of them"
-    raise DataError(Place(paths[0], 1, 1, f"{'; '.join(message)}; {way}"))
+    remedy = "no run is in all files: name each run alike in all of them"
+    raise DataError(Place(paths[0], 1, 1, f"{'; '.join(message)}; {remedy}"))

@@ -17,7 +17,7 @@ from trackbench.scenarios.recordings.csv_tables import (
 )
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity, ReasonByKey
 from trackbench.scenarios.recordings.quantities import MEASURED, VELOCITY
-from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.table_sample import TableSample
 
 _MOST_LINES_OF_WORDS = 5
 _FIRST = 200  # rows that show the format
@@ -25,10 +25,10 @@ _TUM = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 """Columns of the TUM format of trajectories."""
 
 
-def guess_format(path: str, user_format: TextFormat, why: ReasonByKey) -> TextFormat:
+def guess_format(path: str, user_format: TextFormat, reasons: ReasonByKey) -> TextFormat:
     """Guess the format: separator and decimal sign, header, a row of units.
 
-    Keys that are set in ``user_format`` are not guessed. Reasons are added to ``why``.
+    Keys that are set in ``user_format`` are not guessed. Reasons are added to ``reasons``.
     """
     if is_parquet(path):
         return user_format
@@ -53,7 +53,7 @@ def guess_format(path: str, user_format: TextFormat, why: ReasonByKey) -> TextFo
     if thousands != "," and any(re.fullmatch(digits, cell) for cell in cells):
         keys["decimal"] = ","
     if keys:
-        why["format"] = "guess: as its first lines are"
+        reasons["format"] = "guess: as its first lines are"
     # A first line of values is no heading.
     if layout.header and not user_format.header and all(map(is_value, layout.names)):
         width = len(layout.names)
@@ -65,16 +65,16 @@ def guess_format(path: str, user_format: TextFormat, why: ReasonByKey) -> TextFo
             names = ("time", "x", "y")
         if not names or not _fits_names([layout.names, *rows], names):
             message = f"no line names the columns: name all {width},"
-            way = "`--set 'format.names=[time, x, y, ...]'` (or latitude, longitude, range, ...)"
-            raise DataError(Place(path, layout.header, 1, f"{message} {way}"))
+            remedy = "`--set 'format.names=[time, x, y, ...]'` (or latitude, longitude, range, ...)"
+            raise DataError(Place(path, layout.header, 1, f"{message} {remedy}"))
         keys |= {"names": names, "header": 0}
-        why["format"] = "guess: no line names the columns"
+        reasons["format"] = "guess: no line names the columns"
     elif not user_format.skip:
         skip = _lines_of_words(rows)
         if skip:
             message = "is a line of units" if skip == 1 else f"are {skip} lines of words"
             keys["skip"] = skip
-            why["format"] = f"guess: below the names {message}"
+            reasons["format"] = f"guess: below the names {message}"
     user_keys = {field.name for field in fields(user_format) if getattr(user_format, field.name)}
     guessed = {key: value for key, value in keys.items() if key not in user_keys}
     return replace(user_format, **guessed)
@@ -118,7 +118,7 @@ def _thousands(cells: list[str]) -> str:
     return ""
 
 
-def check_thousands(sample: Sample, columns: ColumnByQuantity, mark: str) -> None:
+def check_thousands(sample: TableSample, columns: ColumnByQuantity, mark: str) -> None:
     """Raise DataError for each column in which the mark may separate thousands or decimals.
 
     All its cells then have the mark once, before three digits.
@@ -132,8 +132,8 @@ def check_thousands(sample: Sample, columns: ColumnByQuantity, mark: str) -> Non
         once = rf"[-+]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}"
         if cells and all(re.fullmatch(once, cell) for cell in cells):
             message = f"{column}: {cells[0]} may be a thousand times as large, as other columns"
-            way = "have marks between thousands: write the numbers of the file without them"
-            mistakes.append(Place(sample.path, sample.line, 1, f"{message} {way}"))
+            remedy = "have marks between thousands: write the numbers of the file without them"
+            mistakes.append(Place(sample.path, sample.line, 1, f"{message} {remedy}"))
     if mistakes:
         raise DataError(*mistakes)
 

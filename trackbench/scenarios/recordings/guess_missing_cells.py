@@ -9,7 +9,7 @@ from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.guess_record import ColumnByQuantity
 from trackbench.scenarios.recordings.missing_cells import no_fix, outlying
 from trackbench.scenarios.recordings.quantities import GEODETIC, PLACE, VELOCITY
-from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.units import UNITS
 
 _FEWEST_MEASURED = 5
@@ -23,7 +23,7 @@ _SHARE_OF_STEPS = 0.9
 
 
 def guess_missing(
-    sample: Sample,
+    sample: TableSample,
     columns: ColumnByQuantity,
     measured: set[str],
     user_columns: Collection[str],
@@ -57,7 +57,7 @@ def guess_missing(
 
 
 def _codes_of_no_detection(
-    sample: Sample,
+    sample: TableSample,
     columns: ColumnByQuantity,
     values: dict[str, Array],
     user_columns: Collection[str],
@@ -105,9 +105,9 @@ def _codes_of_no_detection(
             message = (
                 f"{len(rows)} rows with {shown} = {code:g} lie far from the rows before and after"
             )
-            way = "empty these cells if nothing was measured"
+            remedy = "empty these cells if nothing was measured"
             option = " ".join(f"--set 'columns.{name}={columns[name]}'" for name in group)
-            advice = f"{way}; if they are measured, say {option}"
+            advice = f"{remedy}; if they are measured, say {option}"
             line = sample.line + int(rows[0])
             raise DataError(Place(sample.path, line, 1, f"{message}: {advice}"))
     return []

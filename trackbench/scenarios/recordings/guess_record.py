@@ -44,7 +44,7 @@ class Guess:
     """Guess at a table: how it is read, why so, and noise levels by sensor for a first try."""
 
     naming: Naming
-    why: ReasonByKey
+    reasons: ReasonByKey
     """reason for each guessed key or unit"""
     runs: list[tuple[str, int]]
     """name and number of rows of each run, the longest first"""

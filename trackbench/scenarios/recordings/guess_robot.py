@@ -29,8 +29,8 @@ from trackbench.scenarios.recordings.quantities import COURSE, KEYS, ODOMETRY, P
 from trackbench.scenarios.recordings.read_rows import read_rows
 from trackbench.scenarios.recordings.row_noise import scatter
 from trackbench.scenarios.recordings.row_order import in_order
-from trackbench.scenarios.recordings.rows import Gathered, Rows, longest_first, usual_interval
-from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.rows import ReadingContext, Rows, longest_first, usual_interval
+from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 _TURNS_OF_ROBOT = (0.05, 2.0)
@@ -48,7 +48,7 @@ _LEAST_KNOWN = 0.5
 """share of a column's words that are known landmarks, if it names these"""
 
 
-def settle_odometry(sample: Sample, columns: ColumnByQuantity) -> None:
+def settle_odometry(sample: TableSample, columns: ColumnByQuantity) -> None:
     """Leave the columns of times, runs, speed and turn rate, in place.
 
     Raises DataError if the speed or the turn rate is missing.
@@ -64,7 +64,7 @@ def settle_odometry(sample: Sample, columns: ColumnByQuantity) -> None:
         raise DataError(Place(sample.path, 1, 1, _no_odometry(sample, columns)))
 
 
-def _no_odometry(sample: Sample, columns: ColumnByQuantity) -> str:
+def _no_odometry(sample: TableSample, columns: ColumnByQuantity) -> str:
     """Return the message and the advice for a table in which a speed or a turn rate is missing."""
     missing = [name for name in ODOMETRY if name not in columns]
     meaning = {"v": "the robot's speed (v)", "w": "its turn rate (w)"}
@@ -78,7 +78,7 @@ def _no_odometry(sample: Sample, columns: ColumnByQuantity) -> str:
 
 
 def settle_landmarks(
-    sample: Sample, columns: ColumnByQuantity, user_naming: Naming, tables: RobotTables
+    sample: TableSample, columns: ColumnByQuantity, user_naming: Naming, tables: RobotTables
 ) -> bool:
     """Return whether the table is the log of a robot, whose bearings count from its heading.
 
@@ -97,13 +97,13 @@ def settle_landmarks(
         x = columns["x"]
         y = columns["y"]
         message = f"{x} and {y} in rows of the landmarks ({place}): are they seen from the robot?"
-        way = (
+        remedy = (
             f"Write range = sqrt({x}^2 + {y}^2) and bearing = atan2({y}, {x}) into two columns, if"
         )
-        way += (
+        remedy += (
             f" {x} points ahead and {y} to the left; if they are the robot's own positions, leave"
         )
-        raise DataError(Place(sample.path, 1, 1, f"{message} {way} out --landmarks"))
+        raise DataError(Place(sample.path, 1, 1, f"{message} {remedy} out --landmarks"))
     if tables.landmarks and angle is not None and "azimuth" not in user_naming.columns:
         columns.setdefault("bearing", angle)
     if "bearing" not in columns and (angle is not None or tables.is_empty):
@@ -137,19 +137,19 @@ def settle_landmarks(
         named = [name for name in ODOMETRY if name in user_naming.columns]
         if named:
             message = f"columns.{named[0]}: the inputs are those of the file --input"
-            way = f"say --set 'input_naming.columns.{named[0]}=ITS NAME'"
-            raise DataError(Place(sample.path, 1, 1, f"{message}: {way}"))
+            remedy = f"say --set 'input_naming.columns.{named[0]}=ITS NAME'"
+            raise DataError(Place(sample.path, 1, 1, f"{message}: {remedy}"))
         return True
     for name, named_column in odometry.items():
         columns.setdefault(name, named_column.column)
     if not columns.keys() >= {*ODOMETRY}:
-        way = "of odometry in another file, name that, --input FILE (docs/your-robot.md)"
-        raise DataError(Place(sample.path, 1, 1, f"{_no_odometry(sample, columns)}; {way}"))
+        remedy = "of odometry in another file, name that, --input FILE (docs/your-robot.md)"
+        raise DataError(Place(sample.path, 1, 1, f"{_no_odometry(sample, columns)}; {remedy}"))
     return True
 
 
 def _landmark_column(
-    sample: Sample,
+    sample: TableSample,
     columns: ColumnByQuantity,
     user_naming: Naming,
     is_like_robot: bool,
@@ -196,7 +196,9 @@ def _landmark_column(
     return None
 
 
-def _check_names_of_ids(sample: Sample, columns: ColumnByQuantity, user_naming: Naming) -> None:
+def _check_names_of_ids(
+    sample: TableSample, columns: ColumnByQuantity, user_naming: Naming
+) -> None:
     """Raise DataError if a column such as id or tag may name targets, sensors or landmarks.
 
     Azimuths to several of them do not show which of these they are. The user may say so.
@@ -226,7 +228,7 @@ def _check_names_of_ids(sample: Sample, columns: ColumnByQuantity, user_naming: 
 
 
 def guess_units_of_robot(
-    sample: Sample, columns: ColumnByQuantity, units: UnitByQuantity, why: ReasonByKey
+    sample: TableSample, columns: ColumnByQuantity, units: UnitByQuantity, reasons: ReasonByKey
 ) -> None:
     """Add the units of a robot's measurements that the names of their columns do not have.
 
@@ -246,10 +248,10 @@ def guess_units_of_robot(
             )
             raise DataError(Place(sample.path, 1, 1, f"{message}: say {options}"))
         units[name] = si
-        why[name] = f"guess: nine of ten are below {size:.2g}"
+        reasons[name] = f"guess: nine of ten are below {size:.2g}"
 
 
-def guess_odometry(path: str, naming: Naming, why: ReasonByKey) -> Guess:
+def guess_odometry(path: str, naming: Naming, reasons: ReasonByKey) -> Guess:
     """Read all rows of a table of odometry and return the guess with what they show."""
     rows, runs = read_odometry_rows(path, naming)
     # Inputs of one run are those of every run, so the column of its name is not read.
@@ -261,7 +263,7 @@ def guess_odometry(path: str, naming: Naming, why: ReasonByKey) -> Guess:
     naming = replace(naming, columns=columns)
     return Guess(
         naming=naming,
-        why=why,
+        reasons=reasons,
         runs=runs,
         sensors=[],
         speed=0.0,
@@ -279,13 +281,13 @@ def read_odometry_rows(path: str, naming: Naming) -> tuple[Rows, list[tuple[str,
     """
     # These are no sensor's: names of sensors in the file are not looked for.
     without_sensor = replace(naming, columns=naming.columns | {"sensor": ""})
-    gathered = Gathered(without_sensor, refuses_far_rows=False)
-    (rows,) = read_rows(gathered, [path], [ODOMETRY])
-    sizes = np.bincount(rows.run, minlength=len(gathered.runs))
-    runs = longest_first(gathered.runs, sizes)
+    context = ReadingContext(without_sensor, refuses_far_rows=False)
+    (rows,) = read_rows(context, [path], [ODOMETRY])
+    sizes = np.bincount(rows.run, minlength=len(context.runs))
+    runs = longest_first(context.runs, sizes)
     is_longest_run = rows.run == sizes.argmax()
     has_all = np.isfinite(rows.values).all(axis=0)
-    return in_order(gathered, rows.at(np.flatnonzero(has_all & is_longest_run))), runs
+    return in_order(context, rows.at(np.flatnonzero(has_all & is_longest_run))), runs
 
 
 def sigmas_of_inputs(rows: Rows) -> dict[str, float]:
@@ -323,6 +325,6 @@ def check_turns_of_robot(
     turn_rate = (table or guess).naming.columns["w"]
     key = "columns.w" if table is None else "input_naming.columns.w"
     message = f"{bearing} and {turn_rate} agree only if one of them counts clockwise"
-    way = "change the signs of the one that does, as both are read anticlockwise"
+    remedy = "change the signs of the one that does, as both are read anticlockwise"
     option = f"to read them as they are, say --set '{key}={in_option(turn_rate)}'"
-    raise DataError(Place(guess.path, 1, 1, f"{message}: {way}; {option}"))
+    raise DataError(Place(guess.path, 1, 1, f"{message}: {remedy}; {option}"))

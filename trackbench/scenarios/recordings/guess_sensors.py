@@ -21,7 +21,7 @@ from trackbench.scenarios.recordings.guess_record import (
 )
 from trackbench.scenarios.recordings.quantities import GEODETIC, MEASURED, ODOMETRY, PLACE
 from trackbench.scenarios.recordings.rows import Rows
-from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.units import UNITS
 from trackbench.scenarios.recordings.yaml_values import in_option
 
@@ -41,7 +41,7 @@ ANGLES = ("azimuth", "bearing")
 
 
 def guess_sensors(
-    sample: Sample,
+    sample: TableSample,
     columns: ColumnByQuantity,
     units: UnitByQuantity,
     user_naming: Naming,
@@ -93,8 +93,8 @@ def guess_sensors(
             message = (
                 f"{columns['sensor']}: rows of {', '.join(idle)[:80]} have no range and no bearing"
             )
-            way = "leave this cell of theirs empty, as rows of odometry alone see no landmark"
-            raise DataError(Place(sample.path, 1, 1, f"{message}; {way}"))
+            remedy = "leave this cell of theirs empty, as rows of odometry alone see no landmark"
+            raise DataError(Place(sample.path, 1, 1, f"{message}; {remedy}"))
         raise DataError(Place(sample.path, 1, 1, _no_position(columns, sample)))
     return sensors
 
@@ -112,19 +112,24 @@ def _check_one_kind(
         if not all(name in numbers and (numbers[name] & rows).any() for name in names):
             return
     positions = ("x", "y") if columns.keys() >= {*PLACE} else GEODETIC[:2]
-    ways = []
+    options_of_kinds = []
     for names in (radar, positions):
         options = (f"--set 'columns.{n}={in_option(columns[n])}'" for n in names)
-        ways.append(" ".join(options))
+        options_of_kinds.append(" ".join(options))
     message = f"the rows have {columns['range']} and {columns['azimuth']}, and also"
     message += f" {columns[positions[0]]} and {columns[positions[1]]}: which ones were measured?"
     raise DataError(
-        Place(path, 1, 1, f"{message} Say {ways[0]}"),
-        Place(path, 1, 1, f"or say {ways[1]}; the others may be a truth in a file of their own"),
+        Place(path, 1, 1, f"{message} Say {options_of_kinds[0]}"),
+        Place(
+            path,
+            1,
+            1,
+            f"or say {options_of_kinds[1]}; the others may be a truth in a file of their own",
+        ),
     )
 
 
-def _no_position(columns: ColumnByQuantity, sample: Sample) -> str:
+def _no_position(columns: ColumnByQuantity, sample: TableSample) -> str:
     """Return the message and the advice for a table, or a sensor of it, without measured quantities."""
     pairs = "x and y, latitude and longitude, range and azimuth, or range"
     names = sample.names
@@ -143,8 +148,8 @@ def _no_position(columns: ColumnByQuantity, sample: Sample) -> str:
     # Case 3: coordinates of another kind.
     if any("ecef" in "".join(words_of(name)) for name in names):
         message = "coordinates from the center of the Earth (ECEF) are not read; there are"
-        way = "convert them to latitude and longitude (EPSG:4978 to EPSG:4326)"
-        return f"{message} {known}: {way}"
+        remedy = "convert them to latitude and longitude (EPSG:4978 to EPSG:4326)"
+        return f"{message} {known}: {remedy}"
     # Case 4: a cell is 54.32, 10.13.
     for name in names:
         if any(re.fullmatch(r"-?\d+\.\d+, *-?\d+\.\d+", cell) for cell in sample.cells(name)[:1]):
@@ -159,13 +164,13 @@ def _no_position(columns: ColumnByQuantity, sample: Sample) -> str:
     if odometry.keys() >= {*ODOMETRY}:
         shown = " and ".join(named.column for named in odometry.values())
         message = f"this table has inputs, {shown}, and no measurements"
-        way = "name the table of what the robot measured, --from MEASUREMENTS"
-        return f"{message}: {way} --input {sample.path} (docs/your-robot.md)"
-    way = f"say which are, `--set 'columns.x={names[0]}' --set 'columns.y={names[-1]}'`"
-    return f"no columns look like {pairs}; there are {known}: {way}"
+        remedy = "name the table of what the robot measured, --from MEASUREMENTS"
+        return f"{message}: {remedy} --input {sample.path} (docs/your-robot.md)"
+    remedy = f"say which are, `--set 'columns.x={names[0]}' --set 'columns.y={names[-1]}'`"
+    return f"no columns look like {pairs}; there are {known}: {remedy}"
 
 
-def _no_numbers(column: str, sample: Sample) -> str:
+def _no_numbers(column: str, sample: TableSample) -> str:
     """Return the message and the advice for a column of text; empty if it has numbers or no cells."""
     cell = next((cell for cell in sample.cells(column) if cell), "")
     if not cell or np.isfinite(sample.numbers(column)).any():
@@ -175,7 +180,7 @@ def _no_numbers(column: str, sample: Sample) -> str:
 
 
 def check_unused(
-    sample: Sample, columns: ColumnByQuantity, sensors: list[SensorGuess], user_naming: Naming
+    sample: TableSample, columns: ColumnByQuantity, sensors: list[SensorGuess], user_naming: Naming
 ) -> None:
     """Raise DataError if only angles or only ranges are read, and another column may be the other part.
 
@@ -191,8 +196,8 @@ def check_unused(
         return
     mistake = _no_numbers(columns.get(quantity, ""), sample)
     if mistake:
-        way = f"or say --set 'columns.{quantity}=\"\"' to leave them out"
-        raise DataError(Place(sample.path, sample.line, 1, f"{mistake}; {way}"))
+        remedy = f"or say --set 'columns.{quantity}=\"\"' to leave them out"
+        raise DataError(Place(sample.path, sample.line, 1, f"{mistake}; {remedy}"))
     candidates = []
     for name in sample.names:
         has_numbers = np.isfinite(sample.numbers(name)).any()
@@ -202,11 +207,11 @@ def check_unused(
             candidates.append(in_option(name))
     if candidates:
         measured = columns[sensors[0].quantities[-1]]
-        ways = " or ".join(f"--set 'columns.{quantity}={name}'" for name in candidates)
+        options = " or ".join(f"--set 'columns.{quantity}={name}'" for name in candidates)
         doubt = f"is {' or '.join(candidates)} the {quantity}?"
         message = f"only {measured} is recognized as measured; {doubt}"
-        way = f"Say {ways}, or --set 'columns.{quantity}=\"\"' if none is"
-        raise DataError(Place(sample.path, 1, 1, f"{message} {way}"))
+        remedy = f"Say {options}, or --set 'columns.{quantity}=\"\"' if none is"
+        raise DataError(Place(sample.path, 1, 1, f"{message} {remedy}"))
 
 
 def unwrapped_values(rows: Rows, kind: str, in_degrees: bool) -> list[Array]:

@@ -45,7 +45,7 @@ from trackbench.scenarios.recordings.interleaved_rows import (
     question_on_pair,
 )
 from trackbench.scenarios.recordings.quantities import ODOMETRY, PLACE, STAMP_PARTS
-from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.table_sample import TableSample
 
 
 def recognized(
@@ -101,7 +101,7 @@ def _recognized(
             if not label_columns:
                 raise
             raise DataError(*error.places, *explain_labels(path, label_columns)) from None
-        guess.why.update(
+        guess.reasons.update(
             dict.fromkeys(label_columns, "guess: rows of one of its words agree with each other")
         )
         return guess
@@ -119,11 +119,11 @@ def _recognized_columns(
     ``user_keys`` are the keys that the user set.
     """
     # Step 1: find the columns by their names.
-    why: ReasonByKey = {}
+    reasons: ReasonByKey = {}
     user_format = user_naming.format or TextFormat()
-    form = guess_format(path, user_format, why)
+    form = guess_format(path, user_format, reasons)
     names = header(path, form)
-    sample = Sample(path, names, form)
+    sample = TableSample(path, names, form)
     sample.require_rows()
     for key, column in user_naming.columns.items():
         if column and column not in names:
@@ -131,9 +131,9 @@ def _recognized_columns(
                 f"no column {column}, which columns.{key} names; there are {', '.join(names)[:200]}"
             )
             raise DataError(Place(path, 1, 1, message))
-    columns, units = guess_columns(sample, user_naming, why, tables, content)
+    columns, units = guess_columns(sample, user_naming, reasons, tables, content)
     if "time" not in columns and "step" not in columns:
-        find_dates(sample, columns, why)
+        find_dates(sample, columns, reasons)
     if "time" not in columns and "step" not in columns:
         raise DataError(Place(path, 1, 1, explain_no_time(names)))
     check_split_time(sample, columns, user_naming.columns)
@@ -170,14 +170,14 @@ def _recognized_columns(
         if clock.form and "%d" not in clock.form and not parse_cells(instant, sample.cells(day))[1]:
             columns["date"] = day
             clock = date_form(path, times, sample.cells(day), sample.line)
-    if clock.why:
-        why["time_format"] = clock.why
+    if clock.reason:
+        reasons["time_format"] = clock.reason
     # Step 3: choose the units by which times, positions and speeds agree.
     missing = user_naming.missing or guess_missing(sample, columns, measured, user_naming.columns)
     is_one_position = sensors[0].quantities == PLACE and len(sensors) == 1
     measures_velocity = is_one_position and has_velocity(columns)
     with_missing = replace(user_naming, missing=missing)
-    reading = UnitChoice(sample, columns, units, clock, with_missing, why, user_naming.columns)
+    reading = UnitChoice(sample, columns, units, clock, with_missing, reasons, user_naming.columns)
     reading.check_azimuths(sensors)
     clock = reading.choose_units(sensors[0], measures_velocity)
     naming = replace(
@@ -189,11 +189,11 @@ def _recognized_columns(
         format=form if form != TextFormat() else None,
     )
     if missing and not user_naming.missing:
-        why["missing"] = "guess: far outside the others"
+        reasons["missing"] = "guess: far outside the others"
     # Step 4: read all rows.
     if content == "odometry":
-        return replace(guess_odometry(path, naming, why), names=names, path=path)
+        return replace(guess_odometry(path, naming, reasons), names=names, path=path)
     guess = guess_from_all_rows(
-        path, naming, why, sensors, sample, user_naming.columns, user_keys, tables
+        path, naming, reasons, sensors, sample, user_naming.columns, user_keys, tables
     )
     return replace(guess, names=names, other_order=clock.other_order)

@@ -11,8 +11,8 @@ from trackbench.core.arrays import Array
 from trackbench.field_types import DataError
 from trackbench.scenarios.recordings.interleaved_rows import question_on_parts, split_by
 from trackbench.scenarios.recordings.row_noise import error_of_line
-from trackbench.scenarios.recordings.rows import Gathered, Rows
-from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.rows import ReadingContext, Rows
+from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.units import UNITS
 from trackbench.scenarios.recordings.yaml_values import in_option
 
@@ -38,7 +38,7 @@ _DAY = 86400.0  # s
 
 
 def guess_same_time(
-    gathered: Gathered, rows: Rows, kind: str, in_degrees: bool
+    context: ReadingContext, rows: Rows, kind: str, in_degrees: bool
 ) -> Literal["spread"] | None:
     """Return "spread" for the key `same_time` if rows of one second differ and times are whole seconds.
 
@@ -52,18 +52,18 @@ def guess_same_time(
     if places is not None and _lie_apart(rows.ticks[:_MOST_COMPARED], places[:, :_MOST_COMPARED]):
         message = "rows of one time are far apart, and near those of other times: are they several"
         message += " targets, or false detections?"
-        way = "Give each target a number in a column, and say --set 'columns.run=ITS NAME'"
+        remedy = "Give each target a number in a column, and say --set 'columns.run=ITS NAME'"
         option = "if they are one target, say --set same_time=spread, or mean or last"
-        place = gathered.place(
-            rows, int(np.flatnonzero(twice)[0]) + 1, f"{message} {way}; {option}"
+        place = context.place(
+            rows, int(np.flatnonzero(twice)[0]) + 1, f"{message} {remedy}; {option}"
         )
         raise DataError(place)
     seconds = len(np.unique(rows.time))
-    if gathered.stepped or (rows.time % 1.0).any() or seconds < 2:
+    if context.stepped or (rows.time % 1.0).any() or seconds < 2:
         return None
     if len(rows.time) > _MOST_A_SECOND * seconds:
         return None
-    if gathered.dated and not (rows.time % _DAY).any():
+    if context.dated and not (rows.time % _DAY).any():
         return None  # dates without a time of day
     return "spread"
 
@@ -107,7 +107,7 @@ def _lie_apart(ticks: NDArray[np.integer[Any]], places: Array) -> bool:
 
 
 def check_jumps(
-    gathered: Gathered, rows: Rows, kind: str, in_degrees: bool, sample: Sample
+    context: ReadingContext, rows: Rows, kind: str, in_degrees: bool, sample: TableSample
 ) -> None:
     """Raise DataError if a run jumps to a place that no motion explains, and goes on from there.
 
@@ -122,21 +122,25 @@ def check_jumps(
     jump = unexplained_jump(rows.time, places)
     if jump is None:
         return
-    column = gathered.naming.columns.get("run", "")
-    name = gathered.runs[rows.run[jump.row]]
-    message = f"{jump.distance:.3g} m in {jump.duration:.3g} {gathered.time_unit} are"
+    column = context.naming.columns.get("run", "")
+    name = context.runs[rows.run[jump.row]]
+    message = f"{jump.distance:.3g} m in {jump.duration:.3g} {context.time_unit} are"
     message += f" {jump.times_as_fast:.2g} times as fast as all rows before and after"
     doubt = f"does {column} {name} name another target from here on?"
-    way = f"Give it another name; if it is one target, say --set 'columns.run={in_option(column)}'"
+    remedy = (
+        f"Give it another name; if it is one target, say --set 'columns.run={in_option(column)}'"
+    )
     if not column:
         doubt = "is this another target, or another recording, from here on?"
-        way = "Say which column names targets, --set 'columns.run=NAME'; if all rows are those of one,"
-        way += " say --set 'columns.run=\"\"'"
-    way += _advice_if_zero_is_no_fix(sample, gathered.naming.columns)
-    raise DataError(gathered.place(rows, jump.row, f"{message}: {doubt} {way}"))
+        remedy = (
+            "Say which column names targets, --set 'columns.run=NAME'; if all rows are those of"
+        )
+        remedy += " one, say --set 'columns.run=\"\"'"
+    remedy += _advice_if_zero_is_no_fix(sample, context.naming.columns)
+    raise DataError(context.place(rows, jump.row, f"{message}: {doubt} {remedy}"))
 
 
-def _advice_if_zero_is_no_fix(sample: Sample, columns: Mapping[str, str]) -> str:
+def _advice_if_zero_is_no_fix(sample: TableSample, columns: Mapping[str, str]) -> str:
     """Return the end of a message: the options to set if a position of 0 stands for a missing fix.
 
     It is empty if no column of positions has zeros in rows one after the other.

@@ -14,8 +14,8 @@ from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_names import words_of
 from trackbench.scenarios.recordings.csv_tables import number, parse_cells
 from trackbench.scenarios.recordings.dates import KNOWN_FORMS, STAMP_FORMS, instant, is_instant
-from trackbench.scenarios.recordings.rows import Gathered, Rows, usual_interval
-from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.rows import ReadingContext, Rows, usual_interval
+from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.yaml_values import in_option
 
 _NAMED_CLOCKS = {"hhmm": "%H%M", "hhmmss": "%H%M%S", "mmss": "%M%S"}
@@ -60,7 +60,7 @@ class DateForm(NamedTuple):
     form: str = ""
     """form of dates for strptime; empty for ISO 8601 and for numbers"""
     is_date: bool = False
-    why: str = ""
+    reason: str = ""
     """comment for the config that explains the form"""
     other: str = ""
     """another form that fits all cells: minutes and seconds in place of hours and minutes, or "s" for
@@ -140,16 +140,16 @@ def date_form(
         other_falls, other_gap = _unsteady(times_by_form[form])
         if falls == other_falls and other_gap < _STEADIER * gap:
             message = f"{cells[0]!r} may be a day in either order: say which, "
-            way = f"`--set 'time_format=\"{first}\"'` or `--set 'time_format=\"{form}\"'`"
-            raise DataError(Place(path, line, 1, message + way))
+            remedy = f"`--set 'time_format=\"{first}\"'` or `--set 'time_format=\"{form}\"'`"
+            raise DataError(Place(path, line, 1, message + remedy))
     if first.endswith(":%f"):
         _check_frames(path, cells, first, line)
-    why = f"guess: {_explain_form(first)}"
-    return DateForm(form=first, is_date=True, why=why, other=other, other_order=other_order)
+    reason = f"guess: {_explain_form(first)}"
+    return DateForm(form=first, is_date=True, reason=reason, other=other, other_order=other_order)
 
 
 def check_split_time(
-    sample: Sample, columns: Mapping[str, str], user_columns: Collection[str]
+    sample: TableSample, columns: Mapping[str, str], user_columns: Collection[str]
 ) -> None:
     """Raise DataError if the time is split over several columns, such as hour, min and sec.
 
@@ -175,9 +175,9 @@ def check_split_time(
             others.append(name)
     if others:
         message = f"the time seems to be split over the columns {', '.join([*others, time])}:"
-        way = "write it into one column, as seconds or as hh:mm:ss, with the date if it changes"
+        remedy = "write it into one column, as seconds or as hh:mm:ss, with the date if it changes"
         option = f"if {time} alone is the time, say --set 'columns.time={in_option(time)}'"
-        raise DataError(Place(sample.path, 1, 1, f"{message} {way}; {option}"))
+        raise DataError(Place(sample.path, 1, 1, f"{message} {remedy}; {option}"))
 
 
 def _check_zeros(path: str, cells: Sequence[str], line: int) -> None:
@@ -199,8 +199,10 @@ def _check_zeros(path: str, cells: Sequence[str], line: int) -> None:
         message = (
             f"{cells[falling]!r} comes after {cells[falling - 1]!r}: are there no zeros behind the"
         )
-        way = "point? Write all digits, such as 12.050 in place of 12.50, or sort the rows by time"
-        raise DataError(Place(path, line + falling, 1, f"{message} {way}"))
+        remedy = (
+            "point? Write all digits, such as 12.050 in place of 12.50, or sort the rows by time"
+        )
+        raise DataError(Place(path, line + falling, 1, f"{message} {remedy}"))
 
 
 def _check_frames(path: str, cells: Sequence[str], form: str, line: int) -> None:
@@ -208,9 +210,9 @@ def _check_frames(path: str, cells: Sequence[str], form: str, line: int) -> None
     last_parts = [cell.rpartition(":")[2] for cell in cells]
     if all(len(part) <= 2 for part in last_parts) and max(map(int, last_parts)) < _MOST_FRAMES:
         message = f"{cells[0]!r} may end with the number of a frame"
-        way = "write seconds with decimals, such as 10:00:59.96"
+        remedy = "write seconds with decimals, such as 10:00:59.96"
         option = f"if these are hundredths of a second, say --set 'time_format=\"{form}\"'"
-        raise DataError(Place(path, line, 1, f"{message}: {way}; {option}"))
+        raise DataError(Place(path, line, 1, f"{message}: {remedy}; {option}"))
 
 
 def _clock_in_numbers(times: Sequence[str], words: Collection[str], has_dates: bool) -> DateForm:
@@ -244,12 +246,12 @@ def _clock_in_numbers(times: Sequence[str], words: Collection[str], has_dates: b
             seconds = seconds / 60.0
         elif _has_several_hours(numbers):
             other = "%M%S"
-    why = f"guess: {_explain_form(form)}"
+    reason = f"guess: {_explain_form(form)}"
     if named:
         if form.startswith(named):
-            return DateForm(form=form, is_date=True, why=why)
+            return DateForm(form=form, is_date=True, reason=reason)
         return DateForm()
-    clock = DateForm(form=form, is_date=True, why=why, other=other)
+    clock = DateForm(form=form, is_date=True, reason=reason, other=other)
     if has_dates and form.startswith("%H"):
         return clock._replace(other="")
     # Numbers of one width that begin with a zero are none of seconds: 0959.
@@ -288,9 +290,9 @@ def _clock_with_points(times: Sequence[str]) -> DateForm:
     hours = f"%H{mark}%M"
     minutes = f"%M{mark}%S"
     if numbers.max() >= 24.0:
-        return DateForm(form=minutes, is_date=True, why=f"guess: {_explain_form(minutes)}")
-    why = f"guess: {_explain_form(hours)}"
-    return DateForm(form=hours, is_date=True, why=why, other=minutes)
+        return DateForm(form=minutes, is_date=True, reason=f"guess: {_explain_form(minutes)}")
+    reason = f"guess: {_explain_form(hours)}"
+    return DateForm(form=hours, is_date=True, reason=reason, other=minutes)
 
 
 def _seconds_of_clock(numbers: Array, digits: int) -> Array | None:
@@ -401,10 +403,10 @@ def _unsteady(times: Array) -> tuple[bool, float]:
     return falls, float(intervals.max(initial=0.0)) / usual_interval(times)
 
 
-def check_clock(gathered: Gathered, rows: Rows) -> None:
+def check_clock(context: ReadingContext, rows: Rows) -> None:
     """Raise DataError if a clock was set while it ran: dates of 1970 or 1980 before those of today."""
     times, first_rows_of_times = np.unique(rows.time, return_index=True)
-    if gathered.stepped or len(times) < _FEWEST_MEASURED:
+    if context.stepped or len(times) < _FEWEST_MEASURED:
         return
     intervals = np.diff(times)
     longest = int(np.argmax(intervals))
@@ -416,26 +418,26 @@ def check_clock(gathered: Gathered, rows: Rows) -> None:
     )
     message += f" {usual:.6g} s apart: was the clock set only here?"
     count = int((rows.time <= times[longest]).sum())
-    way = (
+    remedy = (
         f"Leave out or correct the rows before ({count}); or give both parts a number in a column,"
     )
     row = int(first_rows_of_times[longest + 1])
-    raise DataError(gathered.place(rows, row, f"{message} {way} --set 'columns.run=ITS NAME'"))
+    raise DataError(context.place(rows, row, f"{message} {remedy} --set 'columns.run=ITS NAME'"))
 
 
-def check_daylight_saving(gathered: Gathered, rows: Rows) -> None:
+def check_daylight_saving(context: ReadingContext, rows: Rows) -> None:
     """Raise DataError if local times lack an hour because clocks were set forward in spring.
 
     It is an hour of a Sunday night, and the rows go on before and after it as usual. ``rows`` are in
     order.
     """
-    has_local_times = gathered.clock is not None and gathered.clock.kind == "date"
+    has_local_times = context.clock is not None and context.clock.kind == "date"
     if not has_local_times or len(rows.time) < _FEWEST_MEASURED:
         return
     usual = usual_interval(rows.time)
     if usual > _LONG_INTERVAL:
         return
-    seconds = rows.time + gathered.since / 1e6
+    seconds = rows.time + context.since / 1e6
     intervals = np.diff(seconds)
     for row in np.flatnonzero(np.abs(intervals - usual - _HOUR) < 0.5 * usual + 0.5).tolist():
         before = datetime.fromtimestamp(float(seconds[row]), UTC)
@@ -444,9 +446,9 @@ def check_daylight_saving(gathered: Gathered, rows: Rows) -> None:
         in_season = before.month in _MONTHS_OF_SPRING and before.weekday() == _SUNDAY
         if not in_season or not is_full_hour or after.hour > _LATEST_HOUR:
             continue
-        column = in_option(gathered.naming.columns["time"])
+        column = in_option(context.naming.columns["time"])
         message = f"after {before:%H:%M:%S} comes {after:%H:%M:%S}, on a Sunday of {before:%B}:"
         message += " are these local times, and was the clock set forward?"
-        way = "Write times in UTC, or with their zone (+01:00)"
+        remedy = "Write times in UTC, or with their zone (+01:00)"
         option = f"if this hour has passed without a row, say --set 'columns.time={column}'"
-        raise DataError(gathered.place(rows, row + 1, f"{message} {way}; {option}"))
+        raise DataError(context.place(rows, row + 1, f"{message} {remedy}; {option}"))

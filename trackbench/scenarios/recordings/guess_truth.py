@@ -16,7 +16,7 @@ from trackbench.scenarios.recordings.guess_azimuths import with_places
 from trackbench.scenarios.recordings.guess_record import Guess, Track
 from trackbench.scenarios.recordings.guess_table import recognized
 from trackbench.scenarios.recordings.quantities import GEODETIC, PLACE
-from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.yaml_values import quoted
 
 _MOST_INTERVALS = 1.5
@@ -65,8 +65,10 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
         message = (
             f"a truth has positions, x and y or latitude and longitude, and this file {measured}"
         )
-        way = "say which columns these are, --set 'truth_naming.columns.x=NAME'"
-        raise DataError(Place(path, 1, 1, f"{message}: {way} --set 'truth_naming.columns.y=NAME'"))
+        remedy = "say which columns these are, --set 'truth_naming.columns.x=NAME'"
+        raise DataError(
+            Place(path, 1, 1, f"{message}: {remedy} --set 'truth_naming.columns.y=NAME'")
+        )
     _check_grid(path, guess, table_guess)
     columns = dict(table_guess.naming.columns)
     units = dict(table_guess.naming.units)
@@ -139,9 +141,9 @@ def _check_grid(path: str, guess: Guess, table_guess: Guess) -> None:
         return
     names = f"{in_line(columns['x'])} and {in_line(columns['y'])}"
     message = f"{names} count from a point {distance / 1e3:.0f} km away, as on a map's grid (UTM),"
-    way = "convert them to latitude and longitude"
+    remedy = "convert them to latitude and longitude"
     where = path if planar is table_guess else guess.path
-    raise DataError(Place(where, 1, 1, f"{message} and the other table has latitudes: {way}"))
+    raise DataError(Place(where, 1, 1, f"{message} and the other table has latitudes: {remedy}"))
 
 
 def settled(
@@ -159,7 +161,7 @@ def settled(
     if truth is not None:
         namings.append(truth.naming)
     _check_order_of_days(guess.path, guess, namings)
-    is_known = "clockwise" in user_keys or guess.why.get("clockwise", "").startswith("as ")
+    is_known = "clockwise" in user_keys or guess.reasons.get("clockwise", "").startswith("as ")
     tracks: list[tuple[Track | None, str]] = []
     if truth is not None:
         tracks.append((truth.places, "the truth shows"))
@@ -187,8 +189,8 @@ def _check_order_of_days(path: str, guess: Guess, others: Sequence[Naming]) -> N
     if not guess.other_order or all(_order_of_days(o.time_format) == order for o in others):
         return
     message = "dates may be a day in either order, which matters beside the other file: say which, "
-    way = f"`--set 'time_format=\"{form}\"'` or `--set 'time_format=\"{guess.other_order}\"'`"
-    raise DataError(Place(path, 1, 1, message + way))
+    remedy = f"`--set 'time_format=\"{form}\"'` or `--set 'time_format=\"{guess.other_order}\"'`"
+    raise DataError(Place(path, 1, 1, message + remedy))
 
 
 def _order_of_days(form: str) -> str:
@@ -198,6 +200,6 @@ def _order_of_days(form: str) -> str:
 
 def _unit_of_heading(path: str, table_guess: Guess, column: str) -> str:
     """Return the unit of headings, degrees if one of them is beyond a turn in radians."""
-    sample = Sample(path, table_guess.names, table_guess.naming.format or TextFormat())
+    sample = TableSample(path, table_guess.names, table_guess.naming.format or TextFormat())
     largest = float(np.nanmax(np.abs(sample.numbers(column)), initial=0.0))
     return "deg" if largest > 2.0 * np.pi else "rad"

@@ -31,7 +31,7 @@ from trackbench.scenarios.recordings.guess_time import DateForm
 from trackbench.scenarios.recordings.missing_cells import no_fix
 from trackbench.scenarios.recordings.quantities import COURSE, GEODETIC, ODOMETRY, PLACE, VELOCITY
 from trackbench.scenarios.recordings.rows import usual_interval
-from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.unit_candidates import (
     LENGTH_UNITS,
     Candidate,
@@ -66,7 +66,7 @@ _ELAPSED = {"elapsed", "duration", "split", "lap", "laptime", "elapsedtime"}
 
 
 def check_named_units(
-    sample: Sample, columns: dict[str, str], units: dict[str, str], measured: set[str]
+    sample: TableSample, columns: dict[str, str], units: dict[str, str], measured: set[str]
 ) -> None:
     """Raise DataError for each column with a unit that trackbench cannot convert, such as yards.
 
@@ -97,7 +97,7 @@ class UnitChoice:
 
     def __init__(
         self,
-        sample: Sample,
+        sample: TableSample,
         columns: ColumnByQuantity,
         units: UnitByQuantity,
         date_form: DateForm,

@@ -247,6 +247,6 @@ def _delay_note(name: str, changes: _Changes, interval: float) -> list[str]:
     lag = lags[best]
     if abs(lag) == _LARGEST_LAG or remaining[best] > _EXPLAINS * remaining[_LARGEST_LAG]:
         return []
-    way = "behind" if lag > 0 else "ahead of"
-    message = f"the input {name} is some {abs(lag) * interval:.2g} s {way} the truth"
+    direction = "behind" if lag > 0 else "ahead of"
+    message = f"the input {name} is some {abs(lag) * interval:.2g} s {direction} the truth"
     return [f"{message}: check the clocks of both, and `input_holds`"]

@@ -162,12 +162,12 @@ def check_label(
         name = next(words[code] for code in found.tolist() if code != empty)
         message = f"{name} is the only name, and rows without one lie far from its rows:"
         message += " are they of another target?"
-        way = f"Give it a name in {label}, or say --set 'columns.run=\"\"' to mix the rows"
-        raise DataError(Place(columns.path, 1, 1, f"column {label}: {message} {way}"))
-    way = f"say `columns: {{run: {label}}}` for a run each, `columns: {{sensor: {label}}}` for a sensor"
+        remedy = f"Give it a name in {label}, or say --set 'columns.run=\"\"' to mix the rows"
+        raise DataError(Place(columns.path, 1, 1, f"column {label}: {message} {remedy}"))
+    remedy = f"say `columns: {{run: {label}}}` for a run each, `columns: {{sensor: {label}}}` for"
     mix = "run" if columns.column("run") is None else "sensor"
-    way += f' each, or `columns: {{{mix}: ""}}` to mix them'
-    raise MixedRowsError(Place(columns.path, 1, 1, f"{message}: {way}"), label, role, split)
+    remedy += f' a sensor each, or `columns: {{{mix}: ""}}` to mix them'
+    raise MixedRowsError(Place(columns.path, 1, 1, f"{message}: {remedy}"), label, role, split)
 
 
 def check_label_pairs(
@@ -205,9 +205,9 @@ def question_on_pair(path: str, first: str, second: str) -> Place:
     """Return the question on two columns whose words together split the rows into parts."""
     message = f"columns {first} and {second} together split the rows into parts that lie apart:"
     message += " do both name the target?"
-    way = "Join both into one column, and say --set 'columns.run=ITS NAME'; or say"
-    way += " --set 'columns.run=\"\"' to mix the rows"
-    return Place(path, 1, 1, f"{message} {way}")
+    remedy = "Join both into one column, and say --set 'columns.run=ITS NAME'; or say"
+    remedy += " --set 'columns.run=\"\"' to mix the rows"
+    return Place(path, 1, 1, f"{message} {remedy}")
 
 
 def split_by(codes: Index, time: Array, values: Array) -> Split:
@@ -368,8 +368,8 @@ def question_on_parts(path: str, label: str, mixed: str) -> Place:
         f"column {column} splits the rows into parts that lie apart: are they several targets,"
     )
     message += " or sensors of one with a bias?"
-    way = f"`--set 'columns.run={column}'`, `--set 'columns.sensor={column}'`, or to mix them"
-    return Place(path, 1, 1, f"{message} Say {way} `--set 'columns.{mixed}=\"\"'`")
+    remedy = f"`--set 'columns.run={column}'`, `--set 'columns.sensor={column}'`, or to mix them"
+    return Place(path, 1, 1, f"{message} Say {remedy} `--set 'columns.{mixed}=\"\"'`")
 
 
 def explain_labels(path: str, label_columns: dict[str, str]) -> list[Place]:
@@ -383,9 +383,9 @@ def explain_labels(path: str, label_columns: dict[str, str]) -> list[Place]:
         other = "sensor" if key == "run" else "run"
         meaning = {"run": "targets", "sensor": "sensors or landmarks"}
         message = f"column {name} was taken to name {meaning[key]}, as its words split the rows"
-        way = f"if it names {meaning[other]}, say --set 'columns.{other}={name}'"
+        remedy = f"if it names {meaning[other]}, say --set 'columns.{other}={name}'"
         none = f"if neither, say --set 'columns.{key}=\"\"'"
-        places.append(Place(path, 1, 1, f"{message}: {way}; {none}"))
+        places.append(Place(path, 1, 1, f"{message}: {remedy}; {none}"))
     return places
 
 

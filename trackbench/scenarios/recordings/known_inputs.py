@@ -15,7 +15,7 @@ from trackbench.errors import counted
 from trackbench.field_types import DataError, InvalidKeyError, Place
 from trackbench.models.inputs import InputGap, KnownInputs
 from trackbench.scenarios.recordings.row_order import in_order
-from trackbench.scenarios.recordings.rows import TICK, Gathered, Rows, usual_interval
+from trackbench.scenarios.recordings.rows import TICK, ReadingContext, Rows, usual_interval
 from trackbench.scenarios.recordings.time_alignment import ONE_RUN, Clock
 from trackbench.scenarios.recordings.units import DIMENSIONS
 
@@ -40,7 +40,7 @@ class InputRows(NamedTuple):
     """numbers of the inputs that are angles, rad, within one turn"""
 
 
-def with_inputs_only(gathered: Gathered, names: Sequence[str], rows: Rows) -> InputRows:
+def with_inputs_only(context: ReadingContext, names: Sequence[str], rows: Rows) -> InputRows:
     """Separate the rows with all inputs from those without any.
 
     ``names`` are those of the inputs. Raises DataError for rows with only some of them.
@@ -54,7 +54,7 @@ def with_inputs_only(gathered: Gathered, names: Sequence[str], rows: Rows) -> In
         for row in incomplete[:_MOST_MISTAKES].tolist():
             name = names[int(np.flatnonzero(is_missing[:, row])[0])]
             message = f"{name}: there is no value beside the other inputs: fill the cell"
-            mistakes.append(gathered.place(rows, row, message))
+            mistakes.append(context.place(rows, row, message))
         left_out = len(incomplete) - len(mistakes)
         if left_out:
             message = f"{mistakes[-1].message}; nor have {left_out} more rows all inputs"
@@ -62,14 +62,14 @@ def with_inputs_only(gathered: Gathered, names: Sequence[str], rows: Rows) -> In
         raise DataError(*mistakes)
     if not has_all.any():
         message = f"the columns of the inputs {', '.join(names)} are empty"
-        raise DataError(Place(gathered.files[0], 1, 1, message))
+        raise DataError(Place(context.files[0], 1, 1, message))
     complete = rows.at(np.flatnonzero(has_all))
-    angles = _wrapped_angles(gathered, names, complete)
-    measured = in_order(gathered, complete, partial(wrapped_difference, angles=angles))
+    angles = _wrapped_angles(context, names, complete)
+    measured = in_order(context, complete, partial(wrapped_difference, angles=angles))
     return InputRows(measured=measured, blank=rows.at(np.flatnonzero(has_none)), angles=angles)
 
 
-def _wrapped_angles(gathered: Gathered, names: Sequence[str], rows: Rows) -> list[int]:
+def _wrapped_angles(context: ReadingContext, names: Sequence[str], rows: Rows) -> list[int]:
     """Find the inputs that are angles within one turn, whose values jump where it ends.
 
     They have a unit of angles, or their values jump by whole turns and change by far less otherwise. An
@@ -78,7 +78,7 @@ def _wrapped_angles(gathered: Gathered, names: Sequence[str], rows: Rows) -> lis
     angles = []
     for i, name in enumerate(names):
         values = rows.values[i]
-        has_unit = gathered.naming.units.get(name) in DIMENSIONS["angle"]
+        has_unit = context.naming.units.get(name) in DIMENSIONS["angle"]
         is_within_turn = np.ptp(values) <= 2.0 * np.pi + _ROUNDING
         values_of_runs = [values[rows.run == m] for m in np.unique(rows.run)]
         jumps_by_turns = any(has_turns(of_run[:, None]) for of_run in values_of_runs)
@@ -88,7 +88,10 @@ def _wrapped_angles(gathered: Gathered, names: Sequence[str], rows: Rows) -> lis
 
 
 def rows_within(
-    gathered: Gathered, measured_rows: Sequence[Rows], of_inputs: Gathered, inputs: InputRows
+    context: ReadingContext,
+    measured_rows: Sequence[Rows],
+    of_inputs: ReadingContext,
+    inputs: InputRows,
 ) -> list[Rows]:
     """Leave out the measurements before the first and after the last inputs of their run, with a note.
 
@@ -97,9 +100,9 @@ def rows_within(
     belong together, and the missing inputs are an error.
     """
     is_shared = of_inputs.runs == [ONE_RUN]
-    first = np.full(len(gathered.runs), -np.inf)
-    last = np.full(len(gathered.runs), np.inf)
-    for m in range(len(gathered.runs)):
+    first = np.full(len(context.runs), -np.inf)
+    last = np.full(len(context.runs), np.inf)
+    for m in range(len(context.runs)):
         times = inputs.measured.time[inputs.measured.run == (0 if is_shared else m)]
         if len(times):
             first[m] = times.min() - TICK
@@ -113,7 +116,7 @@ def rows_within(
     if outside == 0 or outside >= _MOST_OUTSIDE * number:
         return list(measured_rows)
     message = f"{counted(outside, 'row')} of measurements before the first or after the last inputs"
-    gathered.notices.append(f"{message} ({of_inputs.files[0]}) left out")
+    context.notices.append(f"{message} ({of_inputs.files[0]}) left out")
     return [rows.at(np.flatnonzero(mask)) for rows, mask in zip(measured_rows, inside, strict=True)]
 
 
@@ -124,7 +127,7 @@ def missing_run(path: str, run: str, names: Sequence[str]) -> Place:
 
 
 def inputs_at(
-    gathered: Gathered,
+    context: ReadingContext,
     names: Sequence[str],
     rows: InputRows,
     clock: Clock,
@@ -143,28 +146,28 @@ def inputs_at(
     every run. Raises InvalidKeyError if the runs' inputs differ, since a motion has one table of them.
     """
     # Rows without names of runs all have the number 0, and hold for every run.
-    is_shared = gathered.runs == [ONE_RUN]
+    is_shared = context.runs == [ONE_RUN]
     tables = []
     for m, name in enumerate(runs):
         number_in_rows = 0 if is_shared else m
         of_run = np.flatnonzero(rows.measured.run == number_in_rows)
         if not len(of_run):
-            raise DataError(missing_run(gathered.files[0], name, names))
+            raise DataError(missing_run(context.files[0], name, names))
         blank = rows.blank.at(np.flatnonzero(rows.blank.run == number_in_rows))
         shift = float(clock.shift[m])
         one_run = InputRows(measured=rows.measured.at(of_run), blank=blank, angles=rows.angles)
-        tables.append(_inputs_of_run(gathered, names, one_run, clock, shift, holds, gap, resample))
+        tables.append(_inputs_of_run(context, names, one_run, clock, shift, holds, gap, resample))
     first = tables[0]
     for name, table in zip(runs, tables, strict=True):
         if not np.array_equal(first.values, table.values, equal_nan=True):
             message = f"runs {runs[0]} and {name} have different inputs, and a motion has one table"
-            way = f"choose one run, `runs: [{runs[0]}]`, or make the runs values of a grid"
-            raise InvalidKeyError(f"{message}; {way}", "target", "input")
+            remedy = f"choose one run, `runs: [{runs[0]}]`, or make the runs values of a grid"
+            raise InvalidKeyError(f"{message}; {remedy}", "target", "input")
     return first
 
 
 def _inputs_of_run(
-    gathered: Gathered,
+    context: ReadingContext,
     names: Sequence[str],
     rows: InputRows,
     clock: Clock,
@@ -178,7 +181,7 @@ def _inputs_of_run(
     The other arguments are those of `inputs_at`.
     """
     # Step 1: pieces of constant values, each from one edge to the next.
-    times = clock.steps.astype(float) if gathered.stepped else clock.times
+    times = clock.steps.astype(float) if context.stepped else clock.times
     row_times = rows.measured.time + shift
     usual = usual_interval(row_times)
     longest = _MOST_INTERVALS * usual if gap is None else gap
@@ -220,7 +223,7 @@ def _inputs_of_run(
     _, first_of_gaps = np.unique(rows_before, return_index=True)
     gaps = []
     for step in missing_steps[first_of_gaps].tolist():
-        described = _describe_gap(gathered, names, rows, shift, times, step, usual)
+        described = _describe_gap(context, names, rows, shift, times, step, usual)
         gaps.append(described._replace(step=int(clock.steps[step])))
     return replace(known, gaps=tuple(gaps))
 
@@ -242,7 +245,7 @@ def _means(edges: Array, pieces: Array, earlier: Array, later: Array) -> Array:
 
 
 def _describe_gap(
-    gathered: Gathered,
+    context: ReadingContext,
     names: Sequence[str],
     rows: InputRows,
     shift: float,
@@ -255,7 +258,7 @@ def _describe_gap(
     Its place is the blank row there, or the row before it. ``shift`` is added to the rows' times,
     ``times`` are those of the steps, and ``usual`` is the usual interval of the rows.
     """
-    unit = f" {gathered.time_unit}"
+    unit = f" {context.time_unit}"
     inputs = ", ".join(names)
     row_times = rows.measured.time + shift
     before = int(np.searchsorted(row_times, times[step - 1] + TICK, side="right")) - 1
@@ -265,25 +268,23 @@ def _describe_gap(
     if before < 0:
         message = f"the first values of the inputs {inputs} are at {time_text(row_times[0])}{unit}"
         message += f", and the first step begins at {time_text(times[step - 1])}{unit}"
-        place = gathered.place(rows.measured, 0, f"{message}: give earlier values")
+        place = context.place(rows.measured, 0, f"{message}: give earlier values")
         return InputGap(place=place, step=step)
     if after == before:
         message = f"the inputs {inputs} end at {time_text(row_times[-1])}{unit}"
         message += f", and a step ends at {time_text(times[step])}{unit}"
-        place = gathered.place(
-            rows.measured, before, f"{message}: give later values, or say `last`"
-        )
+        place = context.place(rows.measured, before, f"{message}: give later values, or say `last`")
         return InputGap(place=place, step=step)
     length = float(row_times[after] - row_times[before])
     blank_times = rows.blank.time + shift
     blank_in_gap = np.flatnonzero((blank_times > low + TICK) & (blank_times < high - TICK))
     if len(blank_in_gap):
         message = f"there is no value of the inputs {inputs}"
-        place = gathered.place(rows.blank, int(blank_in_gap[0]), message)
+        place = context.place(rows.blank, int(blank_in_gap[0]), message)
     else:
         message = f"no values of the inputs {inputs} follow for {length:.4g}{unit}"
         message += f", where {usual:.4g}{unit} are usual"
-        place = gathered.place(rows.measured, before, message)
+        place = context.place(rows.measured, before, message)
     return InputGap(place=place, step=step, length=length)
 
 
@@ -298,8 +299,8 @@ def check_gaps(inputs: KnownInputs, last_step: int) -> None:
     for gap in gaps[:_MOST_MISTAKES]:
         message = gap.place.message
         if gap.length is not None:
-            way = f"say `input_gap: {_rounded_up(longest):g}` to hold the nearest values"
-            message += f": fill them, or {way}"
+            remedy = f"say `input_gap: {_rounded_up(longest):g}` to hold the nearest values"
+            message += f": fill them, or {remedy}"
         mistakes.append(gap.place._replace(message=message))
     left_out = len(gaps) - len(mistakes)
     if left_out:

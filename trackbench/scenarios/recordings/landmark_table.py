@@ -14,7 +14,7 @@ from trackbench.scenarios.recordings.column_names import (
 )
 from trackbench.scenarios.recordings.csv_lines import TextFormat, is_value, layout_of, plain_label
 from trackbench.scenarios.recordings.csv_tables import header, is_parquet
-from trackbench.scenarios.recordings.table_sample import Sample
+from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.units import UNITS
 
 _NAMELESS = ("landmark", "x", "y")
@@ -38,7 +38,7 @@ def read_landmarks(path: str, user_naming: Naming | None = None) -> dict[str, tu
     # Step 1: find the columns.
     form = _text_format(path, user_naming.format or TextFormat())
     names = header(path, form)
-    sample = Sample(path, names, form)
+    sample = TableSample(path, names, form)
     sample.require_rows()
     columns = _columns(sample, user_naming)
     # Step 2: read the places, in m.
@@ -76,7 +76,7 @@ def _text_format(path: str, form: TextFormat) -> TextFormat:
     return replace(form, names=_NAMELESS, header=0)
 
 
-def _columns(sample: Sample, user_naming: Naming) -> dict[str, str]:
+def _columns(sample: TableSample, user_naming: Naming) -> dict[str, str]:
     """Return the columns of the names, x and y; raises DataError if one of them is missing."""
     columns = {
         name: named.column for name, named in columns_of(sample.names).items() if name in ("x", "y")
@@ -104,7 +104,7 @@ def _columns(sample: Sample, user_naming: Naming) -> dict[str, str]:
     return columns
 
 
-def _scale(sample: Sample, column: str, name: str, user_naming: Naming) -> float:
+def _scale(sample: TableSample, column: str, name: str, user_naming: Naming) -> float:
     """Return the factor from the unit of a coordinate to m; raises DataError if it may be another."""
     named = columns_of([column]).get(name)
     unit = user_naming.units.get(name) or sample.unit(column, name)

@@ -139,11 +139,11 @@ def impossible(quantity: str, values: Array, scale: float) -> Impossible | None:
         limits = f"at least {least:g}"
     first = f"{shown[rows[0]]:.9g} {unit} is impossible{and_others(len(rows))}"
     message = f"{first}; a {quantity} is {limits} {unit}"
-    way = _way_out(quantity, values, rows)
-    return Impossible(int(rows[0]), f"{message}: correct or empty the cells{way}")
+    remedy = _remedy_for_impossible(quantity, values, rows)
+    return Impossible(int(rows[0]), f"{message}: correct or empty the cells{remedy}")
 
 
-def _way_out(quantity: str, values: Array, wrong: Index) -> str:
+def _remedy_for_impossible(quantity: str, values: Array, wrong: Index) -> str:
     """Return advice on impossible values: a unit in which all are possible, or a code for missing cells.
 
     ``wrong`` are the indices of the impossible values.
@@ -176,8 +176,8 @@ def _way_out(quantity: str, values: Array, wrong: Index) -> str:
             and finite.max() * UNITS[unit] * _DEGREES <= largest
         ]
         if fitting:
-            ways = " or ".join(f"`units: {{{quantity}: {unit}}}`" for unit in fitting[:3])
-            return f", or name their unit; say {ways}"
+            keys = " or ".join(f"`units: {{{quantity}: {unit}}}`" for unit in fitting[:3])
+            return f", or name their unit; say {keys}"
     if len(np.unique(values[wrong])) == 1 and not most_are_wrong:
         code = float(values[wrong[0]])
         return f", or name their unit; say `missing: [{code:.15g}]` for a missing cell"

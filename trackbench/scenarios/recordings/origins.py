@@ -10,14 +10,14 @@ from trackbench.errors import and_others
 from trackbench.field_types import DataError, InvalidKeyError, Place
 from trackbench.scenarios.recordings.column_mapping import FAR, MOST_DISTANCE, Columns, Frame
 from trackbench.scenarios.recordings.csv_tables import Table, WholeNumbers
-from trackbench.scenarios.recordings.rows import Gathered, in_kilometers
+from trackbench.scenarios.recordings.rows import ReadingContext, in_kilometers
 
 _NEAR_ORIGIN = 5e4
 """m: an origin within is not asked whether its numbers are exchanged"""
 
 
 def frames_of_runs(
-    gathered: Gathered, columns: Columns, table: Table, runs: WholeNumbers
+    context: ReadingContext, columns: Columns, table: Table, runs: WholeNumbers
 ) -> tuple[Geodetic, list[Frame]]:
     """Return the places of a table's rows, and frames: each an origin with the rows that count from it.
 
@@ -26,46 +26,46 @@ def frames_of_runs(
     of the rows' runs. Raises an error for rows too far from their origin.
     """
     height = 0.0
-    if gathered.origin is not None and len(gathered.origin) > 2:
-        height = gathered.origin[2]
+    if context.origin is not None and len(context.origin) > 2:
+        height = context.origin[2]
     places = columns.places(table, height)
     known = np.flatnonzero(np.isfinite(places.latitude))
     missing = columns.rows_without_height(table)
     if missing:
         message = f"{missing} rows of {columns.path} have no altitude, and so no position in space"
-        gathered.notices.append(f"{message}: `axes: 2` takes their latitude and longitude alone")
+        context.notices.append(f"{message}: `axes: 2` takes their latitude and longitude alone")
     if not len(known):
         return places, []
     # Step 1: the common origin.
-    if gathered.origin is None:
-        gathered.origin = _origin_at(places, int(known[0]))
-        gathered.first_position = f"{Path(columns.path).name}:{table.lines[known[0]]}"
+    if context.origin is None:
+        context.origin = _origin_at(places, int(known[0]))
+        context.first_position = f"{Path(columns.path).name}:{table.lines[known[0]]}"
     # The first position is recorded only if it serves as the origin.
-    is_given = not gathered.first_position
+    is_given = not context.first_position
     # Step 2: runs that begin far from it have an origin of their own, unless it is given.
     numbers, first = np.unique(runs[known], return_index=True)
-    names = [gathered.runs[number] for number in numbers]
+    names = [context.runs[number] for number in numbers]
     if not is_given:
         begins = known[first]
-        away = _distances(places, begins, gathered.origin)
+        away = _distances(places, begins, context.origin)
         for name, row, distance in zip(names, begins.tolist(), away.tolist(), strict=True):
-            if name not in gathered.placed_runs and distance > FAR:
-                gathered.own_origins[name] = _origin_at(places, row)
-                gathered.far_runs.append(f"{name} by {in_kilometers(distance)}")
-            gathered.placed_runs.add(name)
+            if name not in context.placed_runs and distance > FAR:
+                context.own_origins[name] = _origin_at(places, row)
+                context.far_runs.append(f"{name} by {in_kilometers(distance)}")
+            context.placed_runs.add(name)
     # Step 3: the rows of each origin, and how far from it they lie.
     far_runs = [
-        number for number, name in zip(numbers, names, strict=True) if name in gathered.own_origins
+        number for number, name in zip(numbers, names, strict=True) if name in context.own_origins
     ]
     shared = np.flatnonzero(~np.isin(runs, far_runs))
     frames = []
     if len(shared):
-        frames.append(Frame(gathered.origin, shared))
+        frames.append(Frame(context.origin, shared))
     for number in far_runs:
-        origin = gathered.own_origins[gathered.runs[number]]
+        origin = context.own_origins[context.runs[number]]
         frames.append(Frame(origin, np.flatnonzero(runs == number)))
     for frame in frames:
-        _check_distances(gathered, columns, table, places, frame)
+        _check_distances(context, columns, table, places, frame)
     return places, frames
 
 
@@ -88,7 +88,7 @@ def _distances(places: Geodetic, rows: WholeNumbers, origin: tuple[float, ...]) 
 
 
 def _check_distances(
-    gathered: Gathered, columns: Columns, table: Table, places: Geodetic, frame: Frame
+    context: ReadingContext, columns: Columns, table: Table, places: Geodetic, frame: Frame
 ) -> None:
     """Raise an error for rows too far from their origin, and note how far the farthest one is."""
     known = frame.rows[np.isfinite(places.latitude[frame.rows])]
@@ -96,29 +96,31 @@ def _check_distances(
         return
     away = _distances(places, known, frame.origin)
     # The first position is recorded only if it serves as the origin.
-    is_given = not gathered.first_position
+    is_given = not context.first_position
     limit = f"a plane serves for {MOST_DISTANCE / 1e3:.0f} km"
     if is_given and away[0] > _NEAR_ORIGIN:
         hint = _mistaken_origin(frame.origin, places, int(known[0]), float(away[0]))
         where = f"{Path(columns.path).name}:{table.lines[known[0]]}"
         message = f"lies {in_kilometers(away[0])} from the first position ({where})"
         if hint or away[0] > MOST_DISTANCE:
-            way = hint or f"{limit}: write latitude and longitude of a point near the positions"
-            raise InvalidKeyError(f"{message}; {way}", *gathered.origin_key)
+            remedy = hint or f"{limit}: write latitude and longitude of a point near the positions"
+            raise InvalidKeyError(f"{message}; {remedy}", *context.origin_key)
     too_far = np.flatnonzero(away > MOST_DISTANCE)
-    if len(too_far) and gathered.refuses_far_rows:
+    if len(too_far) and context.refuses_far_rows:
         row = int(known[too_far[0]])
         origin = "the first position of its run, the origin"
         if is_given:
             origin = "`origin`"
-        elif frame.origin == gathered.origin:
-            origin = f"the first position ({gathered.first_position}), the origin"
+        elif frame.origin == context.origin:
+            origin = f"the first position ({context.first_position}), the origin"
         more = and_others(len(too_far))
         distance = in_kilometers(away[too_far[0]])
         message = f"latitude and longitude: {distance} from {origin}{more}; {limit}"
-        way = "correct or empty the cells, or give an `origin: [latitude, longitude]` in the middle"
-        raise DataError(Place(columns.path, int(table.lines[row]), 1, f"{message}: {way}"))
-    gathered.largest_distance = max(gathered.largest_distance, float(away.max()))
+        remedy = (
+            "correct or empty the cells, or give an `origin: [latitude, longitude]` in the middle"
+        )
+        raise DataError(Place(columns.path, int(table.lines[row]), 1, f"{message}: {remedy}"))
+    context.largest_distance = max(context.largest_distance, float(away.max()))
 
 
 def _mistaken_origin(origin: tuple[float, ...], places: Geodetic, row: int, distance: float) -> str:

@@ -31,7 +31,7 @@ from trackbench.scenarios.recordings.read_rows import read_rows
 from trackbench.scenarios.recordings.recorded_truth import check_runs_of_truth, truth_at
 from trackbench.scenarios.recordings.recording_keys import RecordingKeys
 from trackbench.scenarios.recordings.row_order import in_order
-from trackbench.scenarios.recordings.rows import Gathered, Rows, check_turns, chosen_runs
+from trackbench.scenarios.recordings.rows import ReadingContext, Rows, check_turns, chosen_runs
 from trackbench.scenarios.recordings.time_alignment import (
     ONE_RUN,
     Clock,
@@ -85,7 +85,7 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
     components = [sensor.components[rows] for rows in sensor_rows]
     quantities = {plain_name(c) for c in (*target.components, *sensor.components)}
     chosen = [str(name) for name in target.runs]
-    gathered = Gathered(
+    context = ReadingContext(
         target,
         origin=origin or None,
         origin_key=origin_key,
@@ -96,21 +96,21 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
     )
     names = [str(name) for name in target.sensors]
     namings = target.namings
-    rows = read_rows(gathered, target.measurement_files, components, names=names, namings=namings)
-    rows = chosen_runs(gathered, rows, chosen, ("target", "runs"))
+    rows = read_rows(context, target.measurement_files, components, names=names, namings=namings)
+    rows = chosen_runs(context, rows, chosen, ("target", "runs"))
     for m, each in enumerate(sensors_of(sensor)):
-        gathered.naming = namings[m] if len(namings) > 1 else namings[0]
+        context.naming = namings[m] if len(namings) > 1 else namings[0]
         angles = {each.components[row]: row for row in measured_angle_rows(each)}
-        check_turns(gathered, rows[m], angles)
-        rows[m] = in_order(gathered, rows[m], each.innovation)
+        check_turns(context, rows[m], angles)
+        rows[m] = in_order(context, rows[m], each.innovation)
     if len(target.measurement_files) > 1:
-        note_files_apart(gathered, rows)
+        note_files_apart(context, rows)
     # Step 2: read the inputs. Those of a file of their own may begin later or end earlier.
     inputs = None
     if target.input:
-        gathered_inputs, inputs = _read_inputs(target, gathered, rows)
+        input_context, inputs = _read_inputs(target, context, rows)
         if target.input_file:
-            rows = rows_within(gathered, rows, gathered_inputs, inputs)
+            rows = rows_within(context, rows, input_context, inputs)
     # Step 3: take the first scans from the sensor that measures the position.
     locating = position_part(sensor)
     number = 0  # of that sensor
@@ -119,10 +119,8 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
         number = sensor_rows.index(locating_rows)
     start = None
     if scans:
-        start = initial_scans(gathered, rows[number], scans)
-        gathered.notices += note_on_rows_before_start(
-            rows, start, number, names, gathered.time_unit
-        )
+        start = initial_scans(context, rows[number], scans)
+        context.notices += note_on_rows_before_start(rows, start, number, names, context.time_unit)
     # Step 4: put all runs on one clock, and the measurements on its steps.
     timed_rows = rows
     if inputs is not None:
@@ -130,13 +128,13 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
         timed_rows = [inputs.measured, *rows]
         timed_rows.sort(key=lambda each: float(each.time.min()))
     first_measured = min(map(_first_measurement, rows))
-    clock = common_clock(gathered, timed_rows, start, T, target.resample, first_measured)
+    clock = common_clock(context, timed_rows, start, T, target.resample, first_measured)
     resampled = target.resample is not None
-    if not resampled and not gathered.stepped:
-        gathered.notices += note_on_shared_clock(gathered.runs, rows, clock)
-    measurements, arrivals = measurement_array(gathered, rows, clock, resampled)
+    if not resampled and not context.stepped:
+        context.notices += note_on_shared_clock(context.runs, rows, clock)
+    measurements, arrivals = measurement_array(context, rows, clock, resampled)
     # Step 5: add the scans of the start and the truth.
-    runs = len(gathered.runs)
+    runs = len(context.runs)
     first_scans = np.full((len(sensor.components), scans, runs), np.nan)
     apart = np.full(runs, np.nan)
     if start is not None:
@@ -144,11 +142,11 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
         apart = start.apart
     truth = None
     if target.truth is not None:
-        truth = _read_truth(target, gathered, rows, clock)
+        truth = _read_truth(target, context, rows, clock)
         step_clock = StepClock(
-            steps=clock.steps[1:], times=clock.times[1:], stepped=gathered.stepped
+            steps=clock.steps[1:], times=clock.times[1:], stepped=context.stepped
         )
-        gathered.notices += contradictions(
+        context.notices += contradictions(
             sensor,
             target.components,
             truth[:, 1:],
@@ -161,25 +159,25 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
     known_inputs = None
     if inputs is not None:
         known_inputs = inputs_at(
-            gathered_inputs,
+            input_context,
             [*target.input],
             inputs,
             clock,
-            gathered.runs,
+            context.runs,
             holds=target.input_holds,
             gap=target.input_gap,
             resample=target.resample,
         )
-    gathered.check_idle_keys()
-    gathered.check_origin(origin, *origin_key)
-    gathered.note_distances()
-    notices = _with_file_names(target, gathered.notices)
-    whole_clock = with_scans(clock, gathered, scans, apart)
+    context.check_idle_keys()
+    context.check_origin(origin, *origin_key)
+    context.note_distances()
+    notices = _with_file_names(target, context.notices)
+    whole_clock = with_scans(clock, context, scans, apart)
     if known_inputs is not None:
         known_inputs = aligned_with(known_inputs, whole_clock.steps)
     return Recording(
         clock=whole_clock,
-        names=tuple(gathered.runs),
+        names=tuple(context.runs),
         scans=first_scans,
         apart=apart,
         measurements=measurements,
@@ -191,8 +189,8 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
 
 
 def _read_inputs(
-    target: RecordingKeys, gathered: Gathered, measured_rows: Sequence[Rows]
-) -> tuple[Gathered, InputRows]:
+    target: RecordingKeys, context: ReadingContext, measured_rows: Sequence[Rows]
+) -> tuple[ReadingContext, InputRows]:
     """Read the rows of the inputs, from their own file or that of the measurements.
 
     Return the data gathered about their file, and their rows. ``measured_rows`` are those of each
@@ -221,25 +219,25 @@ def _read_inputs(
         clock_key = "columns" if target.input_naming is None else "input_naming.columns"
         keys = NamingKeys(quantities="input", clock=clock_key, own="input_naming")
     has_own_keys = target.input_naming is not None
-    gathered_inputs = _gathered_for_further_file(gathered, naming, keys, has_own_keys)
+    input_context = _context_of_further_file(context, naming, keys, has_own_keys)
     names = [*target.input]
-    (rows,) = read_rows(gathered_inputs, [path], [names])
+    (rows,) = read_rows(input_context, [path], [names])
     if target.input_naming:
-        gathered_inputs.check_idle_keys()
+        input_context.check_idle_keys()
     if target.input_file:
-        check_common_time(gathered, measured_rows, gathered_inputs, rows)
+        check_common_time(context, measured_rows, input_context, rows)
     # Number the runs as those of the measurements; inputs without names of runs are those of all.
-    is_shared = gathered_inputs.runs == [ONE_RUN]  # the name of a run without a name
-    chosen = [] if is_shared else gathered.runs
-    without = [name for name in chosen if name not in gathered_inputs.runs]
+    is_shared = input_context.runs == [ONE_RUN]  # the name of a run without a name
+    chosen = [] if is_shared else context.runs
+    without = [name for name in chosen if name not in input_context.runs]
     if without:
         raise DataError(missing_run(path, without[0], names))
-    (rows,) = chosen_runs(gathered_inputs, [rows], chosen)
-    return gathered_inputs, with_inputs_only(gathered_inputs, names, rows)
+    (rows,) = chosen_runs(input_context, [rows], chosen)
+    return input_context, with_inputs_only(input_context, names, rows)
 
 
 def _read_truth(
-    target: RecordingKeys, gathered: Gathered, measured_rows: Sequence[Rows], clock: Clock
+    target: RecordingKeys, context: ReadingContext, measured_rows: Sequence[Rows], clock: Clock
 ) -> Array:
     """Read the truth (n_x, K + 1, M) at the clock's steps.
 
@@ -252,42 +250,42 @@ def _read_truth(
     columns_key = "columns" if target.truth_naming is None else "truth_naming.columns"
     keys = NamingKeys(quantities=columns_key, clock=columns_key, own="truth_naming")
     has_own_keys = target.truth_naming is not None
-    gathered_truth = _gathered_for_further_file(gathered, naming, keys, has_own_keys)
-    (rows,) = read_rows(gathered_truth, [target.truth], [target.components], least=1)
+    truth_context = _context_of_further_file(context, naming, keys, has_own_keys)
+    (rows,) = read_rows(truth_context, [target.truth], [target.components], least=1)
     if target.truth_naming:
-        gathered_truth.check_idle_keys()
-    (rows,) = chosen_runs(gathered_truth, [rows], ())
+        truth_context.check_idle_keys()
+    (rows,) = chosen_runs(truth_context, [rows], ())
     angles = [i for i, name in enumerate(target.components) if name in target.angles]
-    rows = in_order(gathered_truth, rows, partial(wrapped_difference, angles=angles))
-    check_runs_of_truth(gathered_truth, rows, gathered)
-    check_common_time(gathered, measured_rows, gathered_truth, rows)
+    rows = in_order(truth_context, rows, partial(wrapped_difference, angles=angles))
+    check_runs_of_truth(truth_context, rows, context)
+    check_common_time(context, measured_rows, truth_context, rows)
     # Origin and distances are those of all files together.
-    gathered.geodetic = gathered_truth.geodetic
-    gathered.planar = gathered_truth.planar
-    gathered.largest_distance = gathered_truth.largest_distance
-    truth = truth_at(gathered_truth, rows, clock, gathered.runs, target.truth_gap, angles)
-    gathered.notices += [f"truth: {notice}" for notice in gathered_truth.notices]
+    context.geodetic = truth_context.geodetic
+    context.planar = truth_context.planar
+    context.largest_distance = truth_context.largest_distance
+    truth = truth_at(truth_context, rows, clock, context.runs, target.truth_gap, angles)
+    context.notices += [f"truth: {notice}" for notice in truth_context.notices]
     return truth
 
 
-def _gathered_for_further_file(
-    gathered: Gathered, naming: Naming, keys: NamingKeys, has_own_keys: bool
-) -> Gathered:
+def _context_of_further_file(
+    context: ReadingContext, naming: Naming, keys: NamingKeys, has_own_keys: bool
+) -> ReadingContext:
     """Return the data with which `read_rows` begins a file of inputs or of the truth.
 
-    They are those ``gathered`` about the measurements, such as origin and clock, without runs, files and
+    They are those ``context`` about the measurements, such as origin and clock, without runs, files and
     notices. The file has its own keys of units and zones if ``has_own_keys``, and else uses those of the
     measurements, too.
     """
     further = replace(
-        gathered,
+        context,
         naming=naming,
         keys=keys,
         runs=[],
         files=[],
         notices=[],
         unavailable=Counter(),
-        chosen=(*gathered.runs, ONE_RUN),
+        chosen=(*context.runs, ONE_RUN),
     )
     if has_own_keys:
         further.used_keys = set()

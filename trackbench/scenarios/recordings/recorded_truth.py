@@ -10,13 +10,13 @@ from trackbench.core.arrays import Array
 from trackbench.core.read_only import fixed
 from trackbench.durations import time_text
 from trackbench.field_types import DataError, Place
-from trackbench.scenarios.recordings.rows import TICK, Gathered, Rows
+from trackbench.scenarios.recordings.rows import TICK, ReadingContext, Rows
 from trackbench.scenarios.recordings.time_alignment import ONE_RUN, Clock
 
 _MOST_NAMES = 8
 
 
-def check_runs_of_truth(of_truth: Gathered, rows: Rows, measured: Gathered) -> None:
+def check_runs_of_truth(of_truth: ReadingContext, rows: Rows, measured: ReadingContext) -> None:
     """Raise DataError if runs lack a truth because the file of the truth spells their names otherwise.
 
     ``rows`` are those of the truth. A truth without names of runs is that of every run. Then all runs
@@ -27,8 +27,8 @@ def check_runs_of_truth(of_truth: Gathered, rows: Rows, measured: Gathered) -> N
         if measured.own_origins:
             name = next(iter(measured.own_origins))
             message = f"names no runs, and run {name} has an origin of its own, far from the others"
-            way = "give the truth a column `run`, or choose runs near each other by `runs`"
-            raise DataError(Place(path, 1, 1, f"{message}: {way}"))
+            remedy = "give the truth a column `run`, or choose runs near each other by `runs`"
+            raise DataError(Place(path, 1, 1, f"{message}: {remedy}"))
         return
     known = {of_truth.runs[number] for number in np.unique(rows.run).tolist()}
     without = [name for name in measured.runs if name not in known]
@@ -47,8 +47,8 @@ def check_runs_of_truth(of_truth: Gathered, rows: Rows, measured: Gathered) -> N
             message = (
                 f"has no run {name!r}, but {other!r} ({len(without)} runs have no truth: {shown})"
             )
-            way = "write the name alike in both files, or leave the run out by `runs`"
-            raise DataError(Place(path, 1, 1, f"{message}: {way}"))
+            remedy = "write the name alike in both files, or leave the run out by `runs`"
+            raise DataError(Place(path, 1, 1, f"{message}: {remedy}"))
 
 
 def _first_names(names: Sequence[str]) -> str:
@@ -73,7 +73,7 @@ def _plain_spelling(name: str) -> str:
 
 
 def truth_at(
-    gathered: Gathered,
+    context: ReadingContext,
     rows: Rows,
     clock: Clock,
     runs: list[str],
@@ -87,9 +87,9 @@ def truth_at(
     Raises DataError if there is no truth at any step.
     """
     truth = np.full((len(rows.values), len(clock.steps), len(runs)), np.nan)
-    times = clock.steps.astype(float) if gathered.stepped else clock.times
-    number = {name: i for i, name in enumerate(gathered.runs)}
-    is_shared = gathered.runs == [ONE_RUN]
+    times = clock.steps.astype(float) if context.stepped else clock.times
+    number = {name: i for i, name in enumerate(context.runs)}
+    is_shared = context.runs == [ONE_RUN]
     for m, name in enumerate(runs):
         i = 0 if is_shared else number.get(name)
         if i is None:
@@ -103,17 +103,17 @@ def truth_at(
         hint = ": name a `truth_gap` within which it is interpolated"
         if gap is not None and len(rows.time):
             unit = " s"
-            if gathered.stepped:
+            if context.stepped:
                 unit = ""
             hint = f": its rows are from {time_text(rows.time.min())}"
             hint += f" to {time_text(rows.time.max())}{unit} of the clock, the steps from"
             hint += f" {time_text(times[0])} to {time_text(times[-1])}{unit}"
-        raise DataError(Place(gathered.files[0], 1, 1, f"has no truth at any step{hint}"))
+        raise DataError(Place(context.files[0], 1, 1, f"has no truth at any step{hint}"))
     without = [name for name, has in zip(runs, has_truth, strict=True) if not has]
     if without:
         shown = _first_names(without)
         some = f"{len(without)} of {len(runs)} runs have none at any step ({shown})"
-        gathered.notices.append(f"{some}: errors are those of the others")
+        context.notices.append(f"{some}: errors are those of the others")
     return fixed(truth)
 
 

@@ -9,14 +9,14 @@ from trackbench.durations import time_text
 from trackbench.errors import and_others
 from trackbench.field_types import DataError
 from trackbench.scenarios.recordings.csv_tables import WholeNumbers
-from trackbench.scenarios.recordings.rows import Gathered, Rows, usual_interval
+from trackbench.scenarios.recordings.rows import ReadingContext, Rows, usual_interval
 
 _MOST_INTERVALS = 10.0
 """Largest fall of a clock, in usual intervals between rows, that late rows may explain."""
 Difference = Callable[[Array, Array], Array]
 
 
-def in_order(gathered: Gathered, rows: Rows, difference: Difference = np.subtract) -> Rows:
+def in_order(context: ReadingContext, rows: Rows, difference: Difference = np.subtract) -> Rows:
     """Sort the rows by run and time; report unsorted and repeated rows.
 
     Raises DataError if the clock falls far. Raises it also if two rows of a run have one time and
@@ -30,22 +30,22 @@ def in_order(gathered: Gathered, rows: Rows, difference: Difference = np.subtrac
     # Step 2: sort by time within the runs if any row is late.
     same = rows.run[1:] == rows.run[:-1]
     if ((rows.time[1:] < rows.time[:-1]) & same).any():
-        _check_falls(gathered, rows)
+        _check_falls(context, rows)
         rows = rows.at(np.lexsort((rows.time, rows.run)))
     # Step 3: find rows of one run at one time.
     ticks = rows.ticks
     again = np.flatnonzero((np.diff(ticks) == 0) & (rows.run[1:] == rows.run[:-1])) + 1
     if len(again):
-        return _merge_equal_times(gathered, rows, again, difference)
+        return _merge_equal_times(context, rows, again, difference)
     return rows
 
 
-def _check_falls(gathered: Gathered, rows: Rows) -> None:
+def _check_falls(context: ReadingContext, rows: Rows) -> None:
     """Add a note on rows that come after later ones. Raises DataError if the clock falls far."""
     late = 0
     largest = 0.0
     place = 0  # row of the largest fall
-    unit = "" if gathered.stepped else " s"
+    unit = "" if context.stepped else " s"
     # One run after the other: the rows of each are together.
     first_of_next_run = np.flatnonzero(np.diff(rows.run)) + 1
     for indices in np.split(np.arange(len(rows.run)), first_of_next_run):
@@ -61,23 +61,24 @@ def _check_falls(gathered: Gathered, rows: Rows) -> None:
         message = (
             f"time falls by {largest:.9g}{unit}, where rows usually are {usual:.9g}{unit} apart"
         )
-        form = gathered.naming.time_format
-        date_way = ""
+        form = context.naming.time_format
+        date_remedy = ""
         if form and "%d" not in form:
-            date_way = " or say `columns: {date: NAME}`"
-        way = f"write dates{date_way} or go on counting if a clock began anew, or sort the rows by time"
-        week_way = _way_to_rest_of_time(gathered, "week")
-        if week_way:
-            way = f"{week_way}; or {way}"
+            date_remedy = " or say `columns: {date: NAME}`"
+        remedy = f"write dates{date_remedy} or go on counting if a clock began anew, or sort"
+        remedy += " the rows by time"
+        week_remedy = _remedy_by_unread_column(context, "week")
+        if week_remedy:
+            remedy = f"{week_remedy}; or {remedy}"
         raise DataError(
-            gathered.place(rows, place, f"{message} ({late} rows come after later ones): {way}")
+            context.place(rows, place, f"{message} ({late} rows come after later ones): {remedy}")
         )
     message = f"{late} rows that came after later ones were put in order"
-    gathered.notices.append(f"{message}; the largest fall is {largest:.9g}{unit}")
+    context.notices.append(f"{message}; the largest fall is {largest:.9g}{unit}")
 
 
 def _merge_equal_times(
-    gathered: Gathered, rows: Rows, again: WholeNumbers, difference: Difference
+    context: ReadingContext, rows: Rows, again: WholeNumbers, difference: Difference
 ) -> Rows:
     """Leave out repeated rows, and treat different rows of one time as the key ``same_time`` says.
 
@@ -89,10 +90,10 @@ def _merge_equal_times(
     before = rows.values[:, again - 1]
     differ = ~((now == before) | (np.isnan(now) & np.isnan(before))).all(axis=0)
     # With `same_time: spread` equal rows are those of a target at rest, and none is left out.
-    differ |= gathered.naming.same_time == "spread"
+    differ |= context.naming.same_time == "spread"
     if (~differ).any():
         message = "rows that say again what the one before says were left out"
-        gathered.notices.append(f"{(~differ).sum()} {message}")
+        context.notices.append(f"{(~differ).sum()} {message}")
         # A row was received when the first of its repetitions was.
         remaining_rows = np.delete(np.arange(len(rows.run)), again[~differ])
         rows = rows.at(remaining_rows)._replace(
@@ -106,29 +107,29 @@ def _merge_equal_times(
     first = np.flatnonzero(is_new)
     group = np.cumsum(is_new) - 1
     repeated = np.flatnonzero(~is_new)
-    way = gathered.naming.same_time
-    rest_way = _way_to_rest_of_time(gathered, "subsecond")
-    if way is None:
+    same_time = context.naming.same_time
+    rest_remedy = _remedy_by_unread_column(context, "subsecond")
+    if same_time is None:
         row = int(repeated[0])
         time = f"time {time_text(rows.time[row])} s"
-        if gathered.stepped:
+        if context.stepped:
             time = f"step {rows.time[row]:.0f}"
-        place = f"run {gathered.runs[rows.run[row]]}: {time}"
+        place = f"run {context.runs[rows.run[row]]}: {time}"
         message = f"{place} is there twice{and_others(len(repeated))}, and"
         hint = "say `same_time: mean`, `last` or `spread` (evenly until the next time)"
-        if rest_way:
-            hint = f"{rest_way}; or {hint}"
-        raise DataError(gathered.place(rows, row, f"{message} not with the same values: {hint}"))
-    gathered.notices.append(
-        f"{len(repeated)} rows of a time that is there already: `same_time: {way}`"
+        if rest_remedy:
+            hint = f"{rest_remedy}; or {hint}"
+        raise DataError(context.place(rows, row, f"{message} not with the same values: {hint}"))
+    context.notices.append(
+        f"{len(repeated)} rows of a time that is there already: `same_time: {same_time}`"
     )
-    if rest_way:
-        gathered.notices.append(f"rows of one time differ, and {rest_way}")
+    if rest_remedy:
+        context.notices.append(f"rows of one time differ, and {rest_remedy}")
     # Step 3: keep the last row, take the mean, or spread the times.
     last = np.append(first[1:], len(is_new)) - 1
-    if way == "last":
+    if same_time == "last":
         return rows.at(last)
-    if way == "mean":
+    if same_time == "mean":
         means = _mean_of_groups(rows.values, first, group, difference)
         # A mean is known when the last of its rows has been received.
         received = np.maximum.reduceat(rows.received, first)
@@ -136,18 +137,18 @@ def _merge_equal_times(
     return rows._replace(time=_spread_times(rows, first, last, group))
 
 
-def _way_to_rest_of_time(gathered: Gathered, key: str) -> str:
+def _remedy_by_unread_column(context: ReadingContext, key: str) -> str:
     """Return the advice to read a column that looks like a further part of the time.
 
     ``key`` is ``week`` or ``subsecond``, the part. The text is empty if there is no such column.
     """
-    if key not in gathered.rest:
+    if key not in context.rest:
         return ""
-    column, unit = gathered.rest[key]
-    way = f"`columns: {{{key}: {column}}}`"
+    column, unit = context.rest[key]
+    remedy = f"`columns: {{{key}: {column}}}`"
     if unit not in (None, "ns"):
-        way += f" and `units: {{{key}: {unit}}}`"
-    return f"the column {column} may hold the rest of the time: say {way}"
+        remedy += f" and `units: {{{key}: {unit}}}`"
+    return f"the column {column} may hold the rest of the time: say {remedy}"
 
 
 def _mean_of_groups(

@@ -71,7 +71,7 @@ class Rows(NamedTuple):
 
 
 @dataclass
-class Gathered:
+class ReadingContext:
     """Common properties of the files, collected while they are read.
 
     Times are numbers of steps (``stepped``), or seconds, of dates (``dated``) after the first of them
@@ -140,8 +140,8 @@ class Gathered:
             message = (
                 f"{self.geodetic} has latitude and longitude, and {self.planar}, which counts from"
             )
-            way = "x = y = 0: say where that is, `origin: [latitude, longitude]`"
-            raise InvalidKeyError(f"{message} {way}", *path)
+            remedy = "x = y = 0: say where that is, `origin: [latitude, longitude]`"
+            raise InvalidKeyError(f"{message} {remedy}", *path)
 
     def place(self, rows: Rows, i: int, message: str) -> Place:
         """Return the place of row i in its file, with a message on a mistake there."""
@@ -238,17 +238,17 @@ class Gathered:
             # The tangent plane shortens a way away from the origin by the share 1 - cos(d / R).
             share = 1.0 - np.cos(distance / SEMI_MAJOR_AXIS)
             message = f"positions lie up to {in_kilometers(distance)} from the origin"
-            why = f"where the tangent plane shortens distances by {100.0 * share:.2g} %"
+            reason = f"where the tangent plane shortens distances by {100.0 * share:.2g} %"
             self.notices.append(
-                f"{message}, {why}: an `origin` in their middle halves the distance"
+                f"{message}, {reason}: an `origin` in their middle halves the distance"
             )
         if self.not_rotated and self.origin is not None and distance > _NEAR_ORIGIN:
             # Meridians converge by (d / R) tan(phi) on a way to the east.
             slope = np.tan(np.deg2rad(min(abs(self.origin[0]), 89.0)))
             turn = np.rad2deg(distance / SEMI_MAJOR_AXIS * slope)
             message = f"{self.not_rotated} has velocities without latitude and longitude"
-            why = f"north at the target differs from that of the origin by up to {turn:.2g} deg"
-            self.notices.append(f"{message}, which are not rotated: {why}")
+            reason = f"north at the target differs from that of the origin by up to {turn:.2g} deg"
+            self.notices.append(f"{message}, which are not rotated: {reason}")
 
 
 def _check_size(columns: Columns, table: Table, clock: str, own_key: str) -> None:
@@ -262,12 +262,12 @@ def _check_size(columns: Columns, table: Table, clock: str, own_key: str) -> Non
     if len(late):
         row = late[0]
         more = and_others(len(late), "nor are")
-        way = _way_to_read_time(time[row], own_key)
-        message = f"{clock}: {seconds[row]:.3g} s is no time{more}; {way}"
+        remedy = _remedy_for_large_time(time[row], own_key)
+        message = f"{clock}: {seconds[row]:.3g} s is no time{more}; {remedy}"
         raise DataError(Place(columns.path, int(table.lines[row]), 1, message))
 
 
-def _way_to_read_time(value: float, own_key: str) -> str:
+def _remedy_for_large_time(value: float, own_key: str) -> str:
     """Return the advice on a number that is too large for seconds: a form of dates, or another unit.
 
     ``own_key`` is that of the file's own naming in the config; empty for a file of measurements.
@@ -286,10 +286,10 @@ def _way_to_read_time(value: float, own_key: str) -> str:
         if 0.5 * size <= abs(value) <= 5.0 * size:
             unit = epoch_unit
             break
-    way = f"units: {{time: {unit}}}"
+    remedy = f"units: {{time: {unit}}}"
     if own_key:
-        way = f"{own_key}: {{{way}}}"
-    return f"say its unit (`{way}`)"
+        remedy = f"{own_key}: {{{remedy}}}"
+    return f"say its unit (`{remedy}`)"
 
 
 def usual_interval(times: Array) -> float:
@@ -310,7 +310,7 @@ def in_kilometers(meters: float) -> str:
 
 
 def chosen_runs(
-    gathered: Gathered,
+    context: ReadingContext,
     rows: list[Rows],
     chosen: Collection[str],
     within: tuple[str, ...] = ("runs",),
@@ -321,18 +321,18 @@ def chosen_runs(
     these are whole numbers, and otherwise the order in the files. ``within`` is the path of the key for
     an error.
     """
-    names = list(chosen) or gathered.runs
+    names = list(chosen) or context.runs
     if not chosen and all(name.isascii() and name.isdigit() for name in names):
         names = sorted(names, key=int)
-    known = set(gathered.runs)
+    known = set(context.runs)
     for i, name in enumerate(names):
         if name not in known:
-            message = f"there is no run {name!r}; there are {', '.join(gathered.runs[:20])}"
+            message = f"there is no run {name!r}; there are {', '.join(context.runs[:20])}"
             raise InvalidKeyError(message, *within, i)
     wanted = {name: i for i, name in enumerate(names)}
     # new_number[number in the files] = number among the chosen runs, -1 if not chosen
-    new_number = np.array([wanted.get(name, -1) for name in gathered.runs], dtype=np.int32)
-    gathered.runs = names
+    new_number = np.array([wanted.get(name, -1) for name in context.runs], dtype=np.int32)
+    context.runs = names
     chosen_rows = []
     while rows:  # rows are dropped one sensor after the other, to save memory
         of_sensor = rows.pop(0)
@@ -344,7 +344,7 @@ def chosen_runs(
     return chosen_rows
 
 
-def check_turns(gathered: Gathered, rows: Rows, angles: Mapping[str, int]) -> None:
+def check_turns(context: ReadingContext, rows: Rows, angles: Mapping[str, int]) -> None:
     """Raise DataError for angles that are too large to be in radians.
 
     ``angles`` has the row of each angle among the values, by its name.
@@ -361,24 +361,24 @@ def check_turns(gathered: Gathered, rows: Rows, angles: Mapping[str, int]) -> No
             message = f"{name}: {rows.values[i, wide[0]]:.9g} rad is beyond {turn}"
             more = and_others(len(wide))
             # A unit in which the numbers of all cells are possible.
-            scale = gathered.naming.scale(name)
+            scale = context.naming.scale(name)
             largest = float(np.nanmax(sizes)) / scale
             others = [unit for unit in ("deg", "mrad") if UNITS[unit] != scale]
             fitting = [unit for unit in others if largest * UNITS[unit] <= limit]
             if not fitting and scale == 1.0:
                 # A few cells are wrong in any unit. Of numbers beyond a turn degrees are the likeliest.
                 fitting = ["deg"]
-            way = ""
+            remedy = ""
             if fitting == ["mrad"] and 360.0 < largest <= 400.0:
-                way = "if a turn has 400 gon, write degrees, or "
+                remedy = "if a turn has 400 gon, write degrees, or "
             elif fitting == ["mrad"]:
-                way = (
+                remedy = (
                     f"say `units: {{{name}: mrad}}`, or write degrees if a turn has 6400 mils, or "
                 )
             elif fitting:
-                way = f"say `units: {{{name}: {fitting[0]}}}`, or "
-            message = f"{message}{more}: {way}correct the cells"
-            raise DataError(gathered.place(rows, int(wide[0]), message))
+                remedy = f"say `units: {{{name}: {fitting[0]}}}`, or "
+            message = f"{message}{more}: {remedy}correct the cells"
+            raise DataError(context.place(rows, int(wide[0]), message))
 
 
 def longest_first(names: list[str], sizes: Index) -> list[tuple[str, int]]:

@@ -22,7 +22,7 @@ from trackbench.scenarios.recordings.units import unit_in
 _SAMPLE = 10_000  # rows
 
 
-class Sample:
+class TableSample:
     """First rows of a table, as text."""
 
     def __init__(self, path: str, names: list[str], form: TextFormat) -> None:
@@ -57,10 +57,10 @@ class Sample:
         read_table(self.path, {column: "label"}, form=self._form)  # which reports mistaken rows
         rows = counted(len(self), "row")
         message = f"{column} is {times[0]} in {rows}: a recording needs rows of two times"
-        way = (
+        remedy = (
             "take a longer recording, or say which column has the times, --set 'columns.time=NAME'"
         )
-        raise DataError(Place(self.path, self.line, 1, f"{message}: {way}"))
+        raise DataError(Place(self.path, self.line, 1, f"{message}: {remedy}"))
 
     def require_rows(self) -> None:
         """Raise DataError for a table of which no row can be read, or that has names alone."""

@@ -10,7 +10,7 @@ from trackbench.core.read_only import fixed
 from trackbench.errors import counted, sensor_name
 from trackbench.field_types import MOST_STEPS, DataError, InvalidKeyError, Place
 from trackbench.scenarios.recordings.csv_tables import WholeNumbers
-from trackbench.scenarios.recordings.rows import TICK, Gathered, Rows, usual_interval
+from trackbench.scenarios.recordings.rows import TICK, ReadingContext, Rows, usual_interval
 
 ONE_RUN = "0"
 """Name of the run of one file without names of runs."""
@@ -47,19 +47,19 @@ class Opened(NamedTuple):
     """time (M,) between the last two scans, s"""
 
 
-def initial_scans(gathered: Gathered, rows: Rows, scans: int) -> Opened:
+def initial_scans(context: ReadingContext, rows: Rows, scans: int) -> Opened:
     """Return the first state of each run from its first ``scans`` complete scans; rows are in order.
 
     Raises DataError for a run with fewer complete scans.
     """
-    runs = len(gathered.runs)
+    runs = len(context.runs)
     # Rows with all components; where each run begins among them, and how many it has.
     whole = np.flatnonzero(np.isfinite(rows.values).all(axis=0))
     first = np.searchsorted(rows.run[whole], np.arange(runs))
     number = np.searchsorted(rows.run[whole], np.arange(runs), side="right") - first
     for m in np.flatnonzero(number < scans).tolist():
-        message = f"run {gathered.runs[m]} has {number[m]} positions, and its start takes {scans}"
-        raise DataError(Place(gathered.files[0], 1, 1, message))
+        message = f"run {context.runs[m]} has {number[m]} positions, and its start takes {scans}"
+        raise DataError(Place(context.files[0], 1, 1, message))
     # The first scans of each run; the first state is that of the last of them.
     places = np.stack([whole[first + i] for i in range(scans)])
     times = rows.time[places]
@@ -87,14 +87,14 @@ def note_on_rows_before_start(
         earlier = float((start.time[rows.run] - rows.time)[early].max())
         left_out = counted(int(early.sum()), "measurement")
         message = f"{left_out} of {sensor_name(number, names)} before the first state left out"
-        why = f"the start takes the first position of {sensor_name(locating, names)}"
-        way = "if it begins late, list a sensor that begins earlier before it"
-        notes.append(f"{message}, up to {earlier:.4g} {unit} earlier: {why}; {way}")
+        reason = f"the start takes the first position of {sensor_name(locating, names)}"
+        remedy = "if it begins late, list a sensor that begins earlier before it"
+        notes.append(f"{message}, up to {earlier:.4g} {unit} earlier: {reason}; {remedy}")
     return notes
 
 
 def common_clock(
-    gathered: Gathered,
+    context: ReadingContext,
     sensors: Sequence[Rows],
     start: Opened | None,
     T: float,
@@ -112,20 +112,20 @@ def common_clock(
     """
     # Step 1: time of the first state; scans shift the runs so that their first states coincide.
     if start is None:
-        shift = np.zeros(len(gathered.runs))
+        shift = np.zeros(len(context.runs))
         begin = min(float(rows.time.min()) for rows in sensors)
         if begin > first_measured - TICK:
-            begin -= _interval_before_first(gathered, sensors, resample)
+            begin -= _interval_before_first(context, sensors, resample)
     else:
         shift = start.time[0] - start.time
         begin = float(start.time[0])
     last = max(float((rows.time + shift[rows.run]).max()) for rows in sensors)
     # Step 2: equal steps, the file's own or resampled ones.
-    spacing = 1.0 if gathered.stepped else resample
+    spacing = 1.0 if context.stepped else resample
     if spacing is not None:
-        number = _checked_number(gathered, np.floor((last - begin) / spacing + 0.5) + 1.0)
+        number = _checked_number(context, np.floor((last - begin) / spacing + 0.5) + 1.0)
         steps = np.arange(number)
-        if gathered.stepped:
+        if context.stepped:
             times = np.asarray(steps * T, dtype=float)
             clock = Clock(steps=steps + int(begin), times=times, shift=shift, T=T)
         else:
@@ -137,27 +137,27 @@ def common_clock(
         steps = np.arange(len(times))
         clock = Clock(steps=steps, times=times, shift=shift, T=_equal_distance(times))
     if len(clock.steps) < 2:
-        raise DataError(Place(gathered.files[0], 1, 1, "leaves nothing to measure after the start"))
-    _checked_number(gathered, len(clock.steps))
+        raise DataError(Place(context.files[0], 1, 1, "leaves nothing to measure after the start"))
+    _checked_number(context, len(clock.steps))
     return clock
 
 
-def _checked_number(gathered: Gathered, number: float) -> int:
+def _checked_number(context: ReadingContext, number: float) -> int:
     """Return the number of steps as an integer. Raises DataError if there are too many to allocate."""
     if number > _MOST_RECORDED:
         # The message has the limit of a scenario, which is lower.
         message = (
             f"gives {number:.9g} steps, more than {MOST_STEPS}: choose runs, or a longer `resample`"
         )
-        raise DataError(Place(gathered.files[0], 1, 1, message))
+        raise DataError(Place(context.files[0], 1, 1, message))
     return int(number)
 
 
 def _interval_before_first(
-    gathered: Gathered, sensors: Sequence[Rows], resample: float | None
+    context: ReadingContext, sensors: Sequence[Rows], resample: float | None
 ) -> float:
     """Return the time, s or steps, from an initial state without scans to the first row."""
-    if gathered.stepped:
+    if context.stepped:
         return 1.0
     if resample is not None:
         return resample
@@ -214,13 +214,13 @@ def note_on_shared_clock(runs: Sequence[str], sensors: Sequence[Rows], clock: Cl
     message = (
         f"{len(runs)} runs share {steps} steps, of which run {runs[0]} measured at {own_steps}"
     )
-    why = "each run is also judged at the times of the others"
-    way = "a grid over `runs` gives each a clock of its own"
-    return [f"{message}: {why}; {way} (numbers of the runs: {names})"]
+    reason = "each run is also judged at the times of the others"
+    remedy = "a grid over `runs` gives each a clock of its own"
+    return [f"{message}: {reason}; {remedy} (numbers of the runs: {names})"]
 
 
 def measurement_array(
-    gathered: Gathered, sensors: Sequence[Rows], clock: Clock, resampled: bool
+    context: ReadingContext, sensors: Sequence[Rows], clock: Clock, resampled: bool
 ) -> tuple[Array, Array | None]:
     """Return measurements (n_z, K, M) by step and run, and the steps of their arrival.
 
@@ -228,7 +228,7 @@ def measurement_array(
     steps, from 0, at which the measurements of S sensors were received; None if that is unknown.
     """
     steps = len(clock.steps)
-    runs = len(gathered.runs)
+    runs = len(context.runs)
     sizes = [len(rows.values) for rows in sensors]
     if sum(sizes) * steps * runs > _MOST_CELLS:
         message = f"{runs} runs of {steps} steps are too many: choose runs, or `resample`"
@@ -236,14 +236,14 @@ def measurement_array(
     measurements = np.full((sum(sizes), steps - 1, runs), np.nan)
     due = np.arange(steps - 1.0)[:, None]
     arrivals = None
-    if gathered.has_delays:
+    if context.has_delays:
         arrivals = np.broadcast_to(due, (len(sizes), steps - 1, runs)).copy()
     moved = 0.0  # longest time by which a measurement is moved
     left_out = 0
     first_row = 0  # of the sensor, among the measurements
     for n, (rows, size) in enumerate(zip(sensors, sizes, strict=True)):
         # Place the rows among the steps; only those after the first state are measurements.
-        place, away = _nearest_steps(gathered, rows, clock)
+        place, away = _nearest_steps(context, rows, clock)
         used = np.flatnonzero(place > 0)
         if resampled:
             # Of several rows of a step the nearest in time counts.
@@ -256,36 +256,36 @@ def measurement_array(
             measurements[row, place[used] - 1, rows.run[used]] = rows.values[component, used]
         first_row += size
         if arrivals is not None:
-            received = np.maximum(_received_steps(gathered, rows, clock), place) - 1
+            received = np.maximum(_received_steps(context, rows, clock), place) - 1
             arrivals[n, place[used] - 1, rows.run[used]] = received[used]
     if resampled:
         message = f"resampled: measurements are taken to be up to {moved:.3g} s from when they were"
         if left_out:
             message += f", {left_out} of one step were left out"
-        gathered.notices.append(message)
+        context.notices.append(message)
     if arrivals is not None:
         late = int((arrivals > due).sum())
         longest = int((arrivals - due).max())
         message = f"{late} measurements were received late, by {longest} steps at most"
-        gathered.notices.append(message)
+        context.notices.append(message)
     return fixed(measurements), arrivals
 
 
-def _received_steps(gathered: Gathered, rows: Rows, clock: Clock) -> Index:
+def _received_steps(context: ReadingContext, rows: Rows, clock: Clock) -> Index:
     """Return the index (R,) of the first step at which each row has been received."""
     times = rows.received + clock.shift[rows.run]
-    if gathered.stepped:
+    if context.stepped:
         return np.rint(times).astype(np.intp) - int(clock.steps[0])
     return np.searchsorted(clock.times, times - TICK, side="left")
 
 
-def _nearest_steps(gathered: Gathered, rows: Rows, clock: Clock) -> tuple[Index, Array]:
+def _nearest_steps(context: ReadingContext, rows: Rows, clock: Clock) -> tuple[Index, Array]:
     """Return the index (R,) of the step nearest to each row, and its distance (R,) in time, s.
 
     The index is -1 for a row before the first state.
     """
     times = rows.time + clock.shift[rows.run]
-    if gathered.stepped:
+    if context.stepped:
         return np.rint(times).astype(np.intp) - int(clock.steps[0]), np.zeros_like(times)
     # The nearest step: as many middles between steps lie before the time.
     middles = 0.5 * (clock.times[1:] + clock.times[:-1])
@@ -307,7 +307,7 @@ def _nearest_rows(run: WholeNumbers, place: Index, away: Array, rows: Index) -> 
     return order[first]
 
 
-def with_scans(clock: Clock, gathered: Gathered, scans: int, apart: Array) -> Clock:
+def with_scans(clock: Clock, context: ReadingContext, scans: int, apart: Array) -> Clock:
     """Return the clock with further steps for the scans that come before the first state's.
 
     ``scans`` is the number of scans of the start, ``apart`` (M,) the time between the last two, s.
@@ -316,7 +316,7 @@ def with_scans(clock: Clock, gathered: Gathered, scans: int, apart: Array) -> Cl
     if not used:
         return clock
     before = np.arange(-used, 0)
-    if gathered.stepped:
+    if context.stepped:
         assert clock.T is not None
         steps = np.concatenate([clock.steps[0] + before, clock.steps])
         return clock._replace(steps=steps, times=(steps - steps[0]) * clock.T)

@@ -263,10 +263,10 @@ def _delay_notes(
         if min(misfits) > at_once + np.log(_EXPLAINED_BY_DELAY):
             continue
         whose = _listed([sample.name for sample in group])
-        way = "behind" if delay > 0.0 else "ahead of"
+        direction = "behind" if delay > 0.0 else "ahead of"
         unit = " steps" if clock.stepped else " s"
         texts.append(
-            f"the measurements of {whose} seem to be some {abs(delay):.2g}{unit} {way} the "
+            f"the measurements of {whose} seem to be some {abs(delay):.2g}{unit} {direction} the "
             "truth: check the clocks of both"
         )
     return texts
@@ -317,16 +317,16 @@ def _remedy(sample: _Sample, axes: tuple[tuple[int, int], ...], size: float) -> 
     is_landmark = isinstance(sample.sensor, Landmark)
     changed = {}  # samples by the way that changes them
     if angles:
-        for way, (sign, offset) in (_BEARINGS if is_landmark else _ANGLES).items():
+        for change, (sign, offset) in (_BEARINGS if is_landmark else _ANGLES).items():
             recounted = sample.z.copy()
             recounted[angles] = sign * sample.z[angles] + offset
-            changed[way] = sample._replace(z=recounted)
+            changed[change] = sample._replace(z=recounted)
     else:
-        for way, matrix in _WAYS.items():
-            changed[way] = sample._replace(truth=_transform(sample.truth, axes, matrix))
-    remaining = {way: _median_distance(_distances(each)) for way, each in changed.items()}
-    way = min(remaining, key=lambda name: remaining[name])
-    if remaining[way] > _AGREES * size:
+        for change, matrix in _WAYS.items():
+            changed[change] = sample._replace(truth=_transform(sample.truth, axes, matrix))
+    remaining = {change: _median_distance(_distances(each)) for change, each in changed.items()}
+    change = min(remaining, key=lambda name: remaining[name])
+    if remaining[change] > _AGREES * size:
         place = ""
         if getattr(sample.sensor, "at", None) is not None:
             place = "its place `at`, "
@@ -334,13 +334,13 @@ def _remedy(sample: _Sample, axes: tuple[tuple[int, int], ...], size: float) -> 
     if angles:
         angle = components[angles[0]]
         hint = ""
-        if way == "from north clockwise":
+        if change == "from north clockwise":
             hint = f": say `clockwise: [{angle}]`"
-        elif way == "from the heading clockwise":
+        elif change == "from the heading clockwise":
             hint = ": change its sign in the file"
-        return f"; they agree if its {angle} counts {way}{hint}"
+        return f"; they agree if its {angle} counts {change}{hint}"
     hint = "are x and y exchanged, or an axis reversed?"
-    return f"; they agree if the truth is {way}: {hint}"
+    return f"; they agree if the truth is {change}: {hint}"
 
 
 def _other_unit(

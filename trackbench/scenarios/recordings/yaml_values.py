@@ -26,11 +26,11 @@ def missing_in_yaml(naming: Naming) -> str:
     return f"{{{', '.join(entries)}}}"
 
 
-def comment_on(why: dict[str, str], key: str) -> str:
+def comment_on(reasons: dict[str, str], key: str) -> str:
     """Return the reason for a key as a comment of YAML; empty if there is none."""
-    if key not in why:
+    if key not in reasons:
         return ""
-    return f"  # {why[key]}"
+    return f"  # {reasons[key]}"
 
 
 def format_in_braces(form: TextFormat) -> str:
