@@ -205,7 +205,7 @@ class Frame(NamedTuple):
     rows: Index
 
     @property
-    def place(self) -> Geodetic:
+    def position(self) -> Geodetic:
         """Origin in rad and m."""
         latitude, longitude = self.origin[:2]
         height = self.origin[2] if len(self.origin) > 2 else 0.0
@@ -470,7 +470,7 @@ class Columns:
                 return name
         return ""
 
-    def places(self, table: Table, height: float) -> Geodetic:
+    def geodetic_positions(self, table: Table, height: float) -> Geodetic:
         """Compute latitude, longitude, rad, and height (R,); NaN where one of them is missing.
 
         ``height`` is that of all rows unless the target moves in space and a column has its own.
@@ -501,24 +501,24 @@ class Columns:
         return int((has_latitude & has_longitude & ~has_altitude).sum())
 
     def quantities(
-        self, table: Table, places: Geodetic | None, frames: Sequence[Frame], runs: Index
+        self, table: Table, positions: Geodetic | None, frames: Sequence[Frame], runs: Index
     ) -> dict[str, Array]:
         """Return the quantities (R,) by name, in SI; NaN in rows, or for quantities, without a value.
 
-        ``places`` are those of the rows. ``frames`` cover all rows with a place, and ``runs`` (R,) are
-        the numbers of the rows' runs.
+        ``positions`` are those of the rows. ``frames`` cover all rows with a place, and ``runs`` (R,)
+        are the numbers of the rows' runs.
         """
         plane: Mapping[str, Array] = {}
-        if places is not None and frames:
+        if positions is not None and frames:
             # Step 1: east, north and up of the origin, from latitude, longitude and altitude.
             enu = np.full((3, len(table.lines)), np.nan)
             for frame in frames:
-                known, finite = _known_places(places, frame.rows)
-                enu[:, frame.rows] = np.where(finite, east_north_up(known, frame.place), np.nan)
+                known, finite = _known_positions(positions, frame.rows)
+                enu[:, frame.rows] = np.where(finite, east_north_up(known, frame.position), np.nan)
             plane = dict(zip(_PLANE, enu, strict=True))
         velocities: Mapping[str, Array] = {}
-        if self._rotates and places is not None and frames:
-            velocities = self._rotated_velocities(table, places, frames, runs)
+        if self._rotates and positions is not None and frames:
+            velocities = self._rotated_velocities(table, positions, frames, runs)
         quantities = {}
         # Step 2: each quantity from its column, from speed and course, or from Step 1.
         for name, sources in self._sources_of.items():
@@ -535,7 +535,7 @@ class Columns:
         return quantities
 
     def _rotated_velocities(
-        self, table: Table, places: Geodetic, frames: Sequence[Frame], runs: Index
+        self, table: Table, positions: Geodetic, frames: Sequence[Frame], runs: Index
     ) -> dict[str, Array]:
         """Return velocities (R,) by name along east, north and up of the origin.
 
@@ -543,7 +543,7 @@ class Columns:
         numbers of the rows' runs.
         """
         # A row without a place has that of the nearest row of its run.
-        filled_places = _nearest_places(places, runs)
+        filled_positions = _filled_positions(positions, runs)
         rotated_velocities: dict[str, Array] = {}
         sensors = {
             name.rpartition(".")[0] for name in self._sources_of if plain_name(name) in _VELOCITY
@@ -564,9 +564,9 @@ class Columns:
             vectors[: len(names)] = list(components.values())
             # Step 2: rotate the rows of each origin.
             for frame in frames:
-                known, finite = _known_places(filled_places, frame.rows)
+                known, finite = _known_positions(filled_positions, frame.rows)
                 local = vectors[:, frame.rows]
-                rotated = rotate_east_north_up(local, known, frame.place)
+                rotated = rotate_east_north_up(local, known, frame.position)
                 vectors[:, frame.rows] = np.where(finite, rotated, local)
             for name, velocity in zip(names, vectors, strict=False):
                 rotated_velocities[name] = velocity
@@ -729,26 +729,26 @@ def _is_across_a_cut(values: Array, scale: float) -> Mask:
     return np.abs(away - wrapped) > 0.5 * turn
 
 
-def _known_places(places: Geodetic, rows: Index) -> tuple[Geodetic, Mask]:
+def _known_positions(positions: Geodetic, rows: Index) -> tuple[Geodetic, Mask]:
     """Return the places of the R rows with these indices, zero if unknown, and which are known (R,)."""
-    finite = np.isfinite(places.latitude[rows])
+    finite = np.isfinite(positions.latitude[rows])
     known = Geodetic(
-        latitude=np.where(finite, places.latitude[rows], 0.0),
-        longitude=np.where(finite, places.longitude[rows], 0.0),
-        height=np.where(finite, places.height[rows], 0.0),
+        latitude=np.where(finite, positions.latitude[rows], 0.0),
+        longitude=np.where(finite, positions.longitude[rows], 0.0),
+        height=np.where(finite, positions.height[rows], 0.0),
     )
     return known, finite
 
 
-def _nearest_places(places: Geodetic, runs: Index) -> Geodetic:
+def _filled_positions(positions: Geodetic, runs: Index) -> Geodetic:
     """Return the places, in which rows without one get that of the row of their run before them.
 
     If no row before has a place, they get that of the next row with one. ``runs`` (R,) are the numbers
     of the rows' runs.
     """
-    known = np.isfinite(places.latitude)
+    known = np.isfinite(positions.latitude)
     if known.all():
-        return places
+        return positions
     # Rows by run; the last known row up to each one, and the first known one from it on.
     order = np.argsort(runs, kind="stable")
     number = np.arange(len(order))
@@ -763,4 +763,4 @@ def _nearest_places(places: Geodetic, runs: Index) -> Geodetic:
     source = np.where(has_before, before, np.where(has_after, after, number))
     nearest = np.empty(len(order), dtype=np.intp)
     nearest[order] = order[source]
-    return Geodetic(*(values[nearest] for values in places))
+    return Geodetic(*(values[nearest] for values in positions))

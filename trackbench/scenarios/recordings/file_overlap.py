@@ -47,13 +47,13 @@ def check_common_time(
         return
     span = _span_of(all_times)
     other_span = _span_of(rows.time)
-    unit = "" if measured.stepped else " s"
+    unit = "" if measured.counts_steps else " s"
     other_period = f"{time_text(other_span.first)} to {time_text(other_span.last)}{unit}"
     period = f"{time_text(span.first)} to {time_text(span.last)}{unit}"
     ends = f"its times are from {other_period}, and those of {measured.files[0]} from {period}"
     is_apart = _share_in_common(span, other_span) == 0.0
     remedy = ""
-    if not measured.stepped and not measured.dated:
+    if not measured.counts_steps and not measured.dated:
         remedy = _remedy_of_units(measured, other, span, other_span)
     if remedy:
         raise DataError(
@@ -76,7 +76,7 @@ def note_files_apart(context: ReadingContext, measured_rows: Sequence[Rows]) -> 
     for (rows, span), (next_rows, next_span) in pairwise(spans):
         longest = max(span.last - span.first, next_span.last - next_span.first)
         if next_span.first - span.last > max(longest, TICK):
-            unit = "" if context.stepped else " s"
+            unit = "" if context.counts_steps else " s"
             context.notices.append(
                 f"{context.files[next_rows.file[0]]} begins at {time_text(next_span.first)}{unit}, and "
                 f"{context.files[rows.file[0]]} ends at {time_text(span.last)}{unit}: they have no "

@@ -38,7 +38,7 @@ def track_of(context: ReadingContext, rows: Rows, scale: float = 1.0) -> Track:
     """Return rows as a track; ``scale`` is the unit of their azimuths, rad."""
     time = rows.time
     if context.dated:
-        time = time + context.since / 1e6
+        time = time + context.first_date_us / 1e6
     values = np.stack([rows.values[0], rows.values[1] * scale])
     # UNIX times count from 1970, too.
     is_unix = context.clock is not None and context.clock.kind == "unix"
@@ -59,8 +59,10 @@ def settle_azimuths(guess: Guess, angles: list[Array], is_said: bool) -> Guess:
         guess.reasons["anticlockwise"] = "azimuths count from x to y"
         return guess
     convention = convention_of(column, naming.units.get("azimuth", ""), angles)
-    if guess.places is not None and convention != "named":
-        settled = with_places(guess, guess.places, "the other sensor's positions show")
+    if guess.positions is not None and convention != "named":
+        settled = with_azimuths_by_positions(
+            guess, guess.positions, "the other sensor's positions show"
+        )
         if settled is not None:
             return settled
     if convention == "polar":
@@ -79,14 +81,14 @@ def settle_azimuths(guess: Guess, angles: list[Array], is_said: bool) -> Guess:
     return replace(guess, naming=replace(naming, clockwise=("azimuth",)))
 
 
-def with_places(guess: Guess, places: Track, reason: str) -> Guess | None:
+def with_azimuths_by_positions(guess: Guess, positions: Track, reason: str) -> Guess | None:
     """Return the guess with azimuths that count as other positions show; None if these do not decide.
 
     ``reason`` says which positions they are.
     """
     if guess.radar is None:
         return None
-    is_clockwise = is_clockwise_by_places(guess.radar, places)
+    is_clockwise = is_clockwise_by_positions(guess.radar, positions)
     if is_clockwise is None:
         return None
     reasons = {name: text for name, text in guess.reasons.items() if name != "clockwise"}
@@ -116,24 +118,24 @@ def convention_of(column: str, unit: str, angles: list[Array]) -> Convention:
     return "open"
 
 
-def is_clockwise_by_places(radar: Track, places: Track) -> bool | None:
+def is_clockwise_by_positions(radar: Track, positions: Track) -> bool | None:
     """Return whether a radar's azimuths count clockwise from north, as other positions show.
 
-    The ``places`` have x to the east and y to the north. They may count from another point than the
+    The ``positions`` have x to the east and y to the north. They may count from another point than the
     radar, so that only the shapes of both paths are compared. None if these do not decide.
     """
-    if radar.is_dated != places.is_dated:
+    if radar.is_dated != positions.is_dated:
         return None
-    order = np.argsort(places.time, kind="stable")
-    time = places.time[order]
+    order = np.argsort(positions.time, kind="stable")
+    time = positions.time[order]
     known = (radar.time >= time[0]) & (radar.time <= time[-1])
     if known.sum() < _FEWEST:
         return None
-    path = np.stack([np.interp(radar.time[known], time, axis[order]) for axis in places.values])
+    path = np.stack([np.interp(radar.time[known], time, axis[order]) for axis in positions.values])
     ranges, azimuths = radar.values[:, known]
     anticlockwise = ranges * np.stack([np.cos(azimuths), np.sin(azimuths)])
     distance, mirrored_distance = (
-        _distance_of_shapes(place, path) for place in (anticlockwise, anticlockwise[::-1])
+        _distance_of_shapes(measured, path) for measured in (anticlockwise, anticlockwise[::-1])
     )
     if distance < _NEARER * mirrored_distance:
         return False
@@ -142,9 +144,9 @@ def is_clockwise_by_places(radar: Track, places: Track) -> bool | None:
     return None
 
 
-def _distance_of_shapes(place: Array, path: Array) -> float:
+def _distance_of_shapes(measured: Array, path: Array) -> float:
     """Return the median distance of positions (2, R) from a path (2, R) of another origin."""
-    away = place - path
+    away = measured - path
     away = away - np.median(away, axis=1, keepdims=True)
     return float(np.median(np.hypot(*away)))
 

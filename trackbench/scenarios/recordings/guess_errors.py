@@ -189,7 +189,7 @@ def guess_from_all_rows(
         outliers=max(outliers),
         path=path,
         radar=tracks.get("range-azimuth"),
-        places=tracks.get("position"),
+        positions=tracks.get("position"),
     )
     is_answered = "w" in user_columns or tables.names_turn_rate
     # The times of dates in two files count from different moments.

@@ -72,25 +72,25 @@ def _codes_of_no_detection(
     for group in (PLACE, ("range",)):
         if not all(name in values for name in group) or not {*group}.isdisjoint(user_columns):
             continue
-        places = np.stack([values[name] for name in group])
+        positions = np.stack([values[name] for name in group])
         codes = [0.0, -1.0]
         if group == ("range",):
             # Some radars write their largest range if nothing was detected.
-            largest = float(np.nanmax(places))
-            if (places == largest).sum() >= _FEWEST_LARGEST:
+            largest = float(np.nanmax(positions))
+            if (positions == largest).sum() >= _FEWEST_LARGEST:
                 codes.append(largest)
         for code in codes:
-            is_code = (places == code).all(axis=0)
-            measured = np.flatnonzero(np.isfinite(places).all(axis=0) & ~is_code)
+            is_code = (positions == code).all(axis=0)
+            measured = np.flatnonzero(np.isfinite(positions).all(axis=0) & ~is_code)
             if not is_code.any() or len(measured) < _FEWEST_MEASURED:
                 continue
-            steps = np.sqrt(np.square(np.diff(places[:, measured], axis=1)).sum(axis=0))
+            steps = np.sqrt(np.square(np.diff(positions[:, measured], axis=1)).sum(axis=0))
             rows = np.flatnonzero(is_code)
             after = np.searchsorted(measured, rows)
             away = np.full(len(rows), np.inf)
             for neighbor in (after - 1, after):
                 inside = (neighbor >= 0) & (neighbor < len(measured))
-                nearest = places[:, measured[neighbor[inside]]]
+                nearest = positions[:, measured[neighbor[inside]]]
                 distance = np.sqrt(np.square(nearest - code).sum(axis=0))
                 away[inside] = np.minimum(away[inside], distance)
             is_far = away > _FAR_STEPS * np.quantile(steps, _SHARE_OF_STEPS)

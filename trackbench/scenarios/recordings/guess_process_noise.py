@@ -77,59 +77,61 @@ def shown_process_noise(
         sizes = scaled_distances_from_neighbors(rows.time, value)
         is_far[1:-1] |= sizes > FAR_SIGMAS * error_of_line(rows.time, value)
     sigma_x = max(sigmas)
-    places = values
+    positions = values
     covariances = np.zeros((2, 2, len(rows.time)))
     covariances[0, 0] = sigma_x * sigma_x
     covariances[1, 1] = sigma_x * sigma_x
     if kind == "range-azimuth":
         r, a = values
-        places = np.stack([r * np.cos(a), r * np.sin(a)])
+        positions = np.stack([r * np.cos(a), r * np.sin(a)])
         along = np.stack([np.cos(a), np.sin(a)])
         across = np.stack([-np.sin(a), np.cos(a)])
         covariances = np.square(sigmas[0]) * along[:, None] * along
         covariances += np.square(sigmas[1] * r) * across[:, None] * across
     used = np.flatnonzero(~is_far)
     time = rows.time[used]
-    places = places[:, used]
+    positions = positions[:, used]
     covariances = covariances[..., used]
     # Step 2: the mean squared innovation falls as q rises; take the q at which it is 1.
     usual = usual_process_noise(speed)
-    (usual_anis,) = _anis(time, places, covariances, 2.0 * speed, np.array([usual]))
+    (usual_anis,) = _anis(time, positions, covariances, 2.0 * speed, np.array([usual]))
     if usual_anis < _LEAST_ANIS:
-        return _lowered_process_noise(time, places, covariances, speed)
+        return _lowered_process_noise(time, positions, covariances, speed)
     if not usual_anis > _LARGEST_ANIS:
         return 0.0
     noises = usual * np.logspace(0.0, _DECADES, 4 * _DECADES + 1)
-    anis = _anis(time, places, covariances, 2.0 * speed, noises)
+    anis = _anis(time, positions, covariances, 2.0 * speed, noises)
     if not anis[-1] < 1.0:
         return 0.0
     log_noise = np.interp(0.0, -np.log(anis), np.log(noises))
     return float(f"{np.exp(log_noise):.1g}")
 
 
-def _lowered_process_noise(time: Array, places: Array, covariances: Array, speed: float) -> float:
+def _lowered_process_noise(
+    time: Array, positions: Array, covariances: Array, speed: float
+) -> float:
     """Return the process noise of a target that the usual one makes wander far more than it does.
 
     As q falls to nothing, the mean squared innovation rises to a limit. The largest q is returned at
     which it is 1, or near its limit if this is lower, as it is if the errors were guessed too large.
-    ``places`` (2, R) have errors with ``covariances`` (2, 2, R).
+    ``positions`` (2, R) have errors with ``covariances`` (2, 2, R).
     """
     usual = usual_process_noise(speed)
     least = _LEAST_SHARE * _process_noise_of_speed(speed)
     decades = int(np.ceil(np.log10(usual / least)))
     noises = np.geomspace(least, usual, 2 * decades + 1)
-    anis = _anis(time, places, covariances, 2.0 * speed, noises)
+    anis = _anis(time, positions, covariances, 2.0 * speed, noises)
     is_small_enough = anis >= min(1.0, _NEAR_LIMIT * anis.max())
     return float(f"{noises[is_small_enough].max():.1g}")
 
 
 def _anis(
-    time: Array, places: Array, covariances: Array, sigma_velocity: float, noises: Array
+    time: Array, positions: Array, covariances: Array, sigma_velocity: float, noises: Array
 ) -> Array:
     """Return the mean squared innovation per component of Kalman filters with process noises (Q,).
 
-    The filters assume a constant velocity. ``places`` (2, R) have errors with ``covariances`` (2, 2, R).
-    A long recording is cut into parts, which are filtered at once.
+    The filters assume a constant velocity. ``positions`` (2, R) have errors with ``covariances`` (2, 2,
+    R). A long recording is cut into parts, which are filtered at once.
     """
     # Step 1: cut the rows into parts (B, L) of equal length, and take evenly spaced ones of very many.
     length = min(_PART, len(time))
@@ -140,7 +142,7 @@ def _anis(
     # Axes are noise, part and then the components of a state px, py, vx, vy.
     shape = (len(noises), len(starts))
     mean = np.zeros((*shape, 4, 1))
-    mean[..., :2, 0] = places[:, rows[:, 0]].T
+    mean[..., :2, 0] = positions[:, rows[:, 0]].T
     covariance = np.zeros((*shape, 4, 4))
     covariance[..., :2, :2] = np.moveaxis(covariances[..., rows[:, 0]], -1, 0)
     covariance[..., 2:, 2:] = np.square(sigma_velocity) * np.eye(2)
@@ -160,9 +162,9 @@ def _anis(
         covariance = transition @ covariance @ transition.swapaxes(-1, -2)
         covariance += noises[:, None, None, None] * growth
         # Step 3: update, S = P_xx + R, K = P H' S^-1, x = x + K e and P = P - K H P.
-        of_place = np.moveaxis(covariances[..., rows[:, k]], -1, 0)
-        inverse = np.linalg.inv(covariance[..., :2, :2] + of_place)
-        innovation = places[:, rows[:, k]].T[..., None] - mean[..., :2, :]
+        measurement_covariance = np.moveaxis(covariances[..., rows[:, k]], -1, 0)
+        inverse = np.linalg.inv(covariance[..., :2, :2] + measurement_covariance)
+        innovation = positions[:, rows[:, k]].T[..., None] - mean[..., :2, :]
         if k >= _FIRST_SCORED:
             squared = innovation.swapaxes(-1, -2) @ inverse @ innovation
             total += squared[..., 0, 0].sum(axis=1)

@@ -75,7 +75,7 @@ class Guess:
     """the table"""
     radar: Track | None = None
     """ranges and azimuths of the first sensor that measures them"""
-    places: Track | None = None
+    positions: Track | None = None
     """positions of the first sensor that measures them"""
     questions: list[Place] = field(default_factory=list)
     """what the table leaves open, and a truth may decide"""

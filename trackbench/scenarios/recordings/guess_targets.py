@@ -48,8 +48,10 @@ def guess_same_time(
     twice = (np.diff(rows.ticks) == 0) & (np.diff(rows.values, axis=1) != 0.0).any(axis=0)
     if not twice.any():
         return None
-    places = _places(rows, kind, in_degrees)
-    if places is not None and _lie_apart(rows.ticks[:_MOST_COMPARED], places[:, :_MOST_COMPARED]):
+    positions = _positions_of_rows(rows, kind, in_degrees)
+    if positions is not None and _lie_apart(
+        rows.ticks[:_MOST_COMPARED], positions[:, :_MOST_COMPARED]
+    ):
         message = "rows of one time are far apart, and near those of other times: are they several"
         message += " targets, or false detections?"
         remedy = "Give each target a number in a column, and say --set 'columns.run=ITS NAME'"
@@ -59,7 +61,7 @@ def guess_same_time(
         )
         raise DataError(place)
     seconds = len(np.unique(rows.time))
-    if context.stepped or (rows.time % 1.0).any() or seconds < 2:
+    if context.counts_steps or (rows.time % 1.0).any() or seconds < 2:
         return None
     if len(rows.time) > _MOST_A_SECOND * seconds:
         return None
@@ -85,7 +87,7 @@ def check_sensors_apart(
         raise DataError(question_on_parts(path, column, "sensor"))
 
 
-def _lie_apart(ticks: NDArray[np.integer[Any]], places: Array) -> bool:
+def _lie_apart(ticks: NDArray[np.integer[Any]], positions: Array) -> bool:
     """Test whether places (2, R) of one time lie farther apart than from those of the next time.
 
     ``ticks`` (R,) are the times in whole units. Rows of one time are compared one after the other.
@@ -93,7 +95,7 @@ def _lie_apart(ticks: NDArray[np.integer[Any]], places: Array) -> bool:
     apart = []
     nearest = []
     times, first = np.unique(ticks, return_index=True)
-    groups = [places[:, ticks == tick] for tick in times[np.argsort(first)]]
+    groups = [positions[:, ticks == tick] for tick in times[np.argsort(first)]]
     for group, following in pairwise(groups):
         apart += np.hypot(*np.diff(group, axis=1)).tolist()
         away = group[:, :, None] - following[:, None, :]
@@ -116,10 +118,10 @@ def check_jumps(
     degrees. ``sample`` are the first rows as they are written. The caller leaves the check out if the
     user set ``columns.run``, even to the guessed column: this answers the question.
     """
-    places = _places(rows, kind, in_degrees)
-    if places is None:
+    positions = _positions_of_rows(rows, kind, in_degrees)
+    if positions is None:
         return
-    jump = unexplained_jump(rows.time, places)
+    jump = unexplained_jump(rows.time, positions)
     if jump is None:
         return
     column = context.naming.columns.get("run", "")
@@ -167,19 +169,19 @@ class Jump(NamedTuple):
     """ratio of its speed to the largest one before and after"""
 
 
-def unexplained_jump(time: Array, places: Array) -> Jump | None:
+def unexplained_jump(time: Array, positions: Array) -> Jump | None:
     """Return the first jump of a run that no motion explains; None without one.
 
-    ``time`` (R,) is in order, ``places`` (2, R) are in meters. The rows before and after a jump must go
-    on where it ends, so that outliers are none, and the jump must need a speed that is several times the
-    largest one of these rows over ways that last as long as the jump, or as long as there are rows.
+    ``time`` (R,) is in order, ``positions`` (2, R) are in meters. The rows before and after a jump must
+    go on where it ends, so that outliers are none, and the jump must need a speed that is several times
+    the largest one of these rows over ways that last as long as the jump, or as long as there are rows.
     """
-    distances = np.hypot(*np.diff(places, axis=1))
+    distances = np.hypot(*np.diff(positions, axis=1))
     durations = np.diff(time)
     moving = durations > 0.0
     if moving.sum() < 2 * _FEWEST:
         return None
-    sigma = float(np.hypot(error_of_line(time, places[0]), error_of_line(time, places[1])))
+    sigma = float(np.hypot(error_of_line(time, positions[0]), error_of_line(time, positions[1])))
     usual_interval = float(np.median(durations[moving]))
     # Step 1: candidates are many times as long as the usual way from row to row.
     usual = float(np.median(distances[moving]))
@@ -196,7 +198,7 @@ def unexplained_jump(time: Array, places: Array) -> Jump | None:
         if any(rows.stop - rows.start < _FEWEST for rows in parts):
             continue
         duration = max(float(durations[candidate]), usual_interval)
-        speeds = [_largest_speed(time[rows], places[:, rows], duration) for rows in parts]
+        speeds = [_largest_speed(time[rows], positions[:, rows], duration) for rows in parts]
         largest = max(speeds)
         # What hardly moves shows no speed but that of its errors.
         span = min(duration, max(float(np.ptp(time[rows])) for rows in parts))
@@ -214,7 +216,7 @@ def unexplained_jump(time: Array, places: Array) -> Jump | None:
     return None
 
 
-def _largest_speed(time: Array, places: Array, duration: float) -> float:
+def _largest_speed(time: Array, positions: Array, duration: float) -> float:
     """Return the largest speed over ways that last at least ``duration``, or a third of the rows."""
     lasting = min(duration, float(time[-1] - time[0]) / 3.0)
     first = np.arange(len(time))
@@ -228,11 +230,11 @@ def _largest_speed(time: Array, places: Array, duration: float) -> float:
     known = lengths > 0.0
     if not known.any():
         return 0.0
-    ways = np.hypot(*(places[:, last] - places[:, first]))
+    ways = np.hypot(*(positions[:, last] - positions[:, first]))
     return float((ways[known] / lengths[known]).max())
 
 
-def _places(rows: Rows, kind: str, in_degrees: bool) -> Array | None:
+def _positions_of_rows(rows: Rows, kind: str, in_degrees: bool) -> Array | None:
     """Return the positions (2, R) of rows, m; None for a sensor that measures none.
 
     ``kind`` is the type of the rows' sensor; ``in_degrees`` if its angles are in degrees.

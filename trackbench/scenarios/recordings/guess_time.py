@@ -406,7 +406,7 @@ def _unsteady(times: Array) -> tuple[bool, float]:
 def check_clock(context: ReadingContext, rows: Rows) -> None:
     """Raise DataError if a clock was set while it ran: dates of 1970 or 1980 before those of today."""
     times, first_rows_of_times = np.unique(rows.time, return_index=True)
-    if context.stepped or len(times) < _FEWEST_MEASURED:
+    if context.counts_steps or len(times) < _FEWEST_MEASURED:
         return
     intervals = np.diff(times)
     longest = int(np.argmax(intervals))
@@ -437,7 +437,7 @@ def check_daylight_saving(context: ReadingContext, rows: Rows) -> None:
     usual = usual_interval(rows.time)
     if usual > _LONG_INTERVAL:
         return
-    seconds = rows.time + context.since / 1e6
+    seconds = rows.time + context.first_date_us / 1e6
     intervals = np.diff(seconds)
     for row in np.flatnonzero(np.abs(intervals - usual - _HOUR) < 0.5 * usual + 0.5).tolist():
         before = datetime.fromtimestamp(float(seconds[row]), UTC)

@@ -12,7 +12,7 @@ from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.column_names import heading_of
 from trackbench.scenarios.recordings.csv_lines import TextFormat
-from trackbench.scenarios.recordings.guess_azimuths import with_places
+from trackbench.scenarios.recordings.guess_azimuths import with_azimuths_by_positions
 from trackbench.scenarios.recordings.guess_record import Guess, Track
 from trackbench.scenarios.recordings.guess_table import recognized
 from trackbench.scenarios.recordings.quantities import GEODETIC, PLACE
@@ -38,7 +38,7 @@ class TruthGuess:
     has_velocity: bool
     origin: tuple[float, ...]
     """latitude and longitude of its first position, deg; empty without one"""
-    places: Track | None = None
+    positions: Track | None = None
     """its positions"""
     names: tuple[str, ...] = ()
     """names of its columns"""
@@ -110,7 +110,7 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
         is_geodetic=is_geodetic,
         has_velocity=has_velocity,
         origin=table_guess.origin,
-        places=table_guess.places,
+        positions=table_guess.positions,
         names=tuple(table_guess.names),
     )
 
@@ -134,9 +134,9 @@ def _check_grid(path: str, guess: Guess, table_guess: Guess) -> None:
         return
     planar = guess if table_guess.origin else table_guess
     columns = planar.naming.columns
-    if planar.places is None or not columns.keys() >= {*PLACE}:
+    if planar.positions is None or not columns.keys() >= {*PLACE}:
         return
-    distance = float(np.nanmin(np.hypot(*planar.places.values)))
+    distance = float(np.nanmin(np.hypot(*planar.positions.values)))
     if distance < _FAR:
         return
     names = f"{in_line(columns['x'])} and {in_line(columns['y'])}"
@@ -164,13 +164,13 @@ def settled(
     is_known = "clockwise" in user_keys or guess.reasons.get("clockwise", "").startswith("as ")
     tracks: list[tuple[Track | None, str]] = []
     if truth is not None:
-        tracks.append((truth.places, "the truth shows"))
+        tracks.append((truth.positions, "the truth shows"))
     for other in others:
-        tracks.append((other.places, f"the positions of {in_line(Path(other.path).name)} show"))
-    for places, reason in tracks:
-        if is_known or places is None:
+        tracks.append((other.positions, f"the positions of {in_line(Path(other.path).name)} show"))
+    for track, reason in tracks:
+        if is_known or track is None:
             continue
-        decided = with_places(guess, places, reason)
+        decided = with_azimuths_by_positions(guess, track, reason)
         if decided is not None:
             guess = decided
             break

@@ -282,12 +282,12 @@ def _are_far(codes: Index, time: Array, values: Array) -> bool:
     """
     order = np.argsort(time, kind="stable")
     codes = codes[order]
-    places = values[:, order]
-    steps = np.abs(np.diff(places, axis=1))
+    ordered_values = values[:, order]
+    steps = np.abs(np.diff(ordered_values, axis=1))
     changes = np.median(steps[:, np.diff(codes) != 0], axis=1)
     steps_within = []
     for code in np.unique(codes).tolist():
-        steps_within.append(np.abs(np.diff(places[:, codes == code], axis=1)))
+        steps_within.append(np.abs(np.diff(ordered_values[:, codes == code], axis=1)))
     usual = np.median(np.concatenate(steps_within, axis=1), axis=1)
     return bool((changes > _JUMP * usual).any())
 

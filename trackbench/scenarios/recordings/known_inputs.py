@@ -181,7 +181,7 @@ def _inputs_of_run(
     The other arguments are those of `inputs_at`.
     """
     # Step 1: pieces of constant values, each from one edge to the next.
-    times = clock.steps.astype(float) if context.stepped else clock.times
+    times = clock.steps.astype(float) if context.counts_steps else clock.times
     row_times = rows.measured.time + shift
     usual = usual_interval(row_times)
     longest = _MOST_INTERVALS * usual if gap is None else gap

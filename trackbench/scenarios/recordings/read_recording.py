@@ -80,8 +80,10 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
     if not origin and target.truth_naming is not None and target.truth_naming.origin:
         origin = target.truth_naming.origin
         origin_key = ("target", "truth_naming", "origin")
-    in_frame = {name for name in target.components if name in ("x", "y", "z", "px", "py", "pz")}
-    in_frame |= _position_dependent(target.components, sensor)
+    position_dependent = {
+        name for name in target.components if name in ("x", "y", "z", "px", "py", "pz")
+    }
+    position_dependent |= _position_dependent(target.components, sensor)
     components = [sensor.components[rows] for rows in sensor_rows]
     quantities = {plain_name(c) for c in (*target.components, *sensor.components)}
     chosen = [str(name) for name in target.runs]
@@ -89,7 +91,7 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
         target,
         origin=origin or None,
         origin_key=origin_key,
-        in_frame=in_frame,
+        position_dependent=position_dependent,
         in_space="z" in quantities,
         chosen=chosen,
         has_inputs=bool(target.input),
@@ -130,7 +132,7 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
     first_measured = min(map(_first_measurement, rows))
     clock = common_clock(context, timed_rows, start, T, target.resample, first_measured)
     resampled = target.resample is not None
-    if not resampled and not context.stepped:
+    if not resampled and not context.counts_steps:
         context.notices += note_on_shared_clock(context.runs, rows, clock)
     measurements, arrivals = measurement_array(context, rows, clock, resampled)
     # Step 5: add the scans of the start and the truth.
@@ -144,7 +146,7 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
     if target.truth is not None:
         truth = _read_truth(target, context, rows, clock)
         step_clock = StepClock(
-            steps=clock.steps[1:], times=clock.times[1:], stepped=context.stepped
+            steps=clock.steps[1:], times=clock.times[1:], counts_steps=context.counts_steps
         )
         context.notices += contradictions(
             sensor,
@@ -260,8 +262,8 @@ def _read_truth(
     check_runs_of_truth(truth_context, rows, context)
     check_common_time(context, measured_rows, truth_context, rows)
     # Origin and distances are those of all files together.
-    context.geodetic = truth_context.geodetic
-    context.planar = truth_context.planar
+    context.geodetic_file = truth_context.geodetic_file
+    context.planar_file = truth_context.planar_file
     context.largest_distance = truth_context.largest_distance
     truth = truth_at(truth_context, rows, clock, context.runs, target.truth_gap, angles)
     context.notices += [f"truth: {notice}" for notice in truth_context.notices]

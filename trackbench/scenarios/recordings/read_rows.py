@@ -103,12 +103,14 @@ def _read_file(
     if columns.column("date") != clock:
         columns.take("date", "date")
     parts = columns.take_stamp_parts()
-    context.rest = context.rest or rest_of_stamp(columns.names, clock, parts)
+    context.unread_time_parts = context.unread_time_parts or rest_of_stamp(
+        columns.names, clock, parts
+    )
     arrival = columns.take("received", columns.contents[clock])
     run = columns.take("run", "label")
     sensor_column = columns.take("sensor", "word" if context.has_inputs else "label")
     several = columns.take_unnamed_runs() if run is None else None
-    labels = possible_labels(columns, [rest.column for rest in context.rest.values()])
+    labels = possible_labels(columns, [rest.column for rest in context.unread_time_parts.values()])
     # Step 2: read them; times become seconds.
     table = columns.read()
     context.unavailable += columns.unavailable
@@ -123,12 +125,12 @@ def _read_file(
         context.has_delays = True
         received = _read_received(context, columns, table, arrival, time)
     if columns.is_geodetic:
-        context.geodetic = context.geodetic or path
+        context.geodetic_file = context.geodetic_file or path
     elif columns.has_velocities_alone:
-        context.not_rotated = context.not_rotated or path
-    planar_quantity = columns.first_with_column(context.in_frame)
+        context.unrotated_velocity_file = context.unrotated_velocity_file or path
+    planar_quantity = columns.first_with_column(context.position_dependent)
     if planar_quantity:
-        context.planar = context.planar or f"{path} has {planar_quantity}"
+        context.planar_file = context.planar_file or f"{path} has {planar_quantity}"
     # Step 3: number the runs; a file without their names is one run.
     if run is None:
         runs = np.full(len(time), context.numbers_of([name])[0])
@@ -158,11 +160,11 @@ def _read_file(
     columns.note_outliers(table)
     context.notices += columns.far
     # Step 5: compute the quantities, in SI.
-    places = None
+    positions = None
     frames: list[Frame] = []
     if columns.is_geodetic:
-        places, frames = frames_of_runs(context, columns, table, runs)
-    quantities = columns.quantities(table, places, frames, runs)
+        positions, frames = frames_of_runs(context, columns, table, runs)
+    quantities = columns.quantities(table, positions, frames, runs)
     for label in labels:
         for components, of_sensor in zip(sensors, rows_by_sensor, strict=True):
             measured = {name: quantities[name][of_sensor] for name in components}

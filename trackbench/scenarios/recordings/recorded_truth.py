@@ -87,7 +87,7 @@ def truth_at(
     Raises DataError if there is no truth at any step.
     """
     truth = np.full((len(rows.values), len(clock.steps), len(runs)), np.nan)
-    times = clock.steps.astype(float) if context.stepped else clock.times
+    times = clock.steps.astype(float) if context.counts_steps else clock.times
     number = {name: i for i, name in enumerate(context.runs)}
     is_shared = context.runs == [ONE_RUN]
     for m, name in enumerate(runs):
@@ -103,7 +103,7 @@ def truth_at(
         hint = ": name a `truth_gap` within which it is interpolated"
         if gap is not None and len(rows.time):
             unit = " s"
-            if context.stepped:
+            if context.counts_steps:
                 unit = ""
             hint = f": its rows are from {time_text(rows.time.min())}"
             hint += f" to {time_text(rows.time.max())}{unit} of the clock, the steps from"

@@ -44,8 +44,8 @@ def _check_falls(context: ReadingContext, rows: Rows) -> None:
     """Add a note on rows that come after later ones. Raises DataError if the clock falls far."""
     late = 0
     largest = 0.0
-    place = 0  # row of the largest fall
-    unit = "" if context.stepped else " s"
+    row_of_largest = 0  # row of the largest fall
+    unit = "" if context.counts_steps else " s"
     # One run after the other: the rows of each are together.
     first_of_next_run = np.flatnonzero(np.diff(rows.run)) + 1
     for indices in np.split(np.arange(len(rows.run)), first_of_next_run):
@@ -55,7 +55,7 @@ def _check_falls(context: ReadingContext, rows: Rows) -> None:
         late += int((falls > 0.0).sum())
         if falls.max() > largest:
             largest = float(falls.max())
-            place = int(indices[falls.argmax()])
+            row_of_largest = int(indices[falls.argmax()])
             usual = usual_interval(time)
     if largest > _MOST_INTERVALS * usual:
         message = (
@@ -71,7 +71,9 @@ def _check_falls(context: ReadingContext, rows: Rows) -> None:
         if week_remedy:
             remedy = f"{week_remedy}; or {remedy}"
         raise DataError(
-            context.place(rows, place, f"{message} ({late} rows come after later ones): {remedy}")
+            context.place(
+                rows, row_of_largest, f"{message} ({late} rows come after later ones): {remedy}"
+            )
         )
     message = f"{late} rows that came after later ones were put in order"
     context.notices.append(f"{message}; the largest fall is {largest:.9g}{unit}")
@@ -112,7 +114,7 @@ def _merge_equal_times(
     if same_time is None:
         row = int(repeated[0])
         time = f"time {time_text(rows.time[row])} s"
-        if context.stepped:
+        if context.counts_steps:
             time = f"step {rows.time[row]:.0f}"
         place = f"run {context.runs[rows.run[row]]}: {time}"
         message = f"{place} is there twice{and_others(len(repeated))}, and"
@@ -142,9 +144,9 @@ def _remedy_by_unread_column(context: ReadingContext, key: str) -> str:
 
     ``key`` is ``week`` or ``subsecond``, the part. The text is empty if there is no such column.
     """
-    if key not in context.rest:
+    if key not in context.unread_time_parts:
         return ""
-    column, unit = context.rest[key]
+    column, unit = context.unread_time_parts[key]
     remedy = f"`columns: {{{key}: {column}}}`"
     if unit not in (None, "ns"):
         remedy += f" and `units: {{{key}: {unit}}}`"
@@ -189,5 +191,5 @@ def _spread_times(
     before = np.concatenate([[np.nan], intervals[:-1]])
     instead = np.where(np.isnan(before), 1.0, before)
     widths = np.where(np.isnan(intervals), instead, intervals)
-    place = np.arange(len(group)) - first[group]
-    return starts[group] + place * widths[group] / (last - first + 1)[group]
+    number_in_group = np.arange(len(group)) - first[group]
+    return starts[group] + number_in_group * widths[group] / (last - first + 1)[group]

@@ -72,75 +72,89 @@ class Rows(NamedTuple):
 
 @dataclass
 class ReadingContext:
-    """Common properties of the files, collected while they are read.
-
-    Times are numbers of steps (``stepped``), or seconds, of dates (``dated``) after the first of them
-    (``since``, in microseconds since 1970). The ``clock`` of the first file says which. ``used_keys``
-    are the keys of units and zones that a file's clock has used, and ``idle_keys`` have the mistake of
-    a file that cannot use them.
-    ``naming`` is that of the file which is read, or whose rows are put in order.
-    ``has_delays``: a column has the times at which rows were received.
-    ``unavailable`` counts cells with codes of "not available".
-    ``rest`` names columns that look like further parts of the time, and are not read.
-    ``has_inputs``: rows may hold inputs alone, without a sensor.
-    ``keys`` are those of the config that name the columns.
-    ``geodetic`` is the first file with latitude and longitude, and ``planar`` the first one with another
-    quantity that depends on the position (``in_frame``). ``origin`` is given by the config's key
-    ``origin_key``, or the first position of the ``chosen`` runs (default: of all); ``own_origins`` are
-    those of ``far_runs``. ``not_rotated`` is a file of velocities without places. Heights count for a
-    target ``in_space``.
-    """
+    """Properties that the files of a recording share, collected while they are read one by one."""
 
     naming: Naming
+    """names and units of columns, of the file which is read or whose rows are put in order"""
     origin: tuple[float, ...] | None = None
+    """latitude and longitude, deg, perhaps height, m: the one in the config, else the first position of
+    the chosen runs"""
     origin_key: tuple[str, ...] = ()
-    in_frame: Collection[str] = ()
+    """path of the origin's key in the config"""
+    position_dependent: Collection[str] = ()
+    """quantities that depend on the position, such as x and range"""
     in_space: bool = False
+    """True if the target moves in space, so that heights count"""
     chosen: Collection[str] = ()
+    """names of the chosen runs; empty if all are chosen"""
     own_origins: dict[str, tuple[float, ...]] = field(default_factory=dict)
-    placed_runs: set[str] = field(default_factory=set)
+    """origins of the runs that begin far from the first position, by their names"""
+    located_runs: set[str] = field(default_factory=set)
+    """names of the runs whose first position has been compared with the origin"""
     far_runs: list[str] = field(default_factory=list)
+    """texts on the runs that have origins of their own, with their distances"""
     refuses_far_rows: bool = True
-    not_rotated: str = ""
+    """True if positions too far from their origin are an error"""
+    unrotated_velocity_file: str = ""
+    """first file with velocities and without positions"""
     first_position: str = ""
+    """file and line of the first position if it is the origin; empty if the config has an origin"""
     largest_distance: float = 0.0
-    geodetic: str = ""
-    planar: str = ""
+    """largest distance of a position from its origin, m"""
+    geodetic_file: str = ""
+    """first file with latitude and longitude"""
+    planar_file: str = ""
+    """first file with a column of a position-dependent quantity, and the name of this quantity"""
     clock: FileClock | None = None
-    since: float = 0.0
-    stepped: bool = False
+    """clock of the first file, which decides what the times of all files are"""
+    first_date_us: float = 0.0
+    """first date, microseconds since 1970, from which seconds count; 0 without dates"""
+    counts_steps: bool = False
+    """True if times are numbers of steps, and no seconds"""
     dated: str = ""
+    """type of the dates, as in `Table`; empty if times are no dates"""
     used_keys: set[str] = field(default_factory=set)
+    """keys of units and zones of times that a file has used"""
     idle_keys: dict[str, DataError] = field(default_factory=dict)
+    """keys of units and zones of times that a file cannot use, with the error to raise if none uses
+    it"""
     has_delays: bool = False
+    """True if a column has the times at which rows were received"""
     has_inputs: bool = False
+    """True if rows may hold inputs alone, without a sensor"""
     keys: NamingKeys = field(default_factory=NamingKeys)
-    rest: dict[str, NamedColumn] = field(default_factory=dict)
+    """keys of the config that name the columns, for messages"""
+    unread_time_parts: dict[str, NamedColumn] = field(default_factory=dict)
+    """columns that look like further parts of the time and are not read, by `week` or `subsecond`"""
     unavailable: Counter[str] = field(default_factory=Counter)
+    """number of cells with a code of "not available", by quantity and code"""
     runs: list[str] = field(default_factory=list)
+    """names of the runs; a run's number is its place here"""
     files: list[str] = field(default_factory=list)
+    """paths of the files; a file's number is its place here"""
     notices: list[str] = field(default_factory=list)
+    """notes to the user"""
 
     @property
     def time_unit(self) -> str:
         """Unit of the times."""
-        return "steps" if self.stepped else "s"
+        return "steps" if self.counts_steps else "s"
 
     def check_origin(self, origin: tuple[float, ...], *path: str) -> None:
         """Raise InvalidKeyError if an origin is needed and not given, or given and not needed.
 
         ``path`` is the path of its key in the config.
         """
-        if origin and not self.geodetic:
+        if origin and not self.geodetic_file:
             message = (
                 "no file has latitude and longitude, which alone count from an origin; leave it out"
             )
             raise InvalidKeyError(message, *path)
-        if self.geodetic and self.planar and not origin:
+        if self.geodetic_file and self.planar_file and not origin:
             message = (
-                f"{self.geodetic} has latitude and longitude, and {self.planar}, which counts from"
+                f"{self.geodetic_file} has latitude and longitude, and {self.planar_file}, which"
             )
-            remedy = "x = y = 0: say where that is, `origin: [latitude, longitude]`"
+            remedy = "counts from x = y = 0: say where that is, `origin: [latitude, longitude]`"
             raise InvalidKeyError(f"{message} {remedy}", *path)
 
     def place(self, rows: Rows, i: int, message: str) -> Place:
@@ -159,11 +173,13 @@ class ReadingContext:
         # The first file decides which clock all files have.
         if self.clock is None:
             self.clock = file_clock
-            self.stepped = file_clock.kind == "step"
+            self.counts_steps = file_clock.kind == "step"
             self.dated = table.dated
-            self.since = 0.0
+            self.first_date_us = 0.0
             if table.dated:
-                self.since = float(microseconds_since_1970(columns, table, file_clock).min())
+                self.first_date_us = float(
+                    microseconds_since_1970(columns, table, file_clock).min()
+                )
         mistake = ""
         if not have_one_axis(self.clock, file_clock):
             mistake = reason_against(self.clock, file_clock)
@@ -182,7 +198,9 @@ class ReadingContext:
             return time
         if table.dated or self.dated:
             # Dates, and UNIX times beside them, are compared in microseconds since 1970.
-            seconds = (microseconds_since_1970(columns, table, file_clock) - self.since) / 1e6
+            seconds = (
+                microseconds_since_1970(columns, table, file_clock) - self.first_date_us
+            ) / 1e6
         else:
             seconds = time * columns.naming.scale("time")
         if parts:
@@ -242,11 +260,13 @@ class ReadingContext:
             self.notices.append(
                 f"{message}, {reason}: an `origin` in their middle halves the distance"
             )
-        if self.not_rotated and self.origin is not None and distance > _NEAR_ORIGIN:
+        if self.unrotated_velocity_file and self.origin is not None and distance > _NEAR_ORIGIN:
             # Meridians converge by (d / R) tan(phi) on a way to the east.
             slope = np.tan(np.deg2rad(min(abs(self.origin[0]), 89.0)))
             turn = np.rad2deg(distance / SEMI_MAJOR_AXIS * slope)
-            message = f"{self.not_rotated} has velocities without latitude and longitude"
+            message = (
+                f"{self.unrotated_velocity_file} has velocities without latitude and longitude"
+            )
             reason = f"north at the target differs from that of the origin by up to {turn:.2g} deg"
             self.notices.append(f"{message}, which are not rotated: {reason}")
 

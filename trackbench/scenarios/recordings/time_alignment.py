@@ -61,12 +61,12 @@ def initial_scans(context: ReadingContext, rows: Rows, scans: int) -> Opened:
         message = f"run {context.runs[m]} has {number[m]} positions, and its start takes {scans}"
         raise DataError(Place(context.files[0], 1, 1, message))
     # The first scans of each run; the first state is that of the last of them.
-    places = np.stack([whole[first + i] for i in range(scans)])
-    times = rows.time[places]
+    rows_of_scans = np.stack([whole[first + i] for i in range(scans)])
+    times = rows.time[rows_of_scans]
     apart = np.full(runs, np.nan)
     if scans > 1:
         apart = times[-1] - times[-2]
-    return Opened(time=times[-1], scans=rows.values[:, places], apart=apart)
+    return Opened(time=times[-1], scans=rows.values[:, rows_of_scans], apart=apart)
 
 
 def note_on_rows_before_start(
@@ -121,11 +121,11 @@ def common_clock(
         begin = float(start.time[0])
     last = max(float((rows.time + shift[rows.run]).max()) for rows in sensors)
     # Step 2: equal steps, the file's own or resampled ones.
-    spacing = 1.0 if context.stepped else resample
+    spacing = 1.0 if context.counts_steps else resample
     if spacing is not None:
         number = _checked_number(context, np.floor((last - begin) / spacing + 0.5) + 1.0)
         steps = np.arange(number)
-        if context.stepped:
+        if context.counts_steps:
             times = np.asarray(steps * T, dtype=float)
             clock = Clock(steps=steps + int(begin), times=times, shift=shift, T=T)
         else:
@@ -157,7 +157,7 @@ def _interval_before_first(
     context: ReadingContext, sensors: Sequence[Rows], resample: float | None
 ) -> float:
     """Return the time, s or steps, from an initial state without scans to the first row."""
-    if context.stepped:
+    if context.counts_steps:
         return 1.0
     if resample is not None:
         return resample
@@ -243,21 +243,21 @@ def measurement_array(
     first_row = 0  # of the sensor, among the measurements
     for n, (rows, size) in enumerate(zip(sensors, sizes, strict=True)):
         # Place the rows among the steps; only those after the first state are measurements.
-        place, away = _nearest_steps(context, rows, clock)
-        used = np.flatnonzero(place > 0)
+        step_of_row, distance = _nearest_steps(context, rows, clock)
+        used = np.flatnonzero(step_of_row > 0)
         if resampled:
             # Of several rows of a step the nearest in time counts.
-            nearest = _nearest_rows(rows.run, place, away, used)
+            nearest = _nearest_rows(rows.run, step_of_row, distance, used)
             left_out += len(used) - len(nearest)
-            moved = max(moved, float(away[nearest].max(initial=0.0)))
+            moved = max(moved, float(distance[nearest].max(initial=0.0)))
             used = nearest
         for component in range(size):
             row = first_row + component
-            measurements[row, place[used] - 1, rows.run[used]] = rows.values[component, used]
+            measurements[row, step_of_row[used] - 1, rows.run[used]] = rows.values[component, used]
         first_row += size
         if arrivals is not None:
-            received = np.maximum(_received_steps(context, rows, clock), place) - 1
-            arrivals[n, place[used] - 1, rows.run[used]] = received[used]
+            received = np.maximum(_received_steps(context, rows, clock), step_of_row) - 1
+            arrivals[n, step_of_row[used] - 1, rows.run[used]] = received[used]
     if resampled:
         message = f"resampled: measurements are taken to be up to {moved:.3g} s from when they were"
         if left_out:
@@ -274,7 +274,7 @@ def measurement_array(
 def _received_steps(context: ReadingContext, rows: Rows, clock: Clock) -> Index:
     """Return the index (R,) of the first step at which each row has been received."""
     times = rows.received + clock.shift[rows.run]
-    if context.stepped:
+    if context.counts_steps:
         return np.rint(times).astype(np.intp) - int(clock.steps[0])
     return np.searchsorted(clock.times, times - TICK, side="left")
 
@@ -285,25 +285,26 @@ def _nearest_steps(context: ReadingContext, rows: Rows, clock: Clock) -> tuple[I
     The index is -1 for a row before the first state.
     """
     times = rows.time + clock.shift[rows.run]
-    if context.stepped:
+    if context.counts_steps:
         return np.rint(times).astype(np.intp) - int(clock.steps[0]), np.zeros_like(times)
     # The nearest step: as many middles between steps lie before the time.
     middles = 0.5 * (clock.times[1:] + clock.times[:-1])
-    place = np.searchsorted(middles, times, side="right")
+    step_of_row = np.searchsorted(middles, times, side="right")
     # Rows before the first state have no step.
-    place[times < clock.times[0] - TICK] = -1
-    return place, np.abs(clock.times[np.maximum(place, 0)] - times)
+    step_of_row[times < clock.times[0] - TICK] = -1
+    return step_of_row, np.abs(clock.times[np.maximum(step_of_row, 0)] - times)
 
 
-def _nearest_rows(run: WholeNumbers, place: Index, away: Array, rows: Index) -> Index:
+def _nearest_rows(run: WholeNumbers, step_of_row: Index, distance: Array, rows: Index) -> Index:
     """Select, of the ``rows`` of a run in one step, the one nearest to the step's time.
 
-    ``run``, ``place`` and ``away`` (R,) are the run, the step and the distance in time of all rows.
+    ``run``, ``step_of_row`` and ``distance`` (R,) are the run, the step and the distance in time of all
+    rows.
     """
     # Sort by run, step and distance; take the first of each run and step.
-    order = rows[np.lexsort((away[rows], place[rows], run[rows]))]
+    order = rows[np.lexsort((distance[rows], step_of_row[rows], run[rows]))]
     first = np.ones(len(order), dtype=np.bool_)
-    first[1:] = (np.diff(place[order]) != 0) | (np.diff(run[order]) != 0)
+    first[1:] = (np.diff(step_of_row[order]) != 0) | (np.diff(run[order]) != 0)
     return order[first]
 
 
@@ -316,7 +317,7 @@ def with_scans(clock: Clock, context: ReadingContext, scans: int, apart: Array) 
     if not used:
         return clock
     before = np.arange(-used, 0)
-    if context.stepped:
+    if context.counts_steps:
         assert clock.T is not None
         steps = np.concatenate([clock.steps[0] + before, clock.steps])
         return clock._replace(steps=steps, times=(steps - steps[0]) * clock.T)

@@ -82,11 +82,11 @@ _STEEPEST = 1e5
 
 
 class StepClock(NamedTuple):
-    """Numbers and times (K,) of the steps of a recording, s, or steps if it is ``stepped``."""
+    """Numbers and times (K,) of the steps of a recording, s, or steps if it is ``counts_steps``."""
 
     steps: Index
     times: Array
-    stepped: bool = False
+    counts_steps: bool = False
 
 
 def contradictions(
@@ -228,7 +228,7 @@ def _delay_notes(
         groups = [[sample] for sample in samples]
     interval = float(np.median(np.diff(clock.times)))
     span = _LONGEST_DELAY_STEPS * interval
-    if not clock.stepped:
+    if not clock.counts_steps:
         span = max(span, _LONGEST_DELAY)
     angle_rows = [row for row, name in enumerate(components) if name in angles]
     texts = []
@@ -264,7 +264,7 @@ def _delay_notes(
             continue
         whose = _listed([sample.name for sample in group])
         direction = "behind" if delay > 0.0 else "ahead of"
-        unit = " steps" if clock.stepped else " s"
+        unit = " steps" if clock.counts_steps else " s"
         texts.append(
             f"the measurements of {whose} seem to be some {abs(delay):.2g}{unit} {direction} the "
             "truth: check the clocks of both"

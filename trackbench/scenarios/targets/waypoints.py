@@ -162,7 +162,7 @@ class RecordedPath(FromFiles, Naming, Flown):
         # One table for each sensor, and here the only one; its runs are checked below.
         (path,) = chosen_runs(context, rows, chosen, ("run",))
         path = in_order(context, path)
-        if context.stepped:
+        if context.counts_steps:
             raise self._mistake("a path needs a column time")
         if len(context.runs) > 1:
             raise self._mistake(f"has {len(context.runs)} runs: name one by `run`")
