@@ -103,12 +103,12 @@ class Layout(NamedTuple):
     """True if the line of the names is a comment"""
 
 
-def layout_of(path: str, form: TextFormat | None = None) -> Layout:
-    """Detect the format that ``form`` leaves open from a file's first lines. Raises DataError."""
-    form = form or TextFormat()
-    with _opened(path, form.encoding) as text:
+def layout_of(path: str, text_format: TextFormat | None = None) -> Layout:
+    """Detect the format that ``text_format`` leaves open from a file's first lines. Raises DataError."""
+    text_format = text_format or TextFormat()
+    with _opened(path, text_format.encoding) as text:
         try:
-            return _layout(path, text, form)
+            return _layout(path, text, text_format)
         except csv.Error as error:
             raise DataError(Place(path, 1, 1, f"not a CSV: {error}")) from None
 
@@ -143,18 +143,18 @@ def _opened(path: str, encoding: str) -> Iterator[TextIO]:
         raise DataError(Place(path, 1, 1, message)) from None
 
 
-def _layout(path: str, text: TextIO, form: TextFormat) -> Layout:
-    """Detect what ``form`` leaves open of an open file's format; raises DataError for no table."""
+def _layout(path: str, text: TextIO, text_format: TextFormat) -> Layout:
+    """Detect what ``text_format`` leaves open of an open file's format; DataError if it is no table."""
     # Step 1: take the first lines, comments and others.
-    separator = _WORDS.get(form.separator, form.separator)
+    separator = _WORDS.get(text_format.separator, text_format.separator)
     comments: dict[int, str] = {}
     lines: dict[int, str] = {}
     for number, line in enumerate(iter(lambda: text.readline(_LONGEST_LINE), ""), 1):
-        if number < form.header or not line.strip():
+        if number < text_format.header or not line.strip():
             continue
         if not lines and line.lower().startswith("sep=") and len(line) > len("sep="):
             separator = separator or line[len("sep=")]
-        elif line.startswith(_COMMENTS) and number != form.header:
+        elif line.startswith(_COMMENTS) and number != text_format.header:
             comments[number] = line.lstrip("#%/ \t")
         else:
             lines[number] = line
@@ -185,13 +185,13 @@ def _layout(path: str, text: TextIO, form: TextFormat) -> Layout:
     # Step 3: find the header: the last comment above numbers, or the fullest line of words.
     start = next(number for number, row in cells.items() if len(row) == width)
     _check_kinds(path, cells, separator)
-    if form.names:
+    if text_format.names:
         return Layout(
             encoding=text.encoding,
             separator=separator,
-            names=list(form.names),
+            names=list(text_format.names),
             header=0,
-            before=start - 1 + form.skip,
+            before=start - 1 + text_format.skip,
             joined=None,
         )
     names = _names_beside_week(comments, rows)
@@ -202,7 +202,7 @@ def _layout(path: str, text: TextIO, form: TextFormat) -> Layout:
             separator=separator,
             names=names,
             header=header,
-            before=header + form.skip,
+            before=header + text_format.skip,
             joined=None,
             is_comment=True,
         )
@@ -210,7 +210,7 @@ def _layout(path: str, text: TextIO, form: TextFormat) -> Layout:
     if joined is not None:
         widths.append(width - 1)
     header = first
-    if not form.header:
+    if not text_format.header:
         header = _find_header(cells, comments, separator, widths)
     if separator == " " and header not in comments:
         cells[header] = _split_names(lines[header], (separator, _BEFORE_NAMES), widths)
@@ -223,7 +223,7 @@ def _layout(path: str, text: TextIO, form: TextFormat) -> Layout:
         separator=separator,
         names=names,
         header=header,
-        before=header + form.skip,
+        before=header + text_format.skip,
         joined=joined,
         is_comment=header in comments,
     )

@@ -81,14 +81,14 @@ def whole(cell: str) -> float:
 def parse_cells(parse: Parse, cells: Sequence[str]) -> tuple[Array, list[tuple[int, str]]]:
     """Parse a column's cells; return values (R,), and the index and reason of each mistake."""
     # A parser with options is a partial of `number`, `seconds` or `instant`.
-    keys = {}
+    options = {}
     if isinstance(parse, partial):
-        keys = parse.keywords
+        options = parse.keywords
     values = None
     # Usually all cells are plain numbers, or dates of one form, which are parsed in one pass.
-    if keys.get("form"):
-        values = dates_quickly(cells, keys["form"])
-    elif keys.get("comma") and not any("." in cell for cell in cells):
+    if options.get("date_format"):
+        values = dates_quickly(cells, options["date_format"])
+    elif options.get("comma") and not any("." in cell for cell in cells):
         values = _plain_numbers([cell.replace(",", ".") for cell in cells])
     elif parse in (number, seconds):
         values = _plain_numbers(cells)
@@ -148,11 +148,11 @@ class Table(NamedTuple):
         return self._replace(columns=columns, lines=self.lines[rows])
 
 
-def header(path: str, form: TextFormat | None = None) -> list[str]:
+def header(path: str, text_format: TextFormat | None = None) -> list[str]:
     """Read names of a table's columns. Raises DataError if the first line has numbers instead."""
     if is_parquet(path):
         return [str(name) for name in _parquet(path, None)]
-    layout = layout_of(path, form)
+    layout = layout_of(path, text_format)
     if layout.header and all(is_value(name) for name in layout.names if name):
         message = f"holds {', '.join(layout.names)[:60]} and no names of columns: name all"
         remedy = f"{len(layout.names)}, such as `format: {{names: [time, x, y]}}`"
@@ -164,7 +164,7 @@ def read_table(
     path: str,
     contents: Mapping[str, Content],
     time_format: str = "",
-    form: TextFormat | None = None,
+    text_format: TextFormat | None = None,
 ) -> Table:
     """Read columns of a table; raises DataError with up to twenty mistakes and their lines.
 
@@ -178,12 +178,12 @@ def read_table(
         shown = {name: list(map(_shown, frame[name].tolist())) for name in contents}
         reading.add(np.arange(2, len(frame) + 2), shown)
         return reading.table()
-    layout = layout_of(path, form)
+    layout = layout_of(path, text_format)
     # Commas in cells that commas do not separate are decimal signs.
     decimal = None
-    if form is not None:
-        decimal = form.decimal
-        reading.thousands = form.thousands
+    if text_format is not None:
+        decimal = text_format.decimal
+        reading.thousands = text_format.thousands
     reading.may_have_commas = decimal is None and layout.separator != ","
     reading.comma = decimal == ","
     for name in contents:
@@ -205,13 +205,13 @@ def read_table(
     return reading.table()
 
 
-def first_rows(path: str, form: TextFormat | None, number: int) -> list[list[str]]:
+def first_rows(path: str, text_format: TextFormat | None, number: int) -> list[list[str]]:
     """Read the first rows, as text, of those with a cell for each column."""
     if is_parquet(path):
         frame = _parquet(path, header(path)).head(number)
         columns = (map(_shown, frame[name].tolist()) for name in frame)
         return list(map(list, zip(*columns, strict=True)))
-    layout = layout_of(path, form)
+    layout = layout_of(path, text_format)
     rows = (cells for _, cells in islice(table_rows(path, layout), number))
     return [[*map(str.strip, cells)] for cells in rows if len(cells) == len(layout.names)]
 
@@ -219,16 +219,17 @@ def first_rows(path: str, form: TextFormat | None, number: int) -> list[list[str
 class _Reading:
     """A table on its way from cells to arrays, a piece at a time."""
 
-    def __init__(self, path: str, contents: Mapping[str, Content], form: str) -> None:
+    def __init__(self, path: str, contents: Mapping[str, Content], date_format: str) -> None:
         """Begin a table without rows.
 
-        ``contents`` has the columns to be read and what their cells are, ``form`` is that of dates.
+        ``contents`` has the columns to be read and what their cells are, ``date_format`` is that of
+        dates.
         """
         # A date that stands beside the time is put before it.
         self._date = next((name for name, content in contents.items() if content == "date"), None)
         self.contents = {name: kind for name, kind in contents.items() if kind != "date"}
         self.path = path
-        self.form = form
+        self.date_format = date_format
         self.may_have_commas = False
         """True if a comma in a cell is a decimal sign"""
         self.comma = False
@@ -295,7 +296,7 @@ class _Reading:
         for name, content in self.contents.items():
             values: Column
             column = cells[name]
-            is_number = content == "number" or (content == "time" and not self.form)
+            is_number = content == "number" or (content == "time" and not self.date_format)
             if self.thousands and is_number:
                 column = [without_thousands(cell, self.thousands) for cell in column]
             if content == "time" and self._date is not None and self._is_time_of_day(column[0]):
@@ -312,7 +313,7 @@ class _Reading:
         self._lines.append(lines.astype(np.int32))
 
     def _is_time_of_day(self, cell: str) -> bool:
-        has_digits = " " in self.form and _DIGITS_OF_DAY.match(cell) is not None
+        has_digits = " " in self.date_format and _DIGITS_OF_DAY.match(cell) is not None
         return has_digits or _TIME_OF_DAY.match(cell) is not None
 
     def table(self) -> Table:
@@ -341,10 +342,10 @@ class _Reading:
         if content != "time":
             return plain
         if self.dated is None:
-            self.dated = type_of_clock(cells[0].strip(), plain, self.form, first)
+            self.dated = type_of_clock(cells[0].strip(), plain, self.date_format, first)
         if not self.dated:
             return plain
-        return partial(instant, zoned=self.dated != "date", form=self.form)
+        return partial(instant, zoned=self.dated != "date", date_format=self.date_format)
 
     def _encode_words(
         self, name: str, cells: Sequence[str]

@@ -16,7 +16,7 @@ from trackbench.scenarios.recordings.unit_candidates import (
     LEAST_COSINE,
     Candidate,
     Displacements,
-    TimeForm,
+    PossibleFormat,
     UnscaledRows,
     is_nearer,
     likely_units,
@@ -82,18 +82,18 @@ def check_bearings(
 def has_north_first(
     unscaled: UnscaledRows,
     known_units: Mapping[str, str],
-    time_forms: Mapping[str, TimeForm],
+    possible_formats: Mapping[str, PossibleFormat],
 ) -> bool:
     """Test whether vx and vy agree with latitudes and longitudes only if they are exchanged.
 
     Autopilots name the velocity to the north vx, where trackbench expects the one to the east.
-    ``known_units`` are units by quantity, ``time_forms`` the possible formats of dates.
+    ``known_units`` are units by quantity, ``possible_formats`` the possible formats of dates.
     """
-    first = likely_units(unscaled, known_units, time_forms)[0]
+    first = likely_units(unscaled, known_units, possible_formats)[0]
     if (first.speed_agrees and first.course_agrees) or unscaled.velocity is None:
         return False
     exchanged = replace(unscaled, velocity=unscaled.velocity[::-1])
-    other = likely_units(exchanged, known_units, time_forms)[0]
+    other = likely_units(exchanged, known_units, possible_formats)[0]
     # If the velocity agrees with mirrored positions, their axes are wrong, and not those of the
     # velocity.
     return (

@@ -67,7 +67,7 @@ class Guess:
     """latitude and longitude of the first position, deg; empty without one"""
     is_dated: bool = False
     """True if times are dates"""
-    other_order: str = ""
+    format_of_other_order: str = ""
     """form of its dates with another order of day and month, if it matters beside another file alone"""
     outliers: float = 0.0
     """largest share of a sensor's rows that lie far from the line between their neighbors"""

@@ -36,7 +36,11 @@ from trackbench.scenarios.recordings.guess_record import (
 )
 from trackbench.scenarios.recordings.guess_robot import guess_odometry
 from trackbench.scenarios.recordings.guess_sensors import check_unused, guess_sensors
-from trackbench.scenarios.recordings.guess_time import DateForm, check_split_time, date_form
+from trackbench.scenarios.recordings.guess_time import (
+    ClockFormat,
+    check_split_time,
+    guess_clock_format,
+)
 from trackbench.scenarios.recordings.guess_units import UnitChoice, check_named_units
 from trackbench.scenarios.recordings.interleaved_rows import (
     MixedRowsError,
@@ -121,9 +125,9 @@ def _recognized_columns(
     # Step 1: find the columns by their names.
     reasons: ReasonByKey = {}
     user_format = user_naming.format or TextFormat()
-    form = guess_format(path, user_format, reasons)
-    names = header(path, form)
-    sample = TableSample(path, names, form)
+    text_format = guess_format(path, user_format, reasons)
+    names = header(path, text_format)
+    sample = TableSample(path, names, text_format)
     sample.require_rows()
     for key, column in user_naming.columns.items():
         if column and column not in names:
@@ -142,8 +146,8 @@ def _recognized_columns(
     if content == "measurements":
         sensors = guess_sensors(sample, columns, units, user_naming)
     check_unused(sample, columns, sensors, user_naming)
-    if form.thousands and not user_format.thousands and form.decimal is None:
-        check_thousands(sample, columns, form.thousands)
+    if text_format.thousands and not user_format.thousands and text_format.decimal is None:
+        check_thousands(sample, columns, text_format.thousands)
     measured = set(chain.from_iterable(sensor.quantities for sensor in sensors))
     check_named_units(sample, columns, units, measured)
     if {*PLACE} <= measured:
@@ -155,38 +159,44 @@ def _recognized_columns(
     check_slant_ranges(sample, columns, units, user_naming.columns)
     if "time" in columns and not {"date", *STAMP_PARTS} & columns.keys():
         sample.require_two_times(columns["time"])
-    clock = DateForm(user_naming.time_format, bool(user_naming.time_format))
-    if "time" in columns and not clock.form:
+    clock_format = ClockFormat(user_naming.time_format, bool(user_naming.time_format))
+    if "time" in columns and not clock_format.date_format:
         times = sample.cells(columns["time"])
-        if form.thousands:
-            times = [without_thousands(cell, form.thousands) for cell in times]
+        if text_format.thousands:
+            times = [without_thousands(cell, text_format.thousands) for cell in times]
         dates = []
         if "date" in columns:
             dates = sample.cells(columns["date"])
         words = words_of(columns["time"])
-        clock = date_form(path, times, dates, sample.line, words, "time" in units)
+        clock_format = guess_clock_format(path, times, dates, sample.line, words, "time" in units)
         # A column `day` may be a number of days: only beside times of a day, and with whole dates.
         day = next((name for name in names if name.lower() == "day"), "")
-        if clock.form and "%d" not in clock.form and not parse_cells(instant, sample.cells(day))[1]:
+        if (
+            clock_format.date_format
+            and "%d" not in clock_format.date_format
+            and not parse_cells(instant, sample.cells(day))[1]
+        ):
             columns["date"] = day
-            clock = date_form(path, times, sample.cells(day), sample.line)
-    if clock.reason:
-        reasons["time_format"] = clock.reason
+            clock_format = guess_clock_format(path, times, sample.cells(day), sample.line)
+    if clock_format.reason:
+        reasons["time_format"] = clock_format.reason
     # Step 3: choose the units by which times, positions and speeds agree.
     missing = user_naming.missing or guess_missing(sample, columns, measured, user_naming.columns)
     is_one_position = sensors[0].quantities == PLACE and len(sensors) == 1
     measures_velocity = is_one_position and has_velocity(columns)
     with_missing = replace(user_naming, missing=missing)
-    reading = UnitChoice(sample, columns, units, clock, with_missing, reasons, user_naming.columns)
+    reading = UnitChoice(
+        sample, columns, units, clock_format, with_missing, reasons, user_naming.columns
+    )
     reading.check_azimuths(sensors)
-    clock = reading.choose_units(sensors[0], measures_velocity)
+    clock_format = reading.choose_units(sensors[0], measures_velocity)
     naming = replace(
         user_naming,
         columns=columns,
         units=units,
-        time_format=clock.form,
+        time_format=clock_format.date_format,
         missing=missing,
-        format=form if form != TextFormat() else None,
+        format=text_format if text_format != TextFormat() else None,
     )
     if missing and not user_naming.missing:
         reasons["missing"] = "guess: far outside the others"
@@ -196,4 +206,4 @@ def _recognized_columns(
     guess = guess_from_all_rows(
         path, naming, reasons, sensors, sample, user_naming.columns, user_keys, tables
     )
-    return replace(guess, names=names, other_order=clock.other_order)
+    return replace(guess, names=names, format_of_other_order=clock_format.format_of_other_order)

@@ -13,7 +13,7 @@ from trackbench.core.arrays import Array
 from trackbench.field_types import DataError, Place
 from trackbench.scenarios.recordings.column_names import words_of
 from trackbench.scenarios.recordings.csv_tables import number, parse_cells
-from trackbench.scenarios.recordings.dates import KNOWN_FORMS, STAMP_FORMS, instant, is_instant
+from trackbench.scenarios.recordings.dates import KNOWN_FORMATS, STAMP_FORMATS, instant, is_instant
 from trackbench.scenarios.recordings.rows import ReadingContext, Rows, usual_interval
 from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.yaml_values import in_option
@@ -54,29 +54,29 @@ _FEWEST_MEASURED = 5
 _LONG_INTERVAL = 600.0  # s
 
 
-class DateForm(NamedTuple):
+class ClockFormat(NamedTuple):
     """Guessed form of a column of times."""
 
-    form: str = ""
+    date_format: str = ""
     """form of dates for strptime; empty for ISO 8601 and for numbers"""
     is_date: bool = False
     reason: str = ""
     """comment for the config that explains the form"""
-    other: str = ""
+    other_format: str = ""
     """another form that fits all cells: minutes and seconds in place of hours and minutes, or "s" for
     numbers of seconds"""
-    other_order: str = ""
+    format_of_other_order: str = ""
     """form with another order of day and month, and the same times since the first one"""
 
 
-def date_form(
+def guess_clock_format(
     path: str,
     times: Sequence[str],
     dates: Sequence[str],
     line: int,
     words: Collection[str] = (),
     has_unit: bool = False,
-) -> DateForm:
+) -> ClockFormat:
     """Guess the form of the cells of a column of times, and of a column of dates if there is one.
 
     ``path`` and ``line`` are the place of the first cell, for an error. ``words`` are those of the name
@@ -84,7 +84,7 @@ def date_form(
     day and month may be in either order, and the times then differ.
     """
     if not times:
-        return DateForm()
+        return ClockFormat()
     cells = list(times)
     if dates:
         cells = [f"{date} {time}" for date, time in zip(dates, times, strict=True)]
@@ -94,58 +94,71 @@ def date_form(
     if not no_numbers:
         if not all(map(_STAMP.fullmatch, times)):
             if has_unit:
-                return DateForm()
-            clock = _clock_in_numbers(times, words, bool(dates))
-            if not clock.form:
-                return clock
+                return ClockFormat()
+            clock_format = _clock_in_numbers(times, words, bool(dates))
+            if not clock_format.date_format:
+                return clock_format
             if not dates:
-                return clock
+                return clock_format
             is_clock = True
     elif is_instant(cells[0]):
-        return DateForm(is_date=True)
-    times_by_form = _fitting_forms(cells)
+        return ClockFormat(is_date=True)
+    times_by_format = _fitting_formats(cells)
     if is_clock:
-        times_by_form = {
-            form: values for form, values in times_by_form.items() if form.endswith(clock.form)
+        times_by_format = {
+            date_format: values
+            for date_format, values in times_by_format.items()
+            if date_format.endswith(clock_format.date_format)
         }
-    if not times_by_form:
+    if not times_by_format:
         # Dates of an unknown form are reported when the times are read.
         is_number = not dates and all(map(_is_number, times))
-        return DateForm(is_date=not is_number)
+        return ClockFormat(is_date=not is_number)
     # 10:30 may be minutes and seconds, too; the usual speed decides later.
-    other = ""
-    if "%H:%M" in times_by_form and "%M:%S" in times_by_form:
-        other = "%M:%S"
-        times_by_form.pop(other)
+    other_format = ""
+    if "%H:%M" in times_by_format and "%M:%S" in times_by_format:
+        other_format = "%M:%S"
+        times_by_format.pop(other_format)
     # Numbers of at most four digits are hours and minutes.
-    for form in [form for form in times_by_form if form.endswith("%H%M")]:
-        times_by_form.pop(f"{form}%S", None)
+    for date_format in [
+        date_format for date_format in times_by_format if date_format.endswith("%H%M")
+    ]:
+        times_by_format.pop(f"{date_format}%S", None)
     # The best form comes first: times that never fall, then the most equal intervals. If two orders of
     # day and month are as good, the month is first only beside a.m. and p.m.
     first, *others = sorted(
-        times_by_form,
-        key=lambda form: (_unsteady(times_by_form[form]), "%p" in form and form[:2] == "%d"),
+        times_by_format,
+        key=lambda date_format: (
+            _unsteadiness(times_by_format[date_format]),
+            "%p" in date_format and date_format[:2] == "%d",
+        ),
     )
-    other_order = ""
-    for form in others:
+    format_of_other_order = ""
+    for date_format in others:
         if np.array_equal(
-            times_by_form[form] - times_by_form[form][0],
-            times_by_form[first] - times_by_form[first][0],
+            times_by_format[date_format] - times_by_format[date_format][0],
+            times_by_format[first] - times_by_format[first][0],
         ):
             # The same times since the first one: the order matters beside another file alone.
-            if times_by_form[form][0] != times_by_form[first][0]:
-                other_order = other_order or form
+            if times_by_format[date_format][0] != times_by_format[first][0]:
+                format_of_other_order = format_of_other_order or date_format
             continue
-        falls, gap = _unsteady(times_by_form[first])
-        other_falls, other_gap = _unsteady(times_by_form[form])
+        falls, gap = _unsteadiness(times_by_format[first])
+        other_falls, other_gap = _unsteadiness(times_by_format[date_format])
         if falls == other_falls and other_gap < _STEADIER * gap:
             message = f"{cells[0]!r} may be a day in either order: say which, "
-            remedy = f"`--set 'time_format=\"{first}\"'` or `--set 'time_format=\"{form}\"'`"
+            remedy = f"`--set 'time_format=\"{first}\"'` or `--set 'time_format=\"{date_format}\"'`"
             raise DataError(Place(path, line, 1, message + remedy))
     if first.endswith(":%f"):
         _check_frames(path, cells, first, line)
-    reason = f"guess: {_explain_form(first)}"
-    return DateForm(form=first, is_date=True, reason=reason, other=other, other_order=other_order)
+    reason = f"guess: {_explain_format(first)}"
+    return ClockFormat(
+        date_format=first,
+        is_date=True,
+        reason=reason,
+        other_format=other_format,
+        format_of_other_order=format_of_other_order,
+    )
 
 
 def check_split_time(
@@ -205,17 +218,17 @@ def _check_zeros(path: str, cells: Sequence[str], line: int) -> None:
         raise DataError(Place(path, line + falling, 1, f"{message} {remedy}"))
 
 
-def _check_frames(path: str, cells: Sequence[str], form: str, line: int) -> None:
+def _check_frames(path: str, cells: Sequence[str], date_format: str, line: int) -> None:
     """Raise DataError if the last part of times such as 10:00:59:24 may be the number of a frame."""
     last_parts = [cell.rpartition(":")[2] for cell in cells]
     if all(len(part) <= 2 for part in last_parts) and max(map(int, last_parts)) < _MOST_FRAMES:
         message = f"{cells[0]!r} may end with the number of a frame"
         remedy = "write seconds with decimals, such as 10:00:59.96"
-        option = f"if these are hundredths of a second, say --set 'time_format=\"{form}\"'"
+        option = f"if these are hundredths of a second, say --set 'time_format=\"{date_format}\"'"
         raise DataError(Place(path, line, 1, f"{message}: {remedy}; {option}"))
 
 
-def _clock_in_numbers(times: Sequence[str], words: Collection[str], has_dates: bool) -> DateForm:
+def _clock_in_numbers(times: Sequence[str], words: Collection[str], has_dates: bool) -> ClockFormat:
     """Return the form of times of day in one number, such as 959, 95959 or 95959.5; else an empty one.
 
     Zeros before the number may be missing. ``words`` are those of the column's name; ``has_dates`` if
@@ -226,57 +239,59 @@ def _clock_in_numbers(times: Sequence[str], words: Collection[str], has_dates: b
     cells = [cell.replace(",", ".") for cell in times]
     wholes = [cell.partition(".")[0] for cell in cells]
     if not all(re.fullmatch(r"\d{1,6}", whole) for whole in wholes):
-        return DateForm()
+        return ClockFormat()
     has_fractions = any("." in cell for cell in cells)
-    named = next((form for word, form in _NAMED_CLOCKS.items() if word in words), "")
+    named = next((date_format for word, date_format in _NAMED_CLOCKS.items() if word in words), "")
     digits = 4 if max(map(len, wholes)) <= 4 else 6
     if named:
         digits = 2 * named.count("%")
     numbers = np.array([float(cell) for cell in cells])
     seconds = _seconds_of_clock(numbers, digits)
     if seconds is None or len(cells) < 2:
-        return DateForm()
-    form = "%H%M%S.%f" if has_fractions else "%H%M%S"
-    other = ""
+        return ClockFormat()
+    date_format = "%H%M%S.%f" if has_fractions else "%H%M%S"
+    other_format = ""
     if digits == 4:
-        form = "%H%M"
+        date_format = "%H%M"
         # The first two digits of 3058 can only be minutes.
         if numbers.max() >= 2400.0 or has_fractions:
-            form = "%M%S.%f" if has_fractions else "%M%S"
+            date_format = "%M%S.%f" if has_fractions else "%M%S"
             seconds = seconds / 60.0
         elif _has_several_hours(numbers):
-            other = "%M%S"
-    reason = f"guess: {_explain_form(form)}"
+            other_format = "%M%S"
+    reason = f"guess: {_explain_format(date_format)}"
     if named:
-        if form.startswith(named):
-            return DateForm(form=form, is_date=True, reason=reason)
-        return DateForm()
-    clock = DateForm(form=form, is_date=True, reason=reason, other=other)
-    if has_dates and form.startswith("%H"):
-        return clock._replace(other="")
+        if date_format.startswith(named):
+            return ClockFormat(date_format=date_format, is_date=True, reason=reason)
+        return ClockFormat()
+    clock_format = ClockFormat(
+        date_format=date_format, is_date=True, reason=reason, other_format=other_format
+    )
+    if has_dates and date_format.startswith("%H"):
+        return clock_format._replace(other_format="")
     # Numbers of one width that begin with a zero are none of seconds: 0959.
     is_padded = min(map(len, wholes)) == digits and wholes[0].startswith("0")
     as_clock = np.diff(seconds) % 86400.0
     as_numbers = np.diff(numbers)
     if np.allclose(as_clock, as_numbers, atol=1e-6):
         # Within a minute both are the same times, but for the time of the first.
-        return clock if is_padded else DateForm()
+        return clock_format if is_padded else ClockFormat()
     if is_padded:
-        return clock
+        return clock_format
     if digits == 6 and not has_fractions and _takes_many_seconds(times):
-        return clock
+        return clock_format
     usual_clock, usual_number = (_share_of_usual(d) for d in (as_clock, as_numbers))
     if len(as_clock) >= 3 and usual_clock > usual_number:
-        return clock
+        return clock_format
     # Within an hour 1201 and 1202 may be minutes or seconds, as 1100 and 1200 may be hours or seconds.
     # Small numbers count from zero.
-    is_whole = form in ("%H%M", "%H%M%S") and min(map(len, wholes)) >= digits - 1
+    is_whole = date_format in ("%H%M", "%H%M%S") and min(map(len, wholes)) >= digits - 1
     if is_whole and usual_clock == usual_number:
-        return clock._replace(other="s")
-    return DateForm()
+        return clock_format._replace(other_format="s")
+    return ClockFormat()
 
 
-def _clock_with_points(times: Sequence[str]) -> DateForm:
+def _clock_with_points(times: Sequence[str]) -> ClockFormat:
     """Return the form of times such as 9.58, 9.59 and 10.00, which are no decimals; else an empty one.
 
     More of their intervals must be equal as hours and minutes, or minutes and seconds, than as decimals.
@@ -285,14 +300,16 @@ def _clock_with_points(times: Sequence[str]) -> DateForm:
     numbers = np.array([float(f"{whole}.{rest}") for whole, rest in parts])
     clock = np.array([60.0 * float(whole) + float(rest) for whole, rest in parts])
     if len(times) < 4 or _share_of_usual(np.diff(clock)) <= _share_of_usual(np.diff(numbers)):
-        return DateForm()
+        return ClockFormat()
     mark = times[0][-3]
     hours = f"%H{mark}%M"
     minutes = f"%M{mark}%S"
     if numbers.max() >= 24.0:
-        return DateForm(form=minutes, is_date=True, reason=f"guess: {_explain_form(minutes)}")
-    reason = f"guess: {_explain_form(hours)}"
-    return DateForm(form=hours, is_date=True, reason=reason, other=minutes)
+        return ClockFormat(
+            date_format=minutes, is_date=True, reason=f"guess: {_explain_format(minutes)}"
+        )
+    reason = f"guess: {_explain_format(hours)}"
+    return ClockFormat(date_format=hours, is_date=True, reason=reason, other_format=minutes)
 
 
 def _seconds_of_clock(numbers: Array, digits: int) -> Array | None:
@@ -332,69 +349,71 @@ def _is_number(cell: str) -> bool:
     return cell.replace(".", "", 1).isdigit()
 
 
-def _explain_form(form: str) -> str:
+def _explain_format(date_format: str) -> str:
     """Describe a form for a comment in the config."""
-    if "%d" in form:
+    if "%d" in date_format:
         return "%d is the day, %m the month"
-    if form.startswith("%M"):
+    if date_format.startswith("%M"):
         return "minutes and seconds"
-    if form.startswith("%H") and form.endswith("%M"):
+    if date_format.startswith("%H") and date_format.endswith("%M"):
         return "hours and minutes"
     return "hours, minutes and seconds"
 
 
-def _fitting_forms(cells: Sequence[str]) -> dict[str, Array]:
+def _fitting_formats(cells: Sequence[str]) -> dict[str, Array]:
     """Return the forms that fit all cells, each with the times (R,), in microseconds, that it gives."""
-    times_by_form: dict[str, Array] = {}
-    for form in KNOWN_FORMS:
-        if form.endswith("%f") and form[:-3] in times_by_form:
+    times_by_format: dict[str, Array] = {}
+    for date_format in KNOWN_FORMATS:
+        if date_format.endswith("%f") and date_format[:-3] in times_by_format:
             continue  # no cell has digits behind its seconds
         # Most forms do not fit the first cell.
-        if not all(_has_digits_of(form, cell) for cell in cells[:1]):
+        if not all(_has_digits_of(date_format, cell) for cell in cells[:1]):
             continue
-        values, mistakes = parse_cells(partial(instant, form=form), cells[:1])
+        values, mistakes = parse_cells(partial(instant, date_format=date_format), cells[:1])
         if not mistakes:
-            values, mistakes = parse_cells(partial(instant, form=form), cells)
-        if not mistakes and all(_has_digits_of(form, cell) for cell in cells):
-            times_by_form[form] = values
+            values, mistakes = parse_cells(partial(instant, date_format=date_format), cells)
+        if not mistakes and all(_has_digits_of(date_format, cell) for cell in cells):
+            times_by_format[date_format] = values
     # A count of microseconds may look like a stamp. Its last two digits are then alike in all cells.
     short = [
-        form for form in STAMP_FORMS if form.startswith(("%y", "%d%m%y")) and form in times_by_form
+        date_format
+        for date_format in STAMP_FORMATS
+        if date_format.startswith(("%y", "%d%m%y")) and date_format in times_by_format
     ]
-    for form in short:
+    for date_format in short:
         if len({cell[-2:] for cell in cells}) == 1:
-            times_by_form.pop(form)
-    return times_by_form
+            times_by_format.pop(date_format)
+    return times_by_format
 
 
-def _has_digits_of(form: str, cell: str) -> bool:
+def _has_digits_of(date_format: str, cell: str) -> bool:
     """Test whether the parts of a cell that are digits alone have as many digits as the form.
 
     Without this test strptime reads 090324 by "%Y%m%d" as the 4th of February 903.
     """
-    for form_part, cell_part in zip(form.split(" "), cell.split(" "), strict=False):
-        if not _DIGITS_ALONE.fullmatch(form_part) or len(form_part) == 2:
+    for format_part, cell_part in zip(date_format.split(" "), cell.split(" "), strict=False):
+        if not _DIGITS_ALONE.fullmatch(format_part) or len(format_part) == 2:
             continue  # a part with separators, such as %H:%M, or a single number
         digits = len(re.match(r"\d*", cell_part)[0])  # type: ignore[index]
-        wanted = form_part.count("%Y") * 4 + 2 * len(re.findall("%[ymdHMS]", form_part))
+        wanted = format_part.count("%Y") * 4 + 2 * len(re.findall("%[ymdHMS]", format_part))
         least = wanted
         most = wanted
-        if form_part.startswith("%H"):
+        if format_part.startswith("%H"):
             least = 1  # 93000 is 9:30:00, and 5 is 0:00:05
-        elif form_part.endswith("S%f"):
+        elif format_part.endswith("S%f"):
             least = wanted + 1
             most = wanted + 6
         if not least <= digits <= most:
             return False
-        if "%Y" in form_part:
+        if "%Y" in format_part:
             # Each number before the year has two digits.
-            place = re.sub("%Y.*", "", form_part).count("%") * 2
+            place = re.sub("%Y.*", "", format_part).count("%") * 2
             if not _YEARS[0] <= int(cell_part[place : place + 4]) <= _YEARS[1]:
                 return False
     return True
 
 
-def _unsteady(times: Array) -> tuple[bool, float]:
+def _unsteadiness(times: Array) -> tuple[bool, float]:
     """Return whether times fall anywhere, and the ratio of their largest to their usual interval."""
     falls = bool((np.diff(times) < 0.0).any())
     intervals = np.diff(np.unique(times))

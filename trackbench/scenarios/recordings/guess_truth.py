@@ -184,18 +184,21 @@ def _check_order_of_days(path: str, guess: Guess, others: Sequence[Naming]) -> N
 
     ``others`` are the names and forms of these files.
     """
-    form = guess.naming.time_format
-    order = _order_of_days(form)
-    if not guess.other_order or all(_order_of_days(o.time_format) == order for o in others):
+    date_format = guess.naming.time_format
+    order = _order_of_days(date_format)
+    if not guess.format_of_other_order or all(
+        _order_of_days(o.time_format) == order for o in others
+    ):
         return
     message = "dates may be a day in either order, which matters beside the other file: say which, "
-    remedy = f"`--set 'time_format=\"{form}\"'` or `--set 'time_format=\"{guess.other_order}\"'`"
+    remedy = f"`--set 'time_format=\"{date_format}\"'` or "
+    remedy += f"`--set 'time_format=\"{guess.format_of_other_order}\"'`"
     raise DataError(Place(path, 1, 1, message + remedy))
 
 
-def _order_of_days(form: str) -> str:
+def _order_of_days(date_format: str) -> str:
     """Return the letters of day, month and year in a form of dates: dmy of %d/%m/%Y."""
-    return "".join(re.findall("%([dmy])", form.replace("%Y", "%y")))
+    return "".join(re.findall("%([dmy])", date_format.replace("%Y", "%y")))
 
 
 def _unit_of_heading(path: str, table_guess: Guess, column: str) -> str:

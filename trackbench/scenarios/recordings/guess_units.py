@@ -27,7 +27,7 @@ from trackbench.scenarios.recordings.guess_record import (
     UnitByQuantity,
 )
 from trackbench.scenarios.recordings.guess_robot import UNITS_OF_ROBOT
-from trackbench.scenarios.recordings.guess_time import DateForm
+from trackbench.scenarios.recordings.guess_time import ClockFormat
 from trackbench.scenarios.recordings.missing_cells import no_fix
 from trackbench.scenarios.recordings.quantities import COURSE, GEODETIC, ODOMETRY, PLACE, VELOCITY
 from trackbench.scenarios.recordings.rows import usual_interval
@@ -35,7 +35,7 @@ from trackbench.scenarios.recordings.table_sample import TableSample
 from trackbench.scenarios.recordings.unit_candidates import (
     LENGTH_UNITS,
     Candidate,
-    TimeForm,
+    PossibleFormat,
     UnscaledRows,
     is_usual_speed,
     likely_units,
@@ -100,20 +100,20 @@ class UnitChoice:
         sample: TableSample,
         columns: ColumnByQuantity,
         units: UnitByQuantity,
-        date_form: DateForm,
+        clock_format: ClockFormat,
         with_missing: Naming,
         reasons: ReasonByKey,
         user_columns: Collection[str],
     ) -> None:
         """Begin with the known ``units`` by quantity, to which the methods add units in place.
 
-        They add a reason for each of them to ``reasons``, and change ``columns``, too. ``date_form`` is
-        the format of dates, and ``with_missing`` has the numbers that stand for missing cells.
+        They add a reason for each of them to ``reasons``, and change ``columns``, too. ``clock_format``
+        is the format of dates, and ``with_missing`` has the numbers that stand for missing cells.
         ``user_columns`` are the quantities whose columns the user named.
         """
         self._user_columns = user_columns
         self._sample = sample
-        self._date_form = date_form
+        self._clock_format = clock_format
         self._reasons = reasons
         self._columns = columns
         self._units = units
@@ -121,7 +121,7 @@ class UnitChoice:
         self._chosen_rows: Mask = np.array([], dtype=np.bool_)
         """rows of one target and sensor, by which units are chosen"""
 
-    def choose_units(self, sensor: SensorGuess, has_velocity: bool) -> DateForm:
+    def choose_units(self, sensor: SensorGuess, has_velocity: bool) -> ClockFormat:
         """Add the likeliest units to the known ones; return the format of dates.
 
         ``sensor`` is the first sensor, and ``has_velocity`` is True if a velocity is measured beside its
@@ -130,13 +130,13 @@ class UnitChoice:
         """
         # Step 1: rank the candidates by which times, positions and speeds agree.
         unscaled = self._unscaled_rows(sensor)
-        time_forms: dict[str, TimeForm] = {}
-        if self._date_form.other:
-            time_forms = self._time_forms()
+        possible_formats: dict[str, PossibleFormat] = {}
+        if self._clock_format.other_format:
+            possible_formats = self._possible_formats()
         known_units = self._known_units(sensor)
         if unscaled.is_geodetic and unscaled.velocity is not None:
-            unscaled = self._with_north_first(unscaled, known_units, time_forms)
-        first, *others = likely_units(unscaled, known_units, time_forms)
+            unscaled = self._with_north_first(unscaled, known_units, possible_formats)
+        first, *others = likely_units(unscaled, known_units, possible_formats)
         self._check_axes(sensor, unscaled, first, known_units, has_velocity)
         # Step 2: report what remains open.
         questions = []
@@ -162,26 +162,26 @@ class UnitChoice:
                 reason = "they have no numbers"
             self._reasons["velocity"] = f"velocities are left out: {reason}"
         # Step 4: return the chosen one of two formats of dates. It is empty for the format of the clock.
-        if first.time_unit in time_forms and first.time_unit:
+        if first.time_unit in possible_formats and first.time_unit:
             if first.time_unit == "s":
-                return DateForm()  # the times are numbers of seconds
+                return ClockFormat()  # the times are numbers of seconds
             self._reasons["time_format"] = f"guess: {self._explain_choice(first)}"
-            return self._date_form._replace(form=first.time_unit)
-        return self._date_form
+            return self._clock_format._replace(date_format=first.time_unit)
+        return self._clock_format
 
     def _with_north_first(
         self,
         unscaled: UnscaledRows,
         known_units: UnitByQuantity,
-        time_forms: Mapping[str, TimeForm],
+        possible_formats: Mapping[str, PossibleFormat],
     ) -> UnscaledRows:
         """Return the rows with vx and vy exchanged, if they agree with the positions only then.
 
-        The columns of vx and vy, and their units, are then exchanged in place, too. ``time_forms`` are
-        possible forms of dates.
+        The columns of vx and vy, and their units, are then exchanged in place, too. ``possible_formats``
+        are possible forms of dates.
         """
         is_answered = not {*VELOCITY}.isdisjoint(self._user_columns)
-        if is_answered or not has_north_first(unscaled, known_units, time_forms):
+        if is_answered or not has_north_first(unscaled, known_units, possible_formats):
             return unscaled
         assert unscaled.velocity is not None
         columns = self._columns
@@ -416,18 +416,20 @@ class UnitChoice:
         if "time" not in columns:
             return sample.numbers(columns["step"]), True
         cells = sample.cells(columns["time"])
-        if self._date_form.is_date:
+        if self._clock_format.is_date:
             if "date" in columns and columns["time"] != columns["date"]:
                 dates = sample.cells(columns["date"])
                 cells = [f"{date} {time}" for date, time in zip(dates, cells, strict=True)]
-            microseconds, _ = parse_cells(partial(instant, form=self._date_form.form), cells)
+            microseconds, _ = parse_cells(
+                partial(instant, date_format=self._clock_format.date_format), cells
+            )
             if np.isnan(microseconds).all():
                 # The column of the times has whole dates, without those of the other column.
                 microseconds, _ = parse_cells(instant, sample.cells(columns["time"]))
             seconds = microseconds / 1e6
         else:
             seconds = sample.numbers(columns["time"])
-        return self._with_stamp_parts(seconds), self._date_form.is_date
+        return self._with_stamp_parts(seconds), self._clock_format.is_date
 
     def _with_stamp_parts(self, time: Array) -> Array:
         """Return the times (R,) plus the week, or the part of a second, that a further column has.
@@ -440,7 +442,7 @@ class UnitChoice:
         clock = columns["time"]
         rest = rest_of_stamp(self._sample.names, clock, columns)
         unit = units.get("time")
-        if "week" in rest and not self._date_form.is_date and np.isfinite(time).any():
+        if "week" in rest and not self._clock_format.is_date and np.isfinite(time).any():
             column = rest["week"].column
             weeks = self._sample.numbers(column)
             largest = float(np.nanmax(time))
@@ -467,13 +469,13 @@ class UnitChoice:
                 columns["subsecond"] = column
                 if part_unit not in (None, "ns"):
                     units["subsecond"] = str(part_unit)
-                if not self._date_form.is_date:
+                if not self._clock_format.is_date:
                     units["time"] = "s"
                 self._reasons["subsecond"] = "guess: the part of a second"
                 return time + part
         return time
 
-    def _time_forms(self) -> dict[str, TimeForm]:
+    def _possible_formats(self) -> dict[str, PossibleFormat]:
         """Return both possible formats of ambiguous times; the key of the guessed one is empty.
 
         Times such as 10:30 or 1030 are hours and minutes (the guessed format), or minutes and seconds.
@@ -482,7 +484,7 @@ class UnitChoice:
         cells = self._sample.cells(self._columns["time"])
         words = words_of(self._columns["time"])
         is_elapsed = not _ELAPSED.isdisjoint(words)
-        if self._date_form.other == "s":
+        if self._clock_format.other_format == "s":
             is_seconds = is_elapsed or not _SECONDS.isdisjoint(words)
             is_time_of_day = not _TIMES_OF_DAY.isdisjoint(words)
             as_clock, _ = self._times()
@@ -491,16 +493,18 @@ class UnitChoice:
             # The name of the column decides if it says what the times are. The penalty of 0.5 keeps the
             # interval alone from deciding: the 100 s between 100, 200 and 300 are unusual.
             return {
-                "": TimeForm(factor=1.0, penalty=0.5 + is_seconds),
-                "s": TimeForm(factor=factor, penalty=1.0 * is_time_of_day),
+                "": PossibleFormat(factor=1.0, penalty=0.5 + is_seconds),
+                "s": PossibleFormat(factor=factor, penalty=1.0 * is_time_of_day),
             }
         # Times that begin at zero, as 00:12 and 0012, rather count minutes and seconds.
         from_zero = bool(cells) and re.match(r"0+[:.,]|0*\d\d?$", cells[0]) is not None
         penalty_of_hours = 1.0 * is_elapsed + 0.5 * from_zero
         penalty_of_minutes = 0.0 if is_elapsed or from_zero else 1.0
         return {
-            "": TimeForm(factor=1.0, penalty=penalty_of_hours),
-            self._date_form.other: TimeForm(factor=1.0 / 60.0, penalty=penalty_of_minutes),
+            "": PossibleFormat(factor=1.0, penalty=penalty_of_hours),
+            self._clock_format.other_format: PossibleFormat(
+                factor=1.0 / 60.0, penalty=penalty_of_minutes
+            ),
         }
 
     def _known_units(self, sensor: SensorGuess) -> dict[str, str]:
@@ -585,12 +589,12 @@ class UnitChoice:
             options = []
             units = []
             if differ_in_time:
-                date_form = candidate.time_unit or self._date_form.form
-                if date_form in UNITS:
-                    options.append(f"--set 'units.time={date_form}'")
+                clock_format = candidate.time_unit or self._clock_format.date_format
+                if clock_format in UNITS:
+                    options.append(f"--set 'units.time={clock_format}'")
                 else:
-                    options.append(f"--set 'time_format={json.dumps(date_form)}'")
-                units.append(f"{columns['time']} in {date_form}")
+                    options.append(f"--set 'time_format={json.dumps(clock_format)}'")
+                units.append(f"{columns['time']} in {clock_format}")
             if differ_in_position:
                 names = ["latitude", "longitude"] if unscaled.is_geodetic else ["x", "y"]
                 if candidate.as_geodetic and not unscaled.is_geodetic:

@@ -36,9 +36,9 @@ def read_landmarks(path: str, user_naming: Naming | None = None) -> dict[str, tu
             message = f"there is no landmarks.columns.{key}; known: {', '.join(_KEYS)}"
             raise DataError(Place(path, 1, 1, message))
     # Step 1: find the columns.
-    form = _text_format(path, user_naming.format or TextFormat())
-    names = header(path, form)
-    sample = TableSample(path, names, form)
+    text_format = _text_format(path, user_naming.format or TextFormat())
+    names = header(path, text_format)
+    sample = TableSample(path, names, text_format)
     sample.require_rows()
     columns = _columns(sample, user_naming)
     # Step 2: read the places, in m.
@@ -65,15 +65,15 @@ def read_landmarks(path: str, user_naming: Naming | None = None) -> dict[str, tu
     return places
 
 
-def _text_format(path: str, form: TextFormat) -> TextFormat:
+def _text_format(path: str, text_format: TextFormat) -> TextFormat:
     """Name the columns of a table without a line of names, if it has three."""
-    if is_parquet(path) or form.names or form.header:
-        return form
-    layout = layout_of(path, form)
+    if is_parquet(path) or text_format.names or text_format.header:
+        return text_format
+    layout = layout_of(path, text_format)
     has_names = not layout.header or not all(map(is_value, layout.names))
     if has_names or len(layout.names) != len(_NAMELESS):
-        return form
-    return replace(form, names=_NAMELESS, header=0)
+        return text_format
+    return replace(text_format, names=_NAMELESS, header=0)
 
 
 def _columns(sample: TableSample, user_naming: Naming) -> dict[str, str]:

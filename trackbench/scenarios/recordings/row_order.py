@@ -61,9 +61,9 @@ def _check_falls(context: ReadingContext, rows: Rows) -> None:
         message = (
             f"time falls by {largest:.9g}{unit}, where rows usually are {usual:.9g}{unit} apart"
         )
-        form = context.naming.time_format
+        date_format = context.naming.time_format
         date_remedy = ""
-        if form and "%d" not in form:
+        if date_format and "%d" not in date_format:
             date_remedy = " or say `columns: {date: NAME}`"
         remedy = f"write dates{date_remedy} or go on counting if a clock began anew, or sort"
         remedy += " the rows by time"

@@ -294,12 +294,12 @@ def _remedy_for_large_time(value: float, own_key: str) -> str:
     """
     digits = f"{value:.0f}"
     # A date has 12 digits or more: 202504031000 is 2025-04-03 10:00.
-    for length, form in _STAMPS:
+    for length, date_format in _STAMPS:
         month = int(digits[4:6] or 0)
         day = int(digits[6:8] or 0)
         is_date = 1 <= month <= 12 and 1 <= day <= 31
         if len(digits) == length and digits[:2] in ("19", "20") and is_date:
-            return f'it looks like a date, say `time_format: "{form}"`'
+            return f'it looks like a date, say `time_format: "{date_format}"`'
     # The unit in which it is a time since 1970, which now are some 1.8e12 ms.
     unit = "ns"
     for epoch_unit, size in _EPOCHS.items():

@@ -25,19 +25,19 @@ _SAMPLE = 10_000  # rows
 class TableSample:
     """First rows of a table, as text."""
 
-    def __init__(self, path: str, names: list[str], form: TextFormat) -> None:
+    def __init__(self, path: str, names: list[str], text_format: TextFormat) -> None:
         """Read the first rows of a file with these columns, and the lines that may have units."""
         self.path = path
         self.names = names
-        self.line = 1 if is_parquet(path) else layout_of(path, form).before + 1
+        self.line = 1 if is_parquet(path) else layout_of(path, text_format).before + 1
         """line of the first row"""
-        self._form = form
-        self._rows = first_rows(path, form, _SAMPLE)
-        self._thousands = form.thousands
+        self._text_format = text_format
+        self._rows = first_rows(path, text_format, _SAMPLE)
+        self._thousands = text_format.thousands
         self._units: list[list[str]] = []
         """lines between the names and the first row, which may have units"""
-        if form.skip:
-            self._units = first_rows(path, replace(form, skip=0), form.skip)
+        if text_format.skip:
+            self._units = first_rows(path, replace(text_format, skip=0), text_format.skip)
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -47,14 +47,16 @@ class TableSample:
         """True if there are lines below the names, which may have too few or too many cells."""
         if is_parquet(self.path):
             return False
-        return any(True for _ in table_rows(self.path, layout_of(self.path, self._form)))
+        return any(True for _ in table_rows(self.path, layout_of(self.path, self._text_format)))
 
     def require_two_times(self, column: str) -> None:
         """Raise DataError if all rows have one cell in the column of the times."""
         times = self.words(column)
         if len(times) != 1:
             return
-        read_table(self.path, {column: "label"}, form=self._form)  # which reports mistaken rows
+        read_table(
+            self.path, {column: "label"}, text_format=self._text_format
+        )  # which reports mistaken rows
         rows = counted(len(self), "row")
         message = f"{column} is {times[0]} in {rows}: a recording needs rows of two times"
         remedy = (
@@ -66,7 +68,9 @@ class TableSample:
         """Raise DataError for a table of which no row can be read, or that has names alone."""
         if not self._rows:
             if self._has_lines:
-                read_table(self.path, {self.names[0]: "label"}, form=self._form)  # which says why
+                read_table(
+                    self.path, {self.names[0]: "label"}, text_format=self._text_format
+                )  # which says why
             names = ", ".join(self.names)[:200]
             message = f"has no rows below the names {names}: is it the right file, and complete?"
             raise DataError(Place(self.path, 1, 1, message))

@@ -82,7 +82,7 @@ TIME_UNITS = (
 )
 
 
-class TimeForm(NamedTuple):
+class PossibleFormat(NamedTuple):
     """One of several possible formats of dates."""
 
     factor: float
@@ -172,17 +172,17 @@ class Candidate:
 def likely_units(
     unscaled: UnscaledRows,
     known_units: Mapping[str, str],
-    time_forms: Mapping[str, TimeForm] = MappingProxyType({}),
+    possible_formats: Mapping[str, PossibleFormat] = MappingProxyType({}),
 ) -> list[Candidate]:
     """Return the likeliest choices of units, the best first.
 
     These are the choices whose penalty is near the least one. ``known_units`` are units by quantity that
-    need no guess. ``time_forms`` are the possible formats of dates, if there are several.
+    need no guess. ``possible_formats`` are the possible formats of dates, if there are several.
     """
     candidates: list[Candidate] = []
     # Step 1: combine each unit of the position with each of the time, and then with those of the speed.
     combinations = product(
-        _position_units(unscaled, known_units), _time_units(unscaled, known_units, time_forms)
+        _position_units(unscaled, known_units), _time_units(unscaled, known_units, possible_formats)
     )
     for of_position, of_time in combinations:
         position_unit, as_geodetic, position_penalty = of_position
@@ -281,7 +281,9 @@ def is_usual_speed(speed: float) -> bool:
 
 
 def _time_units(
-    unscaled: UnscaledRows, known_units: Mapping[str, str], time_forms: Mapping[str, TimeForm]
+    unscaled: UnscaledRows,
+    known_units: Mapping[str, str],
+    possible_formats: Mapping[str, PossibleFormat],
 ) -> Iterator[tuple[str, float, float]]:
     """Yield each possible unit of the time, its factor to seconds, and its penalty.
 
@@ -289,10 +291,10 @@ def _time_units(
     The arguments are those of `likely_units`.
     """
     if unscaled.is_dated:
-        yield "", 1.0, time_forms.get("", TimeForm(factor=1.0, penalty=0.0)).penalty
-        for time_format, form in time_forms.items():
+        yield "", 1.0, possible_formats.get("", PossibleFormat(factor=1.0, penalty=0.0)).penalty
+        for time_format, possible in possible_formats.items():
             if time_format:
-                yield time_format, form.factor, form.penalty
+                yield time_format, possible.factor, possible.penalty
         return
     if "time" in known_units:
         yield known_units["time"], UNITS[known_units["time"]], 0.0

@@ -33,11 +33,11 @@ def comment_on(reasons: dict[str, str], key: str) -> str:
     return f"  # {reasons[key]}"
 
 
-def format_in_braces(form: TextFormat) -> str:
+def format_in_braces(text_format: TextFormat) -> str:
     """Return the keys of a format that are set as YAML in braces."""
     keys = []
-    for key in fields(form):
-        value = getattr(form, key.name)
+    for key in fields(text_format):
+        value = getattr(text_format, key.name)
         if value:
             keys.append(f"{key.name}: {value_in_braces(value)}")
     return f"{{{', '.join(keys)}}}"
