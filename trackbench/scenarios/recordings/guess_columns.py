@@ -17,8 +17,8 @@ from trackbench.scenarios.recordings.guess_record import (
 )
 from trackbench.scenarios.recordings.guess_robot import (
     guess_units_of_robot,
-    settle_landmarks,
-    settle_odometry,
+    keep_odometry_columns,
+    settle_robot_columns,
 )
 from trackbench.scenarios.recordings.quantities import (
     COURSE,
@@ -76,9 +76,9 @@ def guess_columns(
     _settle_twice_named(columns, user_naming)
     is_robot = True
     if content == "odometry":
-        settle_odometry(sample, columns)
+        keep_odometry_columns(sample, columns)
     else:
-        is_robot = settle_landmarks(sample, columns, user_naming, tables)
+        is_robot = settle_robot_columns(sample, columns, user_naming, tables)
     # A column of sensors has a few words; one of runs has at least three rows for each on average.
     most_runs = max(1, len(sample) // 3)
     for key, least, most in (("sensor", 2, _MOST_SENSORS), ("run", 1, most_runs)):

@@ -37,16 +37,19 @@ def check_split_angles(sample: TableSample, columns: Mapping[str, str]) -> None:
     """Raise DataError for a latitude or longitude whose minutes are in a column of their own.
 
     Its degrees then are whole numbers, and a column with a similar name has numbers from 0 to 60.
+    ``columns`` are the columns by quantity.
     """
     for quantity in ("latitude", "longitude"):
         column = columns.get(quantity)
         degrees = sample.numbers(column) if column else np.array([])
+        # Numbers beyond a turn are in a small unit, such as 1e-7 deg.
         degrees = degrees[np.isfinite(degrees)]
         if not len(degrees) or (degrees % 1.0).any() or np.abs(degrees).max() > 360.0:
             continue
         parts = []
         for name in sample.names:
-            # Without its unit, such as min, the name is that of the latitude, too.
+            # The name of the minutes, such as lat_min, is one of the latitude, too, as units do not
+            # count.
             is_similar = quantity in columns_of([name]) and name not in columns.values()
             numbers = sample.numbers(name) if is_similar else np.array([])
             numbers = numbers[np.isfinite(numbers)]
@@ -67,8 +70,9 @@ def check_hemispheres(
 ) -> None:
     """Raise DataError if a coordinate may count to the south or west, and is read as north or east.
 
-    The name of its column says so, or a column of hemispheres has words that are unknown. A user who
-    named such a column, among ``user_columns``, has answered the question.
+    The name of its column says so, or a column of hemispheres has unknown words. ``columns`` are the
+    columns by quantity. There is no error if the user named the column of the coordinate or of the
+    hemispheres, which ``user_columns`` then has.
     """
     if not columns.keys() >= {*GEODETIC[:2]}:
         return
@@ -88,7 +92,7 @@ def check_hemispheres(
         words = sample.words(name)
         if name in columns.values() or not 0 < len(words) <= 4 or not _names_hemisphere(name):
             continue
-        # Other numbers are those of satellites (ns) or of angles.
+        # Numbers other than 1 and -1 name no hemisphere: they count satellites (ns), or are angles.
         numbers = sample.numbers(name)
         numbers = numbers[np.isfinite(numbers)]
         if len(numbers) and not {*numbers} <= {-1.0, 1.0}:
@@ -114,7 +118,11 @@ def _names_hemisphere(name: str) -> bool:
 def check_earth_centered(
     sample: TableSample, columns: Mapping[str, str], units: Mapping[str, str]
 ) -> None:
-    """Raise DataError if x and y, with a further column, count from the center of the Earth."""
+    """Raise DataError if x and y, with a further column z, count from the center of the Earth.
+
+    Their distance from the center is then the radius of the Earth. ``columns`` and ``units`` are by
+    quantity; without a unit m, km, cm and mm are tried.
+    """
     if not columns.keys() >= {"x", "y"}:
         return
     x = sample.numbers(columns["x"])
@@ -129,12 +137,14 @@ def check_earth_centered(
         if known.sum() < 3:
             continue
         for scale in scales:
-            middle = float(np.median(radius[known])) * scale
-            # Northings may be as large; then z is a height.
+            median_radius = float(np.median(radius[known])) * scale
+            # Northings of a map's grid may be as large; then z is a height.
             is_height = float(np.median(np.abs(z[known]))) * scale < _HIGHEST
-            if _RADII[0] <= middle <= _RADII[1] and not is_height:
+            if _RADII[0] <= median_radius <= _RADII[1] and not is_height:
                 names = f"{columns['x']}, {columns['y']} and {name}"
-                message = f"{names} count from the center of the Earth, {middle / 1e3:.0f} km away"
+                message = (
+                    f"{names} count from the center of the Earth, {median_radius / 1e3:.0f} km away"
+                )
                 remedy = "convert them to latitude and longitude (EPSG:4978 to EPSG:4326)"
                 raise DataError(Place(sample.path, sample.line, 1, f"{message}: {remedy}"))
 
@@ -142,9 +152,10 @@ def check_earth_centered(
 def check_zones(
     sample: TableSample, columns: Mapping[str, str], user_columns: Collection[str]
 ) -> None:
-    """Raise DataError if x and y are those of several zones, which have no plane in common.
+    """Raise DataError if x and y are those of several zones of UTM, which have no plane in common.
 
-    A user who named the column of the runs, among ``user_columns``, has answered the question.
+    A column then names the zones. ``columns`` are the columns by quantity. There is no error if the user
+    named the column of the runs, so that ``user_columns`` has ``run``.
     """
     if not columns.keys() >= {"x", "y"} or "run" in user_columns:
         return
@@ -152,7 +163,7 @@ def check_zones(
         zones = sample.words(name)
         if "zone" not in words_of(name) or len(zones) < 2:
             continue
-        # A zone may also be an area, if neither names nor letters are those of UTM.
+        # Without a name or a letter of UTM a zone may be an area, such as a part of a town.
         is_utm = "utm" in words_of(name) or {*words_of(columns["x"])} & {"east", "easting"}
         has_letters = all(zone[-1:].isalpha() for zone in zones)
         if all(map(_ZONE.fullmatch, zones)) and (is_utm or has_letters):
@@ -171,9 +182,10 @@ def check_slant_ranges(
     units: Mapping[str, str],
     user_columns: Collection[str],
 ) -> None:
-    """Raise DataError if ranges are longer than those in the plane, as elevations beside them say.
+    """Raise DataError if elevations show that ranges are longer than distances in the plane.
 
-    A user who named the column of the range, among ``user_columns``, has answered the question.
+    ``columns`` and ``units`` are by quantity. There is no error if the user named the column of the
+    range, so that ``user_columns`` has ``range``.
     """
     if not columns.keys() >= {"range", "azimuth"} or "range" in user_columns:
         return
@@ -189,6 +201,7 @@ def check_slant_ranges(
         if unit is None and elevation.max() > 0.5 * np.pi:
             unit = "deg"
         unit = unit or units.get("azimuth", "deg")
+        # r cos(elevation) is the distance in the plane.
         share = 1.0 - float(np.cos(np.median(elevation) * UNITS[unit]))
         if not _LARGEST_SHARE < share < 1.0:
             continue

@@ -77,11 +77,12 @@ def guess_clock_format(
     words: Collection[str] = (),
     has_unit: bool = False,
 ) -> ClockFormat:
-    """Guess the form of the cells of a column of times, and of a column of dates if there is one.
+    """Guess the format of the cells of a column of times, and of a column of dates if there is one.
 
+    ``times`` and ``dates`` are the cells of both columns; ``dates`` is empty without such a column.
     ``path`` and ``line`` are the place of the first cell, for an error. ``words`` are those of the name
-    of the times' column; numbers of a known unit (``has_unit``) are no times of day. Raises DataError if
-    day and month may be in either order, and the times then differ.
+    of the times' column. Numbers whose unit is known (``has_unit``) are no times of day. Raises
+    DataError if day and month may be in either order, and the times then differ.
     """
     if not times:
         return ClockFormat()
@@ -89,9 +90,10 @@ def guess_clock_format(
     if dates:
         cells = [f"{date} {time}" for date, time in zip(dates, times, strict=True)]
     _check_zeros(path, cells, line)
-    _, no_numbers = parse_cells(number, [cell.replace(",", ".") for cell in times])
+    # Step 1: numbers may be seconds, times of day such as 0959, or long stamps such as 20250403095900.
+    _, mistakes = parse_cells(number, [cell.replace(",", ".") for cell in times])
     is_clock = False
-    if not no_numbers:
+    if not mistakes:
         if not all(map(_STAMP.fullmatch, times)):
             if has_unit:
                 return ClockFormat()
@@ -103,6 +105,7 @@ def guess_clock_format(
             is_clock = True
     elif is_instant(cells[0]):
         return ClockFormat(is_date=True)
+    # Step 2: find the formats that fit all cells.
     times_by_format = _fitting_formats(cells)
     if is_clock:
         times_by_format = {
@@ -111,7 +114,7 @@ def guess_clock_format(
             if date_format.endswith(clock_format.date_format)
         }
     if not times_by_format:
-        # Dates of an unknown form are reported when the times are read.
+        # Dates of an unknown format are reported when the times are read.
         is_number = not dates and all(map(_is_number, times))
         return ClockFormat(is_date=not is_number)
     # 10:30 may be minutes and seconds, too; the usual speed decides later.
@@ -124,12 +127,12 @@ def guess_clock_format(
         date_format for date_format in times_by_format if date_format.endswith("%H%M")
     ]:
         times_by_format.pop(f"{date_format}%S", None)
-    # The best form comes first: times that never fall, then the most equal intervals. If two orders of
-    # day and month are as good, the month is first only beside a.m. and p.m.
+    # Step 3: the best format comes first: times that never fall, then the most equal intervals. If two
+    # orders of day and month are as good, the month is first only beside a.m. and p.m.
     first, *others = sorted(
         times_by_format,
         key=lambda date_format: (
-            _unsteadiness(times_by_format[date_format]),
+            _falls_and_unevenness(times_by_format[date_format]),
             "%p" in date_format and date_format[:2] == "%d",
         ),
     )
@@ -143,8 +146,8 @@ def guess_clock_format(
             if times_by_format[date_format][0] != times_by_format[first][0]:
                 format_of_other_order = format_of_other_order or date_format
             continue
-        falls, gap = _unsteadiness(times_by_format[first])
-        other_falls, other_gap = _unsteadiness(times_by_format[date_format])
+        falls, gap = _falls_and_unevenness(times_by_format[first])
+        other_falls, other_gap = _falls_and_unevenness(times_by_format[date_format])
         if falls == other_falls and other_gap < _STEADIER * gap:
             message = f"{cells[0]!r} may be a day in either order: say which, "
             remedy = f"`--set 'time_format=\"{first}\"'` or `--set 'time_format=\"{date_format}\"'`"
@@ -166,11 +169,13 @@ def check_split_time(
 ) -> None:
     """Raise DataError if the time is split over several columns, such as hour, min and sec.
 
-    ``columns`` are those of the quantities; the time is not checked if it is among ``user_columns``.
+    ``columns`` are the columns by quantity. There is no error if the user named the column of the time,
+    so that ``user_columns``, the quantities of named columns, have it.
     """
     if "time" not in columns or "time" in user_columns:
         return
     time = columns["time"]
+    # The column of the time is a part of it: by its name, or a date that is equal in many rows.
     is_part = "".join(words_of(time)) in _PARTS_OF_TIMES
     is_day = "date" in words_of(time) and 2 * len(sample.words(time)) <= len(sample)
     if not is_part and not is_day:
@@ -199,13 +204,14 @@ def _check_zeros(path: str, cells: Sequence[str], line: int) -> None:
     The numbers behind the point then rise within each second, and the times fall. ``line`` is that of
     the first cell.
     """
+    # Groups of a match: the time up to its whole seconds, and the digits behind them.
     parts = [_FRACTION.fullmatch(cell) for cell in cells]
     falling = None
     for row, (before, after) in enumerate(pairwise(parts), 1):
         if before is None or after is None or before[1] != after[1]:
             continue
         if int(after[2]) < int(before[2]):
-            return
+            return  # not even the numbers behind the point rise
         if float(f"0.{after[2]}") < float(f"0.{before[2]}"):
             falling = falling or row
     if falling is not None:
@@ -219,7 +225,10 @@ def _check_zeros(path: str, cells: Sequence[str], line: int) -> None:
 
 
 def _check_frames(path: str, cells: Sequence[str], date_format: str, line: int) -> None:
-    """Raise DataError if the last part of times such as 10:00:59:24 may be the number of a frame."""
+    """Raise DataError if the last part of times such as 10:00:59:24 may be the number of a video frame.
+
+    The ``cells`` fit ``date_format``. ``line`` is that of the first cell.
+    """
     last_parts = [cell.rpartition(":")[2] for cell in cells]
     if all(len(part) <= 2 for part in last_parts) and max(map(int, last_parts)) < _MOST_FRAMES:
         message = f"{cells[0]!r} may end with the number of a frame"
@@ -229,11 +238,12 @@ def _check_frames(path: str, cells: Sequence[str], date_format: str, line: int) 
 
 
 def _clock_in_numbers(times: Sequence[str], words: Collection[str], has_dates: bool) -> ClockFormat:
-    """Return the form of times of day in one number, such as 959, 95959 or 95959.5; else an empty one.
+    """Return the format of times of day in one number, such as 959, 95959 or 95959.5; else an empty one.
 
-    Zeros before the number may be missing. ``words`` are those of the column's name; ``has_dates`` if
-    the dates are in a column of their own.
+    It is empty if the numbers rather are seconds. Zeros before the number may be missing. ``words`` are
+    those of the column's name; ``has_dates`` is True if the dates are in a column of their own.
     """
+    # Step 1: read the numbers as clocks of 4 or 6 digits, if all of them are possible ones.
     if all(map(_DOTTED_CLOCK.fullmatch, times)):
         return _clock_with_points(times)
     cells = [cell.replace(",", ".") for cell in times]
@@ -259,6 +269,7 @@ def _clock_in_numbers(times: Sequence[str], words: Collection[str], has_dates: b
             seconds = seconds / 60.0
         elif _has_several_hours(numbers):
             other_format = "%M%S"
+    # Step 2: the name of the column may decide.
     reason = f"guess: {_explain_format(date_format)}"
     if named:
         if date_format.startswith(named):
@@ -269,39 +280,44 @@ def _clock_in_numbers(times: Sequence[str], words: Collection[str], has_dates: b
     )
     if has_dates and date_format.startswith("%H"):
         return clock_format._replace(other_format="")
-    # Numbers of one width that begin with a zero are none of seconds: 0959.
+    # Step 3: otherwise the numbers decide between a clock and seconds. Numbers of one width that begin
+    # with a zero, such as 0959, are no seconds.
     is_padded = min(map(len, wholes)) == digits and wholes[0].startswith("0")
-    as_clock = np.diff(seconds) % 86400.0
-    as_numbers = np.diff(numbers)
-    if np.allclose(as_clock, as_numbers, atol=1e-6):
+    intervals_as_clock = np.diff(seconds) % 86400.0
+    intervals_as_numbers = np.diff(numbers)
+    if np.allclose(intervals_as_clock, intervals_as_numbers, atol=1e-6):
         # Within a minute both are the same times, but for the time of the first.
         return clock_format if is_padded else ClockFormat()
     if is_padded:
         return clock_format
     if digits == 6 and not has_fractions and _takes_many_seconds(times):
         return clock_format
-    usual_clock, usual_number = (_share_of_usual(d) for d in (as_clock, as_numbers))
-    if len(as_clock) >= 3 and usual_clock > usual_number:
+    # The right reading has more equal intervals.
+    equal_as_clock = _count_of_most_frequent(intervals_as_clock)
+    equal_as_numbers = _count_of_most_frequent(intervals_as_numbers)
+    if len(intervals_as_clock) >= 3 and equal_as_clock > equal_as_numbers:
         return clock_format
     # Within an hour 1201 and 1202 may be minutes or seconds, as 1100 and 1200 may be hours or seconds.
     # Small numbers count from zero.
     is_whole = date_format in ("%H%M", "%H%M%S") and min(map(len, wholes)) >= digits - 1
-    if is_whole and usual_clock == usual_number:
+    if is_whole and equal_as_clock == equal_as_numbers:
         return clock_format._replace(other_format="s")
     return ClockFormat()
 
 
 def _clock_with_points(times: Sequence[str]) -> ClockFormat:
-    """Return the form of times such as 9.58, 9.59 and 10.00, which are no decimals; else an empty one.
+    """Return the format of times such as 9.58, 9.59 and 10.00, which are no decimals; else an empty one.
 
     More of their intervals must be equal as hours and minutes, or minutes and seconds, than as decimals.
     """
     parts = [re.split("[.,]", cell) for cell in times]
     numbers = np.array([float(f"{whole}.{rest}") for whole, rest in parts])
     clock = np.array([60.0 * float(whole) + float(rest) for whole, rest in parts])
-    if len(times) < 4 or _share_of_usual(np.diff(clock)) <= _share_of_usual(np.diff(numbers)):
+    if len(times) < 4 or _count_of_most_frequent(np.diff(clock)) <= _count_of_most_frequent(
+        np.diff(numbers)
+    ):
         return ClockFormat()
-    mark = times[0][-3]
+    mark = times[0][-3]  # the point or comma before the last two digits
     hours = f"%H{mark}%M"
     minutes = f"%M{mark}%S"
     if numbers.max() >= 24.0:
@@ -313,13 +329,14 @@ def _clock_with_points(times: Sequence[str]) -> ClockFormat:
 
 
 def _seconds_of_clock(numbers: Array, digits: int) -> Array | None:
-    """Return times of day in one number, as seconds (R,); None if a number is none.
+    """Return times of day in one number, such as 95959, as seconds (R,); None if one is impossible.
 
-    The ``digits`` are those of hours and minutes, 4, or of hours, minutes and seconds, 6. The hours of
-    4 digits may also be minutes, and then the minutes are seconds.
+    ``digits`` is 4 for hours and minutes, or 6 for hours, minutes and seconds. The hours of 4 digits may
+    be as many as 59, as the caller may take them for minutes, and the minutes for seconds.
     """
+    # Pairs of digits, the last one first.
     parts = [numbers // size % 100.0 for size in (1.0, 100.0, 10_000.0)[: digits // 2]]
-    parts[0] = numbers % 100.0
+    parts[0] = numbers % 100.0  # with the fraction of the last part
     largest = parts[-1].max()
     if any(part.max() >= 60.0 for part in parts) or (digits == 6 and largest >= 24.0):
         return None
@@ -330,18 +347,21 @@ def _seconds_of_clock(numbers: Array, digits: int) -> Array | None:
 
 
 def _has_several_hours(numbers: Array) -> bool:
-    """Test whether numbers of four digits have different first two digits."""
+    """Test whether times in one number of four digits, such as 0959, have different first two digits."""
     return bool(np.ptp(numbers // 100.0) > 0.0)
 
 
 def _takes_many_seconds(times: Sequence[str]) -> bool:
-    """Test whether the last two digits of all times, such as 235959, take many values below 60."""
+    """Test whether all cells are possible times, such as 235959, with many different seconds.
+
+    Numbers of seconds would hardly have last digits that are all below 60.
+    """
     clocks = [match for match in map(_CLOCK.fullmatch, times) if match]
     return len(clocks) == len(times) and len({match[2] for match in clocks}) >= _LEAST_SECONDS
 
 
-def _share_of_usual(intervals: Array) -> int:
-    """Return how many intervals (R,) have the value that most of them have, to a thousandth."""
+def _count_of_most_frequent(intervals: Array) -> int:
+    """Return how many intervals (R,), rounded to a thousandth, have the most frequent value."""
     return int(np.unique(np.round(intervals, 3), return_counts=True)[1].max())
 
 
@@ -350,7 +370,7 @@ def _is_number(cell: str) -> bool:
 
 
 def _explain_format(date_format: str) -> str:
-    """Describe a form for a comment in the config."""
+    """Describe a format of dates, such as %H:%M, for a comment in the config."""
     if "%d" in date_format:
         return "%d is the day, %m the month"
     if date_format.startswith("%M"):
@@ -361,12 +381,12 @@ def _explain_format(date_format: str) -> str:
 
 
 def _fitting_formats(cells: Sequence[str]) -> dict[str, Array]:
-    """Return the forms that fit all cells, each with the times (R,), in microseconds, that it gives."""
+    """Return the times (R,), microseconds since 1970, by each known format that fits all cells."""
     times_by_format: dict[str, Array] = {}
     for date_format in KNOWN_FORMATS:
         if date_format.endswith("%f") and date_format[:-3] in times_by_format:
             continue  # no cell has digits behind its seconds
-        # Most forms do not fit the first cell.
+        # Most formats do not fit the first cell, so that it is tried alone first.
         if not all(_has_digits_of(date_format, cell) for cell in cells[:1]):
             continue
         values, mistakes = parse_cells(partial(instant, date_format=date_format), cells[:1])
@@ -374,7 +394,8 @@ def _fitting_formats(cells: Sequence[str]) -> dict[str, Array]:
             values, mistakes = parse_cells(partial(instant, date_format=date_format), cells)
         if not mistakes and all(_has_digits_of(date_format, cell) for cell in cells):
             times_by_format[date_format] = values
-    # A count of microseconds may look like a stamp. Its last two digits are then alike in all cells.
+    # A date such as 250403095900 may be a count of microseconds. Then its last two digits are alike in
+    # all cells.
     short = [
         date_format
         for date_format in STAMP_FORMATS
@@ -387,7 +408,7 @@ def _fitting_formats(cells: Sequence[str]) -> dict[str, Array]:
 
 
 def _has_digits_of(date_format: str, cell: str) -> bool:
-    """Test whether the parts of a cell that are digits alone have as many digits as the form.
+    """Test whether the parts of a cell that are digits alone have as many digits as the format.
 
     Without this test strptime reads 090324 by "%Y%m%d" as the 4th of February 903.
     """
@@ -413,8 +434,11 @@ def _has_digits_of(date_format: str, cell: str) -> bool:
     return True
 
 
-def _unsteadiness(times: Array) -> tuple[bool, float]:
-    """Return whether times fall anywhere, and the ratio of their largest to their usual interval."""
+def _falls_and_unevenness(times: Array) -> tuple[bool, float]:
+    """Return whether times (R,) fall anywhere, and the ratio of their largest to their usual interval.
+
+    The lesser result belongs to the likelier times.
+    """
     falls = bool((np.diff(times) < 0.0).any())
     intervals = np.diff(np.unique(times))
     if not len(intervals):
@@ -423,7 +447,11 @@ def _unsteadiness(times: Array) -> tuple[bool, float]:
 
 
 def check_clock(context: ReadingContext, rows: Rows) -> None:
-    """Raise DataError if a clock was set while it ran: dates of 1970 or 1980 before those of today."""
+    """Raise DataError if the time rises so far that the clock rather was set while it ran.
+
+    Its first dates are of 1970 or 1980, as an example, and the next ones of today. ``rows`` are those of
+    one run and sensor.
+    """
     times, first_rows_of_times = np.unique(rows.time, return_index=True)
     if context.counts_steps or len(times) < _FEWEST_MEASURED:
         return
@@ -447,8 +475,8 @@ def check_clock(context: ReadingContext, rows: Rows) -> None:
 def check_daylight_saving(context: ReadingContext, rows: Rows) -> None:
     """Raise DataError if local times lack an hour because clocks were set forward in spring.
 
-    It is an hour of a Sunday night, and the rows go on before and after it as usual. ``rows`` are in
-    order.
+    It is an hour of a Sunday night, and the rows before and after it have their usual interval.
+    ``rows`` are those of one run and sensor, in order of time.
     """
     has_local_times = context.clock is not None and context.clock.kind == "date"
     if not has_local_times or len(rows.time) < _FEWEST_MEASURED:
