@@ -52,9 +52,10 @@ def joined_guess(paths: Sequence[str], guesses: Sequence[Guess]) -> Guess:
 
 
 def _of_one_sensor(path: str, guess: Guess) -> Guess:
-    """Return the guess at one of several files, whose sensor has the name of the file.
+    """Return the guess at one of several files, whose sensor gets the name of the file.
 
-    Velocities beside positions would be those of a second sensor, and are left out.
+    Velocities beside positions would be measured by a second sensor, and are left out. Raises DataError
+    for the log of a robot and for a file of several sensors.
     """
     name = Path(path).stem
     if guess.inputs:
@@ -72,7 +73,10 @@ def _of_one_sensor(path: str, guess: Guess) -> Guess:
 
 
 def _without_name_of_run(guess: Guess) -> Guess:
-    """Return the guess at a file whose one run needs no name, which may be another one in each file."""
+    """Return the guess at a file of one run, without the name of the run.
+
+    The files may give their only run different names, and it is the same run.
+    """
     columns = dict(guess.naming.columns)
     if columns.pop("run", None) is not None:
         columns["run"] = ""

@@ -30,8 +30,9 @@ def guess_missing(
 ) -> tuple[float, ...]:
     """Return whole numbers far outside the others, which stand for missing cells in all columns.
 
-    They are searched in the columns of the ``measured`` quantities and in latitude and longitude. The
-    ``user_columns`` are those that the user named.
+    They are searched in the columns of the ``measured`` quantities and in latitude and longitude.
+    ``columns`` are the columns by quantity, and ``user_columns`` the quantities whose columns the user
+    named. If there are none, a number near the others may stand for no detection, and is returned.
     """
     names = sorted((measured | {*GEODETIC[:2], "speed", *VELOCITY}) & columns.keys())
     values = {name: sample.numbers(columns[name]) for name in names}
@@ -39,14 +40,14 @@ def guess_missing(
         has_fix = ~no_fix(values["latitude"], values["longitude"], UNITS["deg"])
         values = {name: column[has_fix] for name, column in values.items()}
     codes: list[float] = []
-    far = {name: outlying(column) for name, column in values.items()}
+    outliers = {name: outlying(column) for name, column in values.items()}
     for name in sorted(values.keys() & (measured | {*GEODETIC[:2]})):
         if name == "azimuth":
             continue  # an azimuth of 0 may be far from others, and none of them is missing
-        for value in far[name]:
-            # A number that other columns measure is no code.
+        for value in outliers[name]:
+            # A number that is a usual one in another column is no code.
             is_code = all(
-                value in far[other] or not (values[other] == value).any() for other in values
+                value in outliers[other] or not (values[other] == value).any() for other in values
             )
             if value % 1 == 0 and is_code and value not in codes:
                 codes.append(value)
@@ -65,9 +66,10 @@ def _codes_of_no_detection(
     """Return the number that stands for a position or range if nothing was detected, in a list.
 
     The list is empty if no number does. The number is 0, -1 or the largest range, and its rows lie far
-    from all rows before and after. ``values`` (R,) are those of the quantities. Raises DataError if
-    another quantity has the number, too. A user who named the columns, among ``user_columns``, has said
-    that they are measured.
+    from the measured rows before and after. ``columns`` are the columns and ``values`` (R,) the numbers
+    by quantity. Raises DataError if only some of these rows lie far, or if another quantity has the
+    number, too. Columns that the user named, whose quantities are in ``user_columns``, are measured in
+    all rows.
     """
     for group in (PLACE, ("range",)):
         if not all(name in values for name in group) or not {*group}.isdisjoint(user_columns):
@@ -84,9 +86,12 @@ def _codes_of_no_detection(
             measured = np.flatnonzero(np.isfinite(positions).all(axis=0) & ~is_code)
             if not is_code.any() or len(measured) < _FEWEST_MEASURED:
                 continue
+            # Compare the distance from the nearer one of two measured neighbors with the usual steps.
             steps = np.sqrt(np.square(np.diff(positions[:, measured], axis=1)).sum(axis=0))
             rows = np.flatnonzero(is_code)
-            after = np.searchsorted(measured, rows)
+            after = np.searchsorted(
+                measured, rows
+            )  # the next measured row, as an index into `measured`
             away = np.full(len(rows), np.inf)
             for neighbor in (after - 1, after):
                 inside = (neighbor >= 0) & (neighbor < len(measured))
@@ -98,6 +103,7 @@ def _codes_of_no_detection(
             if not is_far.any() or (code not in (0.0, -1.0) and not is_far.all()):
                 continue
             others = [name for name, column in values.items() if (column[~is_code] == code).any()]
+            # The code counts for all columns, so that no other column may have it as a usual number.
             if not others and is_far.all():
                 return [code]
             rows = rows[is_far]

@@ -33,12 +33,15 @@ _FIRST_SCORED = 10
 
 
 def usual_process_noise(speed: float) -> float:
-    """Return the process noise q by which the velocity wanders by 5 % of the usual speed in a second."""
+    """Return the process noise q, m^2/s^3, by which the velocity changes by 5 % of a speed in a second.
+
+    ``speed`` is the usual speed, m/s. q is rounded to a digit, and at least 0.001.
+    """
     return float(f"{max(_process_noise_of_speed(speed), 1e-3):.1g}")
 
 
 def _process_noise_of_speed(speed: float) -> float:
-    """Return the variance of 5 % of a speed, m^2/s^2, in a second."""
+    """Return the variance of 5 % of a speed in a second, m^2/s^3, before it is rounded."""
     return 0.0025 * speed * speed
 
 
@@ -46,15 +49,15 @@ def joined_process_noise(noises: Sequence[float | None], speed: float) -> float:
     """Return the process noise for several sensors or files, each of which shows one of ``noises``.
 
     None stands for a sensor that shows none, and 0 for one that `usual_process_noise` of the ``speed``
-    serves. Return 0 if the usual one serves all. A larger noise than the usual one is needed if one
-    sensor shows it, and a smaller one only if all sensors do.
+    serves. Return 0 if the usual one serves all. A larger noise than the usual one is returned if one
+    sensor shows it, and a smaller one only if all sensors that show any do.
     """
     shown = [noise for noise in noises if noise is not None]
     if not shown:
         return 0.0
     largest = max(shown)
     if largest < usual_process_noise(speed) and 0.0 in shown:
-        return 0.0
+        return 0.0  # the usual noise serves one of them
     return largest
 
 
@@ -92,7 +95,8 @@ def shown_process_noise(
     time = rows.time[used]
     positions = positions[:, used]
     covariances = covariances[..., used]
-    # Step 2: the mean squared innovation falls as q rises; take the q at which it is 1.
+    # Step 2: the mean squared innovation falls as q rises; take the q at which it is 1. The velocity of
+    # the first state is unknown, with twice the usual speed as its standard deviation.
     usual = usual_process_noise(speed)
     (usual_anis,) = _anis(time, positions, covariances, 2.0 * speed, np.array([usual]))
     if usual_anis < _LEAST_ANIS:
@@ -102,7 +106,7 @@ def shown_process_noise(
     noises = usual * np.logspace(0.0, _DECADES, 4 * _DECADES + 1)
     anis = _anis(time, positions, covariances, 2.0 * speed, noises)
     if not anis[-1] < 1.0:
-        return 0.0
+        return 0.0  # no process noise explains such innovations
     log_noise = np.interp(0.0, -np.log(anis), np.log(noises))
     return float(f"{np.exp(log_noise):.1g}")
 
@@ -110,11 +114,12 @@ def shown_process_noise(
 def _lowered_process_noise(
     time: Array, positions: Array, covariances: Array, speed: float
 ) -> float:
-    """Return the process noise of a target that the usual one makes wander far more than it does.
+    """Return the process noise of a target whose velocity changes far less than the usual one allows.
 
     As q falls to nothing, the mean squared innovation rises to a limit. The largest q is returned at
     which it is 1, or near its limit if this is lower, as it is if the errors were guessed too large.
-    ``positions`` (2, R) have errors with ``covariances`` (2, 2, R).
+    ``time`` (R,) is in s, ``positions`` (2, R) are in m and have errors with ``covariances`` (2, 2, R),
+    and ``speed`` is the usual speed, m/s.
     """
     usual = usual_process_noise(speed)
     least = _LEAST_SHARE * _process_noise_of_speed(speed)
@@ -128,10 +133,11 @@ def _lowered_process_noise(
 def _anis(
     time: Array, positions: Array, covariances: Array, sigma_velocity: float, noises: Array
 ) -> Array:
-    """Return the mean squared innovation per component of Kalman filters with process noises (Q,).
+    """Return the mean normalized squared innovation (Q,) of Kalman filters with process noises (Q,).
 
-    The filters assume a constant velocity. ``positions`` (2, R) have errors with ``covariances`` (2, 2,
-    R). A long recording is cut into parts, which are filtered at once.
+    It is the NIS divided by the number of components, 2, and should be 1. The filters assume a constant
+    velocity. ``positions`` (2, R) have errors with ``covariances`` (2, 2, R). A long recording is cut
+    into parts, which are filtered at once.
     """
     # Step 1: cut the rows into parts (B, L) of equal length, and take evenly spaced ones of very many.
     length = min(_PART, len(time))
@@ -139,7 +145,8 @@ def _anis(
     if len(starts) > _MOST_PARTS:
         starts = starts[np.linspace(0, len(starts) - 1, _MOST_PARTS).astype(np.intp)]
     rows = starts[:, None] + np.arange(length)
-    # Axes are noise, part and then the components of a state px, py, vx, vy.
+    # The first position of each part begins its filter. Axes are noise, part, and then the components of
+    # a state px, py, vx, vy.
     shape = (len(noises), len(starts))
     mean = np.zeros((*shape, 4, 1))
     mean[..., :2, 0] = positions[:, rows[:, 0]].T

@@ -58,11 +58,12 @@ def recognized(
     user_keys: Collection[str] = (),
     tables: RobotTables | None = None,
 ) -> Guess:
-    """Guess how a table of measurements is written.
+    """Guess how a table of measurements is written: its columns, units, sensors and runs.
 
     Keys that are set in ``user_naming`` are not guessed. ``user_keys`` are the keys that the user set,
-    also to nothing, such as ``clockwise=[]``. ``tables`` are those beside it, if it is a robot's. Raises
-    DataError if no column is a time, or none is measured.
+    also to nothing, such as ``clockwise=[]``. ``tables`` are those of odometry and landmarks beside it,
+    if it is a robot's. Raises DataError if no column is a time, or none is measured, and with questions
+    that only the user can answer.
     """
     naming = user_naming or Naming()
     return _recognized(path, naming, user_keys, tables or RobotTables(), "measurements")
@@ -83,11 +84,11 @@ def _recognized(
     tables: RobotTables,
     content: TableContent,
 ) -> Guess:
-    """Guess how a table with this content is written; the arguments are those of `recognized`."""
+    """Guess how a table is written; the arguments but ``content`` are those of `recognized`."""
     check_given_keys(path, user_naming)
     label_columns: dict[str, str] = {}
-    # A column whose words split the rows names runs or sensors. There may be one of each, so that the
-    # guess is repeated with each such column.
+    # If the words of a column split the rows into several targets or sensors, this column becomes that
+    # of runs or sensors, and the guess is repeated. There may be one column of each.
     while True:
         try:
             with_labels = replace(user_naming, columns=user_naming.columns | label_columns)
@@ -120,7 +121,8 @@ def _recognized_columns(
 ) -> Guess:
     """Guess how a table is written; raises MixedRowsError if a column splits its rows.
 
-    ``user_keys`` are the keys that the user set.
+    This means that its words seem to name several targets or sensors, whose rows would be mixed. The
+    arguments are those of `_recognized`.
     """
     # Step 1: find the columns by their names.
     reasons: ReasonByKey = {}
@@ -185,11 +187,11 @@ def _recognized_columns(
     is_one_position = sensors[0].quantities == PLACE and len(sensors) == 1
     measures_velocity = is_one_position and has_velocity(columns)
     with_missing = replace(user_naming, missing=missing)
-    reading = UnitChoice(
+    unit_choice = UnitChoice(
         sample, columns, units, clock_format, with_missing, reasons, user_naming.columns
     )
-    reading.check_azimuths(sensors)
-    clock_format = reading.choose_units(sensors[0], measures_velocity)
+    unit_choice.check_azimuths(sensors)
+    clock_format = unit_choice.choose_units(sensors[0], measures_velocity)
     naming = replace(
         user_naming,
         columns=columns,

@@ -51,12 +51,12 @@ class TruthGuess:
 
 
 def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None) -> TruthGuess:
-    """Guess the columns of a truth of the measurements in ``guess``.
+    """Guess the columns of a truth, a table of the true path beside the measurements in ``guess``.
 
-    Keys that are set in ``user_naming`` are not guessed.
-
-    Raises DataError if the table has no time or no positions.
+    Keys that are set in ``user_naming`` are not guessed. Raises DataError if the table has no time or no
+    positions.
     """
+    # Step 1: guess it as a table of measurements, which must be those of one sensor of positions.
     table_guess = recognized(path, user_naming)
     _check_order_of_days(path, table_guess, [guess.naming])
     _check_sources(path, table_guess)
@@ -70,6 +70,7 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
             Place(path, 1, 1, f"{message}: {remedy} --set 'truth_naming.columns.y=NAME'")
         )
     _check_grid(path, guess, table_guess)
+    # Step 2: keep the columns that a truth may have, with the names of the state's components.
     columns = dict(table_guess.naming.columns)
     units = dict(table_guess.naming.units)
     is_geodetic = not {"x", "y"} <= columns.keys()
@@ -126,9 +127,10 @@ def _check_sources(path: str, table_guess: Guess) -> None:
 
 
 def _check_grid(path: str, guess: Guess, table_guess: Guess) -> None:
-    """Raise DataError if positions count from far away, as on a map's grid, beside latitudes.
+    """Raise DataError if x and y count from far away, as on a map's grid, beside latitudes.
 
-    They are those of the truth, or those of the only table of measurements in ``guess``.
+    One of the two tables, the measurements of ``guess`` and the truth of ``table_guess``, has x and y,
+    and the other has latitudes. ``path`` is the file of the truth.
     """
     if guess.files or guess.naming.origin or bool(guess.origin) == bool(table_guess.origin):
         return
@@ -152,15 +154,19 @@ def settled(
     user_keys: Collection[str] = (),
     others: Sequence[Guess] = (),
 ) -> Guess:
-    """Return the guess at measurements whose open questions the truth or another file has answered.
+    """Return the guess at measurements, with open questions answered by the truth or another file.
 
-    ``user_keys`` are the keys that the user set, ``others`` the guesses at further files of the
-    recording. Raises DataError with the questions that remain.
+    A question may be from where azimuths count, which their positions can show. ``user_keys`` are the
+    keys that the user set, ``others`` the guesses at further files of the recording. Raises DataError
+    with the questions that remain, and if two files may have the day and the month in different orders.
     """
+    # Step 1: compare the order of day and month with that of the other files.
     namings = [other.naming for other in others]
     if truth is not None:
         namings.append(truth.naming)
     _check_order_of_days(guess.path, guess, namings)
+    # Step 2: take the positions of the truth, or of another file, that decide from where azimuths count.
+    # A reason that begins so, such as "as the column's name says", is sure; other ones are guesses.
     is_known = "clockwise" in user_keys or guess.reasons.get("clockwise", "").startswith("as ")
     tracks: list[tuple[Track | None, str]] = []
     if truth is not None:
@@ -180,9 +186,10 @@ def settled(
 
 
 def _check_order_of_days(path: str, guess: Guess, others: Sequence[Naming]) -> None:
-    """Raise DataError if day and month may be in either order, and other files do not have this order.
+    """Raise DataError if day and month may be in either order, and another file does not show which.
 
-    ``others`` are the names and forms of these files.
+    Within one file both orders give the same times since the first row, so that they matter beside other
+    files alone. ``path`` is the file of ``guess``, and ``others`` have the formats of the other files.
     """
     date_format = guess.naming.time_format
     order = _order_of_days(date_format)
@@ -197,12 +204,12 @@ def _check_order_of_days(path: str, guess: Guess, others: Sequence[Naming]) -> N
 
 
 def _order_of_days(date_format: str) -> str:
-    """Return the letters of day, month and year in a form of dates: dmy of %d/%m/%Y."""
+    """Return the letters of day, month and year in a format of dates: dmy of %d/%m/%y."""
     return "".join(re.findall("%([dmy])", date_format.replace("%Y", "%y")))
 
 
 def _unit_of_heading(path: str, table_guess: Guess, column: str) -> str:
-    """Return the unit of headings, degrees if one of them is beyond a turn in radians."""
+    """Return the unit of the headings in a column of the truth: deg if one is beyond 2 pi, else rad."""
     sample = TableSample(path, table_guess.names, table_guess.naming.format or TextFormat())
     largest = float(np.nanmax(np.abs(sample.numbers(column)), initial=0.0))
     return "deg" if largest > 2.0 * np.pi else "rad"

@@ -66,7 +66,10 @@ def read_landmarks(path: str, user_naming: Naming | None = None) -> dict[str, tu
 
 
 def _text_format(path: str, text_format: TextFormat) -> TextFormat:
-    """Name the columns of a table without a line of names, if it has three."""
+    """Return the format with the names landmark, x and y for a table of three columns without names.
+
+    The format of any other table is returned as it is.
+    """
     if is_parquet(path) or text_format.names or text_format.header:
         return text_format
     layout = layout_of(path, text_format)
@@ -77,7 +80,11 @@ def _text_format(path: str, text_format: TextFormat) -> TextFormat:
 
 
 def _columns(sample: TableSample, user_naming: Naming) -> dict[str, str]:
-    """Return the columns of the names, x and y; raises DataError if one of them is missing."""
+    """Return the columns of the landmarks' names (``sensor``), of x and of y, by these keys.
+
+    The column of names has a word such as beacon or id in its own name, or is the only other column.
+    Raises DataError if one of them is missing.
+    """
     columns = {
         name: named.column for name, named in columns_of(sample.names).items() if name in ("x", "y")
     }
@@ -105,7 +112,10 @@ def _columns(sample: TableSample, user_naming: Naming) -> dict[str, str]:
 
 
 def _scale(sample: TableSample, column: str, name: str, user_naming: Naming) -> float:
-    """Return the factor from the unit of a coordinate to m; raises DataError if it may be another."""
+    """Return the factor from the unit of the coordinate ``name``, x or y, to m.
+
+    Without a named unit it is 1. Raises DataError if a number is then too large for a landmark.
+    """
     named = columns_of([column]).get(name)
     unit = user_naming.units.get(name) or sample.unit(column, name)
     if unit is None and named is not None:

@@ -26,7 +26,7 @@ class TableSample:
     """First rows of a table, as text."""
 
     def __init__(self, path: str, names: list[str], text_format: TextFormat) -> None:
-        """Read the first rows of a file with these columns, and the lines that may have units."""
+        """Read the first rows of a file with columns ``names``, and the lines that may have units."""
         self.path = path
         self.names = names
         self.line = 1 if is_parquet(path) else layout_of(path, text_format).before + 1
@@ -50,7 +50,7 @@ class TableSample:
         return any(True for _ in table_rows(self.path, layout_of(self.path, self._text_format)))
 
     def require_two_times(self, column: str) -> None:
-        """Raise DataError if all rows have one cell in the column of the times."""
+        """Raise DataError if all rows have the same time, in the ``column`` of the times."""
         times = self.words(column)
         if len(times) != 1:
             return
@@ -65,7 +65,7 @@ class TableSample:
         raise DataError(Place(self.path, self.line, 1, f"{message}: {remedy}"))
 
     def require_rows(self) -> None:
-        """Raise DataError for a table of which no row can be read, or that has names alone."""
+        """Raise DataError for a table without rows, or whose rows all have a wrong number of cells."""
         if not self._rows:
             if self._has_lines:
                 read_table(
@@ -85,29 +85,29 @@ class TableSample:
         return [cells[place] for cells in self._rows]
 
     def words(self, column: str) -> list[str]:
-        """List the words in a column."""
+        """List the different cells of a column, without the empty one, in order of their appearance."""
         return [word for word in dict.fromkeys(self.cells(column)) if word]
 
     def numbers(self, column: str) -> Array:
-        """Parse the numbers of a column, NaN for what is none."""
+        """Parse the cells of a column as numbers (R,), NaN for cells that are none."""
         values, _ = parse_cells(number, self._number_texts(column))
         return values
 
     def decimals(self, column: str) -> int:
-        """Count the digits behind the point of a column's numbers."""
+        """Return the largest number of digits behind a decimal point in a column; 0 without numbers."""
         cells = self._number_texts(column)
         values, _ = parse_cells(number, cells)
         return max((decimals(cells[i]) for i in np.flatnonzero(np.isfinite(values))), default=0)
 
     def _number_texts(self, column: str) -> list[str]:
-        """List the cells of a column as numbers are written here: with a point, in one piece."""
+        """List the cells of a column with a decimal point, and without marks between thousands."""
         cells = self.cells(column)
         if self._thousands:
             cells = [without_thousands(cell, self._thousands) for cell in cells]
         return [cell.replace(",", ".") for cell in cells]
 
     def unit(self, column: str, quantity: str) -> str | None:
-        """Return the unit of a quantity's column from the lines of units; None without one."""
+        """Return the unit of a quantity that a line of units has below the column; None without one."""
         if column not in self.names:
             return None
         place = self.names.index(column)
@@ -118,7 +118,7 @@ class TableSample:
         return None
 
     def other_unit(self, column: str) -> str | None:
-        """Return a unit that no recording may have from the lines of units; None without one."""
+        """Return a unit from the lines of units that trackbench cannot convert; None without one."""
         place = self.names.index(column)
         for row in self._units:
             unit = other_unit_in_line(row[place])
