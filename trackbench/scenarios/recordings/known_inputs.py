@@ -41,9 +41,10 @@ class InputRows(NamedTuple):
 
 
 def with_inputs_only(context: ReadingContext, names: Sequence[str], rows: Rows) -> InputRows:
-    """Separate the rows with all inputs from those without any.
+    """Separate the rows with all inputs, which are put in order, from those without any.
 
-    ``names`` are those of the inputs. Raises DataError for rows with only some of them.
+    ``names`` are those of the inputs, which the values (n, R) of ``rows`` are. Raises DataError for rows
+    with only some of them.
     """
     is_missing = np.isnan(rows.values)
     has_all = ~is_missing.any(axis=0)
@@ -70,10 +71,11 @@ def with_inputs_only(context: ReadingContext, names: Sequence[str], rows: Rows) 
 
 
 def _wrapped_angles(context: ReadingContext, names: Sequence[str], rows: Rows) -> list[int]:
-    """Find the inputs that are angles within one turn, whose values jump where it ends.
+    """Return the numbers of the inputs that are angles within one turn, whose values jump where it ends.
 
-    They have a unit of angles, or their values jump by whole turns and change by far less otherwise. An
-    angle that goes on counting beyond a turn is a number like others. ``names`` are those of the inputs.
+    These inputs have a unit of angles and values within one turn, or their values jump by whole turns
+    and change by far less otherwise. An angle that goes on counting beyond a turn is a number like
+    others. ``names`` are those of the inputs.
     """
     angles = []
     for i, name in enumerate(names):
@@ -93,11 +95,11 @@ def rows_within(
     of_inputs: ReadingContext,
     inputs: InputRows,
 ) -> list[Rows]:
-    """Leave out the measurements before the first and after the last inputs of their run, with a note.
+    """Return the measurements between the first and the last inputs of their run, with a note on others.
 
-    ``measured_rows`` are those of each sensor, and ``inputs`` those of another file, about which
-    ``of_inputs`` has the data. If most rows would be left out, all of them stay, since the files hardly
-    belong together, and the missing inputs are an error.
+    ``measured_rows`` are the measurements of each sensor. ``inputs`` are the rows of another file, whose
+    context is ``of_inputs``, while ``context`` is that of the measurements. If most rows would be left
+    out, all of them stay, since the files hardly belong together, and the missing inputs are an error.
     """
     is_shared = of_inputs.runs == [ONE_RUN]
     first = np.full(len(context.runs), -np.inf)
@@ -121,7 +123,7 @@ def rows_within(
 
 
 def missing_run(path: str, run: str, names: Sequence[str]) -> Place:
-    """Return the mistake of a file without rows of a run; ``names`` are those of the inputs."""
+    """Return the mistake of the file at ``path``, which has no inputs ``names`` for the ``run``."""
     message = f"run {run} has no rows with the inputs {', '.join(names)}"
     return Place(path, 1, 1, message)
 
@@ -138,12 +140,13 @@ def inputs_at(
 ) -> KnownInputs:
     """Return the inputs of each step of the clock: their mean over the time since the step before.
 
-    The inputs are those of ``rows.measured``; ``rows.blank`` only place the message on a gap. A row's
-    values hold ``before`` its time, back to the row before, or ``after`` it, until the next row; over
-    ``gap`` (s, or steps) at most. ``rows.angles`` go on counting beyond a turn before their mean is
-    taken, so that that of 359 and 1 deg is 0 or 360. ``resample`` is the length of resampled steps, s.
-    The numbers of the rows' runs are those of ``runs``, but rows without names of runs are those of
-    every run. Raises InvalidKeyError if the runs' inputs differ, since a motion has one table of them.
+    ``context`` is that of the inputs' file, ``names`` are those of the inputs. They are the values of
+    ``rows.measured``; ``rows.blank`` only show which line a message on a gap names. A row's values hold
+    ``before`` its time, back to the row before, or ``after`` it, until the next row; over ``gap`` (s, or
+    steps) at most. ``rows.angles`` go on counting beyond a turn before their mean is taken, so that that
+    of 359 and 1 deg is 0 or 360. ``resample`` is the length of resampled steps, s. The numbers of the
+    rows' runs are those of ``runs``, but rows without names of runs are those of every run. Raises
+    InvalidKeyError if the runs' inputs differ, since a motion has one table of them.
     """
     # Rows without names of runs all have the number 0, and hold for every run.
     is_shared = context.runs == [ONE_RUN]
@@ -178,9 +181,9 @@ def _inputs_of_run(
 ) -> KnownInputs:
     """Return the inputs of one run; ``shift`` is added to its times, so that they are the clock's.
 
-    The other arguments are those of `inputs_at`.
+    ``rows`` are those of the run. The other arguments are those of `inputs_at`.
     """
-    # Step 1: pieces of constant values, each from one edge to the next.
+    # Step 1: the inputs are piecewise constant in time. Each piece lasts from one edge to the next.
     times = clock.steps.astype(float) if context.counts_steps else clock.times
     row_times = rows.measured.time + shift
     usual = usual_interval(row_times)
@@ -210,8 +213,8 @@ def _inputs_of_run(
     # Step 3: a step has no inputs outside the rows, nor if a piece within it is longer than the gap.
     is_long = np.diff(edges) > longest + TICK
     is_long[[0, -1]] = False  # the margins
-    longs_before = np.concatenate([[0], np.cumsum(is_long)])
-    is_missing = longs_before[last_of_step + 1] > longs_before[first_of_step]
+    long_pieces_before = np.concatenate([[0], np.cumsum(is_long)])
+    is_missing = long_pieces_before[last_of_step + 1] > long_pieces_before[first_of_step]
     is_missing |= (earlier < edges[0] - TICK) | (later > edges[-1] + TICK)
     means[:, is_missing] = np.nan
     table = np.full((len(values), len(times)), np.nan)
@@ -253,10 +256,11 @@ def _describe_gap(
     step: int,
     usual: float,
 ) -> InputGap:
-    """Return the gap in which a step without inputs begins, ``step`` by its place among ``times``.
+    """Return the gap of the inputs in which a step begins: a message with a place in the file.
 
-    Its place is the blank row there, or the row before it. ``shift`` is added to the rows' times,
-    ``times`` are those of the steps, and ``usual`` is the usual interval of the rows.
+    ``step`` is the index, among the ``times`` of the steps, of the time at which this step ends. The
+    place is the blank row in the gap, or the row before it. ``shift`` is added to the times of ``rows``,
+    and ``usual`` is their usual interval. The gap has no length if it lies before or after all rows.
     """
     unit = f" {context.time_unit}"
     inputs = ", ".join(names)
@@ -289,11 +293,11 @@ def _describe_gap(
 
 
 def check_gaps(inputs: KnownInputs, last_step: int) -> None:
-    """Raise DataError for the gaps of the inputs that begin up to a scenario's last step."""
+    """Raise DataError if a gap of the inputs begins up to ``last_step``, the scenario's last step."""
     gaps = [gap for gap in inputs.gaps if gap.step <= last_step]
     if not gaps:
         return
-    # One key fills all gaps between two rows.
+    # The key `input_gap` fills all gaps between two rows if it is as long as the longest one.
     longest = max((gap.length for gap in gaps if gap.length is not None), default=0.0)
     mistakes = []
     for gap in gaps[:_MOST_MISTAKES]:
@@ -310,13 +314,16 @@ def check_gaps(inputs: KnownInputs, last_step: int) -> None:
 
 
 def _rounded_up(length: float) -> float:
-    """Round a time up to two digits."""
+    """Round a positive time up to two digits: 0.123 becomes 0.13."""
     digit = 10.0 ** (np.floor(np.log10(length)) - 1.0)
     return float(f"{np.ceil(length / digit - 1e-9) * digit:.3g}")
 
 
 def aligned_with(inputs: KnownInputs, steps: Index) -> KnownInputs:
-    """Return the inputs for the clock's ``steps``, which begin earlier; the steps before have none."""
+    """Return the inputs with a column for each of the ``steps``, which begin earlier than the inputs.
+
+    The added columns are NaN, and the gaps get the numbers of the new steps.
+    """
     added = len(steps) - inputs.values.shape[1]
     # The first step with inputs, `inputs.first`, may have another number among ``steps``.
     shift = int(steps[0]) + added - inputs.first

@@ -54,7 +54,7 @@ class Recording(NamedTuple):
     """names of the runs"""
     scans: Array
     """scans (n_z, s, M) that the start uses up"""
-    apart: Array
+    scan_interval: Array
     """time (M,) between the last two of those scans, s"""
     measurements: Array
     """measurements (n_z, K, M) after those scans"""
@@ -71,7 +71,8 @@ class Recording(NamedTuple):
 def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float) -> Recording:
     """Read the files of measurements, inputs and truth, and put all runs on one clock.
 
-    ``scans`` is the number of scans that the start uses up. Steps without times are T seconds apart.
+    ``target`` has the keys of the files in the config, ``sensor`` the scenario's sensors. ``scans`` is
+    the number of scans by which filters are initialized. Steps without times are T seconds apart.
     """
     # Step 1: read the chosen runs' rows of each sensor, in order of time.
     sensor_rows = rows_of(sensor)
@@ -107,15 +108,16 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
         rows[m] = in_order(context, rows[m], each.innovation)
     if len(target.measurement_files) > 1:
         note_files_apart(context, rows)
-    # Step 2: read the inputs. Those of a file of their own may begin later or end earlier.
+    # Step 2: read the inputs. If a file of its own begins later or ends earlier, measurements without
+    # inputs are left out.
     inputs = None
     if target.input:
         input_context, inputs = _read_inputs(target, context, rows)
         if target.input_file:
             rows = rows_within(context, rows, input_context, inputs)
-    # Step 3: take the first scans from the sensor that measures the position.
+    # Step 3: take the first scans from the sensor that measures the position, by its number.
     locating = position_part(sensor)
-    number = 0  # of that sensor
+    number = 0
     if locating is not None:
         _, locating_rows = locating
         number = sensor_rows.index(locating_rows)
@@ -135,13 +137,13 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
     if not resampled and not context.counts_steps:
         context.notices += note_on_shared_clock(context.runs, rows, clock)
     measurements, arrivals = measurement_array(context, rows, clock, resampled)
-    # Step 5: add the scans of the start and the truth.
+    # Step 5: collect the scans of the start, read the truth, and compare it with the measurements.
     runs = len(context.runs)
     first_scans = np.full((len(sensor.components), scans, runs), np.nan)
-    apart = np.full(runs, np.nan)
+    scan_interval = np.full(runs, np.nan)
     if start is not None:
         first_scans[sensor_rows[number]] = start.scans
-        apart = start.apart
+        scan_interval = start.scan_interval
     truth = None
     if target.truth is not None:
         truth = _read_truth(target, context, rows, clock)
@@ -158,6 +160,7 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
             angles=target.angles,
             in_one_file=len(target.measurement_files) == 1,
         )
+    # Step 6: take the inputs at the steps, and check that the keys of the config were used.
     known_inputs = None
     if inputs is not None:
         known_inputs = inputs_at(
@@ -174,14 +177,14 @@ def read_recording(target: RecordingKeys, sensor: Sensors, scans: int, T: float)
     context.check_origin(origin, *origin_key)
     context.note_distances()
     notices = _with_file_names(target, context.notices)
-    whole_clock = with_scans(clock, context, scans, apart)
+    whole_clock = with_scans(clock, context, scans, scan_interval)
     if known_inputs is not None:
         known_inputs = aligned_with(known_inputs, whole_clock.steps)
     return Recording(
         clock=whole_clock,
         names=tuple(context.runs),
         scans=first_scans,
-        apart=apart,
+        scan_interval=scan_interval,
         measurements=measurements,
         truth=truth,
         notices=notices,
@@ -195,8 +198,8 @@ def _read_inputs(
 ) -> tuple[ReadingContext, InputRows]:
     """Read the rows of the inputs, from their own file or that of the measurements.
 
-    Return the data gathered about their file, and their rows. ``measured_rows`` are those of each
-    sensor.
+    Return the context of their file, and their rows, in which runs have the numbers of those of the
+    measurements. ``context`` is that of the measurements, ``measured_rows`` are those of each sensor.
     """
     path = target.input_file or target.measurement_files[0]
     own_naming: Naming = target.input_naming or target
@@ -241,9 +244,10 @@ def _read_inputs(
 def _read_truth(
     target: RecordingKeys, context: ReadingContext, measured_rows: Sequence[Rows], clock: Clock
 ) -> Array:
-    """Read the truth (n_x, K + 1, M) at the clock's steps.
+    """Read the truth (n_x, K + 1, M) at the clock's steps; it is NaN where it is unknown.
 
-    ``measured_rows`` are those of each sensor.
+    ``context`` is that of the measurements, to which the truth's notices are added. ``measured_rows``
+    are those of each sensor.
     """
     assert target.truth is not None
     # By default the truth has the columns and units of the measurements; the format of its text is found
@@ -273,11 +277,11 @@ def _read_truth(
 def _context_of_further_file(
     context: ReadingContext, naming: Naming, keys: NamingKeys, has_own_keys: bool
 ) -> ReadingContext:
-    """Return the data with which `read_rows` begins a file of inputs or of the truth.
+    """Return the context with which `read_rows` begins a file of inputs or of the truth.
 
-    They are those ``context`` about the measurements, such as origin and clock, without runs, files and
-    notices. The file has its own keys of units and zones if ``has_own_keys``, and else uses those of the
-    measurements, too.
+    It is that of the measurements, with their origin and clock, but without their runs, files and
+    notices. If ``has_own_keys``, the file has keys of units and zones of its own; otherwise it shares
+    those of the measurements. ``naming`` and ``keys`` are those of the file.
     """
     further = replace(
         context,
@@ -302,7 +306,10 @@ def _first_measurement(rows: Rows) -> float:
 
 
 def _position_dependent(components: Sequence[str], sensor: Sensors) -> set[str]:
-    """Return the names of the measured components that depend on the position."""
+    """Return the names of the sensor's components that depend on the position.
+
+    ``components`` are those of the state.
+    """
     # Measure a state before and after an arbitrary move of its position, and compare.
     is_position = np.array([name in ("px", "py", "pz") for name in components])
     state = 1.0 + np.arange(len(is_position), dtype=float)[:, None]
@@ -318,7 +325,7 @@ def _position_dependent(components: Sequence[str], sensor: Sensors) -> set[str]:
 
 
 def _with_file_names(target: RecordingKeys, notices: Sequence[str]) -> tuple[str, ...]:
-    """Return each note once, in which files have their names in place of their absolute paths."""
+    """Return the notices without repetitions, and with names of files in place of their full paths."""
     patterns = target.measurements
     if isinstance(patterns, str):
         patterns = (patterns,)

@@ -32,13 +32,14 @@ def read_rows(
     names: Sequence[str] = (),
     namings: Sequence[Naming] = (),
 ) -> list[Rows]:
-    """Read the rows of each sensor from the files of the patterns.
+    """Read the rows of each sensor from the files that ``patterns`` match.
 
-    ``sensors`` has the quantities that each sensor measures. There is one pattern for all sensors, or
-    one for each. A pattern may match several files, one for each run. A file must have at least
-    ``least`` of the quantities, by default all. A column ``sensor`` has the sensors' ``names``, by
+    ``sensors`` has the names of the quantities that each sensor measures. There is one pattern for all
+    sensors, or one for each. A pattern may match several files, one for each run. A file must have at
+    least ``least`` of the quantities, by default all. A column ``sensor`` has the sensors' ``names``, by
     default their numbers. ``namings`` has the columns and units of each pattern's files, by default
-    those of ``context``. Raises DataError with the line of every mistake.
+    those of ``context``, to which runs, files and notices are added. Raises DataError with the line of
+    every mistake.
     """
     # Step 1: read one file for all sensors, or the files of each sensor's pattern.
     is_shared = len(patterns) == 1
@@ -66,7 +67,7 @@ def read_rows(
 
 
 def _join_rows(pieces: Sequence[Rows]) -> Rows:
-    """Join the rows of several files."""
+    """Return the rows of several files as one, in the order of the files."""
     if len(pieces) == 1:
         return pieces[0]
     return Rows(
@@ -89,8 +90,8 @@ def _read_file(
 ) -> list[Rows]:
     """Read the rows of each sensor from one file.
 
-    ``name`` is that of the file's run, if the file does not name runs itself. The other arguments are
-    those of `read_rows`.
+    ``name`` is the name of the file's only run, if no column names runs. The other arguments are those
+    of `read_rows`.
     """
     # Step 1: find the columns of the quantities, of time, run and sensor.
     wanted = list(chain.from_iterable(sensors))
@@ -109,7 +110,9 @@ def _read_file(
     arrival = columns.take("received", columns.contents[clock])
     run = columns.take("run", "label")
     sensor_column = columns.take("sensor", "word" if context.has_inputs else "label")
+    # A column such as MMSI must not have several objects: they would be mixed into one run.
     several = columns.take_unnamed_runs() if run is None else None
+    # Other columns may name targets or sensors; their rows are compared in Step 5.
     labels = possible_labels(columns, [rest.column for rest in context.unread_time_parts.values()])
     # Step 2: read them; times become seconds.
     table = columns.read()
@@ -159,7 +162,8 @@ def _read_file(
         received = received[is_read]
     columns.note_outliers(table)
     context.notices += columns.far
-    # Step 5: compute the quantities, in SI.
+    # Step 5: compute the quantities, in SI. Raise an error if a column splits the rows into several
+    # targets.
     positions = None
     frames: list[Frame] = []
     if columns.is_geodetic:
@@ -210,7 +214,7 @@ def _read_file(
 def _read_received(
     context: ReadingContext, columns: Columns, table: Table, column: str, time: Array
 ) -> Array:
-    """Return the times (R,) at which rows were received, from a column.
+    """Return the times (R,), s or steps, at which rows were received, from a ``column`` of the table.
 
     Raises DataError for rows that were received before their own ``time`` (R,).
     """
@@ -235,22 +239,25 @@ def _find_sensor_rows(
     number: int,
     names: Sequence[str],
 ) -> Mask:
-    """Return which rows (R,) are those of sensor m, from 0, of ``number`` sensors.
+    """Return a mask (R,) of the rows of sensor m, counted from 0, of ``number`` sensors.
 
-    The ``column`` has the sensors' ``names``, or their numbers from 1 on if ``names`` is empty.
+    The ``column`` has the sensors' ``names``, or their numbers from 1 on if ``names`` is empty. Raises
+    DataError if it lacks one of the names, or has numbers of other sensors than those of the config.
     """
     words = [word for word in table.words[column] if word]
-    known = names or [str(i + 1) for i in range(number)]
+    labels = names or [str(i + 1) for i in range(number)]
     # The name 7 stands for the word 7.0, too, if the file lacks the word 7.
-    free_words = [word for word in words if word not in known]
-    known = [label if label in words else _word_of_label(label, free_words) for label in known]
-    other_words = [word for word in words if word not in known]
+    free_words = [word for word in words if word not in labels]
+    word_of_sensor = [
+        label if label in words else _word_of_label(label, free_words) for label in labels
+    ]
+    other_words = [word for word in words if word not in word_of_sensor]
     if other_words and not names:
         message = f"column {column} names {len(words)} sensors ({', '.join(words[:8])[:80]})"
         remedy = "name them in the order of `sensor`, such as `sensors: "
         remedy += f'[{", ".join(map(json.dumps, words[:8]))}]`; `columns: {{sensor: ""}}` mixes all'
         raise columns.mistake(f"{message}, and the config has {number}: {remedy}")
-    absent = [name for name, word in zip(names, known, strict=False) if word not in words]
+    absent = [name for name, word in zip(names, word_of_sensor, strict=False) if word not in words]
     if absent:
         message = f"column {column} has no {absent[0]!r}; there are {', '.join(words[:20])[:200]}"
         raise columns.mistake(message)
@@ -262,13 +269,13 @@ def _find_sensor_rows(
             f"{left_out} rows of {', '.join(other_words)[:80]} were left out (`sensors`)"
         )
     code = -1  # no row has this code
-    if known[m] in words:
-        code = table.words[column].index(known[m])
+    if word_of_sensor[m] in words:
+        code = table.words[column].index(word_of_sensor[m])
     return np.asarray(table.columns[column] == code)
 
 
 def _word_of_label(label: str, words: Sequence[str]) -> str:
-    """Return the only word of a whole number that equals the label; else the label itself."""
+    """Return the only one of the words that is the label as a number, 7.0 of 7; else the label."""
     equal = [word for word in words if plain_label(word) == plain_label(label)]
     return equal[0] if len(equal) == 1 else label
 
@@ -276,7 +283,10 @@ def _word_of_label(label: str, words: Sequence[str]) -> str:
 def _check_rows_without_sensor(
     columns: Columns, table: Table, column: str, quantities: Collection[str]
 ) -> None:
-    """Raise DataError for a row that measures something and names no sensor in the ``column``."""
+    """Raise DataError for a row that has one of the ``quantities`` and an empty cell in the ``column``.
+
+    The column names the sensor of each row.
+    """
     if "" not in table.words[column]:
         return
     is_blank = table.columns[column] == table.words[column].index("")

@@ -25,7 +25,7 @@ from trackbench.scenarios.recordings.csv_tables import Table, WholeNumbers
 from trackbench.scenarios.recordings.units import UNITS
 
 TICK = 1e-6
-"""s: times that are nearer to each other are one"""
+"""s: times that round to the same multiple of it are one time"""
 _ANGLE_ROUNDING = 1e-6
 """rad: rounding of a written angle, such as one of a whole turn"""
 _LATEST = 1e12
@@ -38,18 +38,18 @@ _EPOCHS = {"ms": 1e12, "us": 1e15, "ns": 1e18}
 
 
 class Rows(NamedTuple):
-    """R rows of the files."""
+    """R rows of one sensor, or of a truth or inputs, from all files."""
 
     run: WholeNumbers
     """number (R,) of each row's run"""
     time: Array
     """time (R,), s, or number of the step"""
     values: Array
-    """values (n, R)"""
+    """values (n, R) of the n quantities, in SI, NaN where they are missing"""
     file: WholeNumbers
-    """number (R,) of each row's file"""
+    """number (R,) of each row's file, for messages"""
     line: WholeNumbers
-    """line (R,) in the file"""
+    """line (R,) in the file, for messages"""
     received: Array
     """time (R,) at which the row was received, by default its own"""
 
@@ -66,7 +66,7 @@ class Rows(NamedTuple):
 
     @property
     def ticks(self) -> WholeNumbers:
-        """Times as whole numbers of `TICK`, for comparison."""
+        """Times (R,) as whole numbers of `TICK`, for comparison."""
         return np.rint(self.time / TICK).astype(np.int64)
 
 
@@ -164,9 +164,12 @@ class ReadingContext:
     def timed(self, columns: Columns, table: Table, clock: str, parts: Sequence[str] = ()) -> Array:
         """Return the times (R,) of a table's rows in seconds, or the numbers of their steps.
 
-        ``clock`` is the column of the times; ``parts`` name further parts of a time that are added.
-        Raises DataError if this file's clock and that of the first one share no time axis.
+        Dates are seconds since the first date of the first file. ``clock`` is the column of the times,
+        and ``parts`` are the keys of further columns, such as ``subsecond``, that are added. The first
+        file sets the clock of this context. Raises DataError if a file's clock shares no time axis with
+        it.
         """
+        # Step 1: find the type of this file's clock, and compare it with that of the first file.
         file_clock = clock_of_file(columns, table, clock, parts)
         if file_clock.has_unit:
             _check_size(columns, table, clock, self.keys.own)
@@ -188,7 +191,7 @@ class ReadingContext:
         if mistake:
             raise columns.mistake(mistake)
         self._note_keys(columns, file_clock)
-        # Seconds: dates after the first one, times by their unit; numbers of steps are returned as such.
+        # Step 2: convert dates and numbers to seconds. Numbers of steps stay as they are.
         time = table.columns[clock]
         if parts and file_clock.kind == "step":
             message = f"{clock} has numbers of steps, to which `columns: {{{parts[0]}: ...}}` adds"
@@ -208,9 +211,10 @@ class ReadingContext:
         return seconds
 
     def _note_keys(self, columns: Columns, clock: FileClock) -> None:
-        """Record whether a file's clock uses the keys of its unit and its zone.
+        """Record whether a file's clock uses the config's keys of a unit and a zone of times.
 
-        Files may share these keys, so that one of them has to use each.
+        Files may share these keys, and at least one of them must use each. `check_idle_keys` raises the
+        error if none does.
         """
         unit = columns.naming.units.get("time")
         if unit is not None and clock.has_unit:
@@ -228,13 +232,13 @@ class ReadingContext:
             self.idle_keys.setdefault(f"zone: {zone}", mistake)
 
     def check_idle_keys(self) -> None:
-        """Raise DataError for a key of the clocks that none of the files which share it has used."""
+        """Raise DataError for a key of a unit or a zone of times that none of the files has used."""
         for key, mistake in self.idle_keys.items():
             if key not in self.used_keys:
                 raise mistake
 
     def numbers_of(self, names: Sequence[str]) -> WholeNumbers:
-        """Return the number of each run; a name that is new gets the next number."""
+        """Return the numbers (R,) of runs by their ``names``; a new name gets the next number."""
         self.runs = list(dict.fromkeys([*self.runs, *names]))
         known = {name: i for i, name in enumerate(self.runs)}
         return np.array([known[name] for name in names], dtype=np.int32)
@@ -274,7 +278,8 @@ class ReadingContext:
 def _check_size(columns: Columns, table: Table, clock: str, own_key: str) -> None:
     """Raise DataError for times of the column ``clock`` that are too large, with the likely unit.
 
-    ``own_key`` is that of the file's own naming in the config; empty for a file of measurements.
+    ``own_key`` is the config's key of the columns and units of this file alone, such as
+    ``truth_naming``; it is empty for a file of measurements.
     """
     time = table.columns[clock]
     seconds = time * columns.naming.scale("time")
@@ -288,9 +293,10 @@ def _check_size(columns: Columns, table: Table, clock: str, own_key: str) -> Non
 
 
 def _remedy_for_large_time(value: float, own_key: str) -> str:
-    """Return the advice on a number that is too large for seconds: a form of dates, or another unit.
+    """Return the advice on a time that is too large for seconds: a format of dates, or another unit.
 
-    ``own_key`` is that of the file's own naming in the config; empty for a file of measurements.
+    ``own_key`` is the config's key of the columns and units of this file alone, such as
+    ``truth_naming``; it is empty for a file of measurements.
     """
     digits = f"{value:.0f}"
     # A date has 12 digits or more: 202504031000 is 2025-04-03 10:00.
@@ -300,7 +306,7 @@ def _remedy_for_large_time(value: float, own_key: str) -> str:
         is_date = 1 <= month <= 12 and 1 <= day <= 31
         if len(digits) == length and digits[:2] in ("19", "20") and is_date:
             return f'it looks like a date, say `time_format: "{date_format}"`'
-    # The unit in which it is a time since 1970, which now are some 1.8e12 ms.
+    # The unit in which the number is a time since 1970: today is some 1.8e12 ms.
     unit = "ns"
     for epoch_unit, size in _EPOCHS.items():
         if 0.5 * size <= abs(value) <= 5.0 * size:
@@ -313,7 +319,10 @@ def _remedy_for_large_time(value: float, own_key: str) -> str:
 
 
 def usual_interval(times: Array) -> float:
-    """Compute the upper median of the intervals between different times; 1 without intervals."""
+    """Return the median interval between different times (R,); 1 if there is only one time.
+
+    Of an even number of intervals it is the larger one of the middle two.
+    """
     intervals = np.sort(np.diff(np.unique(times)))
     if not len(intervals):
         return 1.0
@@ -321,7 +330,7 @@ def usual_interval(times: Array) -> float:
 
 
 def in_kilometers(meters: float) -> str:
-    """Write a distance in m or km."""
+    """Return a distance as a text with its unit, m or km: 350 m, 12.3 km."""
     if meters < 1e3:
         return f"{meters:.0f} m"
     if meters < 1e6:
@@ -338,8 +347,9 @@ def chosen_runs(
     """Return the rows of the chosen runs (default: all), and number the runs anew in their order.
 
     This is the order in which they are chosen. If none are chosen, it is the order of their names if
-    these are whole numbers, and otherwise the order in the files. ``within`` is the path of the key for
-    an error.
+    these are whole numbers, and otherwise the order in the files. ``rows`` are those of each sensor; the
+    list is emptied. The names in the context get the new order, too. ``within`` is the path of the
+    config's key that chooses runs, for an error.
     """
     names = list(chosen) or context.runs
     if not chosen and all(name.isascii() and name.isdigit() for name in names):
@@ -365,9 +375,9 @@ def chosen_runs(
 
 
 def check_turns(context: ReadingContext, rows: Rows, angles: Mapping[str, int]) -> None:
-    """Raise DataError for angles that are too large to be in radians.
+    """Raise DataError for angles that are too large to be in radians, with the likely unit.
 
-    ``angles`` has the row of each angle among the values, by its name.
+    ``angles`` has, by the name of each angle, its number among the values of ``rows``, which are in rad.
     """
     for name, i in angles.items():
         limit = 2.0 * np.pi + _ANGLE_ROUNDING
@@ -383,6 +393,7 @@ def check_turns(context: ReadingContext, rows: Rows, angles: Mapping[str, int]) 
             # A unit in which the numbers of all cells are possible.
             scale = context.naming.scale(name)
             largest = float(np.nanmax(sizes)) / scale
+            # The unit of the config was wrong, so that another one is tried.
             others = [unit for unit in ("deg", "mrad") if UNITS[unit] != scale]
             fitting = [unit for unit in others if largest * UNITS[unit] <= limit]
             if not fitting and scale == 1.0:
@@ -402,5 +413,8 @@ def check_turns(context: ReadingContext, rows: Rows, angles: Mapping[str, int]) 
 
 
 def longest_first(names: list[str], sizes: Index) -> list[tuple[str, int]]:
-    """Return the name and the number of rows of each run, the longest first."""
+    """Return the name and the number of rows of each run, the longest first.
+
+    ``names`` are those of the runs, and ``sizes`` their numbers of rows.
+    """
     return sorted(zip(names, sizes.tolist(), strict=True), key=lambda run: -run[1])

@@ -36,47 +36,50 @@ class Clock(NamedTuple):
     """time between two steps, s; None if it differs from step to step"""
 
 
-class Opened(NamedTuple):
-    """First state of each run."""
+class InitialScans(NamedTuple):
+    """First scans of each of M runs, from which the filters are initialized."""
 
     time: Array
-    """time (M,), s"""
+    """time (M,) of the last of them, s or steps, which is that of the first state"""
     scans: Array
-    """scans (n, s, M) that the start uses up"""
-    apart: Array
-    """time (M,) between the last two scans, s"""
+    """measurements (n, s, M) of the s scans, which the filters do not get again"""
+    scan_interval: Array
+    """time (M,) between the last two scans, s or steps; NaN for one scan"""
 
 
-def initial_scans(context: ReadingContext, rows: Rows, scans: int) -> Opened:
-    """Return the first state of each run from its first ``scans`` complete scans; rows are in order.
+def initial_scans(context: ReadingContext, rows: Rows, scans: int) -> InitialScans:
+    """Return the first ``scans`` complete rows of each run, by which the filters are initialized.
 
-    Raises DataError for a run with fewer complete scans.
+    ``rows`` are those of the sensor that measures positions, in order of run and time. Raises DataError
+    for a run with fewer complete rows.
     """
     runs = len(context.runs)
-    # Rows with all components; where each run begins among them, and how many it has.
+    # Rows with all components; the place of each run's first one among them, and how many it has.
     whole = np.flatnonzero(np.isfinite(rows.values).all(axis=0))
     first = np.searchsorted(rows.run[whole], np.arange(runs))
     number = np.searchsorted(rows.run[whole], np.arange(runs), side="right") - first
     for m in np.flatnonzero(number < scans).tolist():
         message = f"run {context.runs[m]} has {number[m]} positions, and its start takes {scans}"
         raise DataError(Place(context.files[0], 1, 1, message))
-    # The first scans of each run; the first state is that of the last of them.
+    # The rows (s, M) of the first scans of each run. The first state has the time of the last scan.
     rows_of_scans = np.stack([whole[first + i] for i in range(scans)])
     times = rows.time[rows_of_scans]
-    apart = np.full(runs, np.nan)
+    scan_interval = np.full(runs, np.nan)
     if scans > 1:
-        apart = times[-1] - times[-2]
-    return Opened(time=times[-1], scans=rows.values[:, rows_of_scans], apart=apart)
+        scan_interval = times[-1] - times[-2]
+    return InitialScans(
+        time=times[-1], scans=rows.values[:, rows_of_scans], scan_interval=scan_interval
+    )
 
 
 def note_on_rows_before_start(
-    sensors: Sequence[Rows], start: Opened, locating: int, names: Sequence[str], unit: str
+    sensors: Sequence[Rows], start: InitialScans, locating: int, names: Sequence[str], unit: str
 ) -> list[str]:
     """Return a note on each sensor with measurements before the first state, which are left out.
 
-    ``sensors`` are the rows of each sensor. The start takes the scans of the one with the number
-    ``locating``, from 0. ``names`` are those of the sensors in the recording, if it has any. Times are
-    in ``unit``.
+    ``sensors`` are the rows of each sensor. The filters are initialized by the scans ``start`` of the
+    sensor with the number ``locating``, from 0. ``names`` are those of the sensors in the recording, if
+    it has any. ``unit`` is that of the times in the text.
     """
     notes = []
     for number, rows in enumerate(sensors):
@@ -96,7 +99,7 @@ def note_on_rows_before_start(
 def common_clock(
     context: ReadingContext,
     sensors: Sequence[Rows],
-    start: Opened | None,
+    start: InitialScans | None,
     T: float,
     resample: float | None,
     first_measured: float,
@@ -105,10 +108,13 @@ def common_clock(
 
     If the file numbers its steps, these are all steps from the first to the last, T s apart. If
     ``resample`` is given, the steps are so many seconds apart. Otherwise there is a step at every time
-    at which any run measured. ``first_measured`` is the first of these times. ``start`` has the first
-    states from scans; the runs are shifted so that these coincide. Without scans (None) the first state
-    is that at the first row, if no sensor measured anything then, as in a log of wheels. Otherwise it
-    is one step, or an interval of the usual length, before the first row.
+    at which any run measured.
+
+    ``sensors`` are the rows of each sensor. ``start`` has the scans that initialize the filters; the
+    runs are shifted in time so that their first states coincide. Without scans (None) the first state is
+    at the first row, if no sensor measured anything then, as in a log of wheels: ``first_measured`` is
+    the first time at which one did. Otherwise the first state is one step, or an interval of the usual
+    length, before the first row.
     """
     # Step 1: time of the first state; scans shift the runs so that their first states coincide.
     if start is None:
@@ -121,7 +127,9 @@ def common_clock(
         begin = float(start.time[0])
     last = max(float((rows.time + shift[rows.run]).max()) for rows in sensors)
     # Step 2: equal steps, the file's own or resampled ones.
-    spacing = 1.0 if context.counts_steps else resample
+    spacing = (
+        1.0 if context.counts_steps else resample
+    )  # from step to step, in the unit of the times
     if spacing is not None:
         number = _checked_number(context, np.floor((last - begin) / spacing + 0.5) + 1.0)
         steps = np.arange(number)
@@ -135,7 +143,7 @@ def common_clock(
         # Step 3: otherwise a step at every time at which any run measured.
         times = _union_of_times(sensors, shift, begin)
         steps = np.arange(len(times))
-        clock = Clock(steps=steps, times=times, shift=shift, T=_equal_distance(times))
+        clock = Clock(steps=steps, times=times, shift=shift, T=_equal_interval(times))
     if len(clock.steps) < 2:
         raise DataError(Place(context.files[0], 1, 1, "leaves nothing to measure after the start"))
     _checked_number(context, len(clock.steps))
@@ -143,7 +151,7 @@ def common_clock(
 
 
 def _checked_number(context: ReadingContext, number: float) -> int:
-    """Return the number of steps as an integer. Raises DataError if there are too many to allocate."""
+    """Return the ``number`` of steps as an integer. Raises DataError if they are too many."""
     if number > _MOST_RECORDED:
         # The message has the limit of a scenario, which is lower.
         message = (
@@ -156,7 +164,10 @@ def _checked_number(context: ReadingContext, number: float) -> int:
 def _interval_before_first(
     context: ReadingContext, sensors: Sequence[Rows], resample: float | None
 ) -> float:
-    """Return the time, s or steps, from an initial state without scans to the first row."""
+    """Return the time, s or steps, from a first state that takes no scans to the first row.
+
+    It is one step, or the usual interval in the run of the first row.
+    """
     if context.counts_steps:
         return 1.0
     if resample is not None:
@@ -166,9 +177,10 @@ def _interval_before_first(
 
 
 def _union_of_times(sensors: Sequence[Rows], shift: Array, begin: float) -> Array:
-    """Return all times at which any run measured, from ``begin``, that of the first state, on.
+    """Return the times (K + 1,) at which any run measured, in order, from that of the first state on.
 
-    ``shift`` (M,) is added to the times of each run.
+    ``begin`` is this time, and earlier ones are left out. ``shift`` (M,) is added to the times of each
+    run.
     """
     pieces = [np.array([begin])]
     # One time for each tick, first of every sensor and then of all.
@@ -179,41 +191,40 @@ def _union_of_times(sensors: Sequence[Rows], shift: Array, begin: float) -> Arra
 
 
 def _one_per_tick(times: Array) -> Array:
-    """Return the first time of each tick, in order."""
+    """Return the times in order, and of several times within one `TICK` only the first."""
     _, first = np.unique(np.rint(times / TICK), return_index=True)
     return times[first]
 
 
-def _equal_distance(times: Array) -> float | None:
-    """Return the distance of times that are equally far from each other; None if they are not."""
-    apart = np.diff(times)
-    if not len(apart):
+def _equal_interval(times: Array) -> float | None:
+    """Return the interval of equally spaced times, s, to 12 digits; None if intervals differ."""
+    intervals = np.diff(times)
+    if not len(intervals):
         return None
     # Equal if each interval is the mean one within a share of _EQUAL.
-    T = float((times[-1] - times[0]) / len(apart))
-    if np.abs(apart - T).max() <= _EQUAL * T:
+    T = float((times[-1] - times[0]) / len(intervals))
+    if np.abs(intervals - T).max() <= _EQUAL * T:
         return float(f"{T:.12g}")
     return None
 
 
 def note_on_shared_clock(runs: Sequence[str], sensors: Sequence[Rows], clock: Clock) -> list[str]:
-    """Return a note if runs with different times share the clock's steps; else nothing.
+    """Return a note, in a list, if many steps of the common clock have no measurement of the first run.
 
-    ``sensors`` are the rows of each sensor.
+    The list is empty otherwise. ``runs`` are the names of the runs, ``sensors`` the rows of each sensor.
     """
     if len(runs) < 2:
         return []
     ticks = [np.unique(rows.ticks[rows.run == 0]) for rows in sensors]
-    own_steps = len(np.unique(np.concatenate(ticks)))
+    steps_of_first_run = len(np.unique(np.concatenate(ticks)))
     steps = len(clock.steps)
-    if steps <= _MANY_STEPS * own_steps:
+    if steps <= _MANY_STEPS * steps_of_first_run:
         return []
     names = ", ".join(f"{m} is {name}" for m, name in enumerate(runs[:_MOST_NAMES]))
     if len(runs) > _MOST_NAMES:
         names += ", ..."
-    message = (
-        f"{len(runs)} runs share {steps} steps, of which run {runs[0]} measured at {own_steps}"
-    )
+    message = f"{len(runs)} runs share {steps} steps, of which run {runs[0]} measured at"
+    message += f" {steps_of_first_run}"
     reason = "each run is also judged at the times of the others"
     remedy = "a grid over `runs` gives each a clock of its own"
     return [f"{message}: {reason}; {remedy} (numbers of the runs: {names})"]
@@ -222,10 +233,11 @@ def note_on_shared_clock(runs: Sequence[str], sensors: Sequence[Rows], clock: Cl
 def measurement_array(
     context: ReadingContext, sensors: Sequence[Rows], clock: Clock, resampled: bool
 ) -> tuple[Array, Array | None]:
-    """Return measurements (n_z, K, M) by step and run, and the steps of their arrival.
+    """Return measurements (n_z, K, M) by step and run, NaN where there are none, and their arrivals.
 
-    If steps are ``resampled``, the row nearest to the step's time counts. The arrivals (S, K, M) are the
-    steps, from 0, at which the measurements of S sensors were received; None if that is unknown.
+    ``sensors`` are the rows of each of S sensors, whose components follow one another in n_z. If steps
+    are ``resampled``, the row nearest to the step's time counts. The arrivals (S, K, M) are the steps,
+    counted from 0, at which the measurements were received; None if the files have no such times.
     """
     steps = len(clock.steps)
     runs = len(context.runs)
@@ -234,6 +246,7 @@ def measurement_array(
         message = f"{runs} runs of {steps} steps are too many: choose runs, or `resample`"
         raise InvalidKeyError(message, "target", "runs")
     measurements = np.full((sum(sizes), steps - 1, runs), np.nan)
+    # Without a delay a measurement arrives at its own step.
     due = np.arange(steps - 1.0)[:, None]
     arrivals = None
     if context.has_delays:
@@ -272,7 +285,7 @@ def measurement_array(
 
 
 def _received_steps(context: ReadingContext, rows: Rows, clock: Clock) -> Index:
-    """Return the index (R,) of the first step at which each row has been received."""
+    """Return the index (R,) of the first step of the clock at which each row has been received."""
     times = rows.received + clock.shift[rows.run]
     if context.counts_steps:
         return np.rint(times).astype(np.intp) - int(clock.steps[0])
@@ -280,14 +293,14 @@ def _received_steps(context: ReadingContext, rows: Rows, clock: Clock) -> Index:
 
 
 def _nearest_steps(context: ReadingContext, rows: Rows, clock: Clock) -> tuple[Index, Array]:
-    """Return the index (R,) of the step nearest to each row, and its distance (R,) in time, s.
+    """Return the index (R,) of the clock's step nearest to each row, and its distance (R,) in time, s.
 
     The index is -1 for a row before the first state.
     """
     times = rows.time + clock.shift[rows.run]
     if context.counts_steps:
         return np.rint(times).astype(np.intp) - int(clock.steps[0]), np.zeros_like(times)
-    # The nearest step: as many middles between steps lie before the time.
+    # The index of the nearest step is the number of middles between two steps that lie before the time.
     middles = 0.5 * (clock.times[1:] + clock.times[:-1])
     step_of_row = np.searchsorted(middles, times, side="right")
     # Rows before the first state have no step.
@@ -296,7 +309,7 @@ def _nearest_steps(context: ReadingContext, rows: Rows, clock: Clock) -> tuple[I
 
 
 def _nearest_rows(run: WholeNumbers, step_of_row: Index, distance: Array, rows: Index) -> Index:
-    """Select, of the ``rows`` of a run in one step, the one nearest to the step's time.
+    """Return, of the indices ``rows``, one for each run and step: that of the row nearest to the step.
 
     ``run``, ``step_of_row`` and ``distance`` (R,) are the run, the step and the distance in time of all
     rows.
@@ -308,19 +321,20 @@ def _nearest_rows(run: WholeNumbers, step_of_row: Index, distance: Array, rows: 
     return order[first]
 
 
-def with_scans(clock: Clock, context: ReadingContext, scans: int, apart: Array) -> Clock:
-    """Return the clock with further steps for the scans that come before the first state's.
+def with_scans(clock: Clock, context: ReadingContext, scans: int, scan_interval: Array) -> Clock:
+    """Return the clock with a step before the first state for each scan of the start but the last one.
 
-    ``scans`` is the number of scans of the start, ``apart`` (M,) the time between the last two, s.
+    ``scans`` is the number of scans of the start, ``scan_interval`` (M,) the time between the last two,
+    s.
     """
-    used = max(0, scans - 1)
-    if not used:
+    added = max(0, scans - 1)
+    if not added:
         return clock
-    before = np.arange(-used, 0)
+    before = np.arange(-added, 0)
     if context.counts_steps:
         assert clock.T is not None
         steps = np.concatenate([clock.steps[0] + before, clock.steps])
         return clock._replace(steps=steps, times=(steps - steps[0]) * clock.T)
     # Scans before the first state are as far apart as those of the first run.
-    times = np.concatenate([clock.times[0] + before * apart[0], clock.times])
+    times = np.concatenate([clock.times[0] + before * scan_interval[0], clock.times])
     return clock._replace(steps=np.arange(len(times)), times=times)
