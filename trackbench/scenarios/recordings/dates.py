@@ -73,10 +73,14 @@ KNOWN_FORMATS = (
 
 
 def moment(cell: str, date_format: str = "") -> datetime:
-    """Parse a date in ISO 8601, or in a form of strptime; raises ValueError."""
+    """Parse a date in ISO 8601, or in the ``date_format`` of strptime.
+
+    Some cells that strptime rejects are read, too, such as nanoseconds, and minutes beyond 59 for an
+    elapsed time, which counts from 1900-01-01. Raises ValueError with words for what the cell should be.
+    """
     try:
         if "%f" in date_format:
-            # There may be nine digits in place of six.
+            # There may be nine digits of a second in place of six: the last three are left out.
             cell = _NANOSECONDS.sub(r"\1", cell)
         if "%p" in date_format:
             # Spreadsheets of some countries write a.m. or a. m. in place of AM.
@@ -84,11 +88,12 @@ def moment(cell: str, date_format: str = "") -> datetime:
         clock_format = date_format.rpartition(" ")[2]
         if clock_format in _DIGITS_OF_CLOCKS:
             cell = _with_zeros(cell, _DIGITS_OF_CLOCKS[clock_format])
-        separator = date_format[-3:-2]  # before %f
+        separator = date_format[-3:-2]  # between the seconds and %f
         has_digits = cell.count(separator) >= date_format.count(separator)
         if date_format.endswith("%f") and separator in {".", ",", ":"} and not has_digits:
             # A whole second may have no digits behind it: 12:00:05 in place of 12:00:05.0.
             cell += f"{separator}0"
+        # Elapsed minutes may be more than 59, and elapsed hours more than 23.
         if date_format.startswith("%M:%S") and ("%f" in date_format or "." not in cell):
             elapsed = _ELAPSED.fullmatch(cell)
             if elapsed:
@@ -112,7 +117,7 @@ def moment(cell: str, date_format: str = "") -> datetime:
 
 
 def _with_zeros(cell: str, digits: int) -> str:
-    """Return a cell whose last part is a time of day in one number, with the zeros before it: 5, 000005.
+    """Return a cell whose last part is a time of day in one number, filled with zeros: 000005 of 5.
 
     ``digits`` is the number of digits before the point.
     """
@@ -137,7 +142,7 @@ def instant(cell: str, zoned: bool | None = None, date_format: str = "") -> floa
 
 
 def is_instant(cell: str) -> bool:
-    """Test whether a time is written as a date."""
+    """Test whether a cell with a time is a date in ISO 8601, and no number."""
     try:
         instant(cell.strip())
     except ValueError:
@@ -148,7 +153,7 @@ def is_instant(cell: str) -> bool:
 def type_of_clock(
     cell: str, parse_number: Callable[[str], float], date_format: str, first: Place
 ) -> str:
-    """Return the type of the clock: "date", "date with a zone", or empty for numbers.
+    """Return the type of a column of times: "date", "date with a zone", or empty for numbers.
 
     ``cell`` is the first time, ``parse_number`` parses numbers, and ``date_format`` is that of strptime,
     empty for ISO 8601. ``first`` is the place of the cell. Raises DataError if the cell is no time.
@@ -170,7 +175,7 @@ def type_of_clock(
 
 
 def dates_quickly(cells: Sequence[str], date_format: str) -> Array | None:
-    """Return dates (R,) as microseconds since 1970 by pandas, which is faster than cell by cell.
+    """Return R dates as microseconds (R,) since 1970 by pandas, which is faster than cell by cell.
 
     None for few cells, for a form with a zone, and if a cell is no date of this form. None also for a
     form of minutes and seconds, as there may be more than 59 minutes.
@@ -208,8 +213,13 @@ def offset_of_zone(zone: str) -> float | None:
 
 
 def mistake_in_zone(zone: str) -> str:
-    """Explain that a config's key ``zone`` is no offset from UTC, with the offsets of a known place."""
+    """Return the message on a config's key ``zone`` that is no offset from UTC.
+
+    If it is nearly the name of a known zone, such as Europe/Berlin, the message has the offsets of this
+    zone.
+    """
     message = f"{zone!r} is neither UTC nor an offset from it, such as +02:00"
+    # Names of zones by their small letters, with and without the continent.
     names = {}
     for name in sorted(available_timezones()):
         names[name.lower()] = name
@@ -218,6 +228,7 @@ def mistake_in_zone(zone: str) -> str:
     if not near:
         return message
     name = names[near[0]]
+    # Its offsets in winter and in summer.
     offsets = []
     for month in (1, 7):
         offset = datetime(_YEAR_OF_OFFSETS, month, 1, tzinfo=ZoneInfo(name)).strftime("%z")

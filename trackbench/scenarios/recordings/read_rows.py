@@ -236,28 +236,31 @@ def _find_sensor_rows(
     table: Table,
     column: str,
     m: int,
-    number: int,
-    names: Sequence[str],
+    sensor_count: int,
+    sensor_names: Sequence[str],
 ) -> Mask:
-    """Return a mask (R,) of the rows of sensor m, counted from 0, of ``number`` sensors.
+    """Return a mask (R,) of the rows of sensor m, counted from 0, of ``sensor_count`` sensors.
 
-    The ``column`` has the sensors' ``names``, or their numbers from 1 on if ``names`` is empty. Raises
-    DataError if it lacks one of the names, or has numbers of other sensors than those of the config.
+    The ``column`` has the sensors' ``sensor_names``, or their numbers from 1 on if ``sensor_names`` is
+    empty. Raises DataError if it lacks one of the names, or has numbers of other sensors than those of
+    the config.
     """
     words = [word for word in table.words[column] if word]
-    labels = names or [str(i + 1) for i in range(number)]
+    labels = sensor_names or [str(i + 1) for i in range(sensor_count)]
     # The name 7 stands for the word 7.0, too, if the file lacks the word 7.
     free_words = [word for word in words if word not in labels]
     word_of_sensor = [
         label if label in words else _word_of_label(label, free_words) for label in labels
     ]
     other_words = [word for word in words if word not in word_of_sensor]
-    if other_words and not names:
+    if other_words and not sensor_names:
         message = f"column {column} names {len(words)} sensors ({', '.join(words[:8])[:80]})"
         remedy = "name them in the order of `sensor`, such as `sensors: "
         remedy += f'[{", ".join(map(json.dumps, words[:8]))}]`; `columns: {{sensor: ""}}` mixes all'
-        raise columns.mistake(f"{message}, and the config has {number}: {remedy}")
-    absent = [name for name, word in zip(names, word_of_sensor, strict=False) if word not in words]
+        raise columns.mistake(f"{message}, and the config has {sensor_count}: {remedy}")
+    absent = [
+        name for name, word in zip(sensor_names, word_of_sensor, strict=False) if word not in words
+    ]
     if absent:
         message = f"column {column} has no {absent[0]!r}; there are {', '.join(words[:20])[:200]}"
         raise columns.mistake(message)
