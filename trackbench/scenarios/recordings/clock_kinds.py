@@ -138,7 +138,7 @@ def microseconds_of_dates(columns: Columns, table: Table, dates: Array) -> Array
 def have_one_axis(first: FileClock, other: FileClock) -> bool:
     """Test whether two files' clocks share a time axis, so that their times can be compared.
 
-    Numbers may count from any moment, and so are taken for times of the other file's axis.
+    Numbers, which may count from any moment, can be compared with UNIX times and with times of GPS.
     """
     if first.is_absolute and other.is_absolute:
         return True
@@ -177,7 +177,7 @@ def reason_against(first: FileClock, other: FileClock) -> str:
 
 
 def reason_against_spans(first: FileClock, other: FileClock) -> str:
-    """Return the message on UNIX times and dates that lie more than a day apart; empty if they do not."""
+    """Return the message on UNIX times and dates more than a day apart; empty if they are not."""
     if first.kind == other.kind or "unix" not in (first.kind, other.kind):
         return ""
     if not (first.is_absolute and other.is_absolute):

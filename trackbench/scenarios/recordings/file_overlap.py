@@ -39,8 +39,9 @@ def check_common_time(
 ) -> None:
     """Raise DataError if a file has no common time with the measurements, or times in another unit.
 
-    ``measured_rows`` are those of each sensor, and ``rows`` are those of the ``other`` file, which has
-    keys of its own in the config.
+    ``measured`` is the context of the measurements, ``measured_rows`` are the rows of each sensor.
+    ``other`` and ``rows`` are those of the other file, which has the truth or inputs and its own keys in
+    the config.
     """
     all_times = np.concatenate([each.time for each in measured_rows])
     if not len(all_times) or not len(rows.time):
@@ -67,9 +68,9 @@ def check_common_time(
 
 
 def note_files_apart(context: ReadingContext, measured_rows: Sequence[Rows]) -> None:
-    """Add a note on two sensors' files that lie further apart in time than either is long.
+    """Add a note to ``context`` on two sensors' files further apart in time than either is long.
 
-    ``measured_rows`` are those of each sensor. A sensor may follow another, so this is no mistake.
+    ``measured_rows`` are the rows of each sensor. A sensor may follow another, so this is no mistake.
     """
     spans = [(rows, _span_of(rows.time)) for rows in measured_rows if len(rows.time)]
     spans.sort(key=lambda pair: pair[1].first)
@@ -85,12 +86,15 @@ def note_files_apart(context: ReadingContext, measured_rows: Sequence[Rows]) -> 
 
 
 def _span_of(times: Array) -> _Span:
-    """Return the span of times (R,)."""
+    """Return the first and last of times (R,), and their usual interval."""
     return _Span(float(times.min()), float(times.max()), usual_interval(times))
 
 
 def _share_in_common(span: _Span, other: _Span) -> float:
-    """Return the common part of two spans as a share of the time from the first to the last row."""
+    """Return the common part of two spans as a share of the time from the first to the last row of both.
+
+    It is 0 if they have no common part, and more than 0 if they touch.
+    """
     common = min(span.last, other.last) - max(span.first, other.first)
     whole = max(span.last, other.last) - min(span.first, other.first)
     if common < -TICK:
@@ -105,7 +109,8 @@ def _remedy_of_units(
 ) -> str:
     """Return the advice to read one of two files in another unit of time; empty if none is better.
 
-    The times of the measurements have the ``span``.
+    ``measured`` is the context of the measurements and ``span`` that of their times; ``other`` and
+    ``other_span`` are those of the other file.
     """
     if _share_in_common(span, other_span) >= _UNLIKE:
         return ""
@@ -128,7 +133,7 @@ def _remedy_of_units(
 
 
 def _unit_of_size(size: float) -> str:
-    """Return the unit of time of a size in s; empty without one."""
+    """Return the unit of time that has this ``size`` in s: ms of 0.001; empty if there is none."""
     for unit in ("s", "ms", "us", "ns"):
         if np.isclose(UNITS[unit], size):
             return unit
@@ -136,7 +141,10 @@ def _unit_of_size(size: float) -> str:
 
 
 def _keys_with_unit(other: ReadingContext, unit: str) -> str:
-    """Return the file's own keys in the config, with another unit of time."""
+    """Return the keys of the ``other`` file's columns and units in the config, with this unit of time.
+
+    They are as YAML, such as ``truth_naming: {columns: {time: t}, units: {time: ms}}``.
+    """
     columns = {}
     for name in ("time", "run"):
         if other.naming.columns.get(name):

@@ -19,11 +19,12 @@ _NEAR_ORIGIN = 5e4
 def frames_of_runs(
     context: ReadingContext, columns: Columns, table: Table, runs: WholeNumbers
 ) -> tuple[Geodetic, list[Frame]]:
-    """Return the places of a table's rows, and frames: each an origin with the rows that count from it.
+    """Return the positions of a table's rows, and frames: origins with the rows that count from them.
 
-    Runs share one origin, the given one or the first position that is read. If no origin is given, a
-    run that begins far from the first position has an origin of its own. ``runs`` (R,) are the numbers
-    of the rows' runs. Raises an error for rows too far from their origin.
+    Runs share one origin, that of the config or the first position that is read. If the config has none,
+    a run that begins far from the first position gets an origin of its own. Origins and notices are
+    added to ``context``. ``runs`` (R,) are the numbers of the rows' runs. Raises an error for rows too
+    far from their origin.
     """
     height = 0.0
     if context.origin is not None and len(context.origin) > 2:
@@ -42,7 +43,8 @@ def frames_of_runs(
         context.first_position = f"{Path(columns.path).name}:{table.lines[known[0]]}"
     # The first position is recorded only if it serves as the origin.
     is_given = not context.first_position
-    # Step 2: runs that begin far from it have an origin of their own, unless it is given.
+    # Step 2: runs that begin far from it get an origin of their own, unless the config has one. A run
+    # whose rows are in several files gets its origin by the first file.
     numbers, first = np.unique(runs[known], return_index=True)
     names = [context.runs[number] for number in numbers]
     if not is_given:
@@ -70,7 +72,7 @@ def frames_of_runs(
 
 
 def _coordinates_of_row(positions: Geodetic, row: int) -> tuple[float, ...]:
-    """Return latitude and longitude, deg, and height of a row."""
+    """Return latitude and longitude, deg, and height, m, of one row."""
     latitude = float(positions.latitude[row]) * 180.0 / np.pi
     longitude = float(positions.longitude[row]) * 180.0 / np.pi
     return latitude, longitude, float(positions.height[row])
@@ -79,8 +81,11 @@ def _coordinates_of_row(positions: Geodetic, row: int) -> tuple[float, ...]:
 def _distances_from_origin(
     positions: Geodetic, rows: WholeNumbers, origin: tuple[float, ...]
 ) -> Array:
-    """Return the distances (R,) of the R rows with these indices from an origin, m, along the Earth."""
-    # Both at the height 0; the place of the frame is the origin, once for each row.
+    """Return the distances (R,), m along the Earth, of the rows with these R indices from an origin.
+
+    ``origin`` has latitude and longitude, deg; heights do not count.
+    """
+    # Positions and the origin at the height 0.
     on_ground = Geodetic(positions.latitude[rows], positions.longitude[rows], np.zeros(len(rows)))
     origin_on_ground = Frame((*origin[:2], 0.0), np.asarray(rows, dtype=np.intp)).position
     chord = np.sqrt(np.square(east_north_up(on_ground, origin_on_ground)).sum(axis=0))
@@ -92,13 +97,18 @@ def _distances_from_origin(
 def _check_distances(
     context: ReadingContext, columns: Columns, table: Table, positions: Geodetic, frame: Frame
 ) -> None:
-    """Raise an error for rows too far from their origin, and note how far the farthest one is."""
+    """Raise an error for rows too far from their origin; record the largest distance in the context.
+
+    ``frame`` has the origin and its rows of the ``table``, whose ``positions`` are those of all rows.
+    """
     known = frame.rows[np.isfinite(positions.latitude[frame.rows])]
     if not len(known):
         return
     distances = _distances_from_origin(positions, known, frame.origin)
     # The first position is recorded only if it serves as the origin.
     is_given = not context.first_position
+    # Case 1: the origin in the config is far from the first position, perhaps by a mistake in its
+    # numbers.
     limit = f"a plane serves for {MOST_DISTANCE / 1e3:.0f} km"
     if is_given and distances[0] > _NEAR_ORIGIN:
         hint = _mistaken_origin(frame.origin, positions, int(known[0]), float(distances[0]))
@@ -107,6 +117,7 @@ def _check_distances(
         if hint or distances[0] > MOST_DISTANCE:
             remedy = hint or f"{limit}: write latitude and longitude of a point near the positions"
             raise InvalidKeyError(f"{message}; {remedy}", *context.origin_key)
+    # Case 2: single positions are far from the origin.
     too_far = np.flatnonzero(distances > MOST_DISTANCE)
     if len(too_far) and context.refuses_far_rows:
         row = int(known[too_far[0]])
@@ -128,9 +139,9 @@ def _check_distances(
 def _mistaken_origin(
     origin: tuple[float, ...], positions: Geodetic, row: int, distance: float
 ) -> str:
-    """Explain which exchange or sign of an origin's numbers would bring it near a row; empty if none.
+    """Return the exchange or sign of an origin's numbers that would bring it near a row; empty if none.
 
-    ``distance``, m, is that of the origin from the place of the row.
+    It is a text for a message. ``distance``, m, is that of the origin from the position of the row.
     """
     latitude, longitude = origin[:2]
     changes = {
@@ -141,10 +152,10 @@ def _mistaken_origin(
     for message, (new_latitude, new_longitude) in changes.items():
         if abs(new_latitude) > 90.0:
             continue
-        distances = _distances_from_origin(
-            positions, np.array([row]), (new_latitude, new_longitude)
-        )[0]
-        if distances < 0.1 * distance:
+        new_origin = (new_latitude, new_longitude)
+        new_distance = _distances_from_origin(positions, np.array([row]), new_origin)[0]
+        if new_distance < 0.1 * distance:
             changed = f"[{new_latitude:g}, {new_longitude:g}]"
-            return f"with {message}, {changed}, it would be {in_kilometers(distances)} away: correct it"
+            away = in_kilometers(new_distance)
+            return f"with {message}, {changed}, it would be {away} away: correct it"
     return ""
