@@ -89,6 +89,7 @@ class Naming:
     """how a text file is written, where its first lines do not show it: {separator: ";", skip: 1}"""
 
     def __post_init__(self) -> None:
+        """Raise InvalidKeyError for an unknown unit, zone or form of the origin."""
         for key, unit in self.units.items():
             if unit not in UNITS:
                 message = f"{unit!r} is not one of {', '.join(UNITS)}"
@@ -262,12 +263,13 @@ class Columns:
         self.notices: list[str] = []
         self._used: dict[str, str] = {}
         self._hemispheres: dict[str, _HemisphereColumn] = {}
-        # Velocities beside latitude and longitude are those to the east and north of each place.
-        has_own_place = any(self.column(name) is not None for name in ("x", "y"))
+        # Velocities beside latitude and longitude are those to the east and north of each row's own
+        # position, and must be rotated to the axes of the origin.
+        has_planar_columns = any(self.column(name) is not None for name in ("x", "y"))
         is_on_earth = all(self.column(name) is not None for name in GEODETIC[:2])
         radar_quantities = {"range", "azimuth", "elevation", "range_rate"}
         is_radar = any(plain_name(name) in radar_quantities for name in wanted)
-        self._rotates = is_on_earth and not has_own_place and not is_radar
+        self._rotates = is_on_earth and not has_planar_columns and not is_radar
         # Sources of each quantity: its column, or other columns that determine it.
         self._sources_of = {name: self._find_sources(name) for name in wanted}
         missing = [name for name, sources in self._sources_of.items() if not sources]
@@ -410,7 +412,7 @@ class Columns:
         return table.at(np.flatnonzero(has_fix))
 
     def _rows_with_fix(self, table: Table) -> Mask:
-        """Return which rows (R,) are not at 0 N 0 E, which receivers without a fix write.
+        """Return a mask (R,) of the rows that are not at 0 N 0 E, which receivers without a fix write.
 
         If other positions are near 0 N 0 E, all rows have a fix.
         """
@@ -470,8 +472,8 @@ class Columns:
     def has_velocities_alone(self) -> bool:
         """True if the table has velocities along x and y, and no positions."""
         available = {plain_name(name) for name, sources in self._sources_of.items() if sources}
-        has_own_place = any(self.column(name) is not None for name in ("x", "y"))
-        return bool(available & {"vx", "vy"}) and not has_own_place
+        has_planar_columns = any(self.column(name) is not None for name in ("x", "y"))
+        return bool(available & {"vx", "vy"}) and not has_planar_columns
 
     def first_with_column(self, names: Collection[str]) -> str:
         """Return the first of the quantities ``names`` that has a column of its own; empty without one.
@@ -518,7 +520,7 @@ class Columns:
     ) -> dict[str, Array]:
         """Return the wanted quantities (R,) by name, in SI; NaN where there is no value.
 
-        ``positions`` are those of the rows. ``frames`` cover all rows with a place, and ``runs`` (R,)
+        ``positions`` are those of the rows. ``frames`` cover all rows with a position, and ``runs`` (R,)
         are the numbers of the rows' runs.
         """
         plane: Mapping[str, Array] = {}
@@ -552,8 +554,9 @@ class Columns:
     ) -> dict[str, Array]:
         """Return velocities (R,) by name along east, north and up of the origin.
 
-        In the table they are along east, north and up of each row's own position. ``runs`` (R,) are the
-        numbers of the rows' runs.
+        In the table they are along east, north and up of each row's own position, one of ``positions``.
+        Each of the ``frames`` has an origin and its rows. ``runs`` (R,) are the numbers of the rows'
+        runs.
         """
         # A row without a position gets that of another row of its run.
         filled_positions = _filled_positions(positions, runs)
@@ -727,7 +730,7 @@ class Columns:
             remedy = f"correct one of them, or say {ignore}"
             place = Place(self.path, int(table.lines[row]), 1, f"{coordinate}: {message}: {remedy}")
             raise DataError(place)
-        # Step 3: south and west are negative; without a letter the place is unknown.
+        # Step 3: south and west are negative. In rows without a word the coordinate is unknown.
         values[is_negative] = -np.abs(values[is_negative])
         values[~(is_negative | is_positive)] = np.nan
 

@@ -134,20 +134,20 @@ def columns_of(
     for quantity, text in _WORDS.items():
         rank_of_word = {word: rank for rank, word in enumerate(text.split())}
         ranks = []
-        for place, (name, words) in enumerate(words_by_name.items()):
+        for index, (name, words) in enumerate(words_by_name.items()):
             names_of_one = spellings[name]
             if quantity in _SIDES:
                 names_of_one = [*names_of_one, _without_side(words, quantity)]
             known = [spelling for spelling in names_of_one if spelling in rank_of_word]
             if not known and quantity == "time" and _is_clock(words):
-                ranks.append((True, 0, True, len(rank_of_word), place, name))
+                ranks.append((True, 0, True, len(rank_of_word), index, name))
             if known:
                 # The stamp of a message is the time of its measurement; others may be times of logging.
                 is_late = quantity == "time" and words[-1] != "stamp"
                 has_fillers = known[0] not in spellings[name][:2]
                 rank = rank_of_word[known[0]]
                 estimated = 0 if quantity == "time" else _rank_of_estimate(words)
-                ranks.append((is_late, estimated, has_fillers, rank, place, name))
+                ranks.append((is_late, estimated, has_fillers, rank, index, name))
         ranks_by_quantity[quantity] = sorted(ranks)
         if ranks:
             *_, name = min(ranks)
@@ -155,9 +155,9 @@ def columns_of(
     # Step 3: choose both coordinates of a pair from one source.
     for pair in _COORDINATES:
         candidates = [[name for *_, name in ranks_by_quantity[quantity]] for quantity in pair]
-        for place, quantity in enumerate(pair):
+        for index, quantity in enumerate(pair):
             if given and quantity in given:
-                candidates[place] = [given[quantity]]
+                candidates[index] = [given[quantity]]
         for quantity, name in zip(pair, _pair_of_one_source(*candidates), strict=False):
             columns[quantity] = NamedColumn(column=name, unit=unit_of(name, quantity))
     # Step 4: a short name such as r is a range only beside an azimuth.
@@ -294,12 +294,12 @@ def odometry_of(names: Iterable[str]) -> dict[str, NamedColumn]:
     fillers = _FILLERS_OF_ODOMETRY.union(_FILLERS.split())
     for quantity, text in _ODOMETRY.items():
         candidates = []
-        for place, name in enumerate(names):
+        for index, name in enumerate(names):
             words = _without_units(words_of(name))
             spellings = ("".join(words), "".join(word for word in words if word not in fillers))
             ranks = [text.split().index(word) for word in spellings if word in text.split()]
             if ranks:
-                candidates.append((min(ranks), place, name))
+                candidates.append((min(ranks), index, name))
         if candidates:
             *_, name = min(candidates)
             columns[quantity] = NamedColumn(column=name, unit=unit_of(name, quantity))
@@ -342,7 +342,10 @@ def heading_of(names: Iterable[str]) -> NamedColumn | None:
 
 
 def looks_like(name: str, quantity: str) -> bool:
-    """Test whether a column's name has a word or a unit of a range or an azimuth."""
+    """Test whether a column's name has a word or a unit of ``quantity``, a range or an azimuth.
+
+    Words of one or two letters, such as r, do not count.
+    """
     words = words_of(name)
     known = [word for word in _WORDS[quantity].split() if len(word) > 2]
     return not {*words}.isdisjoint(known) or unit_in(words[1:], quantity) is not None

@@ -74,6 +74,7 @@ class TextFormat:
     """number of lines between the names and the data, such as a line of units"""
 
     def __post_init__(self) -> None:
+        """Raise InvalidKeyError for a key that is impossible or contradicts another one."""
         if len(_WORDS.get(self.separator, self.separator)) > 1:
             raise InvalidKeyError("is one character, `tab` or `space`", "separator")
         if self.thousands and self.thousands == self.decimal:
@@ -255,10 +256,11 @@ def _names_beside_week(comments: Mapping[int, str], rows: Sequence[list[str]]) -
 
 
 def _check_kinds_of_rows(path: str, cells: Mapping[int, list[str]], separator: str) -> None:
-    """Raise DataError for a file with rows of several kinds, such as NMEA sentences.
+    """Raise DataError for a file with rows of several kinds, such as those of an IMU and of GPS.
 
     Each row then begins with a word for its kind, and all rows of one kind have the same number of
-    cells. ``cells`` are those of the first lines, by line number.
+    cells. ``cells`` are those of the first lines, by line number, and ``separator`` stands between two
+    cells.
     """
     # Widths of the rows by their first word.
     kinds: dict[str, set[int]] = {}
@@ -332,15 +334,15 @@ def _fullest_line(cells: Mapping[int, list[str]], start: int) -> int:
     ``cells`` are those of the first lines, by line number. Only lines with as many cells as line
     ``start`` count.
     """
-    words = {}
+    count_of_words = {}  # different words, by line number
     for number, row in cells.items():
         if len(row) == len(cells[start]):
             if any(map(is_value, row)):
                 break
-            words[number] = len({*map(str.strip, row)} - {""})
-    if not words:
+            count_of_words[number] = len({*map(str.strip, row)} - {""})
+    if not count_of_words:
         return start
-    return max(words, key=lambda number: words[number])
+    return max(count_of_words, key=lambda number: count_of_words[number])
 
 
 def is_value(cell: str) -> bool:
@@ -408,7 +410,10 @@ def table_rows(path: str, layout: Layout) -> Iterator[tuple[int, list[str]]]:
 
 
 def _numbered_rows(path: str, text: TextIO, layout: Layout) -> Iterator[tuple[int, list[str]]]:
-    """Yield the line number and cells of every row of an open file, as `table_rows` does."""
+    """Yield the line number and cells of every row below the header of an open file.
+
+    Blank lines and comments are skipped. Raises DataError for a file that is no table.
+    """
     width = len(layout.names)
     separator = layout.separator
     data_lines = islice(iter(partial(text.readline, _LONGEST_LINE), ""), layout.before, None)

@@ -70,7 +70,8 @@ def number(cell: str, comma: bool = False) -> float:
 def seconds(cell: str, comma: bool = False) -> float:
     """Parse a cell as a time, which is a number in any unit and must not be missing.
 
-    ``comma`` and the ValueError are those of `number`.
+    If ``comma`` is True, decimals follow a comma in place of a point. Raises ValueError with words for
+    what the cell should be.
     """
     value = number(cell, comma)
     if math.isnan(value):
@@ -100,7 +101,7 @@ def parse_cells(parse: Parse, cells: Sequence[str]) -> tuple[Array, list[tuple[i
     if isinstance(parse, partial):
         options = parse.keywords
     values = None
-    # Usually all cells are plain numbers, or dates of one form, which are parsed in one pass.
+    # Usually all cells are plain numbers, or dates of one format, which are parsed in one pass.
     if options.get("date_format"):
         values = dates_quickly(cells, options["date_format"])
     elif options.get("comma") and not any("." in cell for cell in cells):
@@ -184,40 +185,42 @@ def read_table(
     """Read columns of a table; raises DataError with up to twenty mistakes and their lines.
 
     ``contents`` has the columns to be read, and what their cells are. Dates are in ISO 8601, or in the
-    form ``time_format`` of strptime.
+    format ``time_format`` of strptime. ``text_format`` is that of a text file; what it leaves open is
+    detected.
     """
-    reading = _Reading(path, contents, time_format)
+    table_reader = _Reading(path, contents, time_format)
     if is_parquet(path):
         # Parquet: the cells become text, so that both formats have the same parsers.
         frame = _read_parquet(path, list(contents))
-        shown = {name: list(map(_text_of_cell, frame[name].tolist())) for name in contents}
-        reading.add(np.arange(2, len(frame) + 2), shown)
-        return reading.table()
+        # Its rows get the line numbers that they would have in a CSV, from 2 on.
+        cells = {name: list(map(_text_of_cell, frame[name].tolist())) for name in contents}
+        table_reader.add(np.arange(2, len(frame) + 2), cells)
+        return table_reader.table()
     layout = layout_of(path, text_format)
     # Commas in cells that commas do not separate are decimal signs.
     decimal = None
     if text_format is not None:
         decimal = text_format.decimal
-        reading.thousands = text_format.thousands
-    reading.may_have_commas = decimal is None and layout.separator != ","
-    reading.comma = decimal == ","
+        table_reader.thousands = text_format.thousands
+    table_reader.may_have_commas = decimal is None and layout.separator != ","
+    table_reader.comma = decimal == ","
     for name in contents:
         if layout.names.count(name) > 1:
             raise DataError(Place(path, max(layout.header, 1), 1, f"two columns {name}"))
     numbered_rows = table_rows(path, layout)
     # Read piece by piece, until there are too many mistakes.
-    while len(reading.mistakes) < _MOST_MISTAKES:
+    while len(table_reader.mistakes) < _MOST_MISTAKES:
         piece = list(islice(numbered_rows, _ROWS_AT_A_TIME))
         if not piece:
             break
-        full_rows = reading.rows_of_full_width(piece, layout)
+        full_rows = table_reader.rows_of_full_width(piece, layout)
         if full_rows:
             columns: list[Sequence[str]] = list(
                 zip(*(cells for _, cells in full_rows), strict=True)
             )
             cells_by_name = {name: columns[layout.names.index(name)] for name in contents}
-            reading.add(np.array([line for line, _ in full_rows]), cells_by_name)
-    return reading.table()
+            table_reader.add(np.array([line for line, _ in full_rows]), cells_by_name)
+    return table_reader.table()
 
 
 def first_rows(path: str, text_format: TextFormat | None, number: int) -> list[list[str]]:

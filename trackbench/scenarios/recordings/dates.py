@@ -42,23 +42,23 @@ _DAY_FORMATS = (
     "%Y%m%d", "%d/%m/%y", "%m/%d/%y", "%d.%m.%y", "%d-%b-%Y", "%d-%b-%y", "%d %b %Y",
     "%b %d %Y", "%b %d, %Y", "%Y-%m-%d", "%d%m%y", "%y%m%d", "%m%d%y", "%d%m%Y", "%m%d%Y",
 )  # fmt: skip
-"""Forms of a day, for strptime."""
+"""Formats of a day, for strptime."""
 _TIME_FORMATS = (
     "%H:%M:%S", "%H:%M:%S.%f", "%H:%M:%S,%f", "%I:%M:%S %p", "%I:%M:%S.%f %p", "%H:%M",
     "%I:%M %p", "%H%M%S", "%H%M%S.%f", "%H:%M:%S:%f", "%H.%M.%S", "%H%M",
 )  # fmt: skip
-"""Forms of a time of day."""
+"""Formats of a time of day."""
 STAMP_FORMATS = (
     "%Y%m%d%H%M%S", "%Y%m%d%H%M%S%f", "%Y%m%d%H%M%S.%f", "%Y%m%d%H%M", "%y%m%d%H%M%S",
     "%d%m%y%H%M%S", "%d%m%Y%H%M%S", "%Y%m%d_%H%M%S",
 )  # fmt: skip
-"""Forms of a day and a time of day in one number."""
+"""Formats of a day and a time of day in one number."""
 _WORDED_FORMATS = (
     "%a %b %d %H:%M:%S %Y", "%a %b %d %H:%M:%S %Z %Y", "%a %b %d %H:%M:%S GMT%z %Y",
     "%a, %d %b %Y %H:%M:%S %z", "%a, %d %b %Y %H:%M:%S %Z", "%d/%b/%Y:%H:%M:%S",
     "%d/%b/%Y:%H:%M:%S %z",
 )  # fmt: skip
-"""Forms of a day and a time of day with the names of months, as in mails and logs."""
+"""Formats of a day and a time of day with the names of months, as in mails and logs."""
 _MINUTE_FORMATS = ("%M:%S", "%M:%S.%f")
 KNOWN_FORMATS = (
     *_TIME_FORMATS,
@@ -69,7 +69,7 @@ KNOWN_FORMATS = (
     *map(" ".join, product(_DAY_FORMATS, _TIME_FORMATS)),
     *map("T".join, product(_DAY_FORMATS, _TIME_FORMATS[:3])),
 )
-"""Forms of dates and times that are found out without a form in the config."""
+"""Formats of dates and times that are detected without a format in the config."""
 
 
 def moment(cell: str, date_format: str = "") -> datetime:
@@ -177,8 +177,8 @@ def type_of_clock(
 def dates_quickly(cells: Sequence[str], date_format: str) -> Array | None:
     """Return R dates as microseconds (R,) since 1970 by pandas, which is faster than cell by cell.
 
-    None for few cells, for a form with a zone, and if a cell is no date of this form. None also for a
-    form of minutes and seconds, as there may be more than 59 minutes.
+    Return None for few cells, for a format with a zone, and if a cell is no date of this format. Return
+    None also for a format of minutes and seconds, as there may be more than 59 minutes.
     """
     if len(cells) < _MANY or "%z" in date_format or date_format.startswith("%M"):
         return None

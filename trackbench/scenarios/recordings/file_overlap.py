@@ -51,19 +51,19 @@ def check_common_time(
     unit = "" if measured.counts_steps else " s"
     other_period = f"{time_text(other_span.first)} to {time_text(other_span.last)}{unit}"
     period = f"{time_text(span.first)} to {time_text(span.last)}{unit}"
-    ends = f"its times are from {other_period}, and those of {measured.files[0]} from {period}"
+    periods = f"its times are from {other_period}, and those of {measured.files[0]} from {period}"
     is_apart = _share_in_common(span, other_span) == 0.0
     remedy = ""
     if not measured.counts_steps and not measured.dated:
         remedy = _remedy_of_units(measured, other, span, other_span)
     if remedy:
         raise DataError(
-            Place(other.files[0], 1, 1, f"{ends}: one of their units differs; {remedy}")
+            Place(other.files[0], 1, 1, f"{periods}: one of their units differs; {remedy}")
         )
     if is_apart:
         remedy = "give both files times of one clock"
         raise DataError(
-            Place(other.files[0], 1, 1, f"{ends}: they have no time in common; {remedy}")
+            Place(other.files[0], 1, 1, f"{periods}: they have no time in common; {remedy}")
         )
 
 
@@ -118,10 +118,11 @@ def _remedy_of_units(
         return ""
     for factor in _FACTORS:
         scaled = other_span.scaled(factor)
-        # The intervals of both files are more alike, too, than they were.
-        ratio = abs(np.log(other_span.interval / span.interval))
-        ratio_then = abs(np.log(scaled.interval / span.interval))
-        if _share_in_common(span, scaled) < _ALIKE or ratio_then > ratio:
+        # In the right unit both files have most of their time in common, and their intervals are not
+        # less alike than before.
+        log_ratio = abs(np.log(other_span.interval / span.interval))
+        new_log_ratio = abs(np.log(scaled.interval / span.interval))
+        if _share_in_common(span, scaled) < _ALIKE or new_log_ratio > log_ratio:
             continue
         unit = _unit_of_size(other.naming.scale("time") * factor)
         if unit:
@@ -149,9 +150,9 @@ def _keys_with_unit(other: ReadingContext, unit: str) -> str:
     for name in ("time", "run"):
         if other.naming.columns.get(name):
             columns[name] = other.naming.columns[name]
-    units = {
-        name: of_quantity for name, of_quantity in other.naming.units.items() if name != "time"
-    }
+    # The key of the time comes last.
+    units = dict(other.naming.units)
+    units.pop("time", None)
     units["time"] = unit
     entries = []
     if columns:

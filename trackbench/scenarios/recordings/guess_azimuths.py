@@ -116,6 +116,7 @@ def convention_of(column: str, unit: str, angles: list[Array]) -> Convention:
     if words & _NORTH:
         return "named"
     finite = np.concatenate([a[np.isfinite(a)] for a in angles])
+    # From 0 to 360 deg, with some beyond 180 deg.
     is_compass = len(finite) > 0 and (finite >= 0.0).all() and finite.max() > np.pi
     if unit.startswith("deg") and is_compass:
         return "compass"

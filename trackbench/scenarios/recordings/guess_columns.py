@@ -64,12 +64,18 @@ def guess_columns(
     user_columns = user_naming.columns
     named_columns = columns_of(sample.names, user_columns)
     columns = {name: named.column for name, named in named_columns.items()}
-    columns = {n: c for n, c in columns.items() if c not in user_columns.values()} | user_columns
+    columns = {
+        name: column for name, column in columns.items() if column not in user_columns.values()
+    }
+    columns |= user_columns
     # An empty name means that no column is this quantity. For runs and sensors it stays in the result,
     # as it means that their rows are mixed.
-    columns = {n: c for n, c in columns.items() if c or n in ("run", "sensor")}
-    for key, column in _hemispheres(sample, columns).items():
-        columns = {n: c for n, c in columns.items() if c != column} | {key: column}
+    columns = {
+        name: column for name, column in columns.items() if column or name in ("run", "sensor")
+    }
+    for key, hemisphere_column in _hemispheres(sample, columns).items():
+        columns = {name: column for name, column in columns.items() if column != hemisphere_column}
+        columns[key] = hemisphere_column
     # Step 2: of several columns for one purpose keep one: two components of a velocity rather than speed
     # and course, a time rather than numbers of steps.
     if columns.keys() >= {*VELOCITY}:

@@ -239,7 +239,7 @@ class _ModelParts(NamedTuple):
 
 
 def _begin_in_words(guess: Guess, first_state: FirstState | None) -> str:
-    """Return words for the time of the first state, which stand after "at", such as t = 3 s."""
+    """Return words for the time of the first state, such as "t = 3 s", which follow "at"."""
     if first_state is None:
         return "the start"
     begin = first_state.begin
@@ -471,7 +471,7 @@ def guessed_units(guess: Guess, prefix: str = "") -> list[str]:
 
     They are units of ranges and angles that stand in no name, azimuths that count from north because of
     their numbers, and velocities that are left out. Options for other answers set keys that begin with
-    the ``prefix``, such as "truth_naming.".
+    the ``prefix``, such as "input_naming.".
     """
     lines = []
     for name in ("range", "azimuth", "bearing", "v", "w"):

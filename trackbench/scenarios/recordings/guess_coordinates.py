@@ -42,8 +42,8 @@ def check_split_angles(sample: TableSample, columns: Mapping[str, str]) -> None:
     for quantity in ("latitude", "longitude"):
         column = columns.get(quantity)
         degrees = sample.numbers(column) if column else np.array([])
-        # Numbers beyond a turn are in a small unit, such as 1e-7 deg.
         degrees = degrees[np.isfinite(degrees)]
+        # Numbers beyond a turn are in a small unit, such as 1e-7 deg.
         if not len(degrees) or (degrees % 1.0).any() or np.abs(degrees).max() > 360.0:
             continue
         parts = []

@@ -272,10 +272,10 @@ def share_of_outliers(rows: Rows, kind: str, in_degrees: bool) -> float:
     and ``in_degrees`` is True if the angles of ``rows`` are in degrees.
     """
     shares = [0.0]
-    for value in unwrapped_values(rows, kind, in_degrees):
-        distances = scaled_distances_from_neighbors(rows.time, value)
-        sigma = error_of_line(rows.time, value)
-        if sigma <= 1e-12 * np.nanmax(np.abs(value), initial=0.0):
+    for values in unwrapped_values(rows, kind, in_degrees):
+        distances = scaled_distances_from_neighbors(rows.time, values)
+        sigma = error_of_line(rows.time, values)
+        if sigma <= 1e-12 * np.nanmax(np.abs(values), initial=0.0):
             continue  # values on a straight line have only rounding errors
         is_far = distances > FAR_SIGMAS * sigma
         # An outlier also moves the lines of both of its neighbors: of successive far rows only those

@@ -19,7 +19,8 @@ _MOST_NAMES = 8
 def joined_guess(paths: Sequence[str], guesses: Sequence[Guess]) -> Guess:
     """Return the guess at a recording whose files, one for each sensor, are at ``paths``.
 
-    Raises DataError for a file of several sensors, the log of a robot, and files with different runs.
+    ``guesses`` are those at the single files. Raises DataError for a file of several sensors, the log of
+    a robot, and files with different runs.
     """
     files = [_of_one_sensor(path, guess) for path, guess in zip(paths, guesses, strict=True)]
     if all(len(file.runs) == 1 for file in files):
@@ -85,7 +86,7 @@ def _without_name_of_run(guess: Guess) -> Guess:
 
 
 def _check_runs(paths: Sequence[str], files: Sequence[Guess]) -> None:
-    """Raise DataError if no run is in all files."""
+    """Raise DataError if no run is in all ``files``, the guesses at the files at ``paths``."""
     names = [{name for name, _ in file.runs} for file in files]
     if set.intersection(*names):
         return

@@ -32,7 +32,7 @@ def guess_missing(
 
     They are searched in the columns of the ``measured`` quantities and in latitude and longitude.
     ``columns`` are the columns by quantity, and ``user_columns`` the quantities whose columns the user
-    named. If there are none, a number near the others may stand for no detection, and is returned.
+    named. If no number is far outside, one near the others that stands for no detection is returned.
     """
     names = sorted((measured | {*GEODETIC[:2], "speed", *VELOCITY}) & columns.keys())
     values = {name: sample.numbers(columns[name]) for name in names}
@@ -92,13 +92,13 @@ def _codes_of_no_detection(
             after = np.searchsorted(
                 measured, rows
             )  # the next measured row, as an index into `measured`
-            away = np.full(len(rows), np.inf)
+            distances = np.full(len(rows), np.inf)
             for neighbor in (after - 1, after):
                 inside = (neighbor >= 0) & (neighbor < len(measured))
                 nearest = positions[:, measured[neighbor[inside]]]
                 distance = np.sqrt(np.square(nearest - code).sum(axis=0))
-                away[inside] = np.minimum(away[inside], distance)
-            is_far = away > _FAR_STEPS * np.quantile(steps, _SHARE_OF_STEPS)
+                distances[inside] = np.minimum(distances[inside], distance)
+            is_far = distances > _FAR_STEPS * np.quantile(steps, _SHARE_OF_STEPS)
             # Some rows may be measured there, as those at the start of a path that begins at zero.
             if not is_far.any() or (code not in (0.0, -1.0) and not is_far.all()):
                 continue

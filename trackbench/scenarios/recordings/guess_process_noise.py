@@ -73,13 +73,14 @@ def shown_process_noise(
     """
     if kind not in ("position", "range-azimuth") or not speed or len(rows.time) < _LEAST_ROWS:
         return None
-    # Step 1: positions with their errors; rows far from the line between their neighbors are outliers.
+    # Step 1: positions (2, R) with the covariances of their errors (2, 2, R). Rows far from the line
+    # between their neighbors are outliers, and are left out.
     values = np.stack(unwrapped_values(rows, kind, in_degrees))
     is_far = np.zeros(len(rows.time), dtype=np.bool_)
-    for value in values:
-        sizes = scaled_distances_from_neighbors(rows.time, value)
-        is_far[1:-1] |= sizes > FAR_SIGMAS * error_of_line(rows.time, value)
-    sigma_x = max(sigmas)
+    for quantity_values in values:
+        distances = scaled_distances_from_neighbors(rows.time, quantity_values)
+        is_far[1:-1] |= distances > FAR_SIGMAS * error_of_line(rows.time, quantity_values)
+    sigma_x = max(sigmas)  # of a sensor of positions, in both axes
     positions = values
     covariances = np.zeros((2, 2, len(rows.time)))
     covariances[0, 0] = sigma_x * sigma_x
@@ -91,12 +92,12 @@ def shown_process_noise(
         across = np.stack([-np.sin(a), np.cos(a)])
         covariances = np.square(sigmas[0]) * along[:, None] * along
         covariances += np.square(sigmas[1] * r) * across[:, None] * across
-    used = np.flatnonzero(~is_far)
-    time = rows.time[used]
-    positions = positions[:, used]
-    covariances = covariances[..., used]
+    rows_without_outliers = np.flatnonzero(~is_far)
+    time = rows.time[rows_without_outliers]
+    positions = positions[:, rows_without_outliers]
+    covariances = covariances[..., rows_without_outliers]
     # Step 2: the mean squared innovation falls as q rises; take the q at which it is 1. The velocity of
-    # the first state is unknown, with twice the usual speed as its standard deviation.
+    # the first state is unknown: its standard deviation is twice the usual speed.
     usual = usual_process_noise(speed)
     (usual_anis,) = _anis(time, positions, covariances, 2.0 * speed, np.array([usual]))
     if usual_anis < _LEAST_ANIS:
@@ -137,7 +138,8 @@ def _anis(
 
     It is the NIS divided by the number of components, 2, and should be 1. The filters assume a constant
     velocity. ``positions`` (2, R) have errors with ``covariances`` (2, 2, R). A long recording is cut
-    into parts, which are filtered at once.
+    into parts, which are filtered at once. ``sigma_velocity``, m/s, is the standard deviation of the
+    unknown velocity at the beginning of a part.
     """
     # Step 1: cut the rows into parts (B, L) of equal length, and take evenly spaced ones of very many.
     length = min(_PART, len(time))

@@ -61,7 +61,8 @@ def guess_sensors(
     words = [""]
     if columns.get("sensor"):
         words = sample.words(columns["sensor"])
-    # The most telling type of sensor counts, but one whose columns the user names comes first.
+    # Of several types of sensors that fit, the first one of `SENSORS` counts. But a type whose columns
+    # the user named comes first.
     answered = {*user_naming.columns}
     if answered & {*GEODETIC[:2]}:
         answered |= {*PLACE}

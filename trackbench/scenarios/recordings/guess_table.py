@@ -84,7 +84,12 @@ def _recognized(
     tables: RobotTables,
     content: TableContent,
 ) -> Guess:
-    """Guess how a table is written; the arguments but ``content`` are those of `recognized`."""
+    """Guess how a table is written, and which of its columns name runs or sensors.
+
+    ``content`` says whether the table has measurements, or a robot's odometry alone. Keys that are set
+    in ``user_naming`` are not guessed. ``user_keys`` are the keys that the user set, also to nothing.
+    ``tables`` are those of odometry and landmarks beside a table of measurements.
+    """
     check_given_keys(path, user_naming)
     label_columns: dict[str, str] = {}
     # If the words of a column split the rows into several targets or sensors, this column becomes that
@@ -121,8 +126,10 @@ def _recognized_columns(
 ) -> Guess:
     """Guess how a table is written; raises MixedRowsError if a column splits its rows.
 
-    This means that its words seem to name several targets or sensors, whose rows would be mixed. The
-    arguments are those of `_recognized`.
+    This means that its words seem to name several targets or sensors, whose rows would be mixed.
+    ``content`` says whether the table has measurements, or a robot's odometry alone. Keys that are set
+    in ``user_naming`` are not guessed. ``user_keys`` are the keys that the user set, also to nothing.
+    ``tables`` are those of odometry and landmarks beside a table of measurements.
     """
     # Step 1: find the columns by their names.
     reasons: ReasonByKey = {}
@@ -143,7 +150,7 @@ def _recognized_columns(
     if "time" not in columns and "step" not in columns:
         raise DataError(Place(path, 1, 1, explain_no_time(names)))
     check_split_time(sample, columns, user_naming.columns)
-    # Step 2: find the sensors, and the form of dates.
+    # Step 2: find the sensors, and the format of dates.
     sensors = [SensorGuess(name="", kind="odometry", quantities=ODOMETRY)]
     if content == "measurements":
         sensors = guess_sensors(sample, columns, units, user_naming)
@@ -171,7 +178,8 @@ def _recognized_columns(
             dates = sample.cells(columns["date"])
         words = words_of(columns["time"])
         clock_format = guess_clock_format(path, times, dates, sample.line, words, "time" in units)
-        # A column `day` may be a number of days: only beside times of a day, and with whole dates.
+        # A column `day` may have numbers of days. It is the date only if all its cells are dates, and
+        # the times have none.
         day = next((name for name in names if name.lower() == "day"), "")
         if (
             clock_format.date_format

@@ -62,10 +62,11 @@ def guess_same_time(
             rows, int(np.flatnonzero(is_repeated)[0]) + 1, f"{message} {remedy}; {option}"
         )
         raise DataError(place)
-    seconds = len(np.unique(rows.time))
-    if context.counts_steps or (rows.time % 1.0).any() or seconds < 2:
+    # Only times in whole seconds may lack a part of the second.
+    different_seconds = len(np.unique(rows.time))
+    if context.counts_steps or (rows.time % 1.0).any() or different_seconds < 2:
         return None
-    if len(rows.time) > _MOST_A_SECOND * seconds:
+    if len(rows.time) > _MOST_A_SECOND * different_seconds:
         return None  # too many rows for one target
     if context.dated and not (rows.time % _DAY).any():
         return None  # dates without a time of day

@@ -55,18 +55,18 @@ _LONG_INTERVAL = 600.0  # s
 
 
 class ClockFormat(NamedTuple):
-    """Guessed form of a column of times."""
+    """Guessed format of a column of times."""
 
     date_format: str = ""
-    """form of dates for strptime; empty for ISO 8601 and for numbers"""
+    """format of dates for strptime; empty for ISO 8601 and for numbers"""
     is_date: bool = False
     reason: str = ""
-    """comment for the config that explains the form"""
+    """comment for the config that explains the format"""
     other_format: str = ""
-    """another form that fits all cells: minutes and seconds in place of hours and minutes, or "s" for
+    """another format that fits all cells: minutes and seconds in place of hours and minutes, or "s" for
     numbers of seconds"""
     format_of_other_order: str = ""
-    """form with another order of day and month, and the same times since the first one"""
+    """format with another order of day and month, and the same times since the first one"""
 
 
 def guess_clock_format(

@@ -117,7 +117,10 @@ def recognized_truth(path: str, guess: Guess, user_naming: Naming | None = None)
 
 
 def _check_sources(path: str, table_guess: Guess) -> None:
-    """Raise DataError if a column names several sources of the truth's positions."""
+    """Raise DataError if a column names several sources of the truth's positions.
+
+    ``table_guess`` is the guess at the table of the truth at ``path``.
+    """
     column = table_guess.naming.columns.get("sensor")
     if not column or len(table_guess.sensors) < 2:
         return

@@ -178,7 +178,7 @@ class UnitChoice:
         """Return the rows with vx and vy exchanged, if they agree with the positions only then.
 
         The columns of vx and vy, and their units, are then exchanged in place, too. ``possible_formats``
-        are possible forms of dates.
+        are the possible formats of dates.
         """
         is_answered = not {*VELOCITY}.isdisjoint(self._user_columns)
         if is_answered or not has_north_first(unscaled, known_units, possible_formats):
@@ -257,7 +257,8 @@ class UnitChoice:
 
         It is asked if the speed in m would be unusual, or if another unit is as likely as m. The second
         reason does not count beside other questions on units (``has_others``). ``chosen`` is a likely
-        choice of units for the ``unscaled`` rows. A range that needs no question gets the unit m.
+        choice of units for the ``unscaled`` rows, and ``known_units`` are units by quantity. A range
+        that needs no question gets the unit m.
         """
         names = [name for name in ("x", "y", "range", "1.range") if name in self._columns]
         is_named = not {"x", "range"}.isdisjoint(known_units)

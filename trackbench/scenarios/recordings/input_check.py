@@ -137,22 +137,22 @@ def _best_changes(
 
 
 def _blocks(states: Array, times: Array) -> list[Index]:
-    """Return the indices of stretches of successive steps, which are spread over the run.
+    """Return the indices (L,) of stretches of successive steps, which are spread over the run.
 
     Each predicted step needs one before it, so that the first step is in none. A run that is too short
     for a window has none.
     """
-    number = len(times) - 1
-    length = number
-    if number >= 2 * _BLOCKS * _WINDOW:
-        length = number // _BLOCKS
+    predictable_steps = len(times) - 1
+    length = predictable_steps
+    if predictable_steps >= 2 * _BLOCKS * _WINDOW:
+        length = predictable_steps // _BLOCKS
     length = min(_STEPS_OF_BLOCK, length)
     if length < _WINDOW:
         return []
     count = 1
-    if length < number:
+    if length < predictable_steps:
         count = _BLOCKS
-    starts = np.linspace(1, number + 1 - length, count).astype(int)
+    starts = np.linspace(1, predictable_steps + 1 - length, count).astype(int)
     return [np.arange(start, start + length) for start in dict.fromkeys(starts.tolist())]
 
 
@@ -209,7 +209,10 @@ def _correlation(windows: _Changes) -> float:
 
 
 def _factor(changes: _Changes) -> float:
-    """Return the factor by which an input's values would have to be multiplied to fit the truth."""
+    """Return the factor by which an input's values would have to be multiplied to fit the truth.
+
+    ``changes`` are those of one state component by this input and by the truth.
+    """
     windows = _over_windows(changes)
     by_input = windows.of_input
     true = windows.of_truth

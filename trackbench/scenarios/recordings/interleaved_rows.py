@@ -53,6 +53,11 @@ class MixedRowsError(DataError):
     """Rows of several targets or sensors, which a column names, would be those of one."""
 
     def __init__(self, place: Place, column: str, role: str, split: Split) -> None:
+        """Begin with the message and its ``place``, and the ``column`` that splits the rows.
+
+        ``role`` is what the column's name says that it names, as `role_of` returns it. ``split`` is how
+        the parts of the rows differ.
+        """
         super().__init__(place)
         self.column = column
         self.role = role
@@ -188,7 +193,9 @@ def check_label_pairs(
 ) -> None:
     """Raise DataError if two columns together name several targets, as a team and a number do.
 
-    The arguments are those of `check_label`, which found no target in a single one of the ``labels``.
+    ``labels`` are the columns that may do so; none of them names targets alone. ``quantities`` are the
+    measured quantities (R,) by name of one sensor's R rows, ``runs`` (R,) the numbers of their runs, and
+    ``time`` (R,) their times. ``of_sensor`` are the indices of these rows in the table.
     """
     if not len(runs):
         return
@@ -197,11 +204,12 @@ def check_label_pairs(
     named = [label for label in labels if role_of(label) != "quality"]
     codes_by_label = {label: table.columns[label][of_sensor][rows] for label in named}
     for pair in combinations(named, 2):
+        # Number the pairs of words. There must be more of them than words in either column.
         both = np.stack([codes_by_label[label] for label in pair])
-        found, codes = np.unique(both, axis=1, return_inverse=True)
-        number = found.shape[1]
-        fewer = max(len(np.unique(part)) for part in both)
-        if not fewer < number <= _MOST_WORDS or len(rows) < 2 * number:
+        pairs_of_words, codes = np.unique(both, axis=1, return_inverse=True)
+        count = pairs_of_words.shape[1]
+        most_words = max(len(np.unique(codes_of_one)) for codes_of_one in both)
+        if not most_words < count <= _MOST_WORDS or len(rows) < 2 * count:
             continue
         codes = codes.reshape(-1)
         if split_by(codes, time[rows], values) == "apart" and is_regular(codes, time[rows]):

@@ -181,7 +181,9 @@ def _inputs_of_run(
 ) -> KnownInputs:
     """Return the inputs of one run; ``shift`` is added to its times, so that they are the clock's.
 
-    ``rows`` are those of the run. The other arguments are those of `inputs_at`.
+    ``rows`` are those of the run, and ``names`` are those of the inputs. A row's values hold ``before``
+    its time or ``after`` it, as ``holds`` says, over ``gap`` (s, or steps) at most. ``resample`` is the
+    length of resampled steps, s, or None.
     """
     # Step 1: the inputs are piecewise constant in time. Each piece lasts from one edge to the next.
     times = clock.steps.astype(float) if context.counts_steps else clock.times

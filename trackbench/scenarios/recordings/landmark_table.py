@@ -66,9 +66,9 @@ def read_landmarks(path: str, user_naming: Naming | None = None) -> dict[str, tu
 
 
 def _text_format(path: str, text_format: TextFormat) -> TextFormat:
-    """Return the format with the names landmark, x and y for a table of three columns without names.
+    """Return ``text_format``, completed by the names landmark, x and y for three columns without names.
 
-    The format of any other table is returned as it is.
+    That of any other table is returned as it is.
     """
     if is_parquet(path) or text_format.names or text_format.header:
         return text_format

@@ -90,8 +90,10 @@ def _read_file(
 ) -> list[Rows]:
     """Read the rows of each sensor from one file.
 
-    ``name`` is the name of the file's only run, if no column names runs. The other arguments are those
-    of `read_rows`.
+    ``sensors`` has the names of the quantities that each sensor measures. The file must have at least
+    ``least`` of them, by default all. ``name`` is the name of the file's only run, if no column names
+    runs. A column ``sensor`` has the sensors' ``names``, by default their numbers. Runs, files and
+    notices are added to ``context``.
     """
     # Step 1: find the columns of the quantities, of time, run and sensor.
     wanted = list(chain.from_iterable(sensors))

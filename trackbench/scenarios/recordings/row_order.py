@@ -163,6 +163,7 @@ def _mean_of_groups(
     """Return the mean values (n, G) of each group of rows with values (n, R); missing ones are left out.
 
     ``first`` (G,) are the groups' first rows, ``group`` (R,) is the number of each row's group.
+    ``difference`` subtracts values (n, R), and wraps angles.
     """
     # Step 1: z_0 is the first existing value of each group.
     start = np.full((len(values), len(first)), np.nan)

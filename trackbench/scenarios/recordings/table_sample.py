@@ -54,9 +54,8 @@ class TableSample:
         times = self.words(column)
         if len(times) != 1:
             return
-        read_table(
-            self.path, {column: "label"}, text_format=self._text_format
-        )  # which reports mistaken rows
+        # Rows with a wrong number of cells, which are not in the sample, are reported first.
+        read_table(self.path, {column: "label"}, text_format=self._text_format)
         rows = counted(len(self), "row")
         message = f"{column} is {times[0]} in {rows}: a recording needs rows of two times"
         remedy = (
@@ -81,8 +80,8 @@ class TableSample:
             return [""] * len(self)
         if column not in self.names:
             return []
-        place = self.names.index(column)
-        return [cells[place] for cells in self._rows]
+        index = self.names.index(column)
+        return [cells[index] for cells in self._rows]
 
     def words(self, column: str) -> list[str]:
         """List the different cells of a column, without the empty one, in order of their appearance."""
@@ -110,18 +109,18 @@ class TableSample:
         """Return the unit of a quantity that a line of units has below the column; None without one."""
         if column not in self.names:
             return None
-        place = self.names.index(column)
+        index = self.names.index(column)
         for row in self._units:
-            unit = unit_in(words_of(f"({row[place]})"), quantity)
+            unit = unit_in(words_of(f"({row[index]})"), quantity)
             if unit:
                 return unit
         return None
 
     def other_unit(self, column: str) -> str | None:
         """Return a unit from the lines of units that trackbench cannot convert; None without one."""
-        place = self.names.index(column)
+        index = self.names.index(column)
         for row in self._units:
-            unit = other_unit_in_line(row[place])
+            unit = other_unit_in_line(row[index])
             if unit:
                 return unit
         return None

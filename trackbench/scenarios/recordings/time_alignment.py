@@ -127,9 +127,7 @@ def common_clock(
         begin = float(start.time[0])
     last = max(float((rows.time + shift[rows.run]).max()) for rows in sensors)
     # Step 2: equal steps, the file's own or resampled ones.
-    spacing = (
-        1.0 if context.counts_steps else resample
-    )  # from step to step, in the unit of the times
+    spacing = 1.0 if context.counts_steps else resample
     if spacing is not None:
         number = _checked_number(context, np.floor((last - begin) / spacing + 0.5) + 1.0)
         steps = np.arange(number)
@@ -166,7 +164,8 @@ def _interval_before_first(
 ) -> float:
     """Return the time, s or steps, from a first state that takes no scans to the first row.
 
-    It is one step, or the usual interval in the run of the first row.
+    It is one step, the length ``resample`` of resampled steps, or the usual interval in the run of the
+    first row of the first sensor.
     """
     if context.counts_steps:
         return 1.0

@@ -218,8 +218,9 @@ def _delay_notes(
 ) -> list[str]:
     """Return texts on the sensors whose measurements agree much better with an earlier or a later truth.
 
-    ``samples`` are those of the sensors, and ``truth`` (n_x, K, M) is that of all steps. The other
-    arguments are those of `contradictions`. Sensors in one file are tried together.
+    ``samples`` are those of the sensors, ``truth`` (n_x, K, M) is that of all K steps of ``clock``.
+    ``components`` are those of the truth, and ``angles`` those that are angles. If the sensors are
+    ``in_one_file``, they have one clock, and so are tried together.
     """
     if not samples or len(clock.times) < 2:
         return []

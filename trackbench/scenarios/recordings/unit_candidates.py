@@ -255,7 +255,8 @@ def usual_acceleration(unscaled: UnscaledRows, chosen: Candidate) -> float:
 def _sure_acceleration(displacements: "Displacements", rows: int) -> float:
     """Return the upper quartile of the acceleration, m/s^2, less two standard deviations of its error.
 
-    It is 0 if this is negative. ``rows`` is the number of rows of the table.
+    It is 0 if this is negative. ``displacements`` are those between some of the table's rows, whose
+    number is ``rows``.
     """
     velocities = displacements.vectors / displacements.duration
     # Pairs of displacements: the second one begins in the row in which the first one ends.
@@ -288,7 +289,8 @@ def _time_units(
     """Yield each possible unit of the time, its factor to seconds, and its penalty.
 
     Dates have no unit: in its place stands their format, empty for the format by which they were read.
-    The arguments are those of `likely_units`.
+    ``known_units`` are units by quantity that need no guess. ``possible_formats`` are the formats of
+    dates, if there are several.
     """
     if unscaled.is_dated:
         yield "", 1.0, possible_formats.get("", PossibleFormat(factor=1.0, penalty=0.0)).penalty
@@ -304,6 +306,7 @@ def _time_units(
     largest = float(np.abs(finite).max(initial=0.0))
     is_whole = not (finite % 1.0).any()
     whole_seconds = _whole_seconds_of_days(finite)
+    # The largest time may count from 1970: it then is within the years 2001 to 2036.
     is_today = any(
         _TODAY[0] <= largest * UNITS[unit] <= _TODAY[1] for unit in ("s", "ms", "us", "ns")
     )
@@ -455,7 +458,7 @@ def _position_units(
 def _length_units(unscaled: UnscaledRows, is_ais: bool) -> Iterator[tuple[str, bool, float]]:
     """Yield each possible unit of lengths, False, which says that it is none of angles, and its penalty.
 
-    ``is_ais`` if the names of the columns are those of AIS messages.
+    ``is_ais`` is True if the names of the columns are those of AIS messages.
     """
     # Without a measured speed nothing shows that lengths are not in m.
     is_alone = unscaled.speed is None and unscaled.velocity is None
@@ -505,16 +508,16 @@ def positions_in_meters(position: Array, unit: str, as_geodetic: bool) -> Array:
     if not as_geodetic:
         return position * UNITS[unit]
     longitude, latitude = position * UNITS[unit]
-    middle = 0.0
+    median_latitude = 0.0
     if np.isfinite(latitude).any():
-        middle = float(np.nanmedian(latitude))
+        median_latitude = float(np.nanmedian(latitude))
     # Longitudes relative to the first one, within half a turn: 179 and -179 deg are 2 deg apart.
-    first = 0.0
+    first_longitude = 0.0
     known = longitude[np.isfinite(longitude)]
     if len(known):
-        first = float(known[0])
-    east = np.remainder(longitude - first + np.pi, 2.0 * np.pi) - np.pi
-    return SEMI_MAJOR_AXIS * np.stack([east * np.cos(middle), latitude])
+        first_longitude = float(known[0])
+    east = np.remainder(longitude - first_longitude + np.pi, 2.0 * np.pi) - np.pi
+    return SEMI_MAJOR_AXIS * np.stack([east * np.cos(median_latitude), latitude])
 
 
 @dataclass(frozen=True)
@@ -555,15 +558,15 @@ class Displacements:
         lag = 1
         while True:
             vectors = meters[:, lag:] - meters[:, :-lag]
-            sizes = np.sqrt(np.square(vectors).sum(axis=0))
-            if 2 * lag > max(1, len(rows) // 4) or np.median(sizes) > many * sigma:
+            lengths = np.sqrt(np.square(vectors).sum(axis=0))
+            if 2 * lag > max(1, len(rows) // 4) or np.median(lengths) > many * sigma:
                 break
             lag *= 2
         duration = time[lag:] - time[:-lag]
         later = duration > 0.0
-        speeds = sizes[later] / duration[later]
+        speeds = lengths[later] / duration[later]
         # The long displacements must exceed the errors of positions, or nothing moves for sure.
-        is_sure = later.any() and float(np.quantile(sizes, 0.9)) > 3.0 * sigma
+        is_sure = later.any() and float(np.quantile(lengths, 0.9)) > 3.0 * sigma
         return cls(
             first_row=rows[:-lag][later],
             last_row=rows[lag:][later],
@@ -599,9 +602,9 @@ def _penalty_of_interval(times: Array, is_gps: bool) -> float:
     other sensors.
     """
     finite = np.sort(times[np.isfinite(times)])
-    apart = np.diff(finite)
-    apart = apart[apart > 0.0]
-    if not len(apart):
+    intervals = np.diff(finite)
+    intervals = intervals[intervals > 0.0]
+    if not len(intervals):
         return 0.0
     usual = usual_interval(finite)
     penalty = 0.0
@@ -611,7 +614,7 @@ def _penalty_of_interval(times: Array, is_gps: bool) -> float:
     elif usual < (0.039 if is_gps else 0.015):
         penalty += 1.0
     # Without a regular interval its length shows nothing more.
-    if (np.abs(apart - usual) > 0.02 * usual).mean() > 1.0 - _REGULAR:
+    if (np.abs(intervals - usual) > 0.02 * usual).mean() > 1.0 - _REGULAR:
         return penalty
     if usual >= 20.0:
         # Multiples of 30 s, and 20 s, are usual; 1000 s are not, and may be 1000 ms.
@@ -633,8 +636,8 @@ def _speed_units(
     """Yield each possible unit of the measured speed, its penalty, and whether the speed agrees in it.
 
     The first units are those in which the speed agrees with that of the ``displacements``. The last one
-    is the known unit, or empty, with the penalty of a disagreement. ``as_geodetic`` is True if positions
-    are latitudes and longitudes.
+    is the known unit, or empty, with the penalty of a disagreement. ``known_units`` are units by
+    quantity that need no guess. ``as_geodetic`` is True if positions are latitudes and longitudes.
     """
     measured_speed = _measured_speed(unscaled)
     if measured_speed is None:

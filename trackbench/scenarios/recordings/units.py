@@ -162,7 +162,7 @@ def mistaken_unit(key: str, unit: str, is_scalar: bool) -> str | None:
 
 
 def unit_in(words: Collection[str], quantity: str) -> str | None:
-    """Return the unit of the quantity that the last one of such ``words`` names; None without one."""
+    """Return the last unit of the quantity's dimension that one of the words names; None without one."""
     last = None
     for word in words:
         if word in UNIT_WORDS and is_unit_of(quantity, UNIT_WORDS[word]):
