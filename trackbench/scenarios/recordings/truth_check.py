@@ -356,7 +356,7 @@ def _other_axes_or_directions(
         if change == "from north clockwise":
             hint = f": say `clockwise: [{angle}]`"
         elif change == "from the heading clockwise":
-            hint = ": change its sign in the file"
+            hint = f": say `clockwise: [{angle}]` in the target"
         return f"; they agree if its {angle} counts {change}{hint}"
     hint = "are x and y exchanged, or an axis reversed?"
     return f"; they agree if the truth is {change}: {hint}"
