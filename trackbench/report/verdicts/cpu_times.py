@@ -129,8 +129,8 @@ def _judge(results: Results, row: PublishedNumber | Claim, left: str, right: str
     value = nan
     low = nan
     high = nan
-    # Every filter has a row in timing.csv, with repeats.
-    all_timed = len(seconds) == len(labels) > 0 and all(map(len, seconds))
+    # Every filter has a row in timing.csv, with repeats. A number that names no filter is not measured.
+    all_timed = left != "" and len(seconds) == len(labels) and all(map(len, seconds))
     word = UNDECIDED if all_timed else NOT_MEASURED
     # Each repeat gives a ratio, so both filters need equally many; an interval needs at least two.
     repeats = {len(times) for times in seconds}
