@@ -161,6 +161,7 @@ def load(
     added_labels = add_filters(source, filter_files)
     for keys in override_all(source, overrides):
         is_of_added_filter = len(keys) > 1 and keys[1] in added_labels
+        # With other keys the experiment is no longer the standard problem of its name.
         if keys[0] in _PROBLEM_KEYS and not is_of_added_filter:
             source.data.pop("problem", None)
     _set_runs(source, runs, seed, quick)
@@ -168,7 +169,7 @@ def load(
         override(source, ("product",), product, Mark("--product"))
     for axis in grid:
         add_axis(source, axis)
-        source.data.pop("problem", None)
+        source.data.pop("problem", None)  # as for keys above
     _set_only(source, only)
     show_filters(source, added_labels)
     add_tuned(source, tuned_values or {})
@@ -231,7 +232,7 @@ def _set_only(source: Source, labels: Sequence[str]) -> None:
 def _validate_with_plugin_errors(
     source: Source, folder: Path, plugins: tuple[Plugin, ...]
 ) -> Experiment:
-    """Validate; an unexpected error of a plugin becomes a mistake with its line."""
+    """Validate the config; an unexpected error of a plugin becomes a mistake with the plugin's line."""
     try:
         with guarded():
             return _validate(source, folder, plugins)
@@ -326,7 +327,10 @@ def _validate(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) ->
 
 
 def _build_independent_settings(source: Source) -> Settings | None:
-    """Build the settings without mistaken keys; None if other parts of the config depend on these."""
+    """Build the settings without mistaken keys; None if other parts of the config depend on these.
+
+    With these settings the rest of the config can be checked, too.
+    """
     mistaken_keys = {problem.path.partition(".")[0] for problem in source.problems}
     known_keys = [key.name for key in fields(Settings)]
     # An unknown key is left out, unless it may be a misspelt one that other parts depend on.
@@ -334,6 +338,7 @@ def _build_independent_settings(source: Source) -> Settings | None:
         for near_key in get_close_matches(mistaken_key, known_keys, 1, _LEAST_SIMILARITY):
             if near_key not in _INDEPENDENT_KEYS:
                 return None
+    # Any name will do if the config's is mistaken: an experiment with mistakes is not run.
     data: dict[str, object] = {"name": "mistaken"}
     for key, value in source.data.items():
         if key not in mistaken_keys:
@@ -386,7 +391,11 @@ def _check_components(source: Source) -> None:
 
 
 def _build_exhibits(group: Group, source: Source, points: list[Point]) -> dict[str, Any]:
-    """Build the tables or figures, by ``group``, without those that have mistakes."""
+    """Build the tables or the figures, as ``group`` says, by name; those with mistakes are left out.
+
+    The source gets the mistakes, and default metrics for entries without `metric`. ``points`` are those
+    of the grid.
+    """
     fill_default_metrics(group, source, points)
     exhibits = {}
     for name in source.data.get(group) or {}:
@@ -403,7 +412,7 @@ def _read_published(
     labels = list(settings.filters)
     if settings.bound:
         labels.append(settings.bound)
-    # A grid from the command line leaves out points that rows may name.
+    # A grid from the command line leaves out points that rows may name: points are then not checked.
     grid_places = [("grid",), *(("grid", path) for path in settings.grid)]
     grid_files = {source.mark(keys).file for keys in grid_places}
     point_values = None

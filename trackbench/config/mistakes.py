@@ -59,6 +59,7 @@ def unknown(word: str, known: list[str]) -> str:
 def nearest(word: str, known: Sequence[str]) -> str:
     """Return the known word that was probably meant; an empty text if none is near."""
     lower = word.lower().replace(" ", "-")
+    # Usual words for keys and kinds that have another name here.
     meant = _MEANT.get(lower, "")
     if meant in known:
         return meant
@@ -125,7 +126,7 @@ def mistakes_of(
 ) -> list[Problem]:
     """Locate and describe what the validator of ``cls`` found wrong with the mapping at ``keys``.
 
-    ``also`` names keys that stand beside those of the dataclass.
+    ``also`` names keys that the mapping may have besides those of ``cls``.
     """
     problems: dict[Problem, None] = {}
     for details in error.errors(include_url=False):
@@ -142,6 +143,7 @@ def _with_typed_paths(problem: Problem, typed_folders: Mapping[str, str]) -> Pro
     file = problem.mark.file
     message = problem.message
     for folder, typed_folder in typed_folders.items():
+        # The folder and a slash, unless the folder is the end of a longer path.
         beginning = re.compile(rf"(?<![\w/.-]){re.escape(folder)}/+(?=[^/])")
         typed_beginning = "" if typed_folder == "." else f"{typed_folder.rstrip('/')}/"
         typed_beginning = typed_beginning.replace("\\", r"\\")  # a backslash would be an escape
@@ -192,12 +194,12 @@ def _problems_of(
     may have besides those of ``cls``.
     """
     error_type = details["type"]
-    if error_type == REPORTED:
+    if error_type == REPORTED:  # the source already has the mistakes of this component
         return []
     context = details.get("ctx", {})
     location = details["loc"]
     error = context.get("error")
-    if isinstance(error, DataError):
+    if isinstance(error, DataError):  # mistakes in a data file have positions of their own
         return [
             Problem(Mark(p.file, p.line, p.column), dotted(keys), p.message) for p in error.places
         ]
@@ -233,7 +235,10 @@ def _problems_of(
 
 
 def _describe_unknown_key(key: str, owner: type[Any] | None, also: Sequence[str]) -> str:
-    """Suggest a key of the dataclass ``owner``, or of ``also``, in place of an unknown one."""
+    """Explain that a key is unknown, and suggest one of the dataclass ``owner`` or of ``also``.
+
+    ``owner`` is None if the dataclass is not known.
+    """
     if owner is None:
         return "unknown key"
     if issubclass(owner, Part) and key in owner.unsupported_keys:
@@ -274,7 +279,7 @@ def _describe_value(
     text = shown(value)
     if error_type == "value_error":
         return str(context["error"])
-    if error_type == "json_invalid":
+    if error_type == "json_invalid":  # `build` writes this JSON itself: only such a name spoils it
         return "the name of a folder it lies in is not UTF-8, and no config could hold it"
     if isinstance(value, float) and isnan(value):
         return "NaN is not a finite number"
@@ -314,7 +319,10 @@ def _describe_value(
 
 
 def _advise_spelling(type_name: str, value: object) -> str:
-    """Advise how to write a value that has the form of another type; empty without advice."""
+    """Advise how to write a value that has the form of another type; empty without advice.
+
+    ``type_name`` is the validator's name of the type that the key needs.
+    """
     if type_name in ("list", "tuple") and isinstance(value, str) and "\n" not in value:
         return f"; write [{value}]"
     if type_name == "bool" and isinstance(value, str) and value.lower() in _BOOLEANS:
