@@ -258,8 +258,11 @@ def unprintable_reason(text: str) -> str | None:
     return f"{text!r} holds the character U+{ord(match.group()):04X}; write printable text"
 
 
-def formula(text: str) -> str | None:
-    """Describe the mistake of a word that a spreadsheet would run as a formula; None for others."""
+def explain_formula(text: str) -> str | None:
+    """Explain that a spreadsheet would run a word as a formula; None if it would not.
+
+    A negative number begins with ``-``, but is no word.
+    """
     if not text.startswith(tuple(FORMULA)) or not isinstance(scalar(text), str):
         return None
     return f"{text!r} begins with {text[0]}, as a formula of a spreadsheet; put another character first"
@@ -508,7 +511,7 @@ class _Builder:
             # Mistakes in the key itself; a duplicate key would silently replace the first value.
             self._check_text(key, mark, keys)
             self._check_spaces(key_node, keys)
-            mistake = formula(key)
+            mistake = explain_formula(key)
             if mistake:
                 self._add_problem(mark, keys, mistake)
             keys_of_value = (*keys, key)
@@ -619,7 +622,7 @@ def _inexpressible(value: object, keys: Keys) -> str | None:
     if isinstance(value, Mapping):
         if not all(isinstance(key, str) for key in value):
             return "a key must be a word"
-        reasons = (unprintable_reason(key) or formula(key) for key in value)
+        reasons = (unprintable_reason(key) or explain_formula(key) for key in value)
         return next(filter(None, reasons), None)
     if isinstance(value, str):
         return unprintable_reason(value)

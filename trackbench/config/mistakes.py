@@ -20,7 +20,7 @@ from trackbench.field_types import (
     InvalidKeyError,
     dataclasses_in,
 )
-from trackbench.yaml_source import Keys, Source, dotted, formula, scalar
+from trackbench.yaml_source import Keys, Source, dotted, explain_formula, scalar
 
 REPORTED = "reported"
 """Type of the validator's error for a component whose mistakes are in the source."""
@@ -299,7 +299,7 @@ def _describe_value(
     if error_type == "string_pattern_mismatch" and context["pattern"] in (ONE_LINE, LEGEND_LABEL):
         if str(value).startswith("_"):
             return f"{text} begins with _, and legends leave such a label out; begin with a letter"
-        return formula(str(value)) or f"{text} is not one line of visible characters"
+        return explain_formula(str(value)) or f"{text} is not one line of visible characters"
     if error_type == "string_pattern_mismatch":
         return f"{text} must start with a letter or digit and hold only letters, digits, . _ -"
     if error_type in ("too_long", "too_short"):

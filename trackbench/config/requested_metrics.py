@@ -394,9 +394,10 @@ def _why_unknown(request: MetricRequest, names: Names, settings: Settings) -> st
 
 
 def _fault_without_steps_after(measure: Measure, known: Collection[str]) -> str:
-    """Return the fault after which a metric would be taken if there were steps; empty for no fault.
+    """Return the fault that the window of a metric comes after, if that window has no steps.
 
-    ``known`` are the metrics that exist: those in the window of the fault itself are among them.
+    The result is the name of the fault. It is empty if the metric is unknown for another reason.
+    ``known`` are the metrics that exist. Those in the window of the fault itself are among them.
     """
     is_recovery = measure.definition.name in ("recovery_s", "not_recovered")
     if not is_recovery and not measure.window.startswith(_AFTER):
@@ -514,7 +515,10 @@ def takes_times(experiment: Experiment) -> bool:
 
 @dataclass(frozen=True)
 class Contributions:
-    """Requested measures of which per_run.csv stores each run's contribution."""
+    """Requested numbers over steps for which per_run.csv stores each run's contribution.
+
+    Such a number is a metric at a step, or a mean over steps of a statistic over runs.
+    """
 
     everywhere: tuple[Measure, ...]
     """measures of every filter"""
@@ -531,7 +535,11 @@ class Contributions:
         return list(dict.fromkeys(name for name in names if name is not None))
 
     def measures_of_filter(self, label: str, steps: Sequence[int]) -> list[Measure]:
-        """Return a filter's contributions, each at one step, for a scenario with these steps."""
+        """Return the measures of one filter for which the runs' contributions are stored, each once.
+
+        A measure over a range of steps becomes one for each step. ``steps`` are the numbers of the steps
+        of a run.
+        """
         measures = list(self.everywhere)
         for measure in self.of_steps.get(label, ()):
             measures += measure.at_each(steps)
@@ -539,15 +547,16 @@ class Contributions:
 
 
 def requested_contributions(experiment: Experiment) -> Contributions:
-    """Collect the contributions that tables, figures and published files request."""
-    # Step 1: measures of every filter; of a comparison, the expression of one filter.
+    """Collect the measures in tables, figures and published files that need each run's contribution."""
+    # Step 1: measures of every filter. A comparison of two filters needs the expression of each
+    # (`plain`).
     measures = [request.measure for request in requests_of(experiment.parts)]
     measures += experiment.published.expressions
     everywhere = set()
     for measure in measures:
         if not measure.is_many and series_of(measure.plain) is not None:
             everywhere.add(measure.plain)
-    # Step 2: measures at many steps, of the filters that a claim compares.
+    # Step 2: measures at a range of steps, only of the filters that a claim compares.
     of_steps: dict[str, dict[Measure, None]] = defaultdict(dict)
     for claim in experiment.published.claims:
         for expression in claim.expressions:

@@ -55,7 +55,10 @@ def same_recordings(a: Point, b: Point) -> bool:
 
 
 def held_out_data(experiment: Experiment) -> str:
-    """Name in what the judged data differ from the training data: noise, path, recordings or time."""
+    """Name in what the judged data differ from the training data: noise, path, recordings or time.
+
+    The result is one of the constants `NOISE`, `PATH`, `RUNS` and `TIME`.
+    """
     judged = experiment.points[0]
     training = experiment.training
     assert training is not None
