@@ -70,7 +70,10 @@ yaml.SafeDumper.add_representer(MarkedList, yaml.SafeDumper.represent_list)
 
 
 def put(node: Any, key: str | int, value: object, mark: Mark, key_mark: Mark | None = None) -> None:
-    """Set the value of a key, or the item of an index, with its position and that of the key."""
+    """Set the value of a key of a mapping, or the item at an index of a list, in place.
+
+    ``mark`` is the position of the value, and ``key_mark`` that of the key.
+    """
     node[key] = value
     if isinstance(node, MarkedMapping | MarkedList):
         node.marks[key] = mark
@@ -172,7 +175,10 @@ class Source:
             raise UserError(*sorted(set(self.problems)))
 
     def replaced(self, keys: Keys, value: object) -> "Source":
-        """Return a config with another value at ``keys``; it shares everything else, but problems."""
+        """Return a config with another value at ``keys``, and no problems.
+
+        It shares all other values with this config, which stays as it is.
+        """
         # Copy the mappings on the way to the value.
         data = MarkedMapping(self.data)
         node = data
@@ -232,7 +238,7 @@ def text_of(path: Path) -> str:
 
 @cache
 def _read_stdin() -> str:
-    """Read stdin, which can be read once."""
+    """Read stdin as text. The text is kept, since stdin can be read only once; raises OSError."""
     content = sys.stdin.buffer.read(_LARGEST_FILE + 1)
     if len(content) > _LARGEST_FILE:
         raise OSError(errno.EFBIG, "has more than 1 MB")
@@ -240,9 +246,12 @@ def _read_stdin() -> str:
 
 
 def _decoded(content: bytes) -> str:
-    """Return the text of a file, with line ends of one character; raises OSError."""
+    """Return the text of a file with this content, with line ends of one character.
+
+    Raises OSError if it is not UTF-8.
+    """
     try:
-        text = content.decode("utf-8-sig")
+        text = content.decode("utf-8-sig")  # a byte order mark is left out
     except UnicodeDecodeError:
         raise OSError(errno.EILSEQ, "is not a text file in UTF-8") from None
     return re.sub("\r\n?", "\n", text)
@@ -457,6 +466,7 @@ class _Builder:
 
     def build(self, node: yaml.Node, keys: Keys) -> Any:
         """Return the value of a node that stands at ``keys``."""
+        # A node is counted at each alias to it: a few nested aliases can stand for billions of values.
         self.nodes += 1
         if self.nodes > _MOST_NODES:
             raise UserError(Problem(self.mark(node), "", f"{_TOO_MANY} after aliases"))
@@ -599,7 +609,10 @@ def from_mapping(config: Mapping[str, object]) -> Source:
 
 
 def _as_plain(value: object, keys: Keys, source: Source) -> Any:
-    """Return a value as plain data; add a problem for what a config cannot express."""
+    """Return a Python value as plain data: mappings, lists and scalars.
+
+    What a config cannot express becomes None, with a problem added to the source.
+    """
     mistake = _inexpressible(value, keys)
     if mistake:
         source.problems.append(Problem(source.start, dotted(keys), mistake))
@@ -608,7 +621,7 @@ def _as_plain(value: object, keys: Keys, source: Source) -> Any:
         return {key: _as_plain(inner, (*keys, key), source) for key, inner in value.items()}
     if isinstance(value, Sequence) and not isinstance(value, str):
         return [_as_plain(inner, (*keys, i), source) for i, inner in enumerate(value)]
-    if isinstance(value, _NumpyValue):
+    if isinstance(value, _NumpyValue):  # an array, or a number of numpy
         return _as_plain(value.tolist(), keys, source)
     if isinstance(value, Path):
         return str(value)

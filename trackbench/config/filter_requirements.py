@@ -41,7 +41,7 @@ def meets_requirement(scenario: Scenario, requirement: str) -> bool:
     ``motion.T|F`` one of the two attributes is enough.
     """
     component, _, name = requirement.partition(".")
-    if component == "state":  # `state.planar`
+    if component == "state":  # `state.planar`, the only requirement of the state
         return scenario.components == position_velocity_names(2)
     if component == "prior":
         prior_type = scenario.prior_type
