@@ -360,7 +360,7 @@ def _first_state(scenario: Scenario, tables: FurtherTables) -> FirstState:
         return FirstState(begin=begin)
     truth = target.recorded_truth
     assert truth is not None
-    # Poses (n_x, K) of the first run.
+    # Poses (n_x, K) of the first run, each with the position first. It is NaN where it is unknown.
     poses = truth[:, :, 0]
     known = np.flatnonzero(np.isfinite(poses[:2]).all(axis=0))
     if not len(known):

@@ -424,7 +424,7 @@ def scalar(text: str) -> Scalar:
     if text.lower() in _WORDS and text in (text.lower(), text.capitalize(), text.upper()):
         return _WORDS[text.lower()]
     if _INT.fullmatch(text):
-        if len(text) >= _LONGEST_NUMBER:
+        if len(text) >= _LONGEST_NUMBER:  # a word, since no float could hold the number
             return text
         return int(text)
     if _FLOAT.fullmatch(text):

@@ -86,7 +86,7 @@ class Names:
         return {measured(name).base for name in self.per_run | self.per_step}
 
     def names_of_role(self, role: str) -> set[str]:
-        """Name the metrics that a key of this role may use."""
+        """Name the metrics that may be requested in this role, such as those of a file (``per_run``)."""
         return {
             "base": self.bases,
             "summary": self.summary | self.filter_numbers,
@@ -272,7 +272,7 @@ def _error_series(
     origin = np.zeros((len(scenario.components), 1))
     for quantity, error in scenario.errors(origin, origin).items():
         yield joined("squared", quantity)
-        if len(error) == 1:
+        if len(error) == 1:  # only the error of one component has a sign
             yield joined("error", quantity)
         if has_faults:
             yield joined("damage", quantity)

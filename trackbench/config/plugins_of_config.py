@@ -170,7 +170,11 @@ def _class_mistakes(cls: type[Part]) -> Iterator[str]:
 
 
 def _exhibit_mistakes(cls: type[Exhibit]) -> Iterator[str]:
-    """Yield the mistakes in the attributes of a table or figure class."""
+    """Yield the mistakes in the attributes of a table or figure class.
+
+    ``requires`` has the metrics that it always shows, each with its file. ``label_keys`` are its keys
+    with labels of filters, and ``numbers`` those that count runs and components.
+    """
     needs = cls.requires
     if not isinstance(needs, dict) or not set(needs.values()) <= _FILES:
         yield f"requires is {needs!r}, not a mapping of metrics to {', '.join(sorted(_FILES))}"

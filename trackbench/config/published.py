@@ -102,7 +102,7 @@ class PublishedNumber(Printed):
 
     @property
     def expressions(self) -> list[Measure]:
-        """Every expression of the row."""
+        """Expression of the row, in a list as a `Claim` has them; empty if it has none."""
         if not self.expression:
             return []
         return [self.expression]
@@ -345,7 +345,8 @@ def _add_rows(published: Published, known: _Known, file_name: str, text: str) ->
 def _read_row(file_name: str, line: int, cls: type, header: list[str], cells: list[str]) -> Source:
     """Read one row as a mapping with positions, without the spaces around cells.
 
-    Empty cells are left out, numbers are read as in YAML. ``cls`` is the class of the row.
+    Numbers are read as in YAML. Empty cells are left out, except those of texts that ``cls``, the class
+    of the row, requires. ``line`` is the row's line in the file.
     """
     row = MarkedMapping()
     source = Source(row, Mark(file_name, line, 1))

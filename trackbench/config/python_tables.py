@@ -173,7 +173,10 @@ def without_folders(text: str) -> str:
 
 
 def name_rows(error: UserError) -> None:
-    """Name rows of tables from Python in place of lines of their files; rows count from 0."""
+    """Change an error in place: name rows of tables from Python in place of lines of their files.
+
+    Rows count from 0.
+    """
     problems = []
     for problem in error.problems:
         if isinstance(problem, Problem) and _is_from_python(problem.mark.file):

@@ -61,7 +61,10 @@ def reporting_questions(prefix: str) -> Iterator[None]:
 
 
 def read_input_keys(mark: Mark, changes: Sequence[str]) -> dict[str, str]:
-    """Return the keys on inputs among the user's answers, as YAML."""
+    """Read the user's answers on a robot's inputs; return their keys with the values as YAML.
+
+    ``changes`` are these answers only, ``KEY=VALUE``. Mistakes are reported at ``mark``.
+    """
     answers = _build_answers(_InputKeys, mark, changes)
     keys = {}
     if answers.input_gap is not None:

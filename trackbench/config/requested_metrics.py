@@ -103,11 +103,13 @@ _MEASURED_WITH = {
 
 @dataclass(frozen=True)
 class MetricRequest:
-    """Request of a component: metric, place in the config, and its role."""
+    """Request for a metric by a table, a figure or a setting."""
 
     keys: Keys
+    """place in the config, where mistakes are reported"""
     measure: Measure
     role: str
+    """how the metric is used: in which file or list of names it is looked up, as ``per_run``"""
     named: bool = True
     """whether the config names it; a metric that a kind always shows may be missing, but not left out"""
 
@@ -163,6 +165,7 @@ def fill_default_metrics(group: Group, source: Source, points: Sequence[Point]) 
     for name, entry in (source.data.get(group) or {}).items():
         if not isinstance(entry, dict) or "metric" in entry:
             continue
+        # The default of a dataclass's key is an attribute of the class.
         default = getattr(of_kind(group, str(entry.get("kind"))), "metric", None)
         if not isinstance(default, Measure):
             continue
@@ -235,7 +238,10 @@ def _requests_of_tuning(settings: Settings) -> Iterator[MetricRequest]:
 
 
 def requests_of(parts: dict[Group, dict[str, Exhibit]]) -> Iterator[MetricRequest]:
-    """Yield the metrics of tables and figures: by keys of a type such as `OfRun`, and by `requires`."""
+    """Yield the metrics that tables and figures request.
+
+    They are those in keys of a type such as `OfRun`, and those that a kind always shows (`requires`).
+    """
     for group, built in parts.items():
         for name, part in built.items():
             for word, role in part.requires.items():
@@ -244,14 +250,20 @@ def requests_of(parts: dict[Group, dict[str, Exhibit]]) -> Iterator[MetricReques
 
 
 def _requests_of_component(component: "DataclassInstance", keys: Keys) -> Iterator[MetricRequest]:
-    """Yield the metrics in the keys of a table, a figure or a dataclass within it."""
+    """Yield the metrics in the keys of a table, a figure or a dataclass within it.
+
+    ``keys`` lead to the component in the config.
+    """
     hints = hints_of(type(component))
     for key, value in field_values(component).items():
         yield from _requests_in_value(value, hints[key], (*keys, key))
 
 
 def _requests_in_value(value: object, hint: object, keys: Keys) -> Iterator[MetricRequest]:
-    """Yield the metrics in the value of a key; ``hint`` is the key's type."""
+    """Yield the metrics in the value of a key of a table or figure.
+
+    ``hint`` is the type of the key, which has the role of the metrics. ``keys`` lead to the value.
+    """
     if isinstance(value, Measure):
         role = role_of(hint)
         yield MetricRequest(keys, value, role)
@@ -430,7 +442,7 @@ def _why_not_stored(request: MetricRequest, names: Names, settings: Settings) ->
 
 
 def _why_not_computable(measure: Measure, settings: Settings) -> str | None:
-    """Explain which metrics an expression needs that are not stored; None if all are."""
+    """Explain which metrics an efficiency is computed from that are not stored; None if all are."""
     stored = stored_metrics(settings, "summary.csv")
     if stored is None:
         return None

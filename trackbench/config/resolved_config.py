@@ -95,14 +95,15 @@ def resolved(experiment: Experiment, folder: Path) -> PlainData:
 
 
 def entry_keys(assume: Assume, shown: Callable[[str], str] = str) -> PlainData:
-    """Return the keys of a filter's entry that give these assumptions.
+    """Return the keys of a filter's entry that give this filter model: ``assume`` and ``late``.
 
     ``shown`` writes the path of a data file.
     """
     assumed = {k: v for k, v in as_config(assume, shown).items() if v is not None}
+    # The treatment of late measurements stands beside `assume`.
     late = assumed.pop("late", None)
     entry: PlainData = {}
-    # Assumptions that equal the defaults are still written, as an empty mapping.
+    # A filter model without any key is still written, as an empty mapping.
     if assumed or late is None:
         entry["assume"] = assumed
     if late is not None:
@@ -159,7 +160,10 @@ def _components_with_varied_defaults(experiment: Experiment) -> set[Keys]:
 
 
 def _keep_set_keys(full: object, config: object) -> object:
-    """Return the part of ``full``, a component with all defaults, whose keys the ``config`` sets."""
+    """Return the part of ``full``, a component with all defaults, whose keys the ``config`` sets.
+
+    A key that ``full`` lacks, such as ``preset``, is taken from the ``config``.
+    """
     if isinstance(full, dict) and isinstance(config, dict):
         return {key: _keep_set_keys(full.get(key, value), value) for key, value in config.items()}
     if isinstance(full, list) and isinstance(config, list):

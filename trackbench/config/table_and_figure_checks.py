@@ -42,7 +42,10 @@ def check_drawable(
 def check_figures(
     source: Source, settings: Settings, figures: dict[str, DrawnExhibit], points: list[Point]
 ) -> None:
-    """Check that figures ask for no run and no component beyond the last."""
+    """Check that figures ask for no run and no component beyond the last.
+
+    ``figures`` are by name. Their keys ``run`` and ``component`` count from 1.
+    """
     # A component must exist at every point of the grid.
     sizes = [len(p.scenario.components) for p in points]
     limits = {"run": settings.runs, "component": min(sizes, default=1)}

@@ -28,7 +28,10 @@ class Objective(NamedTuple):
 
     @classmethod
     def of(cls, metric: str | Mapping[str, float], sizes: Mapping[str, int]) -> "Objective":
-        """Return the objective of a config's metric: one term, or terms with their weights."""
+        """Return the objective of the key `metric` of tuning: one term, or terms with their weights.
+
+        ``sizes`` are the numbers of components, as in the class.
+        """
         weights = {metric: 1.0} if isinstance(metric, str) else metric
         return cls(weights=weights, sizes=sizes)
 
@@ -68,8 +71,15 @@ class Objective(NamedTuple):
                 value = value + weight * term_value
                 influences = influences + weight * term_influences
         lost = int((per_run["lost"] != 0).sum())
+        # The standard error of a statistic is that of the mean of the runs' influences on it.
         stderr = mean(influences[~np.isnan(influences)]).stderr
-        return RunEstimate(value, stderr, influences, len(influences) - lost, lost)
+        return RunEstimate(
+            value=value,
+            stderr=stderr,
+            influences=influences,
+            runs=len(influences) - lost,
+            lost=lost,
+        )
 
     def _score_term(self, word: str, per_run: Mapping[str, Array]) -> tuple[float, Array]:
         """Return the minimized value of the term ``word``, and each run's influence (M,) on it.
@@ -110,7 +120,7 @@ def as_expression(word: str) -> str:
 
 
 def objective_label(word: str) -> str:
-    """Write the term as it is added up: a maximized one has a minus."""
+    """Write the term as the objective adds it up: with a minus before it if it is maximized."""
     if _is_maximized(_read_term(word)):
         return f"-{word}"
     return word

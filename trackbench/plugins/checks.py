@@ -66,7 +66,7 @@ def call_hook(hook: Callable[[S], T], return_type: type, argument: S) -> T:
 def check_scenario(scenario: Scenario, bounded: bool) -> None:
     """Raise PluginError for mistakes in the plugin components of a scenario that would stop a run.
 
-    ``bounded`` is true if a table or figure shows the scenario's lower bounds, which are then computed.
+    ``bounded`` is true if the config requests lower bounds by the key `bound`. They are then computed.
     """
     plugins = foreign_parts(scenario)
     if not plugins:

@@ -408,7 +408,10 @@ def _keep_as_loaded(plugin: Plugin) -> None:
 
 
 def _with_opened(plugin: Plugin, opened: Opened) -> Plugin:
-    """Return the plugin with digests of the files that it opened and of the variables that it read."""
+    """Return the plugin with digests of the files that it opened and of the variables that it read.
+
+    ``opened`` is the record of its own code.
+    """
     # Imports are found once more, as the plugin's code may have extended Python's search path.
     modules, packages = imports(plugin.source, plugin.path)
     # Step 1: add the files and variables that its modules read when they were imported.
@@ -416,7 +419,7 @@ def _with_opened(plugin: Plugin, opened: Opened) -> Plugin:
     all_opened.add(opened)
     for file in (*modules.values(), *opened.files()):
         all_opened.add(read_at_import(file))
-    # Step 2: leave out those that are declared, or known as code.
+    # Step 2: leave out those that are declared, or known as code. Modules that were found only now stay.
     known_files = {plugin.path}
     known_files.update(name for name, _ in plugin.files)
     known_files.update(name for name, _ in plugin.code)

@@ -77,6 +77,8 @@ class Finder:
         """Search the folder of this plugin before those of other plugins."""
         folder = str(Path(plugin).parent)
         cls.folders = (folder, *(other for other in cls.folders if other != folder))
+        # From the first plugin on, modules outside installed packages are compiled anew. A record is
+        # kept of what they read when a plugin imports them.
         if cls not in sys.meta_path:
             sys.meta_path.append(cls)
             SourceFileLoader.get_code = _get_code  # type: ignore[assignment, method-assign]
@@ -176,6 +178,7 @@ def _imported_names(source: bytes, parent: str) -> Iterator[str]:
             if node.module:
                 words.append(node.module)
             name = ".".join(word for word in words if word)
+            # `from a import b`: b may be a module of the package a, or a name in the module a.
             for alias in node.names:
                 yield f"{name}.{alias.name}"
 
