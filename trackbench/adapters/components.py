@@ -79,6 +79,7 @@ def always_zero_components(model: Model) -> list[str]:
             x = np.linspace(0.5, 1.5, len(motion.components))[:, None]
             x[i] = 0.0
             next_state = motion.transition(x, 1)
+            # The component's row (n, 1) of the covariance, which may lack the axis over states.
             noise = np.asarray(with_trailing(next_state.cov, 1, leading=2))[i]
             if next_state.mean[i, 0] == 0.0 and not noise.any():
                 zero_components.append(name)
@@ -106,10 +107,10 @@ class Order:
     ) -> "Order":
         """Find the positions of the scenario's components in a filter's state and measurement.
 
-        ``model`` is the scenario's. ``state`` and ``measured`` name the components of the filter's state
-        and measurement; empty ones are those of the scenario. ``std`` has the initial standard
-        deviations of the components that only the filter has. The filter's `conflicts` has already
-        rejected components with a `component_mismatch`.
+        ``model`` is the one that the scenario lets the filter assume. ``state`` and ``measured`` name
+        the components of the filter's state and measurement; empty ones are those of the scenario.
+        ``std`` has the initial standard deviations of the components that only the filter has. The
+        filter's `conflicts` has already rejected components with a `component_mismatch`.
         """
         scenario_state = model.motion.components
         scenario_measured = model.sensor.components
@@ -167,6 +168,7 @@ def as_numbers(value: ArrayLike, shape: tuple[int, ...]) -> Array | None:
         return None
     if array.shape != shape and array.shape == (*shape, 1):
         array = array[..., 0]
+    # Floats, whole numbers with and without a sign, and booleans.
     if array.shape != shape or array.dtype.kind not in "fiub":
         return None
     return array

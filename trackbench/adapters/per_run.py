@@ -186,6 +186,7 @@ class LoopFilter(Filter[RunObjects]):
         """Make an object per run, and start it from the moments of its run's prior."""
         run_class = self.run_class
         order = Order.from_model(model, run_class.state, run_class.measured, run_class.extra_std)
+        # (n_x, n_x, M), or (n_x, n_x, 1) for one covariance of all runs.
         prior_cov = np.asarray(with_trailing(prior.cov, 1, leading=2))
         # The prior's moments in the order of the filter's own components, in arrays of all runs.
         n = len(order.first_cov)
@@ -199,7 +200,7 @@ class LoopFilter(Filter[RunObjects]):
             run.dt = step_length(model)
             run.functions = RunFunctions(run)
             run.rng = cast(Generator, _LazyGenerator(rng, m))
-            # One covariance may stand for all runs.
+            # The only covariance, if it is of all runs.
             cov_of_run = prior_cov[..., m % prior_cov.shape[2]]
             mean[:, m], cov[..., m] = order.to_filter(prior.mean[:, m], cov_of_run)
             run.start(mean[:, m].copy(), cov[..., m].copy())

@@ -216,6 +216,7 @@ def _problems_of(
         keys_of_owner = where[len(keys) : -1]  # below the mapping that was read as ``cls``
         owner = _find_dataclass(cls, keys_of_owner, location)
         message = _describe_unknown_key(str(location[-1]), owner, also if owner is cls else ())
+        # A class may have hints, by the key in whose mapping the unknown key stands.
         hints = getattr(cls, "hints_on_unknown_keys", {})
         for key in keys_of_owner:
             if key in hints:

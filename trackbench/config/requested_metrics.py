@@ -190,6 +190,7 @@ def check_trained_metrics(source: Source, settings: Settings, training: Point | 
     """Check that the metric of tuning is one of the training scenario, which has the truth it needs."""
     if training is None:
         return
+    # Training may take the first part of each recording, as a scenario of its own.
     trained_scenario = training.scenario.training or training.scenario
     if trained_scenario.has_truth and not is_measured_in(trained_scenario):
         for request in _requests_of_tuning(settings):
@@ -366,7 +367,7 @@ def _why_unknown(request: MetricRequest, names: Names, settings: Settings) -> st
             "one is without a fault"
         )
     known_bases = sorted({measured(name).base for name in known})
-    # In another window the metric exists.
+    # A key of the scenario adds the metric, unless it exists in another window.
     is_added_by_errors = metric.series in _ADDED_BY_ERRORS and measure.base not in known_bases
     for x, y in (("px", "py"), ("x", "y")):
         if is_added_by_errors and quantity == "position" and {x, y} <= {*names.components}:

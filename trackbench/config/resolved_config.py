@@ -260,7 +260,10 @@ def _without_unset_later_keys(component: Any, values: PlainData) -> PlainData:
 
 
 def _as_plain_data(value: object, shown: Callable[[str], str]) -> object:
-    """Write the value of a key with mappings, lists and scalars."""
+    """Write the value of a component's key as plain data: mappings, lists and scalars.
+
+    ``shown`` writes the path of a data file.
+    """
     if isinstance(value, Part):
         return as_config(value, shown)
     if is_dataclass(value) and not isinstance(value, type):

@@ -170,7 +170,8 @@ def places_of_model(label: str, component: str) -> list[Keys]:
 def _copy_model(source: Source, label: str, path: str) -> None:
     """Copy the model of a key such as ``assume.motion.q`` to the filter if it has none of its own.
 
-    It is the one that the filter assumes anyway: of the scenario's `assume`, or the true one.
+    The copied model is the one that the filter assumes anyway: that of the scenario's `assume`, or the
+    true one. Of other keys nothing is copied. ``path`` is that of the key in the filter's entry.
     """
     root, _, inner_path = path.partition(".")
     component, _, key = inner_path.partition(".")
@@ -316,12 +317,16 @@ _MOST_KEYS = 5
 def with_defaults(
     source: Source, settings: Settings, points: list[Point], training: Point | None
 ) -> Settings:
-    """Fill in tuning's default metric and number of runs, if anything is tuned by them."""
+    """Return the settings with tuning's default metric and number of runs filled in.
+
+    Without a ``training`` point nothing is tuned, and the settings stay as they are.
+    """
     if training is None:
         return settings
     tuning = settings.tuning
     if tuning.metric is None:
-        # If one of the two scenarios has no truth to score, the metric is one that needs none.
+        # The scenario of the results, and that of training, which may be the first part of recordings.
+        # If one of the two has no truth to score, the metric is one that needs none.
         scored_scenarios = (
             points[0].scenario,
             training.scenario.training or training.scenario,
