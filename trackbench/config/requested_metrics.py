@@ -331,17 +331,31 @@ def _why_unknown(request: MetricRequest, names: Names, settings: Settings) -> st
     An unknown metric that no key of the config names, as one that a plugin requires, is no mistake.
     """
     role, word = _role_and_name(request, settings)
-    if role == "efficiency" and settings.reference is None:
-        return f"{word!r} compares with the reference filter; name one under `reference`"
-    # Step 1: metrics that cannot exist here, with the reason.
     known = names.names_of_role(role)
     measure = request.measure
+    why_impossible = _why_impossible(measure, role, word, names, settings)
+    if why_impossible is not None:
+        return why_impossible
+    if word in known or not request.named or names.could_be_diagnostic(measure.metric):
+        return None
+    return _explain_unknown(measure, word, known, names)
+
+
+def _why_impossible(
+    measure: Measure, role: str, word: str, names: Names, settings: Settings
+) -> str | None:
+    """Explain why a metric cannot exist in this experiment; None if nothing rules it out.
+
+    ``role`` and ``word`` are the metric's role and its name there, from `_role_and_name`.
+    """
     metric = measure.definition
-    quantity = measure.quantity
-    is_of_error = metric.series in _ERROR_SERIES and not is_of_prediction(measure)
+    if role == "efficiency" and settings.reference is None:
+        return f"{word!r} compares with the reference filter; name one under `reference`"
     if measure.relation in ("gain", "ratio") and metric.is_score:
         message = "a log score is a logarithm, and ratios of it mean nothing; take minus(...)"
         return f"'{measure}': {message}"
+    known = names.names_of_role(role)
+    is_of_error = metric.series in _ERROR_SERIES and not is_of_prediction(measure)
     lacks_truth = not names.has_truth and (is_of_error or needs_truth(measure))
     if word not in known and lacks_truth:
         # Of many similar metrics, only a few are suggested: autocorrelation_1, and not those at 2 to 10.
@@ -356,40 +370,39 @@ def _why_unknown(request: MetricRequest, names: Names, settings: Settings) -> st
         return (
             "likelihood_ratio needs equal measurements for both filters, and here some arrive late"
         )
-    # Step 2: metrics that exist, or may exist.
-    if word in known or not request.named or names.could_be_diagnostic(measure.metric):
-        return None
-    # Step 3: unknown names, with a hint.
+    return None
+
+
+def _explain_unknown(measure: Measure, word: str, known: Collection[str], names: Names) -> str:
+    """Explain that a metric does not exist, and what to write or to add to the config.
+
+    ``word`` is its name in its role, and ``known`` are the metrics that exist in this role.
+    """
+    metric = measure.definition
+    quantity = measure.quantity
+    no_metric = f"{word!r} is no metric here"
+    # Step 1: the right name of a metric that this experiment lacks, with what adds it.
     fault = _fault_without_steps_after(measure, known)
     if fault:
         return (
-            f"{word!r} is no metric here: no scored step after the fault {fault} and before the next "
-            "one is without a fault"
+            f"{no_metric}: no scored step after the fault {fault} and before the next one is "
+            "without a fault"
         )
     known_bases = sorted({measured(name).base for name in known})
-    # A key of the scenario adds the metric, unless it exists in another window.
-    is_added_by_errors = metric.series in _ADDED_BY_ERRORS and measure.base not in known_bases
-    for x, y in (("px", "py"), ("x", "y")):
-        if is_added_by_errors and quantity == "position" and {x, y} <= {*names.components}:
-            hint = f"`score: {{errors: {{position: [{x}, {y}]}}}}` of the scenario adds it"
-            return f"{word!r} is no metric here; {hint}"
-    if is_added_by_errors and quantity in names.components:
-        hint = f"`score: {{errors: {{{quantity}: [{quantity}]}}}}` of the scenario adds it"
-        return f"{word!r} is no metric here; {hint}"
-    has_marginals = has_position_and_velocity(names.components)
-    is_marginal = metric.name in ("nees", "anees") and quantity in ("position", "velocity")
-    is_marginal &= measure.base not in known_bases
-    if is_marginal and has_marginals:
-        hint = f"`score: {{marginals: [{quantity}]}}` of the scenario adds it"
-        return f"{word!r} is no metric here; {hint}"
+    score_key = ""
+    if measure.base not in known_bases:  # else the metric exists in another window
+        score_key = _score_key_that_adds(measure, names.components)
+    if score_key:
+        return f"{no_metric}; `{score_key}` of the scenario adds it"
     has_metric = any(measured(name).definition is metric for name in known)
     if metric.name in _ADDED_BY and not has_metric:
-        return f"{word!r} is no metric here; the key {_ADDED_BY[metric.name]} adds it"
+        return f"{no_metric}; the key {_ADDED_BY[metric.name]} adds it"
     # A peak is one of the position alone.
     needs_other_parts = metric.name in _MEASURED_WITH and quantity in ("", "position")
     if needs_other_parts and not has_metric:
         needed = _MEASURED_WITH[metric.name]
-        return f"{word!r} is no metric here: it needs {needed}; add this, or leave the metric out"
+        return f"{no_metric}: it needs {needed}; add this, or leave the metric out"
+    # Step 2: other names, with the nearest metric that exists.
     near = _nearest_metric(word, known, known_bases)
     near_base = measured(near).base if near else ""
     is_slip = near_base.startswith(measure.base) or _likeness(measure.base, near_base) >= _TYPO
@@ -398,12 +411,30 @@ def _why_unknown(request: MetricRequest, names: Names, settings: Settings) -> st
         related = _related_metrics(measure, known)
         if related:
             names_of_related = ", ".join(related)
-            return (
-                f"{word!r} is no metric here; of its name or quantity are known: {names_of_related}"
-            )
+            return f"{no_metric}; of its name or quantity are known: {names_of_related}"
         near = ""
     hint = f"did you mean {near}?" if near else unknown("", known_bases)
-    return f"{word!r} is no metric here; {hint}"
+    return f"{no_metric}; {hint}"
+
+
+def _score_key_that_adds(measure: Measure, components: tuple[str, ...]) -> str:
+    """Return the key `score` of the scenario that adds a metric, as YAML; empty if none does.
+
+    ``components`` are those of the state.
+    """
+    metric = measure.definition
+    quantity = measure.quantity
+    if metric.series in _ADDED_BY_ERRORS:
+        for x, y in (("px", "py"), ("x", "y")):
+            if quantity == "position" and x in components and y in components:
+                return f"score: {{errors: {{position: [{x}, {y}]}}}}"
+        if quantity in components:
+            return f"score: {{errors: {{{quantity}: [{quantity}]}}}}"
+    # The NEES of a part of the state is that of its marginal.
+    is_marginal = metric.name in ("nees", "anees") and quantity in ("position", "velocity")
+    if is_marginal and has_position_and_velocity(components):
+        return f"score: {{marginals: [{quantity}]}}"
+    return ""
 
 
 def _fault_without_steps_after(measure: Measure, known: Collection[str]) -> str:
