@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from trackbench.atomic_files import write_text
+from trackbench.config.experiment import Point
 from trackbench.config.load import load
 from trackbench.config.recording_answers import (
     answers_on_all_files,
@@ -262,8 +263,7 @@ def write_config_for(
         source_of_places="" if landmarks is None else landmarks.name,
         keys=input_keys,
     )
-    sources = " and ".join(table.name for table in tables)
-    marks = {"@FILE@": relative, "@SOURCE@": in_line(sources)}
+    marks = {"@FILE@": relative, "@SOURCE@": in_line(_joined_names(tables))}
     text = _filled("recording.yaml", words, {**marks, **config_parts(guess, further_tables)})
     # Step 3: try the config, with some numbers in place of the places that the user must write.
     tried_text = text
@@ -272,25 +272,16 @@ def write_config_for(
         if not origin and truth_guess is not None:
             origin = truth_guess.origin
         tried_text = _with_some_places(text, origin)
-    write_text(path, tried_text)
-    try:
-        config = load(path)
-    except UserError as error:
-        reported = [_reported(problem, path, sources) for problem in error.problems]
-        raise UserError(
-            *(with_option_of_zone(problem, tables, truth) for problem in reported)
-        ) from None
-    finally:
-        path.unlink()
+    tried_points = _try_config(path, tried_text, tables, truth)
     # Step 4: write the config. The time of the first state is known by now, and the truth there.
-    first_state = _first_state(config.points[0].scenario, further_tables)
+    first_state = _first_state(tried_points[0].scenario, further_tables)
     parts = config_parts(guess, further_tables, first_state)
     write_text(path, _filled("recording.yaml", words, {**marks, **parts}))
     unknown = unknown_places(guess, further_tables, first_state)
     # Step 5: what the command reports: guessed units, and columns that are not read.
     notes = []
     if places and not unknown:
-        notes = cautions(config.points)
+        notes = cautions(tried_points)
     unused: list[str] = []
     units: list[str] = []
     prefix = ""  # of the first table with unused columns
@@ -318,6 +309,29 @@ def write_config_for(
         notes=notes,
         prefix=prefix,
     )
+
+
+def _joined_names(tables: Sequence[Path]) -> str:
+    return " and ".join(table.name for table in tables)
+
+
+def _try_config(path: Path, text: str, tables: Sequence[Path], truth: Path | None) -> list[Point]:
+    """Write a config, load it and remove it again; return its points.
+
+    Raises UserError for mistakes in the config, or in the tables of measurements and of the ``truth``.
+    They are reported in the words of the command, since the config is not there.
+    """
+    write_text(path, text)
+    try:
+        return load(path).points
+    except UserError as error:
+        problems = []
+        for problem in error.problems:
+            reported = _reported(problem, path, _joined_names(tables))
+            problems.append(with_option_of_zone(reported, tables, truth))
+        raise UserError(*problems) from None
+    finally:
+        path.unlink()
 
 
 def _path_from(folder: Path, table: Path | None) -> str:
