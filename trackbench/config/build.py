@@ -106,12 +106,12 @@ def _set_pydantic_config(hint: object, config: ConfigDict, configured: set[type]
 
 
 def build(
-    cls: type[T], source: Source, keys: Keys, data: object = None, also: Sequence[str] = ()
+    cls: type[T], source: Source, keys: Keys, data: object = None, further_keys: Sequence[str] = ()
 ) -> T | None:
     """Build the dataclass from the mapping at ``keys``; None with its mistakes in ``source``.
 
-    ``data`` replaces that mapping. ``also`` names keys that the mapping in the file may have besides
-    those of the dataclass: a message on an unknown key suggests them, too.
+    ``data`` replaces that mapping. ``further_keys`` are keys that the mapping in the file may have
+    besides those of the dataclass: a message on an unknown key suggests them, too.
     """
     if data is None:
         data = source.value_at(keys)
@@ -126,7 +126,7 @@ def build(
                 # JSON mode is pydantic's strict mode for plain data: no "3" for 3, but lists for tuples.
                 return adapter(cls).validate_json(json.dumps(data), strict=True, context=reader)
             except ValidationError as error:
-                source.problems += mistakes_of(error, source, keys, cls, also)
+                source.problems += mistakes_of(error, source, keys, cls, further_keys)
     except PluginError as error:
         source.add_problem(keys, str(error))
     return None
@@ -161,10 +161,10 @@ def _build_component(group: Group, data: object, source: Source, keys: Keys) -> 
             source.add_problem((*keys, "command"), "a program is run only with --allow-plugins")
             return None
         _add_declared(source, values)
-    also = ["preset"] if cls.presets else []
+    further_keys = ["preset"] if cls.presets else []
     if keys[:-1] == ("filters",):  # keys of every filter's entry: see `read_assumed`
         values = {key: value for key, value in values.items() if key not in ENTRY_KEYS}
-        also += ENTRY_KEYS
+        further_keys += ENTRY_KEYS
         if isinstance(values.get("start"), dict):
             message = "the prior of one filter is `assume: {start: {kind: ...}}`"
             source.add_key_problem((*keys, "start"), message)
@@ -174,7 +174,7 @@ def _build_component(group: Group, data: object, source: Source, keys: Keys) -> 
                 message = f"the {key} that one filter assumes is `assume: {{{key}: {{kind: ...}}}}`"
                 source.add_key_problem((*keys, key), message)
                 return None
-    return build(cls, source, keys, values, also)
+    return build(cls, source, keys, values, further_keys)
 
 
 def _describe_missing_kind(group: Group, data: object, source: Source, keys: Keys) -> str:

@@ -92,14 +92,17 @@ class _FilterGroup(NamedTuple):
 
 
 def _paths_varied_together(
-    grid: Mapping[str, object], labels: Collection[str], reference: str | None, every: bool
+    grid: Mapping[str, object],
+    labels: Collection[str],
+    reference: str | None,
+    all_combinations: bool,
 ) -> list[set[str]]:
     """Return the paths that vary together, a set for each group of filters.
 
-    Paths of the scenario and of the reference are in each set, as all filters depend on them. With
-    ``every`` there is one set of all paths, so that every combination of the values is a point.
+    Paths of the scenario and of the reference are in each set, as all filters depend on them. If
+    ``all_combinations`` of the values are to be points, there is one set of all paths.
     """
-    if every:
+    if all_combinations:
         return [set(grid)]
     path_groups = independent_filter_paths(grid, labels, reference)
     if not path_groups:
@@ -113,16 +116,16 @@ def combinations(
     grid: Mapping[str, Sequence[object]],
     labels: Collection[str],
     reference: str | None,
-    every: bool,
+    all_combinations: bool,
 ) -> list[Places]:
     """List the points in order, each as the indices of its paths' values.
 
     ``labels`` are those of the filters, ``reference`` that of the reference filter, if there is one.
-    With ``every`` each combination of the values is a point. Otherwise one group of filters is varied at
-    a time, and the paths of other groups keep their first values.
+    With ``all_combinations`` each combination of the values is a point. Otherwise one group of filters
+    is varied at a time, and the paths of other groups keep their first values.
     """
     points: set[Places] = set()
-    for varied_paths in _paths_varied_together(grid, labels, reference, every):
+    for varied_paths in _paths_varied_together(grid, labels, reference, all_combinations):
         indices_by_path = []
         for path, values in grid.items():
             number_of_values = len(values) if path in varied_paths else 1
@@ -135,10 +138,10 @@ def number_of_points(
     grid: Mapping[str, Sequence[object]],
     labels: Collection[str],
     reference: str | None,
-    every: bool,
+    all_combinations: bool,
 ) -> int:
     """Count the points of `combinations` without building them."""
-    groups = _paths_varied_together(grid, labels, reference, every)
+    groups = _paths_varied_together(grid, labels, reference, all_combinations)
 
     def count_combinations(paths: set[str]) -> int:
         return prod(len(grid[path]) for path in paths)

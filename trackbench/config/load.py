@@ -297,9 +297,9 @@ def _validate(source: Source, folder: Path, plugins: tuple[Plugin, ...] = ()) ->
     tables: dict[str, Exhibit] = _build_exhibits("tables", source, points)
     figures: dict[str, DrawnExhibit] = _build_exhibits("figures", source, points)
     exhibits: dict[Group, dict[str, Exhibit]] = {"tables": tables, "figures": {**figures}}
-    for group, parts in exhibits.items():
-        check_named_filters(source, settings, group, parts)
-        check_drawable(source, group, parts, complete_grid)
+    for group, exhibits_of_group in exhibits.items():
+        check_named_filters(source, settings, group, exhibits_of_group)
+        check_drawable(source, group, exhibits_of_group, complete_grid)
     check_key_figure(source, settings)
     if complete_settings:  # else the number of runs may be unknown
         check_figures(source, settings, figures, points)
@@ -427,7 +427,7 @@ def _read_published(
             mark=source.mark(("published",)),
             points=point_values,
             # A table with the key `of` may show the rows of another experiment.
-            also=[str(table.get("of")) for table in settings.tables.values()],
+            related_experiments=[str(table.get("of")) for table in settings.tables.values()],
         )
     except UserError as error:
         source.problems += [p for p in error.problems if isinstance(p, Problem)]

@@ -122,15 +122,15 @@ _MEANT = {
 
 
 def mistakes_of(
-    error: ValidationError, source: Source, keys: Keys, cls: type, also: Sequence[str] = ()
+    error: ValidationError, source: Source, keys: Keys, cls: type, further_keys: Sequence[str] = ()
 ) -> list[Problem]:
     """Locate and describe what the validator of ``cls`` found wrong with the mapping at ``keys``.
 
-    ``also`` names keys that the mapping may have besides those of ``cls``.
+    ``further_keys`` are keys that the mapping may have besides those of ``cls``.
     """
     problems: dict[Problem, None] = {}
     for details in error.errors(include_url=False):
-        problems |= dict.fromkeys(_problems_of(details, source, keys, cls, also))
+        problems |= dict.fromkeys(_problems_of(details, source, keys, cls, further_keys))
     merged = _merge_union_problems(problems)
     return [_with_typed_paths(problem, source.typed_folders) for problem in merged]
 
@@ -186,12 +186,12 @@ def _merge_union_problems(problems: Collection[Problem]) -> list[Problem]:
 
 
 def _problems_of(
-    details: ErrorDetails, source: Source, keys: Keys, cls: type, also: Sequence[str]
+    details: ErrorDetails, source: Source, keys: Keys, cls: type, further_keys: Sequence[str]
 ) -> list[Problem]:
     """Put one error of the validator into words, with its position in the file.
 
-    ``keys`` is the path to the mapping that was read as ``cls``. ``also`` names keys that the mapping
-    may have besides those of ``cls``.
+    ``keys`` is the path to the mapping that was read as ``cls``. ``further_keys`` are keys that the
+    mapping may have besides those of ``cls``.
     """
     error_type = details["type"]
     if error_type == REPORTED:  # the source already has the mistakes of this component
@@ -215,7 +215,8 @@ def _problems_of(
     if error_type in ("unexpected_keyword_argument", "extra_forbidden"):
         keys_of_owner = where[len(keys) : -1]  # below the mapping that was read as ``cls``
         owner = _find_dataclass(cls, keys_of_owner, location)
-        message = _describe_unknown_key(str(location[-1]), owner, also if owner is cls else ())
+        further_keys_of_owner = further_keys if owner is cls else ()
+        message = _describe_unknown_key(str(location[-1]), owner, further_keys_of_owner)
         # A class may have hints, by the key in whose mapping the unknown key stands.
         hints = getattr(cls, "hints_on_unknown_keys", {})
         for key in keys_of_owner:
@@ -235,8 +236,8 @@ def _problems_of(
     return [source.problem(where, message)]
 
 
-def _describe_unknown_key(key: str, owner: type[Any] | None, also: Sequence[str]) -> str:
-    """Explain that a key is unknown, and suggest one of the dataclass ``owner`` or of ``also``.
+def _describe_unknown_key(key: str, owner: type[Any] | None, further_keys: Sequence[str]) -> str:
+    """Explain that a key is unknown, and suggest one of the dataclass ``owner`` or of ``further_keys``.
 
     ``owner`` is None if the dataclass is not known.
     """
@@ -245,7 +246,7 @@ def _describe_unknown_key(key: str, owner: type[Any] | None, also: Sequence[str]
     if issubclass(owner, Part) and key in owner.unsupported_keys:
         return owner.unsupported_keys[key]
     known_keys = [key_of(field.name) for field in fields(owner)]
-    known_keys += also
+    known_keys += further_keys
     if not known_keys:
         return "unknown key"
     return f"unknown key; {unknown(key, known_keys)}"

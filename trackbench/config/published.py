@@ -198,7 +198,7 @@ def read_published(
     labels: list[str] | None = None,
     mark: Mark | None = None,
     points: Sequence[Mapping[str, object]] | None = None,
-    also: Sequence[str] = (),
+    related_experiments: Sequence[str] = (),
 ) -> Published:
     """Read the published rows for one experiment from CSV files.
 
@@ -210,7 +210,7 @@ def read_published(
         they are given, the experiment needs a row, and names of other experiments must not look misspelt
     mark : place of the config's ``published``, where a file that cannot be read is reported
     points : points of the grid that rows may name; default: any
-    also : further experiments, a row for one of which is enough
+    related_experiments : further experiments, a row for one of which is enough
 
     Raises
     ------
@@ -240,7 +240,7 @@ def read_published(
         folders = [folder]
         folders += [(folder / path).parent for path in paths]
         problems += _misspelt_experiments(known, folders)
-    has_rows_of_related = not known.first_rows.keys().isdisjoint(also)
+    has_rows_of_related = not known.first_rows.keys().isdisjoint(related_experiments)
     has_rows = published.numbers or published.claims or has_rows_of_related
     if paths and labels is not None and not problems and not has_rows:
         names = ", ".join(sorted(known.first_rows)) or "none"

@@ -118,7 +118,7 @@ def check_metrics(
     source: Source,
     settings: Settings,
     points: list[Point],
-    parts: dict[Group, dict[str, Exhibit]],
+    exhibits: dict[Group, dict[str, Exhibit]],
     left_out: dict[str, AnyFilter],
 ) -> None:
     """Check that every metric named by tables, figures and settings exists and is stored.
@@ -127,7 +127,7 @@ def check_metrics(
     that are ``left_out`` of the run may be named. Diagnostics of filters with mistakes or errors are
     unknown.
     """
-    requests = [*_requests_of_settings(settings), *requests_of(parts)]
+    requests = [*_requests_of_settings(settings), *requests_of(exhibits)]
     if not points:
         return
     # Diagnostics may take a step of each filter: they are listed only if they are needed.
@@ -238,16 +238,16 @@ def _requests_of_tuning(settings: Settings) -> Iterator[MetricRequest]:
             yield MetricRequest(place, measured(as_expression(word)), role="summary")
 
 
-def requests_of(parts: dict[Group, dict[str, Exhibit]]) -> Iterator[MetricRequest]:
+def requests_of(exhibits: dict[Group, dict[str, Exhibit]]) -> Iterator[MetricRequest]:
     """Yield the metrics that tables and figures request.
 
     They are those in keys of a type such as `OfRun`, and those that a kind always shows (`requires`).
     """
-    for group, built in parts.items():
-        for name, part in built.items():
-            for word, role in part.requires.items():
+    for group, exhibits_of_group in exhibits.items():
+        for name, exhibit in exhibits_of_group.items():
+            for word, role in exhibit.requires.items():
                 yield MetricRequest((group, name), measured(word), role, named=False)
-            yield from _requests_of_component(part, (group, name))
+            yield from _requests_of_component(exhibit, (group, name))
 
 
 def _requests_of_component(component: "DataclassInstance", keys: Keys) -> Iterator[MetricRequest]:

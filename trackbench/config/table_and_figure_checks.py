@@ -24,7 +24,7 @@ def check_key_figure(source: Source, settings: Settings) -> None:
 
 
 def check_drawable(
-    source: Source, group: Group, parts: dict[str, Exhibit], points: list[Point]
+    source: Source, group: Group, exhibits: dict[str, Exhibit], points: list[Point]
 ) -> None:
     """Add the conflicts of tables and figures with these points.
 
@@ -33,10 +33,10 @@ def check_drawable(
     if not points:
         return
     is_complete = all(None not in point.filters.values() for point in points)
-    for name, part in parts.items():
-        if is_foreign(part) and not is_complete:
+    for name, exhibit in exhibits.items():
+        if is_foreign(exhibit) and not is_complete:
             continue
-        add_conflicts(source, (group, name), exhibit_conflicts(part, points))
+        add_conflicts(source, (group, name), exhibit_conflicts(exhibit, points))
 
 
 def check_figures(
