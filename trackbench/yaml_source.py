@@ -301,7 +301,10 @@ def parse(text: str, name: str) -> Source:
 
 
 def _explain_invalid_yaml(error: yaml.MarkedYAMLError, text: str, name: str) -> tuple[Mark, str]:
-    """Find the place of an error of YAML's grammar, and explain it."""
+    """Find the place of an error of YAML's grammar, and explain it: return the place and a message.
+
+    ``text`` is the text of the file, ``name`` how messages name it.
+    """
     mark = Mark(name)
     position = error.problem_mark or error.context_mark
     if position is not None:
@@ -310,9 +313,9 @@ def _explain_invalid_yaml(error: yaml.MarkedYAMLError, text: str, name: str) -> 
         return mark, _TOO_MANY
     lines = text.split("\n")
     # Step 1: characters that are no YAML, often far above the place where the parser stops.
-    found = _find_odd_space(lines, mark) or _find_merge_conflict(lines, mark)
-    if found is not None:
-        return found
+    place_and_message = _find_odd_space(lines, mark) or _find_merge_conflict(lines, mark)
+    if place_and_message is not None:
+        return place_and_message
     # Step 2: what began at another place and does not end.
     problem = str(error.problem)
     message = f"not valid YAML: {error.problem}"
@@ -345,9 +348,9 @@ def _explain_invalid_yaml(error: yaml.MarkedYAMLError, text: str, name: str) -> 
     if "cannot start any token" in problem:
         return mark, f"{message}; put the text in quotation marks"
     if "mapping values are not allowed" in problem:
-        found = _find_missing_space(lines, mark)
-        if found is not None:
-            return found
+        place_and_message = _find_missing_space(lines, mark)
+        if place_and_message is not None:
+            return place_and_message
     if "mapping" in problem or "block end" in problem:
         message += "; check the indentation, or quote a text with ': '"
     return mark, message

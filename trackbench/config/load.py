@@ -185,6 +185,7 @@ def load(
         raise _with_unread_components(error, unread) from None
     if unread:
         raise _with_unread_components(UserError(), unread)
+    # Step 4: note the number of runs of the config, or its default, if the options take fewer.
     is_recorded = any(p.scenario.recorded_runs is not None for p in experiment.points)
     if runs_of_config is None and not is_recorded:
         runs_of_config = Settings.runs
@@ -349,8 +350,8 @@ def _build_independent_settings(source: Source) -> Settings | None:
 def _build_point(source: Source, labels: list[str], values: dict[str, object]) -> Point | None:
     """Build the scenario and the filters ``labels`` at a point of the grid.
 
-    ``values`` are the point's, which the config in ``source`` already has. None if the scenario has
-    mistakes.
+    Return None if the scenario has mistakes. ``values`` are those of the point. The config in ``source``
+    already has them, and gets the mistakes.
     """
     scenario = build_kind("scenarios", source, ("scenario",))
     filters = _build_filters(source, labels)
@@ -381,7 +382,10 @@ def _build_filters(source: Source, labels: list[str]) -> dict[str, AnyFilter]:
 
 
 def _check_components(source: Source) -> None:
-    """Add the mistakes within scenario, filters, tables and figures, each for itself."""
+    """Add the mistakes within the scenario, filters, tables and figures to the source.
+
+    Each is checked for itself: the components that it builds are not used.
+    """
     if isinstance(source.data.get("scenario"), dict):
         build_kind("scenarios", source, ("scenario",))
     for group in ("filters", "tables", "figures"):
@@ -408,7 +412,10 @@ def _build_exhibits(group: Group, source: Source, points: list[Point]) -> dict[s
 def _read_published(
     source: Source, settings: Settings, folder: Path, points: list[Point]
 ) -> Published:
-    """Read the published files of the config; their mistakes are added to the source."""
+    """Read the published files of the config; their mistakes are added to the source.
+
+    Paths count from ``folder``. ``points`` are those of the grid.
+    """
     labels = list(settings.filters)
     if settings.bound:
         labels.append(settings.bound)

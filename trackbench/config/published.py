@@ -154,7 +154,7 @@ class Claim:
     def sides(self, right: str) -> list[Measure]:
         """Return the expression of the left side, and that of the filter ``right`` on the right side.
 
-        Without a filter (an empty ``right``) the left side is compared with a number.
+        Without a filter (an empty ``right``) the left side is compared with the number ``factor``.
         """
         if self.expression is None:
             return []
@@ -384,7 +384,10 @@ def _read_row(file_name: str, line: int, cls: type, header: list[str], cells: li
 
 
 def _check_labels(row: PublishedNumber | Claim, source: Source, labels: list[str] | None) -> None:
-    """Check that the filters that a row names exist, if their labels are known."""
+    """Check that the filters that a row names exist, if the ``labels`` of all filters are known.
+
+    ``source`` has the cells of the row, and gets the mistakes.
+    """
     if labels is None:
         return
     # The labels in each column.
@@ -455,7 +458,10 @@ def _check_repeated(row: PublishedNumber, source: Source, earlier: list[Publishe
 
 
 def _check_claim(row: Claim, source: Source) -> None:
-    """Check a claim's text, filter and comparison."""
+    """Check a claim's text, filter and comparison, which is ``left relation factor * right``.
+
+    ``source`` has the cells of the row, and gets the mistakes.
+    """
     if not row.claim.strip():
         source.add_problem(("claim",), "is empty")
     if (row.expressions or row.rights) and not row.left.strip():

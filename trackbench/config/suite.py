@@ -305,13 +305,13 @@ def _own_of_rosters(
 
     Return by label whether such a filter is a program. ``roster_labels`` are the labels of all rosters.
     """
-    own = {}
+    is_program: dict[str, bool] = {}
     for problem in fitted:
         for label, tracker in problem.experiment.points[0].filters.items():
             is_own = tracker.runs_program or bool(foreign_parts(tracker))
             if is_own and label in roster_labels:
-                own[label] = tracker.runs_program
-    return own
+                is_program[label] = tracker.runs_program
+    return is_program
 
 
 def _check_scores(source: Source, settings: SuiteSettings) -> None:

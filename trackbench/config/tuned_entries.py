@@ -288,9 +288,10 @@ class Trial:
 
 
 def make_trial(source: Source, point: Point, label: str, values: Chosen) -> Trial | list[Problem]:
-    """Build a filter and its model with these values, and check both as the config's own.
+    """Build the filter ``label`` and its filter model with these values of tuned keys.
 
-    Returns the mistakes if there are any.
+    Both are checked as those of the config are. Return the mistakes if there are any. ``point`` has the
+    scenario.
     """
     changed = with_values(source, label, values)
     tracker = build_kind("filters", changed, ("filters", label))
