@@ -427,7 +427,7 @@ def scalar(text: str) -> Scalar:
     if text.lower() in _WORDS and text in (text.lower(), text.capitalize(), text.upper()):
         return _WORDS[text.lower()]
     if _INT.fullmatch(text):
-        if len(text) >= _LONGEST_NUMBER:  # a word, since no float could hold the number
+        if len(text) >= _LONGEST_NUMBER:  # so many digits are read as a word
             return text
         return int(text)
     if _FLOAT.fullmatch(text):

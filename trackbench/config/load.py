@@ -169,7 +169,7 @@ def load(
         override(source, ("product",), product, Mark("--product"))
     for axis in grid:
         add_axis(source, axis)
-        source.data.pop("problem", None)  # as for keys above
+        source.data.pop("problem", None)  # a grid is no standard problem either
     _set_only(source, only)
     show_filters(source, added_labels)
     add_tuned(source, tuned_values or {})
