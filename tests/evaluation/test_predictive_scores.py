@@ -9,6 +9,7 @@ from scipy.stats import chi2, multivariate_normal
 
 from tests.conftest import make_filter, track
 from tests.linear_problem import LINEAR
+from tests.planted import HandEKF, with_bug
 from trackbench.core import compiled
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
@@ -244,6 +245,23 @@ def test_a_filter_that_answers_a_mean_alone_has_prediction_errors() -> None:
         np.testing.assert_allclose(found[name], own[name], rtol=1e-9, atol=1e-12)
     for name in ("anis", "innovations", "autocovariance_1"):
         assert np.isnan(found[name]).all()
+
+
+def test_a_filter_that_writes_to_its_state_is_asked_about_the_state_before() -> None:
+    """Its prediction was that of a second step after the first."""
+
+    class Writing(HandEKF):
+        bug = "in place"
+
+        def init(self, model: Any, prior: Any, rng: Any) -> Any:
+            state = super().init(model, prior, rng)
+            return state._replace(x=state.x.copy())
+
+    writing = track(GAPPY, Writing(), 2, predictive_metrics=BOTH, hold_out=5)
+    copying = track(GAPPY, with_bug(HandEKF, "")(), 2, predictive_metrics=BOTH, hold_out=5)
+    assert {"anis", "squared_held_1.x"} <= set(copying.diagnostics)
+    for name, series in copying.diagnostics.items():
+        assert np.array_equal(writing.diagnostics[name], series, equal_nan=True), name
 
 
 def test_a_likelihood_of_another_shape_is_the_filters_failure() -> None:

@@ -6,12 +6,14 @@ import re
 import runpy
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
 from tests.commands import trackbench
 from tests.conftest import ROOT
 from trackbench.config.load import load
+from trackbench.core.random_streams import RunStreams
 from trackbench.errors import UserError
 from trackbench.scenarios.recordings.column_names import heading_of, odometry_of
 
@@ -100,7 +102,9 @@ def test_bearings_and_turn_rates_of_opposite_directions_are_a_question(
     log = "\n".join(map(",".join, lines)) + "\n"
     printed = written(tmp_path, log, NAME)
     assert (
-        "bearing [deg] and omega [deg/s] agree only if one of them counts clockwise: change the signs"
+        "bearing [deg] and omega [deg/s] agree only if one of them counts clockwise: if the bearings "
+        "do, say --set 'clockwise=[bearing]'; if the turn rate does, change its signs in the file; to "
+        "read both as they are, say --set 'columns.w=omega [deg/s]'"
     ) in printed
     assert not (tmp_path / "log.yaml").exists()
     assert "wrote log.yaml" in written(tmp_path, log, NAME, "columns.w=omega [deg/s]")
@@ -445,9 +449,29 @@ def test_clockwise_bearings_of_two_tables_are_a_question_and_a_note(tmp_path: Pa
     printed = of_tables(tmp_path, *FOUR)
     option = f"input_naming.columns.w={ANGULAR}"
     assert f"field.bearing_deg and {ANGULAR} agree only if one of them counts clockwise" in printed
-    assert f"to read them as they are, say --set '{option}'" in printed
+    assert f"to read both as they are, say --set '{option}'" in printed
     printed = of_tables(tmp_path, *FOUR, "--set", option)
     assert "they agree if its bearing counts from the heading clockwise" in printed
+
+
+def test_bearings_declared_as_clockwise_are_those_of_the_mirrored_file(tmp_path: Path) -> None:
+    """They were read as if they counted from north."""
+    four_tables(tmp_path)
+    assert "wrote robot.yaml" in of_tables(tmp_path, *FOUR)
+    (point,) = load(tmp_path / "robot.yaml").points
+    expected = point.scenario.simulate(RunStreams(1, range(1)), 1).measurements
+    rows = [line.split(",") for line in (tmp_path / "seen.csv").read_text().splitlines()[1:]]
+    mirrored = "field.header.stamp,field.id,field.range_mm,field.bearing_deg\n"
+    mirrored += "".join(f"{t},{tag},{r},{-float(b)}\n" for t, tag, r, b in rows)
+    (tmp_path / "seen.csv").write_text(mirrored)
+    (tmp_path / "robot.yaml").unlink()
+    printed = of_tables(tmp_path, *FOUR, "--set", "clockwise=[bearing]")
+    assert "wrote robot.yaml" in printed
+    assert "clockwise" not in printed
+    assert "clockwise: [bearing]" in (tmp_path / "robot.yaml").read_text()
+    (point,) = load(tmp_path / "robot.yaml").points
+    read = point.scenario.simulate(RunStreams(1, range(1)), 1).measurements
+    np.testing.assert_allclose(read, expected, atol=1e-12)
 
 
 def test_detections_of_two_cameras_are_no_runs(tmp_path: Path) -> None:

@@ -136,7 +136,7 @@ def test_bearings_that_count_clockwise_are_said_in_one_note(tmp_path: Path) -> N
     (note,) = notes(tmp_path, sign=-1.0)
     assert "of sensor 1, sensor 2 (3) and sensor 3 (4) disagrees with the truth (medians: " in note
     assert note.endswith(
-        "if its bearing counts from the heading clockwise: change its sign in the file"
+        "if its bearing counts from the heading clockwise: say `clockwise: [bearing]` in the target"
     )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from trackbench.core.arrays import Array, Index, Mask
 from trackbench.core.distributions import Distribution
-from trackbench.core.random_streams import Streams
+from trackbench.core.random_streams import RunStreams, Streams
 from trackbench.models.base import Model, Motion, extra_std
 from trackbench.models.description import description_of, with_description
 from trackbench.models.motions.irregular import Irregular
@@ -96,7 +96,13 @@ class ModelDraws(Scenario):
 
     def simulate(self, rng: Streams, runs: int) -> Simulation:
         """Draw the first state from the prior, then truth and measurements from the model."""
-        data = self.base.simulate(rng, runs)
+        # A recording has few runs: each gives its prior and its missing measurements to several draws.
+        recorded_runs = self.base.recorded_runs
+        base_rng = rng
+        if recorded_runs is not None:
+            assert isinstance(rng, RunStreams)
+            base_rng = RunStreams(rng.seed, [run % recorded_runs for run in rng.runs])
+        data = self.base.simulate(base_rng, runs)
         prior = self.base.assumed_prior(runs) or data.prior
         if len(self.components) > len(prior.mean):
             prior = augment_prior(prior, extra_std(self.model.motion))
@@ -125,6 +131,11 @@ class WholeExperiment(ModelDraws):
     def runs(self) -> int:
         """Number of runs that are tried: fewer if they are long."""
         return max(1, min(_WHOLE_RUNS, _MOST_WHOLE_STEPS // self._length))
+
+    @property
+    def recorded_runs(self) -> int | None:
+        """Number of recorded runs; None for a simulated experiment."""
+        return self.base.recorded_runs
 
     def simulate(self, rng: Streams, runs: int) -> Simulation:
         """Simulate the experiment's truth and measurements, as far as `steps` go."""

@@ -125,8 +125,11 @@ class PredictionScorer:
         self._held_scores: list[Array] = []
         self._held_steps: list[int] = []
         self._has_likelihood = has_likelihood(tracker)
-        # The state of a plugin's filter may call something else its prediction.
-        self._has_predictions = not foreign_parts(tracker)
+        # The state of a plugin's filter may call something else its prediction, and its step may write
+        # to the state.
+        is_foreign = bool(foreign_parts(tracker))
+        self._has_predictions = not is_foreign
+        self._may_change_states = is_foreign or tracker.loops_over_runs
 
     @property
     def disabled(self) -> bool:
@@ -136,9 +139,10 @@ class PredictionScorer:
     def snapshot(self, state: Any) -> Any:
         """Return a state that the filter's next step does not change.
 
-        A filter that loops over runs has an object for each run, which changes with every step.
+        A filter that loops over runs has an object for each run, which changes with every step. A plugin
+        may write to the arrays of its state.
         """
-        if not self._tracker.loops_over_runs:
+        if not self._may_change_states:
             return state
         # The second argument keeps the model, which the objects share, from being copied.
         return deepcopy(state, {id(self._model): self._model})

@@ -71,8 +71,9 @@ class Naming:
     """latitude and longitude (deg), perhaps height (m), of the point from which x counts east and y
     north; default: the first position that is read, for a run far from it that run's own first one"""
     clockwise: tuple[str, ...] = ()
-    """measured angles that count clockwise from north, as those of radars and compasses do: [azimuth];
-    default: an azimuth counts from x to y. A course always is clockwise"""
+    """measured angles that count clockwise: [azimuth] from north, as those of radars and compasses do,
+    [bearing] of landmarks from the heading; default: an azimuth counts from x to y, a bearing from the
+    heading to the left. A course always is clockwise"""
     time_format: str = ""
     """form of dates that are not in ISO 8601, as strptime has it: "%d/%m/%Y %H:%M:%S"; a column `date`
     stands before a time of day"""
@@ -178,7 +179,7 @@ class Naming:
         return None
 
     def is_clockwise(self, name: str) -> bool:
-        """Test whether a quantity is an angle clockwise from north."""
+        """Test whether a quantity is an angle that counts clockwise, from north or from the heading."""
         return name in self.clockwise or plain_name(name) in self.clockwise
 
     def scale(self, name: str) -> float:
@@ -601,7 +602,10 @@ class Columns:
         return tuple(other for other in others if self.column(other) is not None)
 
     def _value(self, table: Table, name: str) -> Array:
-        """Return a quantity's values (R,) in SI; an angle clockwise from north counts from x to y."""
+        """Return a quantity's values (R,) in SI; angles that count clockwise in the file are turned.
+
+        An azimuth then counts from x to y, and a bearing from the heading to the left.
+        """
         column = self.column(name)
         assert column is not None
         scale = self.naming.scale(name)
@@ -610,8 +614,10 @@ class Columns:
             values = values * scale
         if not self.naming.is_clockwise(name):
             return values
-        # From x (east) to y (north): a = pi / 2 - c. Angles beyond a turn stay, and are reported later.
-        turned = wrap_angle(0.5 * pi - values)
+        # From x (east) to y (north): a = pi / 2 - c. A bearing is zero ahead in both directions.
+        # Angles beyond a turn stay, and are reported later.
+        zero = 0.0 if plain_name(name) == "bearing" else 0.5 * pi
+        turned = wrap_angle(zero - values)
         return np.where(np.abs(values) > 2.0 * pi + _ROUNDING, values, turned)
 
     def _velocity_of_course(self, table: Table, name: str) -> Array:

@@ -661,7 +661,7 @@ def _naming_lines(guess: Guess, tables: FurtherTables) -> Iterator[str]:
         yield f"zone: {quoted(naming.zone)}"
     if naming.missing:
         yield f"missing: {missing_in_yaml(naming)}{comment_on(why, 'missing')}"
-    if naming.clockwise and "azimuth" in columns:
+    if naming.clockwise and not columns.keys().isdisjoint(("azimuth", "bearing")):
         yield f"clockwise: [{', '.join(naming.clockwise)}]{comment_on(why, 'clockwise')}"
     elif "azimuth" in columns and "anticlockwise" in why:
         yield f"# {why['anticlockwise']}"

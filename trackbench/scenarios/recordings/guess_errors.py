@@ -193,10 +193,13 @@ def guess_from_all_rows(
     # The times of dates in two files count from different moments.
     are_comparable = tables.odometry is None or not gathered.dated
     if odometry is not None and not is_answered and are_comparable:
+        # All angles were read as they stand in the file.
+        sign = -1.0 if naming.is_clockwise("bearing") else 1.0
         bearings = []
         for sensor, rows in zip(sensors, longest, strict=True):
             if sensor.quantities[-1] == "bearing":
-                bearings.append((rows.time, rows.values[len(sensor.quantities) - 1] * scale))
+                in_file = rows.values[len(sensor.quantities) - 1] * scale
+                bearings.append((rows.time, sign * in_file))
         check_turns_of_robot(guess, odometry, bearings, tables.odometry)
     return settle_azimuths(guess, [angles * scale for angles in azimuths], "clockwise" in user_keys)
 

@@ -323,6 +323,8 @@ def check_turns_of_robot(
     turn_rate = (table or guess).naming.columns["w"]
     key = "columns.w" if table is None else "input_naming.columns.w"
     message = f"{bearing} and {turn_rate} agree only if one of them counts clockwise"
-    way = "change the signs of the one that does, as both are read anticlockwise"
-    option = f"to read them as they are, say --set '{key}={in_option(turn_rate)}'"
-    raise DataError(Place(guess.path, 1, 1, f"{message}: {way}; {option}"))
+    of_bearings = "if the bearings do, say --set 'clockwise=[bearing]'"
+    of_turn_rate = "if the turn rate does, change its signs in the file"
+    neither = f"to read both as they are, say --set '{key}={in_option(turn_rate)}'"
+    ways = f"{of_bearings}; {of_turn_rate}; {neither}"
+    raise DataError(Place(guess.path, 1, 1, f"{message}: {ways}"))

@@ -337,7 +337,7 @@ def _remedy(sample: _Sample, axes: tuple[tuple[int, int], ...], size: float) -> 
         if way == "from north clockwise":
             hint = f": say `clockwise: [{angle}]`"
         elif way == "from the heading clockwise":
-            hint = ": change its sign in the file"
+            hint = f": say `clockwise: [{angle}]` in the target"
         return f"; they agree if its {angle} counts {way}{hint}"
     hint = "are x and y exchanged, or an axis reversed?"
     return f"; they agree if the truth is {way}: {hint}"
