@@ -277,6 +277,9 @@ def _requests_in_value(value: object, hint: object, keys: Keys) -> Iterator[Metr
     elif isinstance(value, dict):
         for key, inner in value.items():
             yield from _requests_in_value(inner, hint, (*keys, key))
+    elif isinstance(value, list | tuple):  # a Measure, itself a tuple, is handled above
+        for i, inner in enumerate(value):
+            yield from _requests_in_value(inner, hint, (*keys, i))
 
 
 def _nearest_metric(word: str, known: Collection[str], bases: Sequence[str]) -> str:
