@@ -322,6 +322,28 @@ def test_all_steps_at_once_are_the_single_steps(
         np.testing.assert_array_equal(together.diagnostics[name], rows)
 
 
+@pytest.mark.parametrize("hold_out", [None, 4])
+def test_steps_at_once_after_single_steps_keep_their_place(
+    hold_out: int | None, monkeypatch: Any
+) -> None:
+    """A filter may filter only some pieces of a run in one call: the scores are equal."""
+    scenario = replace(LINEAR, last=12)
+    task = BlockTask(scenario, EKF(), 1, index=0, width=3, runs_used=3, predictive_metrics=BOTH)
+    task, at_once = replace(task, hold_out=hold_out), EKF.all_steps
+    monkeypatch.setattr(EKF, "all_steps", Filter.all_steps)
+    single = run_filter(task, task.data)
+
+    def not_at_first(self: EKF, model: Any, state: Any, z: Array, k: int) -> Any:
+        return None if k == 1 else at_once(self, model, state, z, k)
+
+    monkeypatch.setattr(EKF, "all_steps", not_at_first)
+    monkeypatch.setattr("trackbench.evaluation.run_filter._AT_ONCE", 4 * task.runs)
+    mixed = run_filter(task, task.data)
+    assert single.diagnostics.keys() == mixed.diagnostics.keys()
+    for name, rows in single.diagnostics.items():
+        np.testing.assert_array_equal(mixed.diagnostics[name], rows)
+
+
 @pytest.mark.parametrize("hold_out", [None, 2])
 def test_prediction_errors_of_a_filter_that_never_updates_are_those_of_its_path(
     hold_out: int | None,

@@ -67,7 +67,7 @@ class Angle(NamedTuple):
 
 
 def angles_of(problem: ModelDraws) -> list[Angle]:
-    """List the measured angles of a problem, then those of the state that no sensor measures alone."""
+    """List the angles of a problem: components of its measurement, then components of its state."""
     sensor = problem.model.sensor
     angles = [Angle(sensor.components[i], "measured", i) for i in measured_angle_rows(sensor)]
     components = problem.model.motion.components
@@ -76,10 +76,10 @@ def angles_of(problem: ModelDraws) -> list[Angle]:
 
 
 def turn(problem: ModelDraws, angle: Angle, values: Array, ahead: Array, seed: int) -> Simulation:
-    """Simulate runs whose ``angle`` has the ``values`` (M,) after ``ahead`` (M,) steps.
+    """Simulate runs whose ``angle`` has the ``values`` (M,), rad, after ``ahead`` (M,) steps.
 
-    For this the prior of each run is turned about the sensor. A prior for which the angle cannot have
-    its value has the mean NaN.
+    For this the prior of each run is turned about the sensor. Truth and measurements are then drawn from
+    the problem's model. A prior for which the angle cannot have its value has the mean NaN.
     """
     runs = len(values)
     # Step 1: the priors of the problem, one after the other if fewer are recorded.
@@ -96,6 +96,7 @@ def turn(problem: ModelDraws, angle: Angle, values: Array, ahead: Array, seed: i
     reached = np.isfinite(turned.mean).all(axis=0)
     start = Gaussian(np.where(reached, turned.mean, mean), np.where(reached, turned.cov, cov))
     missing = np.isnan(known.measurements)[..., column]
+    # The missing measurements are those of the problem. Priors and runs draw from different seeds.
     data = problem.draw_from(start, missing, RunStreams(seed + 1, range(runs)))
     # Step 3: angles are measured in (-pi, pi].
     z = data.measurements
@@ -111,7 +112,7 @@ class _Turning:
     """
 
     def __init__(self, problem: ModelDraws, angle: Angle, ahead: Array) -> None:
-        """Note the ``angle`` and the number of steps ``ahead`` (M,) after which it has its value."""
+        """Begin with the ``angle`` that gets a value in each run, after ``ahead`` (M,) steps."""
         self.model = problem.model
         self.angle = angle
         self.ahead = ahead
@@ -124,9 +125,10 @@ class _Turning:
                 self.planar.append((components.index(x), components.index(y)))
 
     def values(self, x: Array) -> Array:
-        """Return the expected measurement after the steps ahead, from first states x (n, M).
+        """Return the expected measurement (n_z, M) after the steps ahead, from first states x (n, M).
 
-        If the angle is a component of the state, the state is returned instead.
+        If the angle is a component of the state, the state (n, M) is returned instead. The number of
+        steps differs from run to run.
         """
         values = np.empty(0)
         state = x
@@ -142,7 +144,10 @@ class _Turning:
         return values
 
     def jacobian(self, x: Array, columns: list[int]) -> Array:
-        """Return the derivatives (m, len(columns), M) of `values` at x (n, M) by these rows of x."""
+        """Return the derivatives (m, len(columns), M) of `values` at x (n, M) by these rows of x.
+
+        They are central differences.
+        """
         derivatives = []
         for i in columns:
             upper, lower, h = _neighbors(x, i)
@@ -204,10 +209,11 @@ class _Turning:
         return Gaussian(turned_mean, np.array(turned_cov))
 
     def _fixed_rows(self, support: Mask) -> list[int]:
-        """Find the measured components that keep their values when the angle is turned.
+        """Find the measured components that keep their values when the angle is turned, by their rows.
 
-        They belong to the angle's sensor, are no angles, and depend on no other components of the state
-        than the angle. ``support`` (n_z, n) has the components that each measured one depends on.
+        They belong to the angle's sensor and are no angles, such as its range. They depend on no other
+        components of the state than the angle does. ``support`` (n_z, n) marks the components of the
+        state that each measured one depends on.
         """
         row = self.angle.row
         components = self.model.sensor.components
@@ -224,8 +230,11 @@ class _Turning:
         return fixed
 
     def measured_jacobian(self, x: Array) -> Array:
-        """Return the derivatives (n_z, n, M) at x (n, M) of a measurement of the states themselves."""
-        k = int(self.steps[1])
+        """Return the derivatives (n_z, n, M) of a measurement of the states x (n, M) by the states.
+
+        They are central differences, of a measurement at the first step.
+        """
+        k = int(self.steps[1])  # index 0 is the step of the prior
         sensor = self.model.sensor
         derivatives = []
         for i in range(len(x)):
@@ -236,11 +245,12 @@ class _Turning:
         return np.stack(derivatives, axis=1)
 
     def rotation(self, n: int, angle: Array) -> Array:
-        """Return matrices (n, n, M) that rotate positions, velocities and accelerations.
+        """Return matrices (n, n, M) that rotate positions, velocities and accelerations of states.
 
-        They rotate by ``angle`` (M,), rad, in the plane.
+        They rotate by ``angle`` (M,), rad, in the plane. Other components of the n stay as they are.
         """
         G = np.repeat(np.eye(n)[..., None], len(angle), axis=2)
+        # i and j are the rows of the x and y components of a vector.
         for i, j in self.planar:
             G[i, i] = np.cos(angle)
             G[j, j] = np.cos(angle)
@@ -250,7 +260,10 @@ class _Turning:
 
 
 def _neighbors(x: Array, i: int) -> tuple[Array, Array, Array]:
-    """Return the states (n, M) above and below x by h in component i, and the step h (M,)."""
+    """Return the states (n, M) above and below x by h in component i, and the step h (M,).
+
+    They are for a difference quotient.
+    """
     h = 1e-5 * np.maximum(np.abs(x[i]), 1.0)
     upper = x.copy()
     upper[i] += h
@@ -265,7 +278,7 @@ class _WithoutWrap(ModelDraws):
 
     @cached_property
     def model(self) -> Model:
-        """Model that filters get."""
+        """Model that filters get: the innovation of its sensor is the plain difference."""
         model = super().model
         plain: Sensor = copy(model.sensor)
         object.__setattr__(plain, "innovation", np.subtract)
@@ -276,10 +289,11 @@ class _WithoutWrap(ModelDraws):
 def measured_without_cut(
     problem: ModelDraws, data: Simulation, center: Estimates, row: int, cut: float
 ) -> Simulation:
-    """Return the data with a measured angle shifted by whole turns near to its prediction.
+    """Return the data with a measured angle that is within half a turn of its prediction.
 
-    ``row`` is the index of the angle in the measurement. The prediction is that of a reference filter
-    with the estimates ``center``, in (cut - 2 pi, cut]. The angle is within half a turn of it.
+    The innovation of this angle then needs no wrap. ``row`` is the index of the angle in the
+    measurement. The prediction is that of a reference filter with the estimates ``center``. It is in
+    (cut - 2 pi, cut], as the tested filter may count the angle; ``cut`` is in rad.
     """
     z = data.measurements.copy()
     motion, sensor = problem.model
@@ -298,11 +312,12 @@ def name_of_unwrapped(
 ) -> str:
     """Name the measured angle whose innovation a filter does not wrap; empty if there is none.
 
-    ``tested`` are the estimates of the filter, ``center`` those of a reference. An angle explains large
-    errors if most of the runs that have one are right once it is measured without a cut.
+    ``tested`` are the estimates of the filter from the ``data``, ``center`` those of a reference. An
+    angle explains the runs in which they are far from each other, if most of these runs are right once
+    the angle is measured without a cut, a value at which its numbers jump by a turn.
     """
-    rows = problem.angle_rows
-    deviations = deviation(tested, center, rows)
+    rows = problem.angle_rows  # of the state
+    deviations = deviation(tested, center, rows)  # (M,), in standard deviations
     is_far = deviations > _FAR
     if not is_far.any():
         return ""
@@ -330,8 +345,9 @@ def is_unwrapped(
 ) -> bool:
     """Test whether a whole turn added to some measurements of an angle changes the estimates.
 
-    Only the runs of the comparison in which the angle is far from any cut count. In half of them an
-    estimate must change by more than a standard deviation.
+    It does not change those of a filter that wraps the innovation of the angle. ``comparison`` has the
+    data. Only the runs count in which the angle is far from any cut, a value at which its numbers jump.
+    In half of them an estimate must change by more than a standard deviation.
     """
     # Measured angles are wrapped before a program gets them, unless the sensor does not wrap.
     sent_problem = _without_wrap(problem) if tracker.runs_program else problem
@@ -354,13 +370,17 @@ def is_unwrapped(
 def deviation(
     estimates: Estimates, center: Estimates, rows: tuple[int, ...], horizon: int | None = None
 ) -> Array:
-    """Return the largest deviation (M,) of any mean from a reference's, in standard deviations.
+    """Return how far each run's estimates (M,) are from a reference's at most, in standard deviations.
 
-    ``center`` are the reference's estimates, ``rows`` those of the state's angles. Only the first
-    ``horizon`` steps count; default: all.
+    The largest deviation of any component at any step counts; it is infinite if an estimate is NaN.
+    ``center`` are the reference's estimates, whose standard deviations are the unit. ``rows`` are the
+    rows of the state that are angles: whole turns are no deviation. Only the first ``horizon`` steps
+    count; default: all.
     """
     sigma = np.sqrt(linalg.diagonal(center.cov))
+    # The filter's state may have further components after those of the reference's.
     mean = near(estimates.mean[: len(sigma)], center.mean, rows)
+    # A component that is known exactly has no spread: nothing is divided by zero.
     ratio = np.abs(mean - center.mean) / np.maximum(sigma, np.finfo(float).tiny)
     # Index 0 of the steps is the prior.
     last = None if horizon is None else horizon + 1
@@ -370,8 +390,8 @@ def deviation(
 def _steps_before_cuts(problem: ModelDraws, angle: Angle, data: Simulation) -> Array:
     """Count the first steps (M,) of each run in which its angle passes none of its cuts.
 
-    The true angle and the measured one must stay in the quarter of the circle in which the true angle is
-    at the first step.
+    A cut is a value at which the numbers of the angle may jump: 0, pi or +-pi/2. The true angle and the
+    measured one must stay in the quarter of the circle in which the true angle is at the first step.
     """
     steps = problem.steps[1:].tolist()
     if angle.kind == "state":
@@ -389,7 +409,7 @@ def _steps_before_cuts(problem: ModelDraws, angle: Angle, data: Simulation) -> A
 
 
 def _select_runs(data: Simulation, runs: list[int]) -> Simulation:
-    """Return the data of some runs."""
+    """Return the data of some runs, by their indices."""
     prior = data.prior
     return Simulation(
         truth=data.truth[..., runs],
@@ -407,6 +427,9 @@ def _judged_runs(
     problem: ModelDraws, angle: Angle, data: Simulation, groups: Sequence[str], ahead: Array
 ) -> tuple[list[int], int]:
     """Select the runs that show whether an angle's cut matters, and the number of steps to compare.
+
+    A cut is a value at which the numbers of an angle jump. ``groups`` has for each run the cut that its
+    angle passes, or a name that begins with "elsewhere" if the angle is to stay far from all cuts.
 
     An angle that wanders also passes a cut in many of the runs elsewhere. Then only the first steps
     count, up to the last one to which half of these runs pass no cut; the other half is left out. So is
@@ -451,19 +474,27 @@ class _Comparison(NamedTuple):
 
     @property
     def follows(self) -> bool:
-        """True if the filter follows the target where the angle is far from its cuts."""
+        """True if the filter follows the target where the angle is far from the cuts at which it jumps.
+
+        In one group of such runs, at least, the median of the ratios must be small.
+        """
         medians = [float(np.median(self.ratio[self.of_group(name)])) for name in self.elsewhere]
         return min(medians) < _FOLLOWS
 
     @property
     def limit(self) -> float:
-        """Ratio from which a run is wrong: the largest of the best group elsewhere, times a margin."""
+        """Ratio above which a run is wrong: a multiple of the largest ratio far from all cuts.
+
+        That is the largest ratio of the best group, in which it is least, but at least 1.
+        """
         largest = [float(self.ratio[self.of_group(name)].max()) for name in self.elsewhere]
         return _BEYOND * max(1.0, min(largest))
 
 
 def mistaken_angle(tracker: AnyFilter, problem: ModelDraws) -> str | None:
     """Describe the angle at whose cut a filter goes wrong; an empty text if there is none.
+
+    A cut is a value at which the numbers of an angle jump by a turn, such as pi or 0.
 
     The result is None if no angle passes its cut, or if no reference filter runs. It is also None if the
     filter does not even follow the target elsewhere, for example one that was written for positions.
@@ -494,7 +525,8 @@ def mistaken_angle(tracker: AnyFilter, problem: ModelDraws) -> str | None:
 def _compare(tracker: AnyFilter, problem: ModelDraws, angle: Angle) -> _Comparison | None:
     """Compare a filter with reference filters, in runs at the cuts of an angle and in runs elsewhere.
 
-    None if the angle does not pass the cut at pi, or if no reference filter runs.
+    A cut is a value at which the numbers of the angle jump, such as pi. The result is None if the angle
+    does not pass the cut at pi, or if no reference filter runs.
     """
     # Step 1: runs of each group, whose angle has its value after different numbers of steps.
     values: list[float] = []

@@ -74,7 +74,7 @@ class LeftOutError(Exception):
 
 
 def alike(a: Estimates, b: Estimates) -> bool:
-    """Test whether two filters' estimates have equal means and covariances."""
+    """Test whether two runs of filters have equal means and covariances, bit for bit."""
     return np.array_equal(a.mean, b.mean) and np.array_equal(a.cov, b.cov)
 
 
@@ -157,9 +157,13 @@ def _check_digits(tracker: AnyFilter, scenario: Scenario) -> str:
 def _compare_with_all_steps(
     tracker: AnyFilter, all_steps: Steps, estimate: Gaussian, i: int, k: int
 ) -> None:
-    """Raise ContractError if `all_steps` gives another estimate after ``i`` steps, at step ``k``."""
+    """Raise ContractError if `all_steps` gives another estimate after ``i`` steps, at step ``k``.
+
+    ``all_steps`` is the result of this method of the filter. ``estimate`` is that of ``i`` calls of
+    `step`.
+    """
     state_estimate = tracker.estimate(all_steps.state(i - 1))
-    # One covariance of all runs may stand for equal ones.
+    # One covariance of all runs may stand for equal ones: then an axis of length 1 stands for the runs.
     cov = with_trailing(estimate.cov, 1, leading=2)
     pairs = [
         (state_estimate.mean, estimate.mean),
@@ -205,8 +209,9 @@ def _equal(a: object, b: object) -> bool:
 
 
 def _check_repeats(tracker: AnyFilter, scenario: Scenario) -> None:
-    """Check that a second run gives equal estimates, and draws from `rng` alone."""
+    """Check that a filter gives equal estimates twice, and draws its random numbers from `rng` alone."""
     data = simulate(scenario, runs=3)
+    # `run_filter` begins each time with an equal `rng`. Other draws change numpy's or Python's state.
     before = repr((random.getstate(), np.random.get_state(legacy=False)))
     first = run_filter(tracker, scenario, data)
     second = run_filter(tracker, scenario, data)
@@ -215,6 +220,7 @@ def _check_repeats(tracker: AnyFilter, scenario: Scenario) -> None:
         message = "draws from the global np.random or random"
         raise ContractError(f"{message}: noise comes from `rng` alone")
     if not np.array_equal(first.mean, second.mean, equal_nan=True):
+        # A program outside of Python gets a number in place of `rng`.
         source = "SEED" if tracker.runs_program else "`rng`"
         message = "the estimates differ the second time"
         raise ContractError(f"{message}: noise comes from {source} alone")
@@ -261,11 +267,12 @@ def _check_covariance(tracker: AnyFilter, scenario: Scenario) -> str:
 
 
 def _try_covariances(tracker: AnyFilter, problem: Scenario, runs: int, source: str = "") -> str:
-    """Check the covariances of some runs of a problem; return the number of runs and steps.
+    """Check the covariances of some runs of a problem; return a text with the number of runs and steps.
 
-    ``source`` is a text after this number.
+    ``source`` is a text that is put after it, such as " of the experiment".
     """
     estimates = run_filter(tracker, problem, simulate(problem, runs))
+    # A recording may have fewer runs.
     runs = min(runs, problem.recorded_runs or runs)
     tried = f"{counted(runs, 'run')} of {counted(len(problem.steps) - 1, 'step')}{source}"
     try:
@@ -273,6 +280,7 @@ def _try_covariances(tracker: AnyFilter, problem: Scenario, runs: int, source: s
     except ContractError as error:
         if not _is_float32(estimates.cov[:, :, 1:]):
             raise
+        # The rounding of float32 is the likely cause: add how to compute in double.
         components = problem.model.motion.components
         advice = float32_advice(estimates.mean[:, 1:], estimates.cov[:, :, 1:], components)
         raise ContractError(f"{error}; {advice or _FLOAT32_COVARIANCE}") from None
@@ -316,7 +324,8 @@ def _require_covariances(P: Array, steps: Index, tried: str) -> None:
 def _is_float32(values: Array) -> bool:
     """Test whether the variances of covariances (n, n, ...) are numbers of float32.
 
-    Other entries may be the mean of two answered numbers.
+    Covariances of a program may be made symmetric: such an entry is the mean of two float32 numbers, and
+    no such number itself.
     """
     variances = np.einsum("ii...->i...", values)
     with np.errstate(over="ignore", under="ignore"):
@@ -324,7 +333,11 @@ def _is_float32(values: Array) -> bool:
 
 
 def _name_places(is_wrong: Mask, steps: Index, tried: str) -> str:
-    """Name the first step with a mistake (T + 1, M), and the number of runs that have one."""
+    """Name the first step with a mistake, and the number of runs that have one.
+
+    ``is_wrong`` (T + 1, M) marks the mistakes, and ``steps`` (T + 1,) are the numbers of the steps.
+    ``tried`` is the text on how many runs and steps were tried.
+    """
     first = int(steps[np.flatnonzero(is_wrong.any(axis=1))[0]])
     return f"first at step {first}, in {is_wrong.any(axis=0).sum()} of {tried}"
 
@@ -350,7 +363,8 @@ def _check_gaps(tracker: AnyFilter, scenario: Scenario) -> None:
         raise ContractError("the estimate is not finite where a measurement is missing (NaN)")
     if np.array_equal(missing.mean, measured.mean):
         return  # the filter uses no measurement
-    # A filter with a gate ignores measurements that are far away, and perhaps zero.
+    # A filter with a gate ignores measurements that are far away, and perhaps zero. Its estimates then
+    # equal those at a gap, which is no mistake.
     far_away = estimate_at_gaps(1e3 * (1.0 + float(np.nanmax(np.abs(z)))))
     has_gate = np.array_equal(missing.mean, far_away.mean)
     replacements: dict[str, Array | float] = {
@@ -364,6 +378,7 @@ def _check_gaps(tracker: AnyFilter, scenario: Scenario) -> None:
             raise ContractError(f"a missing measurement ({symbol}) is taken as {name}")
     if not np.allclose(missing.cov, measured.cov, rtol=1e-9, atol=0.0):
         return
+    # A measurement must change the covariance, unless the filter has a constant one.
     if not has_constant_covariance(run_filter(tracker, scenario, data)):
         message = "the covariance is the same with and without a measurement"
         message += ": does the update reduce it?"
@@ -426,14 +441,17 @@ def _check_unequal_intervals(tracker: AnyFilter, scenario: ModelDraws) -> None:
 def _compare_with_references(tracker: AnyFilter, problem: ModelDraws) -> str:
     """Describe how a filter's errors and covariances differ from those of reference filters.
 
-    Two checks ask for the comparison on the problem of a config, so it is computed once. A plugin or
-    program that was edited is another filter.
+    The text is empty if they fit. Two checks ask for the comparison on the problem of a config, so it is
+    computed once. A plugin or program that was edited is another filter.
     """
     return misfit(tracker, problem, _runs_for(tracker))
 
 
 def _runs_for(tracker: AnyFilter) -> int:
-    """Return the number of runs on which a filter is compared."""
+    """Return the number of runs on which a filter is compared with reference filters.
+
+    It is smaller if the filter loops over its runs in Python, which takes longer.
+    """
     if tracker.loops_over_runs:
         return _LOOPED_RUNS
     return _RUNS
@@ -460,6 +478,7 @@ def _check_place(tracker: AnyFilter, scenario: Scenario) -> None:
         raise LeftOutError("the filter refuses a radar that does not stand at the origin")
     if not _uses_measurements(tracker, PLACED):
         raise LeftOutError("the filter uses no measurement")
+    # RADAR stands at the origin, PLACED elsewhere, and MOVING moves.
     problems = {"a radar at [-1500, 2000]": PLACED}
     if runs_on(tracker, MOVING):
         problems["a radar that moves on a `platform`"] = MOVING
@@ -468,7 +487,8 @@ def _check_place(tracker: AnyFilter, scenario: Scenario) -> None:
         if not _depends_on_place(tracker, problem):
             message = f"with {name} the estimates equal those of a radar at the origin"
             raise ContractError(f"{message}; {_way_to_place(tracker, problem)}")
-    # Step 2: the errors, if they fit with a radar at the origin.
+    # Step 2: the errors, if they fit with a radar at the origin. A filter with several motions, which
+    # reports the diagnostic `mode`, has no reference filter.
     precise_tracker = _with_many_particles(tracker)
     if "mode" in run_filter(tracker, RADAR, simulate(RADAR, runs=2)).series:
         return
@@ -502,7 +522,11 @@ def _check_place_of_config(tracker: AnyFilter, scenario: ModelDraws) -> None:
 
 
 def _depends_on_place(tracker: AnyFilter, problem: Scenario) -> bool:
-    """Test whether estimates from equal data change if all sensors are moved to the origin."""
+    """Test whether estimates from equal data change if all sensors are moved to the origin.
+
+    A sensor of the problem must stand elsewhere. A filter that does not run with sensors at the origin
+    depends on the place.
+    """
     at_origin = with_sensors_at_origin(problem)
     assert at_origin is not None
     if not runs_on(tracker, at_origin):
@@ -513,8 +537,8 @@ def _depends_on_place(tracker: AnyFilter, problem: Scenario) -> bool:
 
 
 def _uses_measurements(tracker: AnyFilter, problem: Scenario) -> bool:
-    """Test whether estimates change if all measurements are missing."""
-    data = simulate(problem, 3)
+    """Test whether estimates change if all measurements are missing (NaN)."""
+    data = simulate(problem, runs=3)
     without = data._replace(measurements=np.full_like(data.measurements, np.nan))
     return not alike(run_filter(tracker, problem, data), run_filter(tracker, problem, without))
 
@@ -562,8 +586,9 @@ def _check_motion(tracker: AnyFilter, scenario: Scenario) -> None:
 
 
 def _check_tracks(tracker: AnyFilter, scenario: Scenario) -> None:
-    """Check that estimates follow a fast target in the plane."""
-    # A filter for position sensors only, or for radars only, may not say so: one problem is enough.
+    """Check that estimates follow a fast target in the plane, on one of the contract's problems."""
+    # PLANAR has a position sensor, PRECISE a radar. A filter for one of these sensors may run on the
+    # other one, too, and go wrong there: one problem is enough.
     mistakes = []
     for problem in (PLANAR, PRECISE):
         if runs_on(tracker, problem):
@@ -621,7 +646,11 @@ def _check_angles(tracker: AnyFilter, scenario: Scenario) -> None:
 
 
 def _check_against_kalman(tracker: AnyFilter, scenario: Scenario) -> None:
-    """Check that estimates on a linear model equal those of the Kalman filter."""
+    """Check that estimates on a linear model equal those of the Kalman filter.
+
+    UNEQUAL is the contract's linear problem whose steps have unequal intervals. A filter that does not
+    run on it is checked on PLANAR, with equal intervals.
+    """
     problem = UNEQUAL if runs_on(tracker, UNEQUAL) else PLANAR
     # On a linear model the EKF is the Kalman filter.
     message = _difference_from_ekf(tracker, problem, _runs_for(tracker))
@@ -632,7 +661,8 @@ def _check_against_kalman(tracker: AnyFilter, scenario: Scenario) -> None:
 def _difference_from_ekf(tracker: AnyFilter, scenario: Scenario, runs: int) -> str:
     """Describe how estimates differ from the EKF's; empty if rounding or chance explain it.
 
-    If the EKF does not run on the scenario, the text says so.
+    If the EKF does not run on the scenario, the text says so. For a filter that draws random numbers
+    only a bias of its means counts.
     """
     if why_not(EKF(), scenario):
         return "the EKF does not run there"
@@ -642,6 +672,7 @@ def _difference_from_ekf(tracker: AnyFilter, scenario: Scenario, runs: int) -> s
     sigma = np.sqrt(linalg.diagonal(exact.cov))
     error = near(tested.mean, exact.mean, scenario.angle_rows) - exact.mean
     if tested.random:
+        # A filter that draws without particles is given the margin of 100 particles.
         N = tracker.particle_count if tracker.particle_count > 1 else 100
         return _describe_bias(error, sigma, N)
     deviation = float((np.abs(error) / np.maximum(sigma, np.finfo(float).tiny)).max())

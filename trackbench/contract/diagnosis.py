@@ -73,7 +73,8 @@ def score(
 ) -> Scores:
     """Score the estimates of a filter on simulated data, also in comparison with a reference filter.
 
-    The steps are those that ``scenario`` scores, without the prior.
+    ``estimates`` and ``reference`` are those of the two filters from the same ``data``. The steps are
+    those that ``scenario`` scores, without the prior.
     """
     n = len(data.truth)
     n_z = len(data.measurements)
@@ -127,12 +128,14 @@ def misfit(
 ) -> str:
     """Describe how a filter's scores differ from those of the package's filters; empty if they fit.
 
-    All filter the same ``runs`` runs of a problem that is drawn from the filter's model. The tested
-    filter is given the model of ``tested_scenario``; default: that of ``scenario``, as the others.
+    All filter the same ``runs`` runs of ``scenario``, which is drawn from the filter's model, with some
+    measurements missing. The tested filter is given the model of ``tested_scenario``; default: that of
+    ``scenario``, as the others.
     """
     data = with_gaps(simulate(scenario, runs, seed=seed))
     tested = run_filter(tracker, tested_scenario or scenario, data)
-    # Step 1: references. A filter that draws is compared with a particle filter of as many particles.
+    # Step 1: references. UKF and EKF need the moments of a measurement, which some sensors lack. A
+    # filter that draws is also compared with a particle filter of as many particles, or of 50.
     sensor = scenario.model.sensor
     has_moments = not (has_own_density(sensor) and sensor.why_no_moments())
     reference_filters: list[AnyFilter] = [UKF(), EKF()] if has_moments else []
@@ -145,7 +148,7 @@ def misfit(
             references.append(run_filter(reference_filter, scenario, data))
     if not references:
         return ""
-    # Step 2: scores about the reference with the least error.
+    # Step 2: scores of all filters, with distances from the reference that has the least error.
     mean_errors = []
     for reference in references:
         scores = score(reference, references[0], data, scenario)
@@ -156,7 +159,7 @@ def misfit(
     # Step 3: differences from all references.
     margin = 1.0 if tested.random else 0.5
     texts = []
-    differences = {}
+    differences = {}  # mean score of the filter less that of a reference, by the name of the score
     for name, (title, unit) in _SCORE_TEXTS.items():
         tested_score = getattr(tested_scores, name)
         all_scores = [getattr(scores, name) for scores in reference_scores]
@@ -214,8 +217,9 @@ def misfit(
 def _limits(name: str, reference: Array, margin: float) -> tuple[Array, Array]:
     """Return the least and the largest score of each run (M,) that a correct filter may have.
 
-    ``reference`` (M,) are a reference's scores of this name. ``margin`` is 1 for a filter that draws,
-    and less for others. The limits leave room for the approximations by which correct filters differ.
+    ``name`` is that of a score, a field of `Scores`, and ``reference`` (M,) are a reference's scores.
+    ``margin`` is 1 for a filter that draws random numbers, and less for others. The limits leave room
+    for the approximations by which correct filters differ.
     """
     if name == "squared_distance":
         # No distance is too small: the least is below zero.

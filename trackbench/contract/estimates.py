@@ -30,12 +30,15 @@ class Estimates(NamedTuple):
 
 
 def new_rng() -> Generator:
-    """Return a new stream of random numbers, which is the same for every check."""
+    """Return a new stream of random numbers, with the same seed for every check."""
     return Generator(SFC64(20260101))
 
 
 def simulate(scenario: Scenario, runs: int, step: int = 1, seed: int = 1) -> Simulation:
-    """Simulate the first ``runs`` runs of the scenario; in reverse order if ``step`` is -1."""
+    """Simulate the first ``runs`` runs of the scenario; in reverse order if ``step`` is -1.
+
+    A recording has at most its own number of runs.
+    """
     runs = min(runs, scenario.recorded_runs or runs)
     return scenario.simulate(RunStreams(seed, range(runs)[::step]), runs)
 
@@ -118,6 +121,7 @@ def _state_words(rng: Generator) -> list[int]:
 def runs_on(tracker: AnyFilter, scenario: Scenario) -> bool:
     """Test whether a filter accepts a scenario and runs on it without an exception."""
     try:
+        # `guarded`: the filter's code cannot end the program.
         with guarded(), np.errstate(all="ignore"):
             if why_not(tracker, scenario):
                 return False
@@ -139,7 +143,8 @@ def why_not(tracker: AnyFilter, scenario: Scenario) -> str:
 
 
 def with_gaps(data: Simulation) -> Simulation:
-    """Return the data with some measurements missing, in two of three runs."""
+    """Return the data with some measurements missing (NaN), in two of three runs."""
+    # Every fourth step of the runs 0, 3, 6, ..., and every fifth step of the runs 1, 4, 7, ...
     z = data.measurements.copy()
     z[:, 2::4, ::3] = np.nan
     z[:, 3::5, 1::3] = np.nan

@@ -18,9 +18,10 @@ _OWN_MODEL = "has constants of its own: `--on CONFIG` names an experiment that t
 
 
 def find_exemptions(tracker: AnyFilter, scenario: Scenario, why_not_linear: str) -> dict[str, str]:
-    """Return the checks that are left out for a filter on a scenario, with reasons.
+    """Return the checks that are left out for a filter on a scenario: the reasons by the checks' names.
 
-    ``why_not_linear`` is the reason why the filter is not compared with the Kalman filter.
+    The names are those of `checks.CHECKS`. ``why_not_linear`` is the reason why the filter is not
+    compared with the Kalman filter.
     """
     # Step 1: by the filter's nature.
     exempt: dict[str, str] = dict(type(tracker).contract_exemptions)

@@ -77,7 +77,10 @@ def check_file(
 
 
 def _labels_of_program(path: Path, on: Path) -> list[str]:
-    """Find the filters of the config ``on`` whose command has the file."""
+    """Find the filters of the config ``on`` whose key `command` names the program ``path``.
+
+    Return their labels. Paths in a command are relative to the config.
+    """
     data = read(on).data
     if not isinstance(data, dict) or not isinstance(data.get("filters"), dict):
         return []
@@ -117,7 +120,10 @@ def _check_program(
 def _check_entries(
     cls: type[AnyFilter], point: Point, labels: Sequence[str]
 ) -> dict[str, list[Finding]]:
-    """Check a filter with the keys of each of its entries in a config, given by label.
+    """Check a filter class with the keys of each of its entries in a config; return findings by label.
+
+    ``labels`` are those of the entries, and ``point`` is a point of the config's grid. A filter is
+    checked on data from the model that its entry assumes.
 
     If the filter is consistent with the keys of one entry, its code is right, and the keys of other
     entries are at fault: their check of consistency is then left out.
@@ -128,7 +134,7 @@ def _check_entries(
         problem = ModelDraws(base=point.assumed_scenario(label))
         findings_by_label[label] = list(check_filter(cls, point.filters[label], on=problem))
     # Step 2: if one entry is consistent, the others have keys that do not fit.
-    consistency, _ = CHECKS["consistency"]
+    consistency, _ = CHECKS["consistency"]  # the title of the check
     is_consistent = Finding(consistency, "good")
     if not any(is_consistent in findings for findings in findings_by_label.values()):
         return findings_by_label

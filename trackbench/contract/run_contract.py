@@ -84,6 +84,7 @@ def check_filter(
     if scenario is None and tracker.runs_program and why_not_linear:
         # Every check would fail by this text.
         why = why_not_linear
+        # A program without any answer does not speak the protocol: a config would not help.
         is_silent = isinstance(tracker, External) and tracker.is_silent
         if on is None and not is_silent:
             why += f"; {_NAME_A_CONFIG}"
@@ -104,9 +105,9 @@ def check_filter(
 
 
 def _keys_without_default(cls: type[AnyFilter]) -> list[str]:
-    """Name the keys that every entry of the filter must set."""
+    """Name the keys of the filter class that have no default, so that every config must set them."""
     if not is_dataclass(cls):
-        return []
+        return []  # `_with_defaults` reports this
     names = []
     for field in fields(cls):
         has_default = field.default is not MISSING or field.default_factory is not MISSING
@@ -116,7 +117,7 @@ def _keys_without_default(cls: type[AnyFilter]) -> list[str]:
 
 
 def report(findings: dict[str, list[Finding]]) -> Iterator[str]:
-    """Yield the lines of a report on each kind."""
+    """Yield the lines of a report on each filter, given by its kind or by its label in a config."""
     for kind, findings_of_kind in findings.items():
         yield f"{kind}:"
         for finding in findings_of_kind:
@@ -124,8 +125,12 @@ def report(findings: dict[str, list[Finding]]) -> Iterator[str]:
 
 
 def run_check(name: str, check: Check, tracker: AnyFilter, scenario: Scenario) -> Finding:
-    """Run one check and return its finding; an exception of the filter is a breach of the contract."""
+    """Run one check and return its finding; an exception of the filter is a breach of the contract.
+
+    ``name`` is the title of the check in the finding.
+    """
     try:
+        # `guarded`: the filter's code cannot end the program.
         with guarded(), np.errstate(all="ignore"), catch_warnings():
             simplefilter("ignore")
             note = check(tracker, scenario)
@@ -163,7 +168,8 @@ def _choose_scenario(
 ) -> tuple[Scenario | None, str]:
     """Choose the first scenario that the filter can run on; explain why it cannot run on earlier ones.
 
-    The candidates are the contract's scenarios and ``scenarios``, or only ``on`` if that is given.
+    The candidates are the contract's scenarios and ``scenarios``, or only ``on`` if that is given. The
+    scenario is None if the filter runs on none of them.
     """
     candidates = (PLANAR, SCALAR, RADAR, *scenarios) if on is None else (on,)
     reasons: list[str] = []

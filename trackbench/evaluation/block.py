@@ -74,7 +74,11 @@ class BlockTask:
 
     @property
     def first_run(self) -> int:
-        """Number of the block's first run."""
+        """Number of the block's first run.
+
+        Training runs count down from -1. With ten runs per block the block -1 has the runs -1 to -10,
+        and the block -2 begins with the run -11.
+        """
         if self.index >= 0:
             return self.index * self.width
         return (self.index + 1) * self.width - 1
@@ -86,13 +90,17 @@ class BlockTask:
 
     @property
     def blocks(self) -> list[int]:
-        """Numbers of the stacked blocks, repeated for each of the copies; training blocks count down."""
+        """Indices of the blocks that are filtered side by side, in the order of their runs.
+
+        Each of several joined filters has the same blocks, so that these are repeated. The indices of
+        training blocks count down from -1.
+        """
         step = 1 if self.index >= 0 else -1
         return [*range(self.index, self.index + step * self.stacked, step)] * self.copies
 
     @property
     def data(self) -> Simulation:
-        """Data of the whole block, or stack of blocks."""
+        """Simulated or recorded data of all runs that are filtered side by side, from a cache."""
         scenario = self.scenario.without_scoring
         width = self.stacked * self.width
         if self.copies == 1:
@@ -101,7 +109,11 @@ class BlockTask:
 
     @property
     def filtering_key(self) -> "BlockTask":
-        """Task that is equal for all tasks in which the filter computes the same estimates."""
+        """Task that is equal for all tasks in which the filter computes the same estimates.
+
+        It has the fields that the estimates depend on, and for all others one value. So no runs are
+        used (0): a filter always runs over the whole block.
+        """
         return BlockTask(
             scenario=self.scenario.without_scoring,
             filter=self.filter,
@@ -170,7 +182,7 @@ class BlockResult(NamedTuple):
 
 
 def _simulate(scenario: Scenario, seed: int, first_run: int, width: int) -> Simulation:
-    """Simulate so many runs from the first on."""
+    """Simulate ``width`` runs from run ``first_run`` on, each from the random stream of its number."""
     # Training runs count down: -1, -2, ...
     step = 1 if first_run >= 0 else -1
     rng = RunStreams(seed, range(first_run, first_run + step * width, step))
@@ -184,10 +196,14 @@ simulate = LatestResults(_simulate, size=2)
 def _simulate_copies(
     scenario: Scenario, seed: int, first_run: int, width: int, copies: int
 ) -> Simulation:
-    """Repeat the data of the same runs ``copies`` times; the prior becomes a Gaussian of its moments."""
+    """Repeat the data of the same runs ``copies`` times, for filters that are joined to one filter.
+
+    The prior becomes a Gaussian, as such filters use its mean and covariance only (`JoinableFilter`).
+    """
     data = simulate(scenario, seed, first_run, width)
 
     def repeat_runs(rows: Any) -> Any:
+        # The runs are the last axis.
         return np.concatenate([rows] * copies, axis=-1)
 
     # A covariance (n, n) is shared by all runs.

@@ -20,9 +20,11 @@ def bound_summary(
 ) -> Iterator[SummaryRow]:
     """Yield a scenario's lower bounds on every RMSE over each window.
 
-    ``bounds`` are those at every step (T + 1,) by quantity, ``windows`` the masks (T + 1,). The standard
-    error is from ``without``, the bounds without one batch of simulated paths each.
+    ``bounds`` are those at every step (T + 1,) by quantity, ``windows`` the masks (T + 1,) of the steps
+    by name. ``without`` has for each batch of simulated paths the bounds from all other batches: their
+    jackknife gives the standard error.
     """
+    # Two numbers of each window: the root mean square and the mean of the bound over its steps.
     reductions: dict[str, Callable[[Array], Array]] = {"rms": _root_mean_square, TIME_MEAN: average}
     for window, mask in windows.items():
         for quantity, bound in bounds.items():
@@ -41,8 +43,8 @@ def bound_steps(
 ) -> Iterator[StepColumns]:
     """Yield a scenario's lower bounds at every step, as `step_columns` has the RMSE.
 
-    ``bounds`` (T + 1,) are by quantity. The standard error is from ``without``, the bounds without one
-    batch of simulated paths each.
+    ``bounds`` (T + 1,) are by quantity. ``without`` has for each batch of simulated paths the bounds
+    from all other batches: their jackknife gives the standard error.
     """
     for quantity, bound in bounds.items():
         stderr = np.full_like(bound, _jackknife([others[quantity] for others in without]))

@@ -59,9 +59,9 @@ class ConsistencySeries:
         self._rows: dict[str, slice | Sequence[int]] = {"nees": slice(None)}
         for name, rows in scenario.marginals.items():
             self._rows[f"nees_{name}"] = as_slice(rows)
-        self._at_a_time = max(1, _AT_ONCE // mean.shape[-1])
-        """number of steps that one call scores"""
-        self._waiting: list[Array] = []
+        self._steps_per_call = max(1, _AT_ONCE // mean.shape[-1])
+        """number of steps whose NEES one call computes"""
+        self._waiting_covs: list[Array] = []
         """covariances of the steps that wait for a call"""
         self._scored = 0
         """number of steps scored so far"""
@@ -71,33 +71,42 @@ class ConsistencySeries:
         """covariances (T, M) that are not positive definite; None if there is none so far"""
 
     def add(self, cov: Array) -> None:
-        """Add the covariance (n, n) or (n, n, M) of the next step, which is copied."""
-        self._waiting.append(np.array(cov, dtype=np.float64))
-        if len(self._waiting) == self._at_a_time:
-            self._reduce_waiting()
+        """Add the covariance (n, n) or (n, n, M) of the next step, which is copied.
+
+        The NEES of several steps is computed in one call, for which their covariances wait.
+        """
+        self._waiting_covs.append(np.array(cov, dtype=np.float64))
+        if len(self._waiting_covs) == self._steps_per_call:
+            self._score_waiting()
 
     def add_steps(self, cov: Array) -> None:
         """Add the covariances of the next S steps: (n, n, S, M), or (n, n, S, 1) shared by the runs."""
-        self._reduce_waiting()
-        for first in range(0, cov.shape[2], self._at_a_time):
-            self._reduce(cov[:, :, first : first + self._at_a_time].astype(np.float64, order="C"))
+        self._score_waiting()  # those of the steps before come first
+        for first in range(0, cov.shape[2], self._steps_per_call):
+            some_steps = cov[:, :, first : first + self._steps_per_call]
+            self._score(some_steps.astype(np.float64, order="C"))
 
     def series(self) -> dict[str, Array]:
-        """Return values (T, M) by the name of their series, after the last step."""
-        self._reduce_waiting()
+        """Return values (T, M) by the name of their series, after the last step.
+
+        ``unused_nees`` is the number of components without spread. Such a series exists only if a
+        covariance has any.
+        """
+        self._score_waiting()
         series = dict(self._series)
         for name, number in self._unused.items():
+            # Without a NEES, as at a step without a truth, the number is NaN, too.
             nees = self._series[name.removeprefix("unused_")]
             series[name] = np.where(np.isnan(nees), np.nan, number)
         return series
 
-    def _reduce_waiting(self) -> None:
-        """Sum up the steps that wait."""
-        if self._waiting:
-            self._reduce(side_by_side(self._waiting))
-            self._waiting.clear()
+    def _score_waiting(self) -> None:
+        """Compute the NEES of the steps whose covariances were added one by one and wait."""
+        if self._waiting_covs:
+            self._score(side_by_side(self._waiting_covs))
+            self._waiting_covs.clear()
 
-    def _reduce(self, cov: Array) -> None:
+    def _score(self, cov: Array) -> None:
         """Compute each NEES of the next S steps, with covariances (n, n, S, M), in one call."""
         steps = slice(self._scored, self._scored + cov.shape[2])
         # Angles of the truth are moved by whole turns next to the estimates.
@@ -118,7 +127,10 @@ class ConsistencySeries:
         self._scored = steps.stop
 
     def _mark_indefinite(self, cov: Array, steps: slice) -> None:
-        """Mark the covariances (n, n, S, M) of some steps that are not positive definite."""
+        """Mark the covariances (n, n, S, M) that are not positive definite; ``steps`` are their indices.
+
+        The marks are made in `indefinite`.
+        """
         marks = linalg.is_indefinite(cov)
         if not marks.any():
             return
@@ -147,8 +159,9 @@ def observable_errors(
 ) -> dict[str, Array]:
     """Return the squared and signed errors (M,) of the scenario's observables at one step, by series.
 
-    The filter's expectations from its ``state`` are compared with the values at the ``truth`` (n_x, M).
-    The result is empty if the filter has no expectations, or the scenario no observables.
+    Observables are functions of the state that the scenario names. The filter's expectation of each,
+    from its ``state``, is compared with the value at the ``truth`` (n_x, M). The result is empty if the
+    filter computes no expectations, or the scenario names no observables.
     """
     if not has_expectations(tracker):
         return {}
@@ -209,10 +222,13 @@ class Calibration:
     """
 
     def __init__(self, components: Sequence[str], wanted: Sequence[str]) -> None:
+        """Begin before the first step."""
         self._components = components
         self._wanted = {"calibration", "ranks", "crps"}.intersection(wanted)
         self.disabled = not self._wanted
+        # By series: the values (M,) of each step.
         self._rows: dict[str, list[Array]] = {}
+        # By step: the number of possible ranks, and log NEES less its mean (`Posterior`).
         self._places: list[int] = []
         self._log_excess: list[Array | None] = []
 
@@ -223,10 +239,13 @@ class Calibration:
         # A filter without a posterior of its own is judged by the Gaussian of its estimate.
         posterior = posterior or NormalPosterior(estimate)
         if "calibration" in self._wanted:
-            # PIT of each component and of the whole state, coverage, log excess for the NCI.
+            # Probability of states nearer to the mean than the truth.
             within = posterior.within(truth)
+            # Number of ranks that a truth can have among the particles; 0 for a density.
             self._places.append(posterior.places)
+            # log NEES less its mean, for the NCI; None for a Gaussian, whose NCI follows from the NEES.
             self._log_excess.append(posterior.log_excess(truth))
+            # Transforms of the components and of `within`: they are uniform if the filter is calibrated.
             pits = posterior.uniform(posterior.below(truth))
             for component, pit in zip(self._components, pits, strict=True):
                 self._add_row(f"pit_{component}", pit)
@@ -241,7 +260,8 @@ class Calibration:
     def series(self, consistency: Mapping[str, Array]) -> dict[str, Array]:
         """Return values (T + 1, M) by the name of their series.
 
-        ``consistency`` are the series of `ConsistencySeries`, whose NEES the NCI of a Gaussian needs.
+        ``consistency`` are the series of `ConsistencySeries`. The noncredibility index (NCI) of a
+        Gaussian posterior is computed from their NEES.
         """
         rows = {name: np.stack(values) for name, values in self._rows.items()}
         pits = {name: row for name, row in rows.items() if name.startswith("pit_")}
@@ -315,7 +335,10 @@ def noncredibility(nees: Array, n: int, rank: Array | None = None) -> Array:
 
 
 def rank_of(nees: str, series: Mapping[str, Array], n: int) -> Array | None:
-    """Return the degrees of freedom (T, M) of a NEES of n components; None if it has n everywhere."""
+    """Return the degrees of freedom (T, M) of a NEES of n components; None if it has n everywhere.
+
+    ``nees`` is the name of its series. A series ``unused_nees`` counts the components without spread.
+    """
     name = f"unused_{nees}"
     if name not in series:
         return None
@@ -327,7 +350,11 @@ def _decibels(log_ratio: Array) -> Array:
 
 
 def _covered(within: Array, level: float) -> Array:
-    """Test whether truths at these probabilities (M,) are in the region of a level; NaN stays NaN."""
+    """Return 1 for each run (M,) whose truth is in the region of probability ``level``, else 0.
+
+    ``within`` (M,) is the probability of states nearer to the mean than the truth, NaN if it is unknown,
+    as is the result then.
+    """
     return np.where(np.isnan(within), np.nan, within <= level + _ROUNDING)
 
 
@@ -353,8 +380,9 @@ def in_tenths(pit: Array, places: int = 0) -> Array:
 def first_indefinite_steps(scenario: Scenario, indefinite: Mask, lost: Array) -> dict[str, Array]:
     """Return the number of the first step (M,) of each run whose covariance is not positive definite.
 
-    It is NaN for a run without such a step, and for a lost run. The result is empty unless a run has
-    one. ``indefinite`` (T + 1, M) marks the covariances, and ``lost`` (M,) has the runs' reasons.
+    The result is a metric per run by its name: NaN for a run without such a step, and for a lost run. It
+    is empty unless a run has such a step. ``indefinite`` (T + 1, M) marks the covariances. ``lost`` (M,)
+    is `NOT_LOST` or the code of the reason why a run is lost.
     """
     marked = indefinite.any(axis=0) & (lost == NOT_LOST)
     if not marked.any():

@@ -48,10 +48,11 @@ def series(
 ) -> dict[str, Array]:
     """Return every series of errors of a block, or of some of its steps.
 
-    Truth, mean and the reference's mean ``exact`` are (n_x, T + 1, M). ``nees`` and ``rank`` (T + 1, M)
-    are those of the covariances; ``rank`` is None if it is full everywhere. ``twin`` is the mean of the
-    same filter in the same runs without faults. Recorded data without a truth have no errors, and those
-    of a step without a truth are NaN. The series ``rmsd`` has squares, like ``squared``.
+    Truth, mean and the reference filter's mean ``exact`` are (n_x, T + 1, M). ``nees`` and ``rank``
+    (T + 1, M) are those of the covariances; ``rank`` is None if it is full everywhere. ``twin``
+    (n_x, T + 1, M) is the mean of the same filter in the same runs without faults. Recorded data without
+    a truth have no errors, and those of a step without a truth are NaN. The series ``rmsd`` has squares,
+    like ``squared``.
     """
     rows: dict[str, Array] = {}
     if scenario.has_truth:
@@ -60,12 +61,14 @@ def series(
         n = len(truth)
 
         def is_outside_region(squared: Array, r: int) -> Array:
+            """Return 1 where a NEES of rank r exceeds its quantile of 1 - 1e-6, else 0."""
             # A NEES of rank r is stored times n / r.
             return np.asarray(squared * (r / n) > _limit_of_region(r), dtype=float)
 
         outside = by_rank(is_outside_region, nees, n, rank)
         rows["outside_region"] = np.where(np.isnan(nees), np.nan, outside)
     if twin is not None:
+        # Damage: length of each error with faults less that without.
         for name, squared_without_faults in _errors(scenario, twin, truth, "damage").items():
             squared_with_faults = rows[name.replace("damage", "squared", 1)]
             rows[name] = np.sqrt(squared_with_faults) - np.sqrt(squared_without_faults)
@@ -102,18 +105,19 @@ def per_run_metrics(
 ) -> dict[str, Array]:
     """Return the metrics of each run (M,) over each window of steps; NaN for lost runs.
 
-    ``values`` are the series (T + 1, M), and ``sums`` their sums. ``rmse`` is eq. 14 of the hdepf paper.
-    The name of a metric contains its window, as ``rmse[k<=30]``. ``finite`` (M,) marks the runs whose
-    estimates stayed finite, ``finite_truth`` those whose simulated truth did; a recorded truth has none.
-    A series with ``weights`` (T + 1, M) has a weighted mean over the steps. Raises ValueError if two
-    metrics have one name.
+    ``values`` are the series (T + 1, M) by name, and ``sums`` their sums over the steps. ``rmse`` is
+    eq. 14 of the hdepf paper. The name of a metric contains its window, as ``rmse[k<=30]``. ``finite``
+    (M,) marks the runs whose estimates stayed finite. ``finite_truth`` (M,) marks those whose simulated
+    truth did; it is None for recorded data. ``weights`` (T + 1, M) by name are those of the series whose
+    mean over the steps is weighted. Raises ValueError if two metrics have one name.
     """
     # Step 1: the sums over the steps of each window.
     lost = lost_runs(scenario, values, finite, finite_truth)
     metrics = {"lost": lost}
     metrics |= sums.over_windows(values)
     for name, numbers in metrics.items():
-        # Even a sum of finite squares may be infinite: the run is then lost, also in `metrics`.
+        # Even a sum of finite squares may be infinite: the run is then lost. `lost` is the array that
+        # `metrics` has, too.
         if name.startswith("rmse"):
             lost[(lost == NOT_LOST) & np.isinf(numbers)] = NOT_FINITE
     for name, weight_of_steps in (weights or {}).items():
@@ -177,14 +181,17 @@ class SeriesSums:
     def from_series(
         cls, values: Mapping[str, Array], windows: Mapping[str, Mask], counts: Collection[str]
     ) -> "SeriesSums":
-        """Return the sums of whole series (T + 1, M)."""
+        """Return the sums of whole series: ``values`` are arrays (T + 1, M) by the names of the series.
+
+        The other arguments are those of the constructor.
+        """
         sums = cls(windows, counts)
         for name, rows in values.items():
             sums.add(name, rows, 0)
         return sums
 
     def add(self, series: str, rows: Array, first: int) -> None:
-        """Add the values ``rows`` (S, M) of a series, given by name, of the steps from ``first`` on."""
+        """Add the values ``rows`` (S, M) of the steps from index ``first`` on to the named series."""
         if series not in self._reductions:
             self._reductions[series] = {
                 name: metric.over_steps
@@ -222,10 +229,11 @@ class SeriesSums:
     def over_windows(self, values: Mapping[str, Array]) -> dict[str, Array]:
         """Return each metric of each run (M,) over each window; ``values`` are the whole series."""
         by_window: list[dict[str, Array]] = [{} for _ in self._windows]
-        last_steps = [np.flatnonzero(mask)[-1] for mask in self._masks]
+        last_steps = [np.flatnonzero(mask)[-1] for mask in self._masks]  # index, of each window
         for series, reductions in self._reductions.items():
             if not reductions:
                 continue
+            # Each way to reduce the steps to one number: arrays (W, M) over the W windows.
             sums = self._window_sums[series, "values"]
             mean = sums.total / sums.number
             reduced = {"sum": sums.total, "mean": mean, "last": values[series][last_steps]}
@@ -247,9 +255,10 @@ class SeriesSums:
 def step_sums(rows: Array, lost: Array) -> StepSums:
     """Sum the values (T + 1, M) of a series over the runs that are not lost; NaN is left out.
 
-    ``lost`` (M,) has a key of `LOST_BECAUSE` or `NOT_LOST` for each run.
+    ``lost`` (M,) has a key of `LOST_BECAUSE` or `NOT_LOST` for each run. The sums are (T + 1,).
     """
     not_lost = lost == NOT_LOST
+    # If every value counts, no copy is needed.
     if not_lost.all() and not any_nan(rows):
         runs = float(rows.shape[1])
         return StepSums(total(rows), dot(rows, rows), np.full(len(rows), runs))
@@ -265,7 +274,8 @@ def step_sums(rows: Array, lost: Array) -> StepSums:
 def with_unused(steps: dict[str, StepSums]) -> dict[str, StepSums]:
     """Complete the sums of how many components each NEES or NIS lacks: zeros for one that lacks none.
 
-    ``steps`` are the sums by series, such as ``nees_position`` and ``unused_nees_position``.
+    ``steps`` are the sums by series, such as ``nees_position`` and ``unused_nees_position``. A block in
+    which nothing is lacking has no ``unused`` series of its own, and other blocks may have one.
     """
     completed = dict(steps)
     for name, sums in steps.items():

@@ -50,7 +50,7 @@ class _FixedNormals:
         """number of rows drawn so far"""
 
     def standard_normal(self, size: tuple[int, ...]) -> Array:
-        """Return the next rows of the variates in this shape."""
+        """Return the next rows of the variates in this shape, whose last axis is that of the runs."""
         rows = np.arange(self.drawn, self.drawn + prod(size[:-1]))
         self.drawn += len(rows)
         return self._variates(rows).reshape(size)
@@ -66,7 +66,7 @@ class _FixedNormals:
 def _run_with_streams(
     task: BlockTask, streams: _FixedNormals, runs: int
 ) -> tuple[Simulation, FilterOutput]:
-    """Simulate and filter so many runs, with the noise of these streams."""
+    """Simulate and filter ``runs`` runs of the task's scenario, with the noise of these streams."""
     data = freeze(task.scenario.simulate(cast(RunStreams, streams), runs))
     return data, run_filter(replace(task, width=runs, runs_used=runs), data)
 
@@ -118,6 +118,7 @@ def _is_affine(x: Array) -> bool:
     """
     known = x[~np.isnan(x).all(axis=-1)]
     difference = known[..., 3] + known[..., 0] - known[..., 1] - known[..., 2]
+    # More than 1e-9 of the largest value is no rounding error.
     return bool(np.all(np.abs(difference) <= 1e-9 * np.abs(known).max(initial=0.0)))
 
 

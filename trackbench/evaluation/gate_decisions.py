@@ -41,12 +41,14 @@ def sensor_rejections(
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """Return the shares of good measurements that gates reject, and of bad ones that they accept.
 
-    Each of several sensors has a gate. As in `rejections`, ``z`` (n_z, T, M) are the measurements and
-    ``twin`` those without faults. ``refused`` (n_z, T, M) are the refused components, ``sensors`` the
-    rows of each sensor. The first result has the shares of each step's measurements, the second the
-    numbers (T + 1, M) of the measurements that they are shares of.
+    Each of several sensors has a gate. ``z`` (n_z, T, M) are the measurements and ``twin`` those without
+    faults: a measurement that a fault changed is bad. ``refused`` (n_z, T, M) marks the components that
+    a gate refused, ``sensors`` are the rows of each sensor in z. The first result has the shares
+    (T + 1, M) of each step's measurements, the second the numbers (T + 1, M) of the measurements that
+    they are shares of.
     """
     changed = (z != twin) & ~np.isnan(z)
+    # Masks (S, T, M) of the measurements that the filter got, of the bad ones, and of the rejected ones.
     given = np.stack([~np.isnan(z[rows]).all(axis=0) for rows in sensors])
     bad = np.stack([changed[rows].any(axis=0) for rows in sensors])
     rejected = np.stack([refused[rows].any(axis=0) for rows in sensors])
@@ -76,11 +78,13 @@ def gate_decisions(
     """Return series (T + 1, M) of the gate's wrong decisions, and the weights (T + 1, M) of their steps.
 
     ``twin_task`` has the same runs without faults. Its measurements show which measurements are bad.
-    Only the series of several sensors have weights.
+    With several sensors a step's value is a share of its measurements, and the weight is their number.
+    With one sensor there are no weights.
     """
     z = data.measurements
     clean = twin_task.data.measurements
     delivered = deliveries(task, data)
+    # A late measurement stands at the step at which the filter gets it, as in the filter's output.
     if delivered is not None:
         z = delivered.given(z)
         clean = delivered.given(clean)

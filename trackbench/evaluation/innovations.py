@@ -30,18 +30,28 @@ class Innovations:
         """
         self._model = model
         self._errors_at_mean = errors_at_mean
+        # Steps that wait for a call: predicted state, measurements and number of each.
         self._waiting: list[tuple[Gaussian, Array, int]] = []
+        # By call: the innovations and the prediction errors of its steps.
         self._computed: list[Innovation] = []
         self._errors: list[Array] = []
 
     def add(self, predicted: Gaussian, z: Array, k: int) -> None:
-        """Add the prediction of step k and its measurements (n_z, M)."""
+        """Add the predicted state of step k and the step's measurements (n_z, M).
+
+        The step waits until there are enough for one call.
+        """
         self._waiting.append((predicted, z, k))
+        # Numbers in covariances (n, n, M) of all waiting steps; the size of the mean is n M.
         if len(self._waiting) * len(predicted.mean) * predicted.mean.size >= _AT_ONCE:
             self._compute_waiting()
 
     def add_steps(self, predicted: Gaussian, z: Array, steps: Sequence[int]) -> None:
-        """Add predictions of many steps, with means (n, T, M), and their measurements (n_z, T, M)."""
+        """Add predictions of many steps, with means (n, T, M), and their measurements (n_z, T, M).
+
+        ``steps`` are the numbers of the steps.
+        """
+        self._compute_waiting()  # the steps that were added before come first
         n = len(predicted.mean)
         model = Model(self._model.motion, SensorOfSteps(self._model.sensor, steps))
         # The batch (T, M) becomes one axis.
@@ -58,7 +68,10 @@ class Innovations:
             self._errors.append(innovation.nu)
 
     def joined(self, runs: int) -> tuple[Array, Array]:
-        """Return the innovations (n_z, T, M) of all steps and their covariances (n_z, n_z, T, M)."""
+        """Return the innovations (n_z, T, M) of all steps and their covariances (n_z, n_z, T, M).
+
+        ``runs`` is M.
+        """
         self._compute_waiting()
         nu = np.concatenate([i.nu for i in self._computed], axis=1)
         S = np.concatenate([i.S for i in self._computed], axis=2)
@@ -66,7 +79,10 @@ class Innovations:
         return nu.reshape(n_z, -1, runs), S.reshape(n_z, n_z, -1, runs)
 
     def errors(self, runs: int) -> Array:
-        """Return the prediction errors (n_z, T, M) of all steps: innovations, or errors at the mean."""
+        """Return the prediction errors (n_z, T, M) of all steps: innovations, or errors at the mean.
+
+        ``runs`` is M.
+        """
         self._compute_waiting()
         errors = np.concatenate(self._errors, axis=1)
         return errors.reshape(len(errors), -1, runs)
@@ -140,6 +156,7 @@ def innovation_metrics(values: Mapping[str, Array], mask: Mask) -> dict[str, Arr
     # Autocorrelation = sum of lagged products over sum of squares (lag 0).
     for name, rows in values.items():
         if name.startswith("autocovariance_"):
+            # A run without two measurements at this lag has no correlation.
             paired = ~np.isnan(rows[mask]).all(axis=0)
             correlation = np.where(paired, total_of_known(rows[mask]) / nis, np.nan)
             metrics[name.replace("covariance", "correlation")] = correlation

@@ -40,7 +40,7 @@ class Deliveries:
         self._late = exists & (arrival > due)
         # Steps are numbered from 0 to T - 1, so that T stands for never.
         self._never = T
-        # Step at which a filter learns of each measurement.
+        # Step (S, T, M) at which a filter learns of each measurement.
         self.learned = np.where(exists, arrival, self._never)
         if late.kind == "drop":
             self.learned[self._late] = self._never
@@ -49,15 +49,21 @@ class Deliveries:
         # Step of the measurement (S, T, M) that is given to the filter at each step, -1 for none.
         self._given = np.where(exists & ~self._late, due, -1)
         if late.kind == "apply":
-            self._apply()
+            self._deliver_at_arrival()
         self._arrival = arrival
         self.refilters = late.kind == "refilter"
         """True if the filter repeats its last steps when a measurement arrives late"""
 
-    def _apply(self) -> None:
-        """Let the filter get each late measurement at the step of its arrival, the newest of several."""
+    def _deliver_at_arrival(self) -> None:
+        """Give each late measurement to the filter at the step of its arrival.
+
+        If several measurements of a sensor arrive at one step, the filter gets the newest. It never
+        learns of the others.
+        """
+        # Sensor, step and run of each late measurement that arrives within the run.
         late = np.nonzero(self._late & (self.learned < self._never))
         sensor, due, run = late
+        # Of several measurements that arrive at one step the latest step wins.
         delivery = (sensor, self.learned[late], run)
         np.maximum.at(self._given, delivery, due)
         # A measurement that is not given at its arrival is superseded by a newer one.
@@ -68,9 +74,10 @@ class Deliveries:
     def given(self, z: Array) -> Array:
         """Arrange measurements (n_z, T, M) by the step at which the filter gets them; NaN for none."""
         arranged = np.empty_like(z)
-        for rows, number in zip(self._rows, self._given, strict=True):
-            taken = np.take_along_axis(z[rows], np.maximum(number, 0)[None], axis=1)
-            arranged[rows] = np.where(number >= 0, taken, np.nan)
+        # Of each sensor: its rows of z, and the step of the measurement that each step gets, or -1.
+        for rows, source_step in zip(self._rows, self._given, strict=True):
+            taken = np.take_along_axis(z[rows], np.maximum(source_step, 0)[None], axis=1)
+            arranged[rows] = np.where(source_step >= 0, taken, np.nan)
         return freeze(arranged)
 
     def known(self, z: Array, first: int, last: int) -> Array:
@@ -85,11 +92,16 @@ class Deliveries:
 
     @property
     def first_repeated(self) -> Index:
-        """First step (T, M) that a filter repeats at each step; the step itself if it repeats none."""
+        """First step (T, M) that a filter repeats at each step; the step itself if it repeats none.
+
+        A filter that goes back repeats the steps from the earliest measurement that has just arrived.
+        """
         T, runs = self._late.shape[1:]
         first = np.repeat(np.arange(T)[:, None], runs, axis=1)
+        # Sensor, step and run of each late measurement that arrives within the run.
         late = np.nonzero(self._late & (self.learned < self._never))
         _, due, run = late
+        # At the step of its arrival a filter goes back to the step of the measurement.
         np.minimum.at(first, (self.learned[late], run), due)
         return first
 
@@ -125,7 +137,9 @@ class Deliveries:
         if not self.refilters:
             return 1.0
         first = self.first_repeated
-        return 1.0 + float((np.arange(len(first))[:, None] - first).mean())
+        # At step i the filter repeats the steps first to i - 1, before it makes step i.
+        repeated = np.arange(len(first))[:, None] - first
+        return 1.0 + float(repeated.mean())
 
 
 def deliveries(task: BlockTask, data: Simulation) -> Deliveries | None:
@@ -175,12 +189,14 @@ class Refilter:
     def state_before(self, i: int, state: Any) -> Any:
         """Return the state before step i, from which the filter goes on; ``state`` is the present one.
 
-        If a measurement has just arrived late, the steps since the measurement are filtered again.
+        If a measurement of any run arrives late at step i, all runs are filtered again from the step of
+        this measurement to step i - 1.
         """
         first = int(self._first_repeated[i])
         with self._clock:
             self._store(i, state)
             if first < i:
+                # Go back to the state and to the random numbers before the first repeated step.
                 state_before_first, position = self._before[first]
                 put_back(self._rng, position)
                 z = self._delivered.known(self._z, first, i)

@@ -41,7 +41,7 @@ def lost_runs(
         return np.where(finite, NOT_LOST, NOT_FINITE)
     infinite = np.logical_or.reduce([np.isinf(rows).any(axis=0) for rows in squared_errors])
     lost = np.where(finite & ~infinite, NOT_LOST, NOT_FINITE)
-    # The first error of the scenario is limited.
+    # The limit is on the first error that the scenario names, such as that of the position.
     limit = scenario.lost_beyond
     if limit is not None:
         too_far = (squared_errors[0] > limit * limit).any(axis=0)
@@ -57,7 +57,7 @@ def stayed_finite(mean: Array) -> Mask:
     Components that the filter never estimates, such as the velocity of a converted measurement, are
     left out.
     """
-    # A finite sum has finite terms: then no term needs a test.
+    # A finite sum has finite terms: then no term needs a test, which saves time.
     if np.isfinite(np.add.reduce(mean, axis=None)):
         return np.ones(mean.shape[-1], dtype=np.bool_)
     finite = np.isfinite(mean)
@@ -67,10 +67,11 @@ def stayed_finite(mean: Array) -> Mask:
 
 def has_finite_truth(scenario: Scenario, truth: Array) -> Mask | None:
     """Return which runs (M,) of a simulated truth (n_x, T + 1, M) are finite; None if it is recorded."""
-    # An unknown truth of a recording is NaN, as that of a target that is gone.
+    # An unknown truth of a recording is NaN, which is no failure.
     if scenario.recorded_runs is not None:
         return None
     bad_truth = np.isinf(truth)
+    # Elsewhere NaN stands for the state of a target that is gone.
     if scenario.exists_always:
         bad_truth |= np.isnan(truth)
     return ~np.asarray(bad_truth.any(axis=(0, 1)))

@@ -70,7 +70,7 @@ class Measure(NamedTuple):
     """label of the measured filter, once that is known"""
 
     def __str__(self) -> str:
-        """Write the expression without its filter."""
+        """Write the expression without the measured filter, as ``gain(mean(rmse[turns]), PF)``."""
         text = self.name
         if self.statistic:
             text = f"{self.statistic}({text})"
@@ -80,7 +80,7 @@ class Measure(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Metric over its window or at its step, as per_run.csv has it."""
+        """Metric over its window or at its steps: ``rmse[turns]``, ``rmse@20`` or ``rmse@3..last``."""
         name = in_window(self.metric, self.window)
         if self.steps is not None:
             name += str(self.steps)
@@ -93,7 +93,10 @@ class Measure(NamedTuple):
 
     @property
     def definition(self) -> Metric:
-        """Declared metric: its name, unit and better direction, and the series that it is made of."""
+        """Declared metric: its name, unit and better direction, and the series that it is made of.
+
+        The metric of ``rmse_position`` is ``rmse``; its quantity is another property.
+        """
         definition, _ = metric_of(self.metric)
         return definition
 
@@ -105,7 +108,10 @@ class Measure(NamedTuple):
 
     @property
     def base(self) -> str:
-        """Name of the stored metric that the number is from, without statistic, window and step."""
+        """Name of the stored metric that the number is from, without statistic, window and step.
+
+        It is ``nees`` for the ANEES, and ``pit_x`` for a bar of the rank histogram of x.
+        """
         # Each bar `rank_x_1` of a histogram is stored under its transform `pit_x`.
         if self.definition.name == "rank":
             return joined("pit", self.quantity.rpartition("_")[0])
@@ -119,12 +125,15 @@ class Measure(NamedTuple):
 
     @property
     def is_row(self) -> bool:
-        """True if this is a metric of a CSV file: no statistic, step or second filter."""
+        """True if this is the name of a metric alone, perhaps with a window.
+
+        It has no statistic, no step and no second filter.
+        """
         return not (self.statistic or self.steps or self.relation)
 
     @property
     def is_error(self) -> bool:
-        """True if this is an error against the truth."""
+        """True if this is an RMSE against the truth, and not against a measurement."""
         is_of_prediction = self.quantity.startswith(("predicted_", "held_"))
         return self.definition.name == "rmse" and not is_of_prediction
 
@@ -154,7 +163,7 @@ class Measure(NamedTuple):
 
     @property
     def is_share(self) -> bool:
-        """True if this is the share of runs with an event."""
+        """True if this is the share of runs with an event: the mean of a metric that is 0 or 1."""
         return self.is_over_runs and self.statistic == "mean" and self.definition.is_event
 
     @property
@@ -198,7 +207,10 @@ class Measure(NamedTuple):
 
 @cache
 def measure(text: str) -> Measure:
-    """Parse an expression; raises ValueError."""
+    """Parse an expression such as ``gain(mean(rmse_position[turns]), PF)`` or ``rmse@20``.
+
+    The module's docstring has all forms. Raises ValueError for another text.
+    """
     groups = _GRAMMAR.fullmatch(text)
     if groups is None:
         raise ValueError(
@@ -225,7 +237,10 @@ def measure(text: str) -> Measure:
 
 
 def measured(name: str) -> Measure:
-    """Parse a name in a results file; a name that is no expression becomes a metric of that name."""
+    """Parse a name in a results file, such as ``mean(rmse)``, or ``rmse[turns]`` in per_run.csv.
+
+    A name that is no expression becomes a metric of that name.
+    """
     try:
         return measure(name)
     except ValueError:
@@ -247,9 +262,10 @@ Comparison = Annotated[Measure, "comparison"]
 
 
 def role_of(hint: object) -> str:
-    """Return the role of a config key by its type hint, as `OfRun` and the types after it name it.
+    """Return the kind of metric or expression that a config key takes, by the key's type hint.
 
-    It is empty if the key names no metric or expression.
+    The kind is the word in one of the types from `OfRun` to `Comparison`, such as ``per_run`` of
+    `OfRun`. It is empty if the key takes no metric or expression.
     """
     for annotation in annotations_of(hint):
         if annotation in _ROLES:

@@ -32,9 +32,9 @@ class PrecisionTarget(NamedTuple):
         return cls(metric, float(error), relative=False)
 
     def share(self, row: SummaryRow) -> float:
-        """Return the standard error of a summary row divided by its target.
+        """Return the standard error of a summary row divided by its target; above 1 it is too large.
 
-        The result is NaN if the target is zero, as a share of a value that is zero.
+        The result is NaN if the target is zero, as is 1 % of a value that is zero.
         """
         target = self.error
         if self.relative:
@@ -120,10 +120,11 @@ def check_precision(
 ) -> list[PrecisionCheck]:
     """Compare the standard errors of one filter after its first ``runs`` runs with the targets.
 
-    ``sizes`` has the number of components of each NEES, ``windows`` the masks (T + 1,) of the steps. A
-    target whose number the filter has not is left out.
+    Without ``runs`` all runs count. ``result`` has the filter's values per run, ``sizes`` the number of
+    components of each NEES by its name, and ``windows`` the masks (T + 1,) of the steps by name. A
+    target is left out if the filter's summary has no row of its metric.
     """
-    # Only the metrics behind the requested numbers, and only the first ``runs`` runs; None takes all.
+    # Summarize only the values that the targets are computed from; a summary also counts lost runs.
     names = {target.metric for target in targets}
     needed = {_per_run_values(name) for name in names}
     needed.add(_per_run_values("lost"))
@@ -144,6 +145,10 @@ def check_precision(
 
 
 def _per_run_values(metric: str) -> tuple[str, str]:
-    """Return the metric and the window of per_run.csv that a number of the summary is computed from."""
+    """Return which values per run a number of the summary is computed from: their metric and window.
+
+    ``mean(rmse[turns])`` is computed from those of ``rmse`` over the window ``turns``; a window of all
+    steps is "".
+    """
     m = measured(metric)
     return m.base, m.window

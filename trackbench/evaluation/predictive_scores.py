@@ -105,8 +105,9 @@ class PredictionScorer:
         """Begin before the first step.
 
         ``measurements`` (n_z, T, M) are all that the filter could be given; if ``hold_out`` is n, every
-        n-th one is held out. ``wanted`` are the requested `Kind` of series. ``rng`` draws the noise of
-        steps aside, which only the scores need and after which the filter does not go on.
+        n-th one is held out. ``wanted`` are the requested series: "score" for log-likelihoods,
+        "prediction" for all that is computed from predicted measurements. The scores need additional
+        steps of the filter, whose states are not used again. ``rng`` draws the noise of these steps.
         """
         self._tracker = tracker
         self._model = model
@@ -116,17 +117,22 @@ class PredictionScorer:
         self._held_out = held_out(measurements, hold_out) if hold_out else None
         self.visible = visible_to_filter(measurements, hold_out)
         """measurements (n_z, T, M) that the filter is given"""
-        # A filter that never updates is judged by its path, however wide its covariance has become.
+        # A filter that never updates is judged by its path, however wide its covariance has become: its
+        # prediction errors are taken at the predicted mean.
         errors_at_mean = not tracker.uses_measurements
+        # Innovations of the measurements that the filter is given, and of those that are held out.
         self._predicted = Innovations(model, errors_at_mean)
         self._held = Innovations(model, errors_at_mean)
+        # By step: refused components (n_z, M), and log-likelihoods (M,) of the given measurements.
         self._refused: list[Mask] = []
         self._scores: list[Array] = []
+        # By step with a held-out measurement: log-likelihoods (M,), and the step's index.
         self._held_scores: list[Array] = []
         self._held_steps: list[int] = []
         self._has_likelihood = has_likelihood(tracker)
-        # The state of a plugin's filter may call something else its prediction, and its step may write
-        # to the state.
+        # States of the package's filters have the attribute `prediction`, or none of that name. In the
+        # state of a plugin's filter the attribute may be something else, and its step may write to the
+        # state.
         is_foreign = bool(foreign_parts(tracker))
         self._has_predictions = not is_foreign
         self._may_change_states = is_foreign or tracker.loops_over_runs
@@ -148,7 +154,7 @@ class PredictionScorer:
         return deepcopy(state, {id(self._model): self._model})
 
     def add(self, step: Step, i: int) -> None:
-        """Add the step that was given the measurement of index i."""
+        """Add the step that was given the measurements ``visible[:, i]``."""
         if self.disabled:
             return
         z = self.visible[:, i]
@@ -158,10 +164,12 @@ class PredictionScorer:
             self._predicted.add(self._prediction(step, z), z, step.k)
             refused = step.refused
             if refused is None:
-                refused = np.zeros(z.shape[1])
+                refused = np.zeros(z.shape[1])  # nothing was refused
+            # If a run is marked, all components of its measurement were refused.
             self._refused.append(np.broadcast_to(refused > 0, z.shape))
         if self._held_out is not None and self._held_out[i].any():
-            # Without the measurement the estimate is the prediction.
+            # Only the held-out measurements of the step. The filter has not been given them, so that its
+            # estimate is the prediction of them.
             z = freeze(np.where(self._held_out[i], self._all[:, i], np.nan))
             self._held.add(_copy(step.estimate), z, step.k)
             self._held_steps.append(i)
@@ -173,11 +181,12 @@ class PredictionScorer:
     def add_steps(self, many: Steps, piece: slice, steps: Sequence[int]) -> bool:
         """Add the steps that a filter made in one call; return False if each must be added alone.
 
-        ``piece`` is the slice of the indices of their measurements, ``steps`` the numbers of the steps.
+        They were given the measurements ``visible[:, piece]``; ``steps`` are their numbers. If the
+        result is False, none of the steps has been added.
         """
         if self.disabled:
             return True
-        # The scores need the states of all steps, with their predictions.
+        # The scores need one state of all these steps, with its predictions.
         if not self._has_predictions or many.together is None or many.before is None:
             return False
         state = many.together()
@@ -190,6 +199,7 @@ class PredictionScorer:
         if "prediction" in self._wanted:
             n_z, count, runs = z.shape
             self._predicted.add_steps(predicted, z, steps)
+            # Filters that make many steps in one call have no gate: nothing is refused.
             self._refused.extend(np.zeros((count, n_z, runs), dtype=np.bool_))
         if self._held_out is not None and self._held_out[piece].any():
             is_held = self._held_out[piece]
@@ -212,12 +222,17 @@ class PredictionScorer:
         return True
 
     def series(self) -> dict[str, Array]:
-        """Return values (T + 1, M) by the name of their series, NaN for the first state."""
+        """Return values (T + 1, M) by the name of their series, NaN for the first state.
+
+        The names are those of `predictive_series`.
+        """
         rows: dict[str, Array] = {}
         if self._scores:
+            # A step without a measurement has no likelihood.
             rows[_SCORE] = np.where(_measured(self.visible), np.stack(self._scores), np.nan)
         if "prediction" in self._wanted:
             runs = self._all.shape[2]
+            # Innovations (n_z, T, M) of all steps, their covariances, and the refused components.
             nu, S = self._predicted.joined(runs)
             refused = np.stack(self._refused, axis=1)
             rows |= self._errors("predicted", self._predicted.errors(runs))
@@ -236,10 +251,12 @@ class PredictionScorer:
 
         z (n_z, M) are the step's measurements, of which only the shape matters.
         """
+        # Many filters store the prediction in their state.
         if self._has_predictions:
             stored = _finite(getattr(step.after, "prediction", None))
             if stored is not None:
                 return stored
+        # Otherwise the filter makes the step once more, from the state before it.
         no_measurement = freeze(np.full_like(z, np.nan))
         return _copy(self._tracker.estimate(self._step_aside(step, no_measurement)))
 
@@ -257,6 +274,7 @@ class PredictionScorer:
     def _held_out_series(self, held_out: Mask) -> dict[str, Array]:
         """Return the series (T, M) of the measurements in ``held_out`` (T, M); NaN for all others."""
         errors = np.full(self._all.shape, np.nan)
+        # Only steps at which a measurement of any run is held out have been added.
         if self._held_steps:
             errors[:, self._held_steps] = self._held.errors(self._all.shape[2])
         series = self._errors("held", errors)

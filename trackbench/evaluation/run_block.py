@@ -47,8 +47,8 @@ def run_block(task: BlockTask) -> BlockResult:
 def run_whole_block(task: BlockTask) -> dict[int, BlockResult]:
     """Return the block's metrics by the number of runs that they are computed from.
 
-    These numbers are those of the used runs and of all runs of the block. A later batch of more runs
-    needs the latter, which cost next to nothing.
+    The numbers are those of the used runs, of all runs of the block, and `BlockTask.extra_run_counts`. A
+    later batch of more runs needs the metrics of all runs, which cost next to nothing.
     """
     return run_stack([task])[0]
 
@@ -98,14 +98,15 @@ def run_stack(blocks: Sequence[BlockTask]) -> list[dict[int, BlockResult]]:
 
 
 def _reference_output(task: BlockTask) -> FilterOutput:
-    """Return the reference's output, or one of NaN if the reference fails.
+    """Return the output of the task's reference filter, or one of NaN if the reference fails.
 
     The filter then has only the numbers that need no reference.
     """
     reference = task.reference_task
     # If the reference is itself the filter of the task, its failure is raised.
     is_reference = (task.filter, task.assume) == (task.reference, task.reference_assume)
-    # A reference that failed before, beside another filter of the block, is not run again.
+    # A reference that failed before, beside another filter of the block, is not run again: its output of
+    # NaN is in the cache.
     unknown = _unknown_references.cached(reference)
     if unknown is not None and not is_reference:
         return unknown
@@ -121,7 +122,10 @@ def _reference_output(task: BlockTask) -> FilterOutput:
 
 
 def _unknown_output(task: BlockTask) -> FilterOutput:
-    """Return an output of NaN, in place of that of a reference that failed."""
+    """Return an output of NaN, in place of that of a reference that failed.
+
+    It has a log-likelihood if predictive metrics are requested, as the likelihood ratio needs it.
+    """
     unknown = np.full(task.data.truth.shape, np.nan)  # (n_x, T + 1, M)
     scores: dict[str, Array] = {}
     if task.predictive_metrics:
@@ -134,7 +138,10 @@ _unknown_references = LatestResults(_unknown_output, size=MOST_STACKED)
 
 
 def _join_blocks(blocks: Sequence[BlockTask]) -> BlockTask:
-    """Return the task of all blocks side by side."""
+    """Return one task that filters all blocks side by side.
+
+    The blocks are adjacent blocks of one filter, or the same block of several filters.
+    """
     first = blocks[0]
     filters = [block.filter for block in blocks]
     # Adjacent blocks of one filter become one long block.
@@ -195,6 +202,7 @@ def _reduce(task: BlockTask, data: Simulation, output: FilterOutput) -> dict[int
 
     They are returned by the number of runs that they are computed from.
     """
+    # A plugin's diagnostic must not have the name of a metric of the errors.
     check_names(task.filter.summed_diagnostics)
     exact_mean: Array | None = None
     predictive = dict(output.diagnostics)
@@ -245,8 +253,9 @@ def _series_and_sums(
     ``predictive`` has the filter's diagnostics (T + 1, M) and other series that are no errors, such as
     the likelihood ratio. One of them may give the degrees of freedom of the NEES, for `rank_of`.
     ``exact_mean`` is the mean of the reference, ``twin_mean`` that of the same filter without faults,
-    (n_x, T + 1, M) each.
-    The steps are taken in pieces, whose series are added up while they are in the cache.
+    (n_x, T + 1, M) each. They are None if there is no reference, or the scenario has no faults.
+
+    The steps are taken in pieces, whose series are added up while they are in the processor's cache.
     """
     values: dict[str, Array] = {}
     # Series that exist already for all steps.
@@ -299,8 +308,9 @@ def _trimmed_result(
 ) -> BlockResult:
     """Return the results of the block's first ``used`` runs.
 
-    ``values`` are the series (T + 1, M) and ``per_run`` the metrics (M,) of all runs; ``known_sums`` are
-    sums over the used runs at each step, of the series for which they are known.
+    ``data`` and ``output`` are those of all runs of the block. ``values`` are the series (T + 1, M) and
+    ``per_run`` the metrics (M,) of all runs. ``known_sums`` are sums over the used runs at each step, of
+    the series for which they are known already.
     """
     # Keep the first ``used`` runs of every series and metric.
     used_values = {name: rows[:, :used] for name, rows in values.items()}

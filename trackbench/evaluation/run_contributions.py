@@ -45,7 +45,10 @@ def series_of(m: Measure) -> str | None:
 
 
 def statistic_of(m: Measure) -> str | None:
-    """Return the statistic over the runs' shares whose value is the measure m; None without shares."""
+    """Return the statistic over the runs' shares whose value is the measure m: "mean", "rms" or "std".
+
+    A share is what one run contributes to a number over steps. The result is None if m has no shares.
+    """
     if series_of(m) is None:
         return None
     if m.statistic:
@@ -62,8 +65,10 @@ def with_shares(
 ) -> FilterResult:
     """Return the result with the runs' shares of each measure in ``wanted``, as a metric per run.
 
-    A measure whose series was not stored is left out. ``windows`` are masks (T + 1,) by name, ``steps``
-    the T + 1 numbers of the steps, and ``sizes`` the number of components of each NEES.
+    A share (M,) is what each run contributes to a number over steps, such as ``time-mean(rmse)``: the
+    mean over the runs is the number. The metric has the name of the expression. A measure whose series
+    was not stored is left out. ``windows`` are masks (T + 1,) by name, ``steps`` the T + 1 numbers of
+    the steps, and ``sizes`` the number of components of each NEES by its name.
     """
     shares: dict[str, Array] = {}
     for m in wanted:
@@ -72,7 +77,7 @@ def with_shares(
             continue
         share = None
         if m.steps is not None:
-            share = _errors_at_step(m, rows, steps, sizes)
+            share = _values_at_step(m, rows, steps, sizes)
         elif m.window in windows:
             not_lost = result.per_run["lost"] == NOT_LOST
             share = time_mean_shares(rows[windows[m.window]], not_lost)
@@ -81,15 +86,17 @@ def with_shares(
     return result._replace(per_run=result.per_run | shares)
 
 
-def _errors_at_step(
+def _values_at_step(
     m: Measure, rows: Array, steps: Sequence[int], sizes: Mapping[str, int]
 ) -> Array | None:
-    """Return the value of the measure m in each run (M,) at its step; None if there is no such step.
+    """Return the value of the measure m in each run (M,) at its step; None if the run has no such step.
 
-    ``rows`` (T + 1, M) is the series, ``steps`` are the T + 1 numbers of the steps. Of a squared error
+    ``rows`` (T + 1, M) is the series that the measure is computed from, ``steps`` are the T + 1 numbers
+    of the steps, and ``sizes`` has the number of components of each NEES by its name. Of a squared error
     the root is returned, of a NEES the value per component.
     """
     assert m.steps is not None
+    # ``first`` is a number as text, or the word `last`.
     number = steps[-1] if m.steps.first == "last" else int(m.steps.first)
     if number not in steps:
         return None

@@ -71,8 +71,9 @@ class FilterOutput(NamedTuple):
 def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> FilterOutput:
     """Run the filter over the block's data; return the estimates of the prior and of every step.
 
-    Only the filter is timed. ``covariances`` is the number of first runs whose covariances are recorded.
-    Raises ValueError if the filter writes to its arguments, or returns something that is no estimate.
+    ``data`` are those of the task's scenario, usually `BlockTask.data`. Only the filter is timed.
+    ``covariances`` is the number of first runs whose covariances are recorded. Raises ValueError if the
+    filter writes to its arguments, or returns something that is no estimate.
     """
     tracker = task.filter
     model = freeze(task.assumed_scenario.model)
@@ -81,6 +82,7 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
     # numbers do not depend on the scores.
     aside = _join_streams(task, aside_stream)
     clock = _Clock()
+    # Delivery of measurements that may arrive late; None if all arrive on time.
     delivered = deliveries(task, data)
     assumed_data = _assumed_data(task, data)
     scorer = PredictionScorer(
@@ -111,14 +113,17 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
         # Step 2: one timed step per measurement, or many in one call; recording is not timed.
         steps = task.scenario.steps[1:].tolist()
         at_once = max(1, _AT_ONCE // task.runs)
+        # A smoother and some recorded series need the state of every step.
         step_by_step = tracker.smooths or recorder.needs_states
         for first in range(0, len(steps), at_once):
             piece = slice(first, first + at_once)
+            # Results of all steps of the piece; None if the filter makes one step at a time.
             many: Steps | None = None
             with clock:
                 z = scorer.visible[:, piece]
                 if refilter is None:
                     many = _filter_many(tracker, model, state, z, steps[first])
+            # If nothing needs single states, the piece is recorded as a whole.
             if many and not step_by_step and scorer.add_steps(many, piece, steps[piece]):
                 recorder.add_steps(many)
                 state = many.state(-1)
@@ -128,7 +133,7 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
                     state = refilter.state_before(i, state)
                 before = state
                 if not scorer.disabled:
-                    before = scorer.snapshot(state)
+                    before = scorer.snapshot(state)  # scores may repeat the step from here
                 with clock:
                     if many is None:
                         state = tracker.step(model, state, scorer.visible[:, i], k, rng)
@@ -143,7 +148,8 @@ def run_filter(task: BlockTask, data: Simulation, covariances: int = 0) -> Filte
                     states.append(state)
                 else:
                     recorder.add(state, estimate)
-                # A gate marks the measurements that the step has not used.
+                # A gate marks the measurements that the step has not used: components (n_z, M) if there
+                # are several sensors, else whole runs (M,).
                 not_used = diagnostics.get("gated") if refused is None else refused
                 scorer.add(Step(before, state, estimate, k, not_used), i)
         if tracker.smooths:
@@ -171,7 +177,10 @@ def _make_refilter(
     rng: Generator,
     clock: "_Clock",
 ) -> Refilter:
-    """Return the `Refilter` that repeats steps when a measurement of z (n_z, T, M) arrives late."""
+    """Return the `Refilter` that repeats steps when a measurement of z (n_z, T, M) arrives late.
+
+    ``delivered`` has the arrivals. ``rng`` is the stream of the filter, and ``clock`` times the steps.
+    """
     tracker = task.filter
     steps = task.scenario.steps[1:].tolist()  # without that of the prior
 
@@ -221,17 +230,19 @@ def _filter_many(tracker: AnyFilter, model: Model, state: Any, z: Array, k: int)
 def _sealed(task: BlockTask, *shared: Any) -> Iterator[None]:
     """Raise WrongReturnError if code of a plugin writes to the shared arrays, and restore the arrays.
 
-    They are read-only for numpy. A library that takes the address of an array can still write to it.
+    ``shared`` are objects with arrays, such as the data and the model. The arrays are read-only for
+    numpy. A library that takes the address of an array can still write to it.
     """
     # Only code of a plugin is watched.
     if not foreign_parts((task.filter, task.scenario, task.assume)):
         yield
         return
+    # The seal copies the shared arrays and all cached results of the package's functions.
     seal = Seal(shared, cached_results.cached_results())
     try:
         yield
     finally:
-        if seal.mend():
+        if seal.mend():  # something was changed, and is now restored
             message = (
                 "writes to measurements, a prior or matrices that all filters of the block share"
             )
@@ -239,7 +250,10 @@ def _sealed(task: BlockTask, *shared: Any) -> Iterator[None]:
 
 
 def prior_of(data: Simulation, model: Model) -> Distribution:
-    """Return the prior of the filter's state, which may have more components than the truth."""
+    """Return the prior of the filter's state, which may have more components than the truth.
+
+    The additional components have the mean 0 and the standard deviations that the motion names.
+    """
     if len(model.motion.components) <= len(data.truth):
         return data.prior
     return freeze(augment_prior(data.prior, extra_std(model.motion)))
@@ -275,7 +289,8 @@ class _Recorder:
     def __init__(self, task: BlockTask, data: Simulation, model: Model, covariances: int) -> None:
         """Begin before the estimate of the prior.
 
-        ``covariances`` is the number of first runs whose covariances are recorded.
+        ``model`` is the one that the filter assumes. ``covariances`` is the number of first runs whose
+        covariances are recorded.
         """
         scenario = task.scenario
         self._task = task
@@ -284,11 +299,15 @@ class _Recorder:
         # Components of the truth, and of the motion that the filter assumes.
         self._sizes = (len(data.truth), len(model.motion.components))
         self._mean = np.empty(data.truth.shape)
+        # By step: covariances (n, n, r) of the first r runs, and refused components (n_z, M).
         self._covs: list[Array] = []
+        self._refused: list[Mask] = []
+        # The filter's diagnostics, and the errors of the scenario's observables.
         self._diagnostics: Series = None
         self._observables: Series = None
-        self._refused: list[Mask] = []
         self._has_several_sensors = len(rows_of(cast(Sensors, scenario.true_sensor))) > 1
+        # Indices of the steps that are recorded next. A smoother's estimates are recorded after all
+        # diagnostics.
         self._next_step = 0
         self._next_diagnostics = 1  # the first state has no diagnostics
         self._consistency = ConsistencySeries(scenario, self._mean, data.truth)
@@ -300,7 +319,7 @@ class _Recorder:
         """True if the recorded series depend on more than estimates and diagnostics"""
 
     def add_diagnostics(self, diagnostics: dict[str, Array]) -> None:
-        """Record the diagnostics of a step."""
+        """Record the diagnostics (M,) of the next step, by name."""
         check_numbers("diagnostic", diagnostics, self._task.runs)
         if self._diagnostics is None:
             check_names(diagnostics)
@@ -344,7 +363,7 @@ class _Recorder:
         self._next_step += 1
 
     def add_steps(self, steps: Steps) -> None:
-        """Record the estimates and diagnostics of many steps."""
+        """Record the estimates and diagnostics of the next steps, which the filter made in one call."""
         check_estimate(steps.estimate, self._sizes, *steps.estimate.mean.shape[1:])
         # Only the truth's components, which come first.
         n, _ = self._sizes
@@ -398,9 +417,10 @@ class _Recorder:
         )
 
     def _filled(self, series: Series, steps: int | slice, rows: dict[str, Array]) -> Series:
-        """Write the rows of some steps to the series, and return them; None makes new series.
+        """Write the values of some steps to the series (T + 1, M), and return the series.
 
-        All steps have the names of the first.
+        ``steps`` is the index of one step, with ``rows`` (M,) by name, or the slice of several, with
+        ``rows`` (S, M). If ``series`` is None, new ones are made. All steps have the names of the first.
         """
         if series is None:
             series = {name: np.full(self._data.truth.shape[1:], np.nan) for name in rows}

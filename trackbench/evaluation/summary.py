@@ -69,10 +69,11 @@ def summary_rows(
 ) -> Iterator[SummaryRow]:
     """Yield the rows of summary.csv: ``mean(rmse)``, ``variance(rmse)``, ``rms(rmse)``, ..., ``anees``.
 
-    ``sizes`` is the number of components of each NEES by its name, ``windows`` are the masks (T + 1,)
-    of the steps. ``time-mean(rmse)`` is the mean over a window's steps of the RMSE over runs. Its
-    standard error is computed from the runs' shares if they are stored. Otherwise it is an upper bound,
-    the mean of the steps' own standard errors: errors that are correlated in time cannot add up to more.
+    ``sizes`` has the number of components of each NEES by its marginal, "" for the whole state.
+    ``windows`` are the masks (T + 1,) of the steps by name. ``time-mean(rmse)`` is the mean over a
+    window's steps of the RMSE over runs. Its standard error is computed from the runs' shares, the
+    contribution of each run to the time mean, if they are stored. Otherwise it is an upper bound, the
+    mean of the steps' own standard errors: errors that are correlated in time cannot add up to more.
     """
     lost = int((result.per_run["lost"] != NOT_LOST).sum())
     for metric, values in result.per_run.items():
@@ -101,10 +102,10 @@ def summary_rows(
 
 
 def per_component(m: Measure, sizes: Mapping[str, int]) -> Iterator[tuple[str, int]]:
-    """Yield the rows of the summary that are m per component, such as ANEES, with the number of these.
+    """Yield the rows of the summary that are m divided by a number of components, such as the ANEES.
 
-    ``m`` is a metric per run, ``sizes`` has the number of components of each NEES. A metric at a step
-    has no such row.
+    Each is the name of the row and this number, which ``sizes`` has for each NEES by its marginal. ``m``
+    is a metric per run. A metric at a step has no such row.
     """
     if m.steps is not None:
         return
@@ -119,13 +120,13 @@ def _time_means(
 ) -> Iterator[SummaryRow]:
     """Yield the mean over each window's steps of the RMSE over the runs.
 
-    ``windows`` are masks (T + 1,) by name, and ``lost`` is the number of lost runs, for the rows.
+    ``windows`` are masks (T + 1,) by name, and ``lost`` is the number of lost runs, which every row has.
     """
     for series, sums in result.steps.items():
         names = [name for metric, name in metrics_of(series) if metric.name == "rmse"]
         for name in names:
             for window, mask in windows.items():
-                valid = mask & (sums.number > 0)
+                valid = mask & (sums.number > 0)  # the steps at which any run has an error
                 if not valid.any():
                     continue
                 row = f"{TIME_MEAN}({in_window(name, window)})"
@@ -146,10 +147,12 @@ def step_columns(result: FilterResult, sizes: Mapping[str, int]) -> Iterator[Ste
     """Yield the metrics of each series at every step, as per_step.csv has them.
 
     They are ``rmse`` (hdepf eq. 16), ``bias``, ``std`` (adaptive-kf eqs. 13, 14), other means over the
-    runs, and medians of stored series. ``sizes`` has the number of components of each NEES.
+    runs, and medians of stored series. ``sizes`` has the number of components of each NEES by its
+    marginal, "" for the whole state.
     """
     for name, sums in result.steps.items():
-        # A column of zeros, of a NEES or NIS that lacks no component, is left out.
+        # The series `unused_nees` counts the components that a NEES lacks. If it lacks none in any run,
+        # the series is left out.
         if name.startswith("unused_") and not sums.total.any():
             continue
         # From the sums: metrics at the steps where any run has a value.
@@ -175,9 +178,13 @@ def step_columns(result: FilterResult, sizes: Mapping[str, int]) -> Iterator[Ste
 def _step_metrics(
     series: str, sums: StepSums, sizes: Mapping[str, int]
 ) -> Iterator[tuple[str, Estimates]]:
-    """Yield the metrics of one series at every step (T + 1,), NaN where no run has a value."""
-    # The metric's definition decides: root of a mean square, spread, or mean per component. A metric
-    # without a definition over runs has no value at a step.
+    """Yield the name and the values of each metric of a series at every step (T + 1,).
+
+    ``sums`` are the sums of the series over the runs; a step without a value in any run has NaN.
+    ``sizes`` has the number of components of each NEES by its marginal, "" for the whole state.
+    """
+    # The metric's definition decides: root of a mean square, standard deviation, or mean, which may be
+    # divided by the number of components. A metric without such a definition has no value at a step.
     mean_over_runs = mean_from_sums(sums.total, sums.squares, sums.number)
     for metric, name in metrics_of(series):
         if metric.over_runs == "rms":

@@ -26,7 +26,8 @@ def estimate_cpu_s(task: BlockTask) -> float:
     data = task.data
     T = len(task.scenario.steps) - 1
     steps = min(_FIRST_STEPS, T)
-    _trial_cpu_s(task, data, steps)  # imports, caches, tables
+    # The first trial also imports modules and fills caches: its time does not count.
+    _trial_cpu_s(task, data, steps)
     while True:
         seconds = _trial_cpu_s(task, data, steps)
         if seconds >= _ENOUGH_S or steps == T:
@@ -35,9 +36,9 @@ def estimate_cpu_s(task: BlockTask) -> float:
 
 
 def _trial_cpu_s(task: BlockTask, data: Simulation, steps: int) -> float:
-    """Measure the CPU seconds in which the filter runs over the first ``steps`` steps.
+    """Measure the CPU seconds in which the filter runs over the first ``steps`` steps of the data.
 
-    Those of a program count, too.
+    If the filter is a program outside of Python, the CPU seconds of its processes count, too.
     """
     scenario = cast(Scenario, _FirstSteps(task.scenario, steps))
     first_data = data._replace(

@@ -65,10 +65,11 @@ def measure(
     guard: Guard = nullcontext,
     tick: Callable[[], object] = lambda: None,
 ) -> list[Measured | Exception]:
-    """Time filters over their blocks, in turns; return times, or the exception of a filter.
+    """Time filters over their blocks, in turns; return the times of each, or its exception.
 
-    ``guard`` opens the context in which a filter runs, as it may be a plugin's. ``tick`` is called after
-    each filter's pass and after each of the `REPEATS` turns.
+    There is a task for each filter. ``guard`` opens the context in which a filter runs, as it may be a
+    plugin's. ``tick`` is called after each filter's pass through its block and after each of the
+    `REPEATS` turns, to show the progress.
     """
     keep_freed_memory()
     passes: list[_Pass | Measured | Exception] = []
@@ -109,17 +110,23 @@ class _Pass:
     """A filter's pass through its block, with the states before the steps that are repeated."""
 
     def __init__(self, task: BlockTask) -> None:
-        """Simulate the block, and make the pass: once, or twice if it is short."""
+        """Simulate the block and step the filter through it: once, or twice if it is short.
+
+        The passes measure the time of each step. They also store the states from which `time_repeat`
+        repeats steps.
+        """
         self._task = task
         self._model = freeze(task.assumed_scenario.model)
         self._data = task.data
         self._steps = task.scenario.steps[1:].tolist()  # without that of the prior
+        # Likelihoods and covariance updates (2, steps) of one run.
         self._operations = operations(task)
         # A filter that goes back for a late measurement makes some steps more than once.
         self._steps_per_step = 1.0
         delivered = deliveries(task, self._data)
         if delivered is not None:
             self._steps_per_step = delivered.steps_per_step
+            # A late measurement stands at the step at which the filter gets it.
             given = delivered.given(self._data.measurements)
             self._data = self._data._replace(measurements=given)
         self._states: dict[int, Any] = {}
@@ -129,14 +136,18 @@ class _Pass:
         self._spent = self._time_steps()
         """CPU seconds of each step"""
         if self._spent.sum() < _QUICK_S:
-            # Of two times of a step, the one that was disturbed less. The second pass may be cut.
+            # Of two times of a step take the smaller one, which was disturbed less. The second pass may
+            # be cut short and then has the times of the first steps only.
             again = self._time_steps()
             self._spent[: len(again)] = np.minimum(self._spent[: len(again)], again)
         self._seconds: list[float] = []
-        """CPU seconds of each repeat"""
+        """CPU seconds of a step, by each repeat"""
 
     def _time_steps(self) -> Array:
-        """Step through the block, or its beginning; return the CPU seconds (steps,) of each step."""
+        """Step through the block, or its beginning; return the CPU seconds (steps,) of each step.
+
+        Store the states before the steps that are repeated, and the wall seconds of these steps.
+        """
         T = len(self._steps)
         rng = block_stream(self._task.seed, 0)
         # Steps spread over the run, but not the very first ones.
@@ -144,7 +155,7 @@ class _Pass:
         repeated = {min(max(_FIRST_REPEATED, i), T - 1) for i in evenly_spaced}
         spent: list[float] = []
         state = self._task.filter.init(self._model, prior_of(self._data, self._model), rng)
-        # A pass that takes long ends once there is a state to repeat a step from.
+        # A pass that takes longer than `_PASS_S` ends once there is a state to repeat a step from.
         while len(spent) < T and not (self._states and sum(spent) > _PASS_S):
             i = len(spent)
             if i in repeated:
@@ -182,6 +193,7 @@ class _Pass:
         i, state = stored[len(self._seconds) % len(stored)]
         rng = block_stream(self._task.seed, 0)
         wall_seconds = max(self._wall_seconds[i], _LEAST)
+        # Repeat a short step so often that a repeat takes about `_REPEAT_S`, for a precise time.
         number = 1 + min(int(_REPEAT_S / self._spent[i]), int(_LONGEST_REPEAT_S / wall_seconds))
         # Copies of the state come first, so that only the steps are timed.
         states = [self._copy(state) for _ in range(number)]
@@ -223,7 +235,9 @@ class _Pass:
 def _weights(counts: Array, T: int) -> Array:
     """Return the share (T,) of each step in a run's work, by the operations ``counts`` (2, steps).
 
-    Steps that were not counted have an average share. So have all if a step has no counted operation.
+    The rows of ``counts`` are likelihoods and covariance updates, its columns the first steps of the T
+    steps. Steps that were not counted have an average share. So have all if a step has no counted
+    operation.
     """
     weights = np.full(T, 1.0 / T)
     of_step = counts.sum(axis=0)
@@ -233,7 +247,10 @@ def _weights(counts: Array, T: int) -> Array:
 
 
 def operations(task: BlockTask) -> Array:
-    """Return likelihoods and covariance updates (2, steps) of one run: the same on every machine."""
+    """Count the likelihoods and covariance updates (2, steps) that the filter computes at each step.
+
+    They are those of one run, in its first `_COUNTED` steps, and equal on every machine.
+    """
     tracker = task.filter
     model = freeze(task.assumed_scenario.model)
     data = simulate(task.scenario.without_scoring, task.seed, 0, 1)

@@ -72,10 +72,11 @@ def at_step(pit: Array) -> Histogram:
 
 
 def over_steps(shares: Array) -> Histogram:
-    """Test runs' shares (TENTHS, M) of steps: Hotelling's T^2 of their means (1931).
+    """Test the transforms of many steps, by each run's ``shares`` (TENTHS, M): Hotelling's T^2 (1931).
 
-    NaN, as of lost runs, is left out; the distance is that at the tenths' edges. Ranks of fewer than ten
-    places get no test.
+    A share is that of a run's steps whose transform is in a tenth of (0, 1). Runs with NaN, such as lost
+    ones, are left out. The distance is that at the tenths' edges. Ranks of fewer than ten places get no
+    test.
     """
     from scipy.special import fdtrc
 
@@ -109,10 +110,11 @@ def over_steps(shares: Array) -> Histogram:
 
 
 def number_of_places(pit: Array) -> int:
-    """Find how many places the values (M,) are ranks of: they are middles (i + 0.5) / places.
+    """Find how many ranks are possible, if the transforms (M,) are computed from ranks; else return 0.
 
-    A truth among N particles has N + 1 places. The least number that fits is returned, and 0 if the
-    values are no ranks or fewer than ten.
+    The rank i of a truth among N particles has N + 1 places, from 0 to N. Its transform is the middle of
+    the place: (i + 0.5) / (N + 1). The least number of places that fits all transforms is returned, and
+    0 also for fewer than ten transforms.
     """
     if len(pit) < TENTHS:
         return 0
@@ -126,20 +128,25 @@ def number_of_places(pit: Array) -> int:
 
 
 def _are_middles(pit: Array, sizes: Index) -> Mask:
-    """Test which values ``pit`` are the middle of a place, if there are so many places."""
-    # u = (i + 0.5) / N is the middle of place i, so that u N - 0.5 is whole.
+    """Test which transforms ``pit`` are the middle of a place, if (0, 1) has ``sizes`` equal places.
+
+    ``pit`` (..., 1) and ``sizes`` (n,) give a result (..., n), and a single size one for each transform.
+    """
+    # u = (i + 0.5) / size is the middle of place i, so that u size - 0.5 is a whole number.
     i = pit * sizes - 0.5
     return np.abs(i - np.rint(i)) < _OFF_A_PLACE
 
 
 def kolmogorov(pit: Array, places: int = 0) -> float:
-    """Return the largest distance of the distribution of values (M,) from the uniform one.
+    """Return the largest distance of the distribution of transforms (M,) from the uniform one.
 
-    For ranks it is taken at the ends of their places. Its p-value is then an upper bound (Conover 1972).
+    ``places`` is the number of possible ranks that the transforms are computed from, and 0 for others.
+    For ranks the distance is taken at the ends of their places. Its p-value is then an upper bound
+    (Conover 1972).
     """
     M = len(pit)
     if places:
-        # Of ranks: compare at the end of each place.
+        # Share of the ranks up to each place, less its value for uniform ranks.
         shares = np.bincount(_cells(pit, places), minlength=places) / M
         ends = np.arange(1, places + 1) / places
         return float(np.abs(np.add.accumulate(shares) - ends).max())
@@ -150,25 +157,34 @@ def kolmogorov(pit: Array, places: int = 0) -> float:
 
 
 def _cells(pit: Array, cells: int) -> Index:
-    """Return the index of the equal part of (0, 1) that contains each value (M,)."""
+    """Return which of ``cells`` equal parts of (0, 1) contains each value (M,), counted from 0."""
     return np.clip(pit * cells, 0, cells - 1).astype(int)
 
 
 def kolmogorov_band(M: int, level: float = 0.95) -> float:
-    """Return the distance that M uniform values exceed with probability 1 - level (Stephens 1970)."""
+    """Return the Kolmogorov distance that M uniform values exceed with probability 1 - level.
+
+    It is half the width of a band about the uniform distribution function (Stephens 1970).
+    """
     from scipy.special import kolmogi
 
     return float(kolmogi(1.0 - level) / _stephens(M))
 
 
 def kolmogorov_p(distance: float, M: int) -> float:
-    """Return the probability of a larger distance of M uniform values (Stephens 1970, JRSS B 32)."""
+    """Return the probability that M uniform values have a larger Kolmogorov distance.
+
+    The approximation is that of Stephens 1970 (JRSS B 32).
+    """
     from scipy.special import kolmogorov as beyond
 
     return float(beyond(distance * _stephens(M)))
 
 
 def _stephens(M: int) -> float:
-    """Return the factor (Stephens 1970) by which a distance of M values has the limit distribution."""
+    """Return the factor by which a Kolmogorov distance of M values is multiplied (Stephens 1970).
+
+    The product has nearly the distribution of the limit M -> infinity, also for few values.
+    """
     root = np.sqrt(M)
     return root + 0.12 + 0.11 / root

@@ -74,8 +74,8 @@ def check_axes(first: Gaussian, prior_mean: Array) -> None:
 def checked_numbers(kind: str, values: dict[str, Any], *batch: int) -> dict[str, Array]:
     """Return copies of real numbers (*batch) by name; raises ValueError for anything else.
 
-    ``kind`` is the word for the numbers, such as ``diagnostic``. By it `_METHODS` has the name of the
-    method that returned them.
+    ``kind`` is the word for the numbers in the message, such as ``diagnostic``: a key of `_METHODS`,
+    which has the name of the method that returned them.
     """
     check_numbers(kind, values, *batch)
     return {name: np.array(row, dtype=np.float64) for name, row in values.items()}
@@ -84,8 +84,8 @@ def checked_numbers(kind: str, values: dict[str, Any], *batch: int) -> dict[str,
 def check_numbers(kind: str, values: dict[str, Any], *batch: int) -> None:
     """Raise ValueError for anything but real numbers (*batch) by name.
 
-    ``kind`` is the word for the numbers, such as ``diagnostic``. By it `_METHODS` has the name of the
-    method that returned them.
+    ``kind`` is the word for the numbers in the message, such as ``diagnostic``: a key of `_METHODS`,
+    which has the name of the method that returned them.
     """
     method = _METHODS[kind]
     if not isinstance(values, dict):

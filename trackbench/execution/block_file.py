@@ -56,13 +56,13 @@ class BlockFile(NamedTuple):
 
 
 def write_block(file: BlockFile, result: BlockResult) -> None:
-    """Write a block; raises WriteError."""
+    """Write a block's results to its file; raises WriteError."""
     ensure_folder(file.path.parent)
     write_bytes(file.path, encode(pack(result), file.key))
 
 
 def pack(result: BlockResult) -> PackedBlock:
-    """Return a block with its numbers in one array."""
+    """Return a block with all its numbers in one array, and the place of each array among them."""
     layout: list[PackedArray] = []
     parts: list[Array] = []
     start = 0
@@ -86,7 +86,10 @@ _LENGTH = struct.Struct("<Q")
 
 
 def encode(block: PackedBlock, key: str) -> bytes:
-    """Return the file of a block; it contains ``key``, so that a renamed file is rejected."""
+    """Return the content of a block's file; it contains ``key``, so that a renamed file is rejected.
+
+    The module's docstring has the format.
+    """
     header = json.dumps({"key": key, "cpu_s": block.cpu_s, "width": block.width}).encode()
     layout = json.dumps([[array.path, array.shape] for array in block.layout]).encode()
     numbers = block.numbers.tobytes()
@@ -96,7 +99,10 @@ def encode(block: PackedBlock, key: str) -> bytes:
 
 
 def decode(content: bytes, key: str) -> PackedBlock | None:
-    """Return the block in the bytes of a file; None if it is damaged, truncated, or of another key."""
+    """Return the block in the bytes of a file; None if it is damaged, truncated, or of another key.
+
+    The module's docstring has the format.
+    """
     # Views on the bytes, which would otherwise be copied several times.
     body = memoryview(content)[len(_MAGIC) + _HASH :]
     if content[: len(_MAGIC)] != _MAGIC:
@@ -125,7 +131,10 @@ def _split_text(body: memoryview) -> tuple[bytes, memoryview]:
 
 @lru_cache(maxsize=64)
 def _read_layout(text: bytes) -> tuple[PackedArray, ...]:
-    """Return the places of a block's arrays; cached, because most blocks of a filter are alike."""
+    """Return the places of a block's arrays, from the JSON list of their paths and shapes.
+
+    The result is cached, because most blocks of a filter have the same arrays.
+    """
     layout: list[PackedArray] = []
     start = 0
     for path, shape in json.loads(text):

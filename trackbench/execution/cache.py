@@ -31,10 +31,11 @@ from trackbench.field_types import require_regular_file
 
 @lru_cache(maxsize=20_000)
 def block_key(task: BlockTask, used: int) -> str:
-    """Return the key of a block of ``used`` runs, which is its file name in the cache.
+    """Return the key of a block of which the first ``used`` runs count: its file name in the cache.
 
-    It is a digest of everything that the block depends on.
+    It is a SHA-256 digest of everything that the stored numbers depend on.
     """
+    # Copy the cached digest of what is equal for all blocks of the filter, then add the rest.
     digest = _digest_without_runs(
         (task.scenario, task.filter, task.reference, task.reference_assume, task.assume),
         (task.keep_steps, task.predictive_metrics, task.hold_out),
@@ -49,10 +50,10 @@ def block_key(task: BlockTask, used: int) -> str:
 
 @lru_cache(maxsize=1000)
 def _digest_without_runs(components: tuple[Any, ...], requests: tuple[Any, ...]) -> Any:
-    """Begin the key of the blocks that differ in their runs alone.
+    """Return the SHA-256 object that begins the keys of all blocks that differ in their runs alone.
 
-    ``components`` are the scenario, the filters and what they assume, ``requests`` what is computed of
-    the estimates. The digest is shared, so take a copy of it.
+    ``components`` are the scenario, the filter, the reference, and what these two assume; ``requests``
+    name what is computed from the estimates. The object is cached: update a copy of it.
     """
     facts: list[Any] = [_facts_of(component) for component in components]
     facts.append(requests)
@@ -78,6 +79,7 @@ def _facts_of(component: Any) -> list[Any] | None:
             contents |= inner.contents
 
     def content_digest(path: str) -> str:
+        """Return the digest of a data file, which the keys then have in place of its path."""
         # The numbers depend on the content that was read; the file may have been edited since.
         return contents.get(path) or hashlib.sha256(Path(path).read_bytes()).hexdigest()
 
@@ -131,12 +133,18 @@ class BlockStore:
         return os.path.isfile(self._path(block_key(task, task.runs_used)))
 
     def put(self, task: BlockTask, results: dict[int, BlockResult]) -> None:
-        """Store a block for each number of its runs that is used; raises WriteError."""
+        """Store the task's results, each by the number of runs used, in a file of its own.
+
+        Raises WriteError.
+        """
         for used, result in results.items():
             write_block(self.files(task)[used], result)
 
     def files(self, task: BlockTask) -> dict[int, BlockFile]:
-        """Return the file of the block for each number of its runs that is used."""
+        """Return the files of a task's results, by the number of runs that each is computed from.
+
+        These numbers are those of `run_whole_block`.
+        """
         counts = {task.runs_used, task.width, *task.extra_run_counts}
         keys = {used: block_key(task, used) for used in counts}
         return {
@@ -159,14 +167,14 @@ class BlockStore:
 
 
 def has_new_blocks() -> bool:
-    """Test whether a block was stored since this process prepared its cache.
+    """Test whether a block was stored since this process prepared its cache folders.
 
-    Workers store blocks before this process hears of them, so that the files themselves are looked at.
+    Workers store blocks before they report them to this process. So the times of the files decide.
     """
     for root, begin in BlockStore.prepared.items():
         version = root / "blocks" / code_digest()[:_CODE_DIGITS]
         for path in version.rglob("*.block"):
-            # The clock of files may be a little behind.
+            # The clock of the file system may be a little behind that of Python.
             if path.stat().st_mtime > begin - 0.05:
                 return True
     return False
@@ -174,9 +182,9 @@ def has_new_blocks() -> bool:
 
 @contextmanager
 def announced(root: Path) -> Iterator[Path]:
-    """Place a temporary file in the cache folder ``root``, and yield its path.
+    """Place a temporary file in the cache folder ``root``, yield its path, and remove it in the end.
 
-    A worker that finds the file shares the folder with this process.
+    A worker that finds the file shares the folder with this process, and may store blocks there.
     """
     token = root.absolute() / f"shared-{os.urandom(8).hex()}"
     write_text(token, "")
@@ -194,7 +202,7 @@ class FolderSize(NamedTuple):
 
     @classmethod
     def measure(cls, folders: Iterable[Path]) -> "FolderSize":
-        """Count the files of some folders."""
+        """Count the files in some folders and below them, and add up their bytes."""
         sizes = []
         for folder in folders:
             # Every file that trackbench writes there has an ending.
@@ -216,6 +224,7 @@ class CacheSize(NamedTuple):
 
 def cache_size(root: Path) -> CacheSize:
     """Measure the files that `trackbench cache` reports, and removes with `--prune` and `--clear`."""
+    # Blocks are in one folder for each version of the code, by its digest.
     now = code_digest()[:_CODE_DIGITS]
     current = [folder for folder in _versions(root) if folder.name == now]
     old = [folder for folder in _versions(root) if folder.name != now]
@@ -238,12 +247,13 @@ _BESIDE = re.compile(r"\.gitignore|shared-[0-9a-f]{16}")
 
 
 def mark_cache(root: Path) -> bool:
-    """Mark a folder as a cache unless it has files that trackbench did not write.
+    """Mark a folder as a cache, by a file in it, unless it has files that trackbench did not write.
 
-    Return whether it is marked. Raises WriteError.
+    Return whether the folder is marked now. Only the files of marked folders are deleted. Raises
+    WriteError.
     """
     marker = root / _MARKER
-    with suppress(OSError):
+    with suppress(OSError):  # there is no marker
         return require_regular_file(marker).read_text(encoding="utf-8") == _MARK
     for path in root.rglob("*"):
         name = path.relative_to(root).as_posix()
@@ -255,9 +265,10 @@ def mark_cache(root: Path) -> bool:
 
 
 def clear_cache(root: Path, old_only: bool = False) -> None:
-    """Delete all blocks, or with ``old_only`` those of other versions of the code.
+    """Delete all blocks, cached figures and CPU times in the cache folder ``root``.
 
-    Files of other names stay. Raises UserError for a folder with other files and without a marker.
+    With ``old_only`` the blocks of this version of the code stay. Files that trackbench did not write
+    stay, too. Raises UserError for a folder with such files and without the marker of a cache.
     """
     if not root.is_dir():
         return
@@ -278,7 +289,10 @@ def clear_cache(root: Path, old_only: bool = False) -> None:
 
 
 def _delete_written(root: Path, folder: Path) -> None:
-    """Delete the files in a folder that trackbench wrote, and the folders that are empty then."""
+    """Delete the files that trackbench wrote to a folder of the cache ``root``, and the empty folders.
+
+    Their names show which files these are.
+    """
     for home, _, names in os.walk(folder, topdown=False):
         for path in (Path(home, name) for name in names):
             if _WRITTEN.fullmatch(path.relative_to(root).as_posix()):

@@ -132,13 +132,14 @@ def own_arithmetic() -> str:
 
 
 def foreign_code(cls: type[Any]) -> Iterator[str]:
-    """Yield digests of the code of those of a class and its bases that are from another package."""
+    """Yield a digest of the code of each class from another package, among ``cls`` and its bases."""
     for base in cls.__mro__:
         name = base.__module__
         if name.partition(".")[0] in ("trackbench", "builtins", "typing"):
             continue
         module = sys.modules[name]
-        # A plugin's module has the plugin's identity, and a module that it imports that of the plugin.
+        # `trackbench.plugins.load` writes the identity of a plugin, which is a digest, to its module and
+        # to the modules that it imports. For other modules the digest is that of their package.
         digest = getattr(module, "__plugin_digest__", "")
         digest += getattr(module, "__plugin_brought__", "")
         yield digest or package_digest(name.partition(".")[0])
@@ -146,7 +147,7 @@ def foreign_code(cls: type[Any]) -> Iterator[str]:
 
 @cache
 def package_digest(name: str) -> str:
-    """Return the digest of an installed package's source, or of a module's."""
+    """Return the digest of the source of an imported package, or of a module in a single file."""
     try:
         file = Path(inspect.getsourcefile(sys.modules[name]) or "")
     except TypeError:
@@ -176,9 +177,10 @@ def numpy_arithmetic() -> str:
 
 
 def uses_numpy_arithmetic(*parts: Any) -> bool:
-    """Test whether scenarios or filters compute with numpy's functions.
+    """Test whether scenarios or filters compute with numpy's functions, which differ between machines.
 
-    Plugins do, and so does gamma noise of a shape that numpy draws.
+    Plugins may do so, and programs count as if they did. So do motions with gamma noise, unless its
+    shape is a small whole number: then the package draws it as a sum of exponentials.
     """
     for part in parts:
         for inner in walk_parts(part):
@@ -188,7 +190,7 @@ def uses_numpy_arithmetic(*parts: Any) -> bool:
 
 
 def _uses_own_arithmetic_only(component: Any) -> bool:
-    """Test whether a filter, scenario or part of it never calls numpy's own functions."""
+    """Test whether a filter, scenario or part of it calls no numpy function that differs by machine."""
     is_program = isinstance(component, Filter) and component.runs_program
     if is_program or not type(component).__module__.startswith("trackbench."):
         return False

@@ -48,9 +48,10 @@ def start_forkserver(*modules: str) -> None:
 
 @contextmanager
 def _safe_path() -> Iterator[None]:
-    """Let Python processes that start meanwhile import nothing from the working folder.
+    """Let Python processes that start within this context import nothing from the working folder.
 
-    Workers get the path of this process when they begin.
+    A file there could have the name of a library. Python obeys the environment variable
+    PYTHONSAFEPATH, which is then restored. Workers get the search path of this process when they begin.
     """
     before = os.environ.get(_SAFE)
     os.environ[_SAFE] = "1"
@@ -78,9 +79,10 @@ class WorkerDeathError(BrokenProcessPool):
 def pool(
     workers: int, begun: Callable[..., None] | None = None, *arguments: Any
 ) -> Iterator[ProcessPoolExecutor]:
-    """Open a pool of processes, which an error within the context terminates at once.
+    """Open a pool of ``workers`` processes; an error within the context terminates them at once.
 
-    Each process first calls ``begun`` with the ``arguments``.
+    Each process first calls ``begun`` with the ``arguments``. Raises WorkerDeathError if a process died,
+    and UserError if the processes would run the user's script again.
     """
     start_forkserver()
     first = ({**os.environ}, begun, *arguments)
@@ -96,6 +98,7 @@ def pool(
             process.join()
         # A process that was sending has left half a message, whose reader waits until the pipe closes.
         cast("Any", processes._result_queue)._writer.close()
+        # By this exit code a process reports that it was about to run the user's script.
         if any(process.exitcode == _NO_GUARD for process in children):
             raise UserError(_GUARD) from None
         if isinstance(error, BrokenProcessPool):
@@ -111,7 +114,10 @@ class _Pool(ProcessPoolExecutor):
     """Process pool that knows all its processes: Ctrl-C waits for a starting one."""
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        """Submit a call; raises BrokenProcessPool, also if a worker process is killed as it starts."""
+        """Submit a call; raises BrokenProcessPool, also if a worker process is killed as it starts.
+
+        The call may start processes. Ctrl-C waits for that, so that no process is forgotten.
+        """
         try:
             with postponed(), _safe_path():
                 return super().submit(fn, *args, **kwargs)
@@ -120,15 +126,21 @@ class _Pool(ProcessPoolExecutor):
 
 
 def result_of(future: Future[T]) -> T:
-    """Wait for a future's result. Unlike ``future.result``, a signal cannot leave the future locked."""
+    """Wait for a future's result. Unlike ``future.result``, a signal cannot leave the future locked.
+
+    The wait is for a queue, into which the future puts itself when it is done.
+    """
     done: SimpleQueue[Future[T]] = SimpleQueue()
-    with postponed():
+    with postponed():  # no signal interrupts the call, which locks the future
         future.add_done_callback(done.put)
     return done.get().result()
 
 
 def is_worker_bootstrapping() -> bool:
-    """Test whether this process is a worker that still imports its parent's script."""
+    """Test whether this process is a worker that still imports its parent's script.
+
+    multiprocessing sets the attribute for that time.
+    """
     return bool(getattr(multiprocessing.current_process(), "_inheriting", False))
 
 
@@ -169,7 +181,10 @@ _NO_GUARD = 77
 
 
 def _line_of_script(file: str) -> int:
-    """Return the line of the script, outside of functions, that is running; 0 if there is none."""
+    """Return the number of the script's line, outside of functions, that is running; 0 if none is.
+
+    ``file`` is the path of the script, as its code has it.
+    """
     frame = sys._getframe(1)
     line = 0
     while frame is not None:
@@ -180,9 +195,10 @@ def _line_of_script(file: str) -> int:
 
 
 def _is_guarded(file: str, line: int) -> bool:
-    """Test whether an ``if`` on the name of the process stands around a script's line, or before it.
+    """Test whether a script's line is protected from running again in a worker that imports the script.
 
-    A script that cannot be read counts as guarded.
+    An ``if`` at the top level, with ``__name__`` or ``current_process`` in its condition, must stand
+    around the line or before it. A script that cannot be read counts as guarded.
     """
     try:
         statements = ast.parse(Path(file).read_bytes()).body
@@ -192,6 +208,7 @@ def _is_guarded(file: str, line: int) -> bool:
         if statement.lineno > line:
             break
         if isinstance(statement, ast.If):
+            # Names in the condition: of variables (`id`) and of attributes (`attr`).
             names = {
                 getattr(node, "id", getattr(node, "attr", "")) for node in ast.walk(statement.test)
             }
@@ -233,7 +250,7 @@ def _start_worker(
 
 def _exit_after(parent: "multiprocessing.process.BaseProcess") -> None:
     """Wait for the parent process to end, then end this one."""
-    # The pool's pipes do not show it: every worker has both of their ends.
+    # The pool's pipes do not show that the parent has ended: every worker has both of their ends.
     parent.join()
     _leave(1)
 
@@ -263,7 +280,7 @@ class SerialExecutor(Executor):
     """Executor that computes at once, in this process."""
 
     def submit(self, fn: Callable[..., T], /, *args: Any, **kwargs: Any) -> Future[T]:
-        """Run the function now."""
+        """Run the function now, in this process, and return a future that is done."""
         future: Future[T] = Future()
         try:
             future.set_result(fn(*args, **kwargs))
@@ -310,11 +327,12 @@ def begin(name: str, workers: int | None, *modules: str) -> None:
 
 
 def engine(name: Engine, workers: int, scheduler: str | None = None) -> OpenEngine:
-    """Return a function that opens the engine with so many workers.
+    """Return a function that opens the engine ``name`` with ``workers`` worker processes.
 
-    ``scheduler`` is the address of a Dask scheduler. The function raises UserError if Dask is missing
-    or no scheduler answers. Before that, this call raises RunError if the shell allows a process too
-    little memory, and UserError if processes are wanted that cannot import the script that runs.
+    ``scheduler`` is the address of a Dask scheduler; None starts a cluster on this machine. The function
+    raises UserError if Dask is missing or no scheduler answers. Before that, this call raises RunError
+    if the shell allows a process too little memory, and UserError if processes are wanted that cannot
+    import the script that runs.
     """
     check_memory_limit()
     if name == "dask":

@@ -47,10 +47,10 @@ def container_limits(groups: Path, root: Path) -> Iterator[int]:
     for line in lines:
         _, _, rest = line.partition(":")
         controllers, _, path = rest.partition(":")
-        if controllers == "":
+        if controllers == "":  # version 2
             home = root
             name = "memory.max"
-        elif "memory" in controllers.split(","):
+        elif "memory" in controllers.split(","):  # version 1
             home = root / "memory"
             name = "memory.limit_in_bytes"
         else:
@@ -67,11 +67,12 @@ def check_memory(experiment: Experiment, save_tracks: bool = False) -> None:
     """Raise UserError if a block of a filter and the stored numbers exceed the machine's memory.
 
     This is a lower bound: the particles with their weights before and after a step, and the estimates
-    of a block. The queue measures how much a block really takes.
+    of a block. The queue measures how much a block really takes. ``save_tracks`` stores the tracks of
+    all runs, with covariances.
     """
     settings = experiment.settings
     series = len(stored_series(experiment))
-    shown = runs_with_tracks(experiment, save_tracks)
+    shown = runs_with_tracks(experiment, save_tracks)  # number of runs
     for point in experiment.points:
         n_x = len(point.scenario.components)
         steps = len(point.scenario.steps)
@@ -83,13 +84,14 @@ def check_memory(experiment: Experiment, save_tracks: bool = False) -> None:
             # Numbers of one run while its block is filtered.
             particles = tracker.max_particle_count * _kept_states(tracker, point, label)
             of_run = 2 * (n_x + 1) * particles + n_x * steps
-            width = block_width_of(settings, tracker, point.scenario)
+            width = block_width_of(settings, tracker, point.scenario)  # runs per block
             needed = 8 * (width * of_run + of_runs + of_tracks)  # bytes, 8 of each number
             if needed > memory():
                 message = (
                     f"needs at least {needed / 1e9:.1f} GB of memory and this machine has "
                     f"{memory() / 1e9:.1f} GB: use fewer particles or runs, or a smaller block"
                 )
+                # Position in the config of the filter's key `N`, or else of the filter.
                 mark = experiment.source.mark(("filters", label, "N"))
                 raise UserError(Problem(mark, f"filters.{label}", message))
 

@@ -17,16 +17,19 @@ _AT_A_TIME = 64
 
 def merge(blocks: Iterable[PackedBlock]) -> FilterResult:
     """Join the values per run and add up the sums per step, block by block in the given order."""
-    parts: dict[ArrayPath, list[tuple[int, Array]]] = {}  # pieces after the first run of each
+    # By the path of an array: its pieces, each after the number of the piece's first run.
+    parts: dict[ArrayPath, list[tuple[int, Array]]] = {}
     first_run = 0
     sums: dict[ArrayPath, Array] = {}
     timing: list[Timing] = []
     for group in _groups_alike(blocks):
         layout = group[0].layout
+        # A row has all numbers of a block.
         rows = np.stack([block.numbers for block in group])
         _add_sums(sums, layout, rows)
         runs = 0
         for array in layout:
+            # All arrays that are no sums have the runs as their last axis.
             if array.path not in sums:
                 piece = _join_runs(rows, array)
                 parts.setdefault(array.path, []).append((first_run, piece))
@@ -50,9 +53,11 @@ def merge(blocks: Iterable[PackedBlock]) -> FilterResult:
 
 
 def _with_gaps(pieces: Sequence[tuple[int, Array]], runs: int) -> Array:
-    """Join a metric's values per run (M,); NaN in the blocks that lack it, as where it did not occur.
+    """Join a metric's values per run (M,); NaN in the blocks that lack the metric.
 
-    ``pieces`` are values after the number of their first run, and ``runs`` is M.
+    A metric that occurs in some runs only, such as the first step with an indefinite covariance, is
+    missing in a block without such a run. ``pieces`` are values, each after the number of the first run,
+    and ``runs`` is M.
     """
     joined = np.full(runs, np.nan)
     for first, piece in pieces:
@@ -61,23 +66,27 @@ def _with_gaps(pieces: Sequence[tuple[int, Array]], runs: int) -> Array:
 
 
 def _groups_alike(blocks: Iterable[PackedBlock]) -> Iterator[list[PackedBlock]]:
-    """Yield consecutive blocks with the same layout, at most `_AT_A_TIME` at once."""
+    """Yield lists of consecutive blocks whose arrays have the same names and shapes.
+
+    A list has at most `_AT_A_TIME` blocks.
+    """
     for _, alike in groupby(blocks, key=lambda block: block.layout):
         while group := list(islice(alike, _AT_A_TIME)):
             yield group
 
 
 def _add_sums(sums: dict[ArrayPath, Array], layout: Sequence[PackedArray], rows: Array) -> None:
-    """Add the sums per step of some blocks, one block after the other.
+    """Add the sums per step of some blocks to ``sums``, one block after the other.
 
-    ``rows`` has the numbers of a block in each row, and ``layout`` the places of the arrays in it.
+    ``rows`` has the numbers of a block in each row, and ``layout`` the places of the arrays in a row.
+    The arrays of the sums are neighbors there, so that all are added at once.
     """
     arrays = [array for array in layout if array.path[0] == "steps"]
     if not arrays:
         return
     start = arrays[0].start
     end = arrays[-1].end
-    # -0.0 is the number that changes no other by being added, not even a negative zero.
+    # Begin with -0.0: its sum with any number is that number, also with -0.0.
     before = [sums.get(array.path, np.full(array.shape, -0.0)) for array in arrays]
     total = np.concatenate(before)
     for row in rows[:, start:end]:
@@ -89,11 +98,12 @@ def _add_sums(sums: dict[ArrayPath, Array], layout: Sequence[PackedArray], rows:
 def _join_runs(rows: Array, array: PackedArray) -> Array:
     """Join an array of several blocks along the runs, its last axis.
 
-    ``rows`` has the numbers of a block in each row.
+    ``rows`` has the numbers of a block in each row, and ``array`` the place of the array in a row.
     """
     B = len(rows)
     blocks = rows[:, array.start : array.end].reshape(B, *array.shape)
     *others, runs = array.shape
+    # The axis of the blocks is moved before that of the runs: then both become one.
     return np.moveaxis(blocks, 0, -2).reshape(*others, B * runs)
 
 
@@ -103,7 +113,7 @@ def _named(arrays: Mapping[ArrayPath, Array], group: str) -> dict[str, Array]:
 
 
 def _step_sums(sums: Mapping[ArrayPath, Array]) -> dict[str, StepSums]:
-    """Return the sums per step by series."""
+    """Return the sums per step by series, from arrays by path: ``("steps", "squared_x", "total")``."""
     names = dict.fromkeys(name for _, name, _ in sums)
     steps: dict[str, StepSums] = {}
     for name in names:
@@ -113,7 +123,7 @@ def _step_sums(sums: Mapping[ArrayPath, Array]) -> dict[str, StepSums]:
 
 
 def _tracks(arrays: Mapping[str, Array]) -> Tracks | None:
-    """Return the tracks of all blocks; None if no block has any."""
+    """Return the tracks of all blocks, from their joined arrays by name; None if no block has any."""
     if not arrays:
         return None
     return Tracks(

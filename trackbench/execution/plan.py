@@ -47,14 +47,17 @@ class Plan:
         ranks: dict[BlockTask, int] = {}
         places: dict[BlockTask, tuple[int, int]] = {}
         for tasks in self.tasks.values():
-            # Filters that compute the same estimates have one rank: that of their first blocks.
+            # Filters that compute the same estimates, as at several points of the grid, have one rank.
             rank = ranks.setdefault(tasks[0].filtering_key, len(ranks))
             for task in tasks:
                 places.setdefault(task, (task.index, rank))
         return [task for task, _ in sorted(places.items(), key=lambda item: item[1])]
 
     def first(self, runs: int) -> "Plan":
-        """Return the plan reduced to its first ``runs`` runs, with the same blocks."""
+        """Return the plan of the first ``runs`` runs only, with the same blocks.
+
+        Later blocks are left out, and of the last one fewer runs are used.
+        """
         tasks: dict[Key, list[BlockTask]] = {}
         for key, blocks in self.tasks.items():
             tasks[key] = []
@@ -82,7 +85,7 @@ class Plan:
 def make_plan(experiment: Experiment, save_tracks: bool = False, stops: Sequence[int] = ()) -> Plan:
     """Split every filter's runs into blocks.
 
-    ``save_tracks`` records the tracks of more runs. ``stops`` are the numbers of runs after which the
+    ``save_tracks`` records the tracks of all runs. ``stops`` are the numbers of runs after which the
     experiment may stop, so that results of that many runs are needed.
     """
     settings = experiment.settings
@@ -112,6 +115,7 @@ def make_plan(experiment: Experiment, save_tracks: bool = False, stops: Sequence
             )
             tasks[i, label] = []
             for begin in range(0, settings.runs, width):
+                # Numbers of the block's runs after which the experiment may stop.
                 stops_in_block = tuple(n - begin for n in stops if 0 < n - begin < width)
                 used = min(width, settings.runs - begin)
                 block = replace(
@@ -125,25 +129,28 @@ def make_plan(experiment: Experiment, save_tracks: bool = False, stops: Sequence
 
 
 def runs_with_tracks(experiment: Experiment, save_tracks: bool) -> int:
-    """Return the number of first runs whose whole tracks are stored."""
+    """Return the number of first runs whose whole tracks are stored: all, or those that figures show."""
     if save_tracks:
         return experiment.settings.runs
     return min(experiment.shown_runs, experiment.settings.runs)
 
 
 def stored_series(experiment: Experiment) -> tuple[str, ...]:
-    """Return the series stored per run and step, for medians and shares of time averages."""
+    """Name the series that are stored per run and step, for medians and for runs' shares of averages."""
     names = [*experiment.settings.medians, *requested_contributions(experiment).series]
     return tuple(dict.fromkeys(names))
 
 
 def block_width_of(settings: Settings, tracker: AnyFilter, scenario: Scenario) -> int:
-    """Return the number of runs per block, as the key `block` requests it."""
+    """Return the number of runs per block, as the config's key `block` requests it.
+
+    The key is a number of runs, or `fit`, or its default.
+    """
     if isinstance(settings.block, int):
         return settings.block
     width = block_width(tracker, scenario)
     if settings.block == "fit":
-        # As many blocks, with equal numbers of runs.
+        # As many blocks, of nearly equal numbers of runs: no run is computed in vain.
         return ceil(settings.runs / ceil(settings.runs / width))
     return width
 
@@ -152,8 +159,8 @@ def block_width(tracker: AnyFilter, scenario: Scenario) -> int:
     """Choose the number of runs per block.
 
     A block has about 32 000 particles, so that the cost of numpy's calls is small, and at most 500 runs.
-    Blocks of filters that loop over runs have at most ten. Long tracks and filters with boosted particle
-    counts have smaller blocks, because a block is in memory as a whole.
+    Blocks of filters that loop over runs have at most ten. A block is in memory as a whole. So blocks of
+    long tracks have fewer runs, and so have those of filters that take more particles at some steps.
     """
     widest = _ONE_BY_ONE if tracker.loops_over_runs else _WIDEST
     most = min(widest, _RUN_STEPS_AT_A_TIME // len(scenario.steps))
@@ -163,9 +170,9 @@ def block_width(tracker: AnyFilter, scenario: Scenario) -> int:
 def stack_limit(task: BlockTask) -> int:
     """Return how many blocks a worker may filter side by side without changing their numbers.
 
-    Some blocks run alone. Plugins may draw or sum over all runs that they are given. Held-out
-    measurements are predicted with draws that depend on the block. numpy adds up the sums of a block of
-    one run in another order.
+    Some blocks run alone. The last digits of a run may depend on the other runs (`Filter.mixes_runs`).
+    Plugins may draw or sum over all runs that they are given. Held-out measurements are predicted with
+    draws that depend on the block. numpy adds up the sums of a block of one run in another order.
     """
     alone = task.filter.mixes_runs or task.filter.loops_over_runs or task.hold_out
     if alone or task.width == 1 or foreign_parts((task.scenario, task.filter, task.assume)):
@@ -178,7 +185,7 @@ def stack_limit(task: BlockTask) -> int:
 def _run_limit(tracker: AnyFilter) -> int:
     """Return how many runs may be filtered together: their particles fit in the processor's cache.
 
-    More particles in the few steps of a boost need only fit in the memory.
+    Some filters take more particles in a few steps (a boost), which need only fit in the memory.
     """
     usual = _PARTICLES_AT_A_TIME // tracker.particle_count
     boosted = _BOOSTED_AT_A_TIME // tracker.max_particle_count

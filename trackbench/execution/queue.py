@@ -58,7 +58,10 @@ class Queue:
     """
 
     def __init__(self, workers: int, store: BlockStore) -> None:
-        """Begin without tasks; ``workers`` is the number of processes that compute them."""
+        """Begin without tasks; ``workers`` is the number of processes that compute them.
+
+        The results are stored in ``store``.
+        """
         self.failed: dict[tuple[object, ...], str] = {}
         """reasons why filters failed, by `algorithm`"""
         self._first_failed: dict[tuple[object, ...], int] = {}
@@ -72,16 +75,17 @@ class Queue:
         self._store = store
         self._remote = False  # True for the workers of a cluster
         self._waiting: deque[Stack] = deque()
-        self._running: dict[Future[list[Computed]], list[Stack]] = {}
+        self._running: dict[Future[list[Computed]], list[Stack]] = {}  # submitted batches
         self._seconds: dict[tuple[object, ...], float] = {}  # of a block, by `algorithm`
         self._plugins: dict[BlockTask, tuple[Plugin, ...]] = {}  # of every task ever added
 
     def add(self, tasks: Sequence[BlockTask], plugins: tuple[Plugin, ...]) -> None:
         """Append the tasks that are new to the queue, in stacks; ``plugins`` is the code they need.
 
-        Stacks are so small that each of several workers gets at least two.
+        A stack has blocks that a worker filters side by side. Stacks are so small that each of several
+        workers gets at least two.
         """
-        most = len(tasks)
+        most = len(tasks)  # largest number of blocks of a stack
         if self._workers > 1:
             most = len(tasks) // (2 * self._workers)
         last_stack: dict[BlockTask, Stack] = {}  # by filter
@@ -90,6 +94,7 @@ class Queue:
             if task in self._plugins:
                 continue
             self._plugins[task] = plugins
+            # Blocks of one filter differ in their index and in the number of used runs.
             of_filter = replace(task, index=0, runs_used=0)
             stack = last_stack.get(of_filter)
             # A stack has adjacent blocks of one filter: begin a new one if it is full, or after a gap.
@@ -114,8 +119,10 @@ class Queue:
         while self._waiting:
             try:
                 with open_engine() as executor, announced(self._store.root) as token:
+                    # Worker processes that find this file store blocks; a serial engine leaves it to the
+                    # caller.
                     shared = None if isinstance(executor, SerialExecutor) else token
-                    least_seconds = 0.0
+                    least_seconds = 0.0  # of a batch: one stack
                     if isinstance(executor, ClusterExecutor):
                         self._workers = max(self._workers, executor.workers)
                         self._remote = True
@@ -160,12 +167,13 @@ class Queue:
     def _drain(
         self, executor: Executor, least_seconds: float, shared: Path | None
     ) -> Iterator[tuple[BlockTask, BlockOutcome]]:
-        """Submit batches and yield the results of their blocks until all are done.
+        """Submit batches and yield each block with its results, until all are done.
 
-        ``least_seconds`` is the least time that a batch should take; ``shared`` is a file in the
-        store's folder by which a worker detects that it shares the folder.
+        A batch is a list of stacks that is submitted as one call, and ``least_seconds`` the least time
+        that it should take. ``shared`` is a file in the store's folder by which a worker detects that it
+        shares the folder.
         """
-        expected = environment_digests()
+        expected = environment_digests()  # a worker must have the same code and arithmetic
         # Not concurrent.futures.wait: a signal within it leaves futures locked, and the pool hangs.
         finished: SimpleQueue[Future[list[Computed]]] = SimpleQueue()
         while self._waiting or self._running:
@@ -176,6 +184,7 @@ class Queue:
                 restore_modules(plugins)  # pickle looks for the tasks' classes in these modules
                 works = []
                 for stack in batch:
+                    # The files to which a worker writes the results of each block.
                     files = [self._store.files(task) for task in stack]
                     works.append(Work(stack=pickle.dumps(stack), files=files))
                 future = executor.submit(compute_batch, works, plugins, expected, shared)
@@ -203,7 +212,8 @@ class Queue:
                 self._take_back()
 
     def _take_back(self) -> None:
-        """Cancel batches that no worker has begun; their stacks wait again, in their order."""
+        """Cancel the submitted batches that no worker has begun; their stacks wait again, in order."""
+        # The last one first, as each is put before the others.
         for future in reversed(list(self._running)):
             with postponed():
                 taken_back = future.cancel()
@@ -211,7 +221,11 @@ class Queue:
                 self._waiting.extendleft(reversed(self._running.pop(future)))
 
     def _finish(self, stack: Stack, computed: Computed) -> Iterator[tuple[BlockTask, BlockOutcome]]:
-        """Yield a stack's blocks with their results; queue each block alone if the stack failed."""
+        """Yield a stack's blocks with their results; queue each block alone if the stack failed.
+
+        A stack of one block that failed is yielded with its error. The memory and the time that the
+        stack took are recorded.
+        """
         # The measured memory of a worker is its largest so far, which never falls. Only an increase by
         # more than 5 % is due to this stack.
         if self.hungriest is None or computed.memory > 1.05 * self.hungriest[1]:
@@ -229,10 +243,10 @@ class Queue:
     def _next_batch(self, least_seconds: float) -> list[Stack]:
         """Return the next stacks: so many that they take ``least_seconds``, and at least one.
 
-        A batch has stacks of the same plugins. It is so small that every worker gets at least two
-        batches of the waiting stacks.
+        They keep waiting until the caller removes them. A batch has stacks of the same plugins. It is so
+        small that every worker gets at least two batches of the waiting stacks.
         """
-        most = 1
+        most = 1  # after a worker's death, as one block may be the cause
         if not self.deaths:
             most = max(len(self._waiting) // (2 * self._workers), 1)
         batch: list[Stack] = []
@@ -253,19 +267,21 @@ class Queue:
         It is one while a block is suspected to kill workers. Otherwise every worker has batches in
         advance, unless the memory is too small for all workers.
         """
-        stacks = list(chain.from_iterable(self._running.values()))
-        if self._waiting:
-            stacks.append(self._waiting[0])
-        if any(self.deaths[task] for task in chain.from_iterable(stacks)):
-            return 1
+        # To look a task up hashes its whole filter and scenario: leave it out as long as no worker died.
+        if self.deaths:
+            submitted_or_next = list(chain.from_iterable(self._running.values()))
+            if self._waiting:
+                submitted_or_next.append(self._waiting[0])
+            if any(self.deaths[task] for task in chain.from_iterable(submitted_or_next)):
+                return 1
         if self.fitting == self._workers:
             return _AHEAD * self._workers
         return self.fitting
 
     @property
     def fitting(self) -> int:
-        """Number of workers that fit into this machine's memory; those of a cluster all do."""
-        peak = 0
+        """Number of workers that fit into this machine's memory; those of a cluster have their own."""
+        peak = 0  # largest memory of a worker, bytes
         if self.hungriest is not None:
             _, peak = self.hungriest
         if self._remote or peak * self._workers <= memory():
@@ -273,10 +289,11 @@ class Queue:
         return max(1, memory() // peak)
 
     def _after_death(self) -> Iterator[tuple[BlockTask, Exception]]:
-        """After a worker's death, queue the blocks that were running again, each alone.
+        """After a worker's death, queue the submitted blocks again, each alone.
 
         Yield the blocks over which too many workers have died, with an error.
         """
+        # Any of the submitted blocks may have been the cause.
         suspects = list(chain.from_iterable(self._running.values()))
         if not suspects:
             # No block ran, as the pool never began: its first stack is suspected.
@@ -291,10 +308,10 @@ class Queue:
 
 
 def _death_message(task: BlockTask, exit_code: int | None) -> str:
-    """Return the message on a block over which workers died, the last one with an exit code.
+    """Return the message on a block that is given up, because `_MOST_DEATHS` workers died over it.
 
-    The code is minus the number of a signal, or None if it is unknown. The system kills a process if
-    memory is short.
+    ``exit_code`` is that of the last one: minus the number of a signal, or None if it is unknown. The
+    system kills a process if memory is short.
     """
     block = f"over a block of {counted(task.width, 'run')}"
     times = f"{_MOST_DEATHS} times"
@@ -314,9 +331,10 @@ def _death_message(task: BlockTask, exit_code: int | None) -> str:
 
 
 def algorithm(task: BlockTask) -> tuple[object, ...]:
-    """Return the parts of a task that are equal for all blocks of a filter on a scenario.
+    """Return the fields of a task that are equal for all blocks of a filter on a scenario.
 
-    If one block fails, the others with these parts are given up.
+    They are the key of the filter's failures and times. If one block fails, all blocks with these fields
+    are given up.
     """
     return task.scenario, task.filter, task.assume, task.reference, task.width
 
@@ -324,9 +342,11 @@ def algorithm(task: BlockTask) -> tuple[object, ...]:
 def _join_filters(stacks: Sequence[Stack], most: int) -> list[Stack]:
     """Join stacks of one block each whose filters differ only in numbers; other stacks stay as they are.
 
+    A joined stack has the same runs of several filters, such as one filter with several values of a key.
     ``most`` is the largest number of blocks of a stack.
     """
     joined: list[Stack] = []
+    # Stacks that may get another block, by what their blocks have in common.
     open_stacks: dict[tuple[Hashable, BlockTask], Stack] = {}
     for stack in stacks:
         task = stack[0]

@@ -35,7 +35,7 @@ class FoundBlocks:
         self._bytes = 0
 
     def keep(self, task: BlockTask, block: PackedBlock) -> None:
-        """Keep a block if there is room for it."""
+        """Keep a block if there is room for it; the key is the identity of its task."""
         if self._bytes + block.numbers.nbytes <= _KEPT_BYTES:
             self._blocks[id(task)] = task, block
             self._bytes += block.numbers.nbytes
@@ -86,7 +86,7 @@ class Outcome:
 
 
 def stored_block(store: BlockStore, task: BlockTask) -> PackedBlock:
-    """Return a finished block; computes it again if it was removed meanwhile."""
+    """Return a finished block from the store; if it was removed meanwhile, compute it again."""
     block = store.get(task)
     if block is None:
         block = pack(run_whole_block(task)[task.runs_used])
@@ -108,8 +108,9 @@ def execute(
 ) -> Generator[Outcome]:
     """Compute and store every missing block of the plans; ``fresh`` computes all blocks.
 
-    ``more`` is called with the number and the outcome of a finished plan. It returns the plan of more
-    runs with which this plan continues, or None.
+    ``open_engine`` opens the engine with ``workers`` processes, and ``progress`` shows a bar. ``more``
+    is called with the number and the outcome of a finished plan. It returns the plan of more runs with
+    which this plan continues, or None.
 
     Yields an outcome per plan, in their order, as soon as its blocks are complete; meanwhile the workers
     compute the next plan. If a filter raises, its other blocks are dropped and the other filters
@@ -128,6 +129,7 @@ def execute(
                 while True:
                     while outcome.missing:
                         before = len(outcome.missing)
+                        # The next finished block of any plan: its results or its error.
                         task, computed = next(finished)
                         _record_result(outcomes, queue, task, computed)
                         bar.update(before - len(outcome.missing))
@@ -145,13 +147,16 @@ def execute(
 
 
 def _enqueue(outcome: Outcome, queue: Queue, missing: Sequence[BlockTask]) -> None:
-    """Queue missing blocks of the plan."""
+    """Queue blocks of the plan and note in its outcome that they are missing."""
     queue.add(missing, outcome.plan.plugins)
     outcome.missing.update(missing)
 
 
 def _extend_plan(outcome: Outcome, bigger: Plan, queue: Queue, bar: Any) -> None:
-    """Continue with the plan of more runs; blocks of the former plan are not computed again."""
+    """Continue an experiment with the plan of more runs, of which only the new blocks are computed.
+
+    ``bar`` is the progress bar. The outcome then has the plan ``bigger``.
+    """
     before = set(outcome.plan.unique)
     outcome.plan = bigger
     new = [task for task in bigger.unique if task not in before and outcome.store.get(task) is None]
@@ -161,7 +166,7 @@ def _extend_plan(outcome: Outcome, bigger: Plan, queue: Queue, bar: Any) -> None
 
 
 def _failures(plan: Plan, queue: Queue) -> dict[Key, str]:
-    """Return why filters of the plan failed."""
+    """Return why filters of the plan failed, by grid point and label; filters that ran are left out."""
     failures = {}
     for key, tasks in plan.tasks.items():
         # All blocks of a filter have one `algorithm`.
@@ -172,10 +177,13 @@ def _failures(plan: Plan, queue: Queue) -> dict[Key, str]:
 
 
 def _crowding(plan: Plan, queue: Queue, workers: int) -> str:
-    """Describe the filter whose memory allows fewer than ``workers`` workers; empty if all fit."""
+    """Describe the filter whose memory allows fewer than ``workers`` workers; empty if all fit.
+
+    Its blocks may be those of another plan in the queue.
+    """
     if queue.hungriest is None or queue.fitting >= workers:
         return ""
-    task, peak = queue.hungriest
+    task, peak = queue.hungriest  # a block, and the largest memory of its worker in bytes
     labels = [label for (_, label), tasks in plan.tasks.items() if task in tasks]
     names = " and ".join(labels) or "another experiment"
     return (
@@ -185,7 +193,10 @@ def _crowding(plan: Plan, queue: Queue, workers: int) -> str:
 
 
 def _missing_blocks(outcome: Outcome, fresh: bool) -> list[BlockTask]:
-    """List the blocks to compute; count the stored and the damaged ones in the outcome."""
+    """List the blocks to compute: all if ``fresh``, else those that are not stored.
+
+    The stored ones are kept in memory for the merge, and counted in the outcome with the damaged ones.
+    """
     if fresh:
         return outcome.plan.unique
     missing = []
@@ -204,13 +215,18 @@ def _missing_blocks(outcome: Outcome, fresh: bool) -> list[BlockTask]:
 def _record_result(
     outcomes: Sequence[Outcome], queue: Queue, task: BlockTask, computed: BlockOutcome
 ) -> None:
-    """Store a finished block for all plans that wait for it, or give up its filter."""
+    """Store a finished block for all plans that wait for it, or give up its filter.
+
+    ``computed`` are the block's results, or the error of the filter. ``outcomes`` are those of all
+    plans, as a block may be part of several.
+    """
     if isinstance(computed, Exception):
         dropped = queue.give_up(task, computed)
         for outcome in outcomes:
             outcome.missing.difference_update(dropped)
         return
-    outcomes[0].store.put(task, computed)  # the store of all plans
+    # All plans have one store. Results that a worker has stored itself are empty.
+    outcomes[0].store.put(task, computed)
     for outcome in outcomes:
         if task in outcome.missing:
             outcome.missing.remove(task)

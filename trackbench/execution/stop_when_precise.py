@@ -27,7 +27,10 @@ def with_runs(experiment: Experiment, runs: int) -> Experiment:
 
 
 def first_batch(experiment: Experiment) -> Experiment:
-    """Return the experiment with the runs of the first checkpoint; itself without the key `until`."""
+    """Return the experiment with the runs of the first checkpoint; itself without the key `until`.
+
+    A checkpoint is a number of runs after which the standard errors are checked.
+    """
     settings = experiment.settings
     if not settings.until:
         return experiment
@@ -43,14 +46,17 @@ class NextBatch(NamedTuple):
 
 
 def next_batch(experiment: Experiment, most: int, outcome: Outcome) -> NextBatch | None:
-    """Return the experiment with the runs of the next checkpoint.
+    """Return the experiment with the runs of the next checkpoint; None if the runs end.
 
-    Returns None after two good checkpoints in a row, or after the last. ``experiment`` has the runs made
-    so far, which are at least those of the first checkpoint. ``most`` is the largest number of runs.
+    A checkpoint is a number of runs after which the standard errors are checked. The runs end without
+    the key `until`, after the last checkpoint, or after two checkpoints in a row at which all standard
+    errors are small enough. ``experiment`` has the runs made so far, which are at least those of the
+    first checkpoint. ``most`` is the largest number of runs.
     """
     settings = experiment.settings
     if not settings.until:
         return None
+    # Numbers of runs at all checkpoints, and at those up to now.
     stops = list(checkpoints(settings.min_runs, most))
     passed = [runs for runs in stops if runs <= settings.runs]
     if len(passed) == len(stops):
@@ -63,6 +69,7 @@ def next_batch(experiment: Experiment, most: int, outcome: Outcome) -> NextBatch
             return None
     least_precise = ""
     if last:
+        # A share that is not finite, as of a target of zero, counts as the worst.
         worst = max(last, key=lambda check: check.share if isfinite(check.share) else inf)
         least_precise = worst.progress_text
     bigger = with_runs(experiment, stops[len(passed)])
@@ -72,7 +79,11 @@ def next_batch(experiment: Experiment, most: int, outcome: Outcome) -> NextBatch
 def imprecise(
     experiment: Experiment, outcome: Outcome, runs: int | None = None
 ) -> Iterator[tuple[Key, PrecisionCheck]]:
-    """Yield the numbers whose standard error exceeds that of `until` after ``runs``, or all, runs."""
+    """Yield the numbers whose standard error is larger than the config's key `until` allows.
+
+    The errors are those after the first ``runs`` runs; default: all. Before each check stand the grid
+    point and the label of the filter.
+    """
     targets = []
     for metric, error in experiment.settings.until.items():
         targets.append(PrecisionTarget.read(metric, error))
@@ -85,7 +96,11 @@ def imprecise(
 
 
 def stop_reason(experiment: Experiment, most: int, outcome: Outcome) -> Iterator[str]:
-    """Yield why the runs ended, if the config has `until`; ``most`` is the largest number of runs."""
+    """Yield lines on why the runs ended, if the config has `until`.
+
+    Either all standard errors are small enough, or a line names each that is not. ``experiment`` has the
+    runs made, and ``most`` is the largest number of runs.
+    """
     if not experiment.settings.until:
         return
     runs = experiment.settings.runs

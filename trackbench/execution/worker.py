@@ -48,15 +48,17 @@ def compute(
 ) -> list[dict[int, BlockResult]]:
     """Load the plugins and run a pickled stack of tasks; return each block's results.
 
-    The results are by the number of runs that they are computed from. Raises RuntimeError if the numbers
-    could differ from those of the requesting process, whose digests are ``expected``. Raises FilterError
-    if the filter or scenario fails.
+    A stack is a list of blocks that are filtered side by side. A block's results are by the number of
+    runs that they are computed from. Raises RuntimeError if the numbers could differ from those of the
+    requesting process, whose digests are ``expected``. Raises FilterError if the filter or scenario
+    fails.
     """
     digests = environment_digests()
     if digests.code != expected.code:
         raise RuntimeError("this worker has another version of trackbench, numpy or Python")
     if digests.arithmetic != expected.arithmetic:
         raise RuntimeError("this worker's floating point is not that of IEEE 754")
+    # A plugin that was changed since this worker loaded it is executed again.
     forget_outdated(plugins, as_now=False)
     for plugin in plugins:
         load_plugin(plugin)
@@ -73,6 +75,7 @@ def compute(
     # Only a plugin may replace functions of the package; without one there is nothing to undo.
     before = own_values() if foreign_parts(components) else ([], {})
     try:
+        # `guarded`: a plugin's code cannot end the process.
         with guarded(), working_folder(working_folder_of(plugins)):
             results = run_stack(blocks)
     except Exception as error:
@@ -117,8 +120,9 @@ def compute_batch(
 ) -> list[Computed]:
     """Compute stacks one after the other; the error of one does not affect the others.
 
-    ``expected`` are the digests of the requesting process. The blocks are stored if the file ``shared``,
-    which that process wrote to its cache folder, exists here, too. Raises WriteError.
+    ``expected`` are the digests of the requesting process. The file ``shared`` is in the cache folder of
+    that process. If it exists here, too, the folder is shared and this worker stores the blocks there.
+    Raises WriteError.
     """
     stores = shared is not None and shared.exists()
     return [_compute_stack(work, plugins, expected, stores) for work in batch]
@@ -129,7 +133,8 @@ def _compute_stack(
 ) -> Computed:
     """Compute the blocks of a stack in this process; write them to their files if ``stores``.
 
-    Results that are written are not returned. ``expected`` are the digests of the requesting process.
+    The results of written blocks are returned as empty, to keep the message to the requesting process
+    short. ``expected`` are the digests of that process.
     """
     started = time.perf_counter()
     results: list[dict[int, BlockResult]] | Exception
@@ -155,5 +160,5 @@ def _peak_memory() -> int:
         return 0
     import resource
 
-    unit = 1 if sys.platform == "darwin" else 1024
+    unit = 1 if sys.platform == "darwin" else 1024  # bytes of the number's unit
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit

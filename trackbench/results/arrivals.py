@@ -33,6 +33,7 @@ def arrival_rows(experiment: Experiment, outcome: Outcome) -> Iterator[Row]:
         # The first step has the initial state and no measurement.
         steps = point.scenario.steps[1:].tolist()
         sensors = rows_of(cast(Sensors, point.scenario.true_sensor))
+        # The file has at most about `_MOST_ROWS` rows of all these points together.
         rows_of_a_run_at_all_points = len(steps) * len(sensors) * len(delayed)
         runs = min(max(_MOST_ROWS // rows_of_a_run_at_all_points, 1), _MOST_RUNS)
         # All filters of a point get the same data: those of the first one's blocks.
@@ -40,6 +41,7 @@ def arrival_rows(experiment: Experiment, outcome: Outcome) -> Iterator[Row]:
             if task.first_run >= runs or task.data.arrival is None:
                 break
             for m in range(min(task.runs_used, runs - task.first_run)):
+                # Cells that begin the rows of a run: the grid point's values and the run's number.
                 head = [*point.values.values(), task.first_run + m]
                 for n, rows in enumerate(sensors):
                     is_measured = ~np.isnan(task.data.measurements[rows, :, m]).all(axis=0)

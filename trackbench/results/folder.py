@@ -81,7 +81,7 @@ class ResultsFolder:
 
     @property
     def config(self) -> dict[str, Any]:
-        """Resolved config."""
+        """Resolved config, in which defaults are written out, as a mapping."""
         config = self.source.data
         assert isinstance(config, dict)
         return config
@@ -110,16 +110,16 @@ class ResultsFolder:
         return self.config.get("figures") or {}
 
     def unavailable_kinds(self, group: Group) -> dict[str, str]:
-        """Return the kinds of tables or figures whose plugin is not loaded, by the names in the config.
+        """Find the tables or figures of the config whose kind is unknown, as its plugin is not loaded.
 
-        ``group`` is "tables" or "figures".
+        Return their kinds by their names. ``group`` is "tables" or "figures".
         """
         if not self.config.get("plugins"):  # all kinds are of the package
             return {}
         known = kinds(group)
         unavailable = {}
-        for name, exhibit in (self.config.get(group) or {}).items():
-            kind = exhibit.get("kind")
+        for name, keys in (self.config.get(group) or {}).items():
+            kind = keys.get("kind")
             if kind not in known:
                 unavailable[name] = kind
         return unavailable
@@ -128,12 +128,16 @@ class ResultsFolder:
     def published(self) -> Published:
         """Published numbers and claims that the results are compared with."""
         paths = self.config.get("published", [])
-        mark = self.source.mark(("published",))
+        mark = self.source.mark(("published",))  # place of the key in the config, for messages
         return read_published(self.folder, paths, self.config["name"], mark=mark)
 
     @property
     def labels(self) -> list[str]:
-        """Filter labels in the config's order, each before its exact errors; the bound's last."""
+        """Labels of all rows in the results: of filters, of exact errors and of the lower bound.
+
+        Filters are in the config's order. The label of a filter's exact errors follows the filter's, and
+        the bound's label is the last.
+        """
         labels: list[str] = []
         for label in self.filters:
             labels.append(label)
@@ -146,11 +150,15 @@ class ResultsFolder:
 
     @cached_property
     def exact(self) -> list[str]:
-        """Labels of exact errors."""
+        """Labels of the exact errors, ``KF, exact``, of the filters under the config's key `exact`."""
         return [exact_label(label) for label in self.config.get("exact", [])]
 
     def chosen(self, wanted: Container[str] | None, exact: bool = False) -> list[str]:
-        """Return the labels that a table or figure shows: those it names, or all, perhaps the exact."""
+        """Return the labels that a table or figure shows, in the order of `labels`.
+
+        They are those in ``wanted``. Without ``wanted`` they are all labels; those of exact errors only
+        if ``exact``.
+        """
         if wanted is not None:
             return [label for label in self.labels if label in wanted]
         return [label for label in self.labels if exact or label not in self.exact]
@@ -178,7 +186,8 @@ class ResultsFolder:
         grid = config["grid"]
         is_product = config.get("product", True)
         points = []
-        # Without `product` one filter's paths are varied at a time, which takes the filters' labels.
+        # A point is the index of a value for each path. Without `product` one filter's paths are varied
+        # at a time, which takes the filters' labels.
         for indices in combinations(grid, config["filters"], config.get("reference"), is_product):
             points.append({path: grid[path][i] for path, i in zip(grid, indices, strict=True)})
         return points
@@ -207,11 +216,13 @@ class ResultsFolder:
         It is `EXACT_DIGITS` if any value of the filter has more digits than usual.
         """
         usual = DIGITS["per_run.csv"]
-        for runs in self._runs.values():
-            for (filter_label, _), values in runs.items():
+        for values_of_point in self._runs.values():
+            # Values (M,) of the runs by filter and metric.
+            for (filter_label, _metric), values in values_of_point.items():
                 if filter_label != label:
                     continue
                 for value in values.tolist():
+                    # A value with no more than the usual digits is equal to itself when it is rounded.
                     if isfinite(value) and float(f"{value:.{usual}g}") != value:
                         return EXACT_DIGITS
         return usual
@@ -233,7 +244,10 @@ class ResultsFolder:
         return self.manifest["failed"]
 
     def facts(self, point: GridPoint) -> PointFacts:
-        """Return the facts about a point beside numbers: scenario, filters, components, shading."""
+        """Return the facts about a grid point from points.json, such as the keys of its scenario.
+
+        ``point`` has the values of the grid's paths. Raises UserError if the file does not have it.
+        """
         for facts in self._facts:
             if same_point(facts.values, point):
                 return facts
@@ -286,8 +300,8 @@ class ResultsFolder:
     def tracks(self, point: GridPoint, every_run: bool = False) -> dict[str, Array]:
         """Return tracks of the first runs: ``truth``, ``measurements``, ``mean/<filter>``, ``steps``.
 
-        With ``every_run`` they are the tracks of all runs, if these were saved. Empty if every filter
-        failed at the point.
+        With ``every_run`` they are the tracks of all runs, if these were saved. The result is empty if
+        every filter failed at the point.
         """
         i = self.index_of(point)
         if i is None:
@@ -297,6 +311,7 @@ class ResultsFolder:
             arrays = self.saved
         if not arrays:
             arrays = self.shown
+        # The file has the arrays of all points; their names begin with the point's number.
         prefix = array_prefix(i, len(self.grid_points))
         return {
             name.removeprefix(prefix): array
@@ -305,7 +320,7 @@ class ResultsFolder:
         }
 
     def steps(self, point: GridPoint) -> int:
-        """Return the number of steps of a run at a point."""
+        """Return the number of steps of a run at a point; raises UserError if the manifest lacks it."""
         steps = self.manifest.get("steps")
         i = self.index_of(point) or 0
         # A list has the numbers of all points, where they differ.
@@ -337,7 +352,7 @@ class ResultsFolder:
 
     @contextmanager
     def reading(self, name: str) -> Iterator[Path]:
-        """Yield the path of a file; raise any error within the block as a UserError of one line."""
+        """Yield the path of the file ``name``; turn any error within the block into a UserError."""
         path = self.folder / name
         # Older versions wrote timing.csv to the folder itself.
         if name == "timing.csv" and not path.is_file():
@@ -351,11 +366,15 @@ class ResultsFolder:
             raise UserError(f"{path}: cannot be read, {message_of(error)}: {RUN_AGAIN}") from error
 
     def points(self) -> list[dict[str, Any]]:
-        """Return the points that have results, in order; one empty point without a grid."""
+        """Return the grid's points in summary.csv, in its order; one empty point without a grid.
+
+        A point has the values of the grid's paths, by path. If every filter failed at every point, all
+        points of the config are returned.
+        """
         summary = self.columns("summary")
-        if not self.grid or not len(summary):  # every filter failed
+        if not self.grid or not len(summary):
             return self.grid_points
-        rows = dict.fromkeys(summary.tuples(self.grid))
+        rows = dict.fromkeys(summary.tuples(self.grid))  # each point once
         return [dict(zip(self.grid, row, strict=True)) for row in rows]
 
     def index_of(self, point: GridPoint) -> int | None:
@@ -366,7 +385,10 @@ class ResultsFolder:
         return None
 
     def columns(self, name: str, point: Mapping[str, Any] = MappingProxyType({})) -> Columns:
-        """Return rows of `summary`, `per_step` or `timing`, at one grid point or at all."""
+        """Return the rows of the table ``name``, at one grid point or at all.
+
+        Tables are `summary`, `per_step` and `timing`. Each file is read once.
+        """
         if name not in self._columns:
             self._columns[name] = self._read(name)
         return self._columns[name].rows_with(point)
@@ -384,7 +406,7 @@ class ResultsFolder:
             return read_columns(path, COLUMNS[file])
 
     def _frame(self, name: str) -> "pd.DataFrame":
-        """Return a file as a pandas data frame."""
+        """Return the table ``name``, such as ``per_run``, as a pandas data frame."""
         import pandas as pd  # takes long to import
 
         return pd.DataFrame(self._read(name).arrays, copy=True)
@@ -405,10 +427,10 @@ class ResultsFolder:
         return file_of_steps(self.folder)
 
     def _points_as_read(self) -> list[dict[str, Any] | None]:
-        """Return the points of the config's grid with the values that summary.csv has.
+        """Return all points of the config's grid, with their values as they are read from summary.csv.
 
-        A value is read as the type of its column in the file. A point whose value is no such text has no
-        row in the file: None stands for it.
+        A value of the config is written as text and read as the type of the file's column. If the text
+        is no value of this type, the point has no row in the file: None stands for it.
         """
         summary = self.columns("summary")
         parses = {path: parse_of(summary[path]) for path in self.grid}
@@ -448,9 +470,9 @@ class ResultsFolder:
 
 
 def same_point(point: GridPoint, read_back: dict[str, Any]) -> bool:
-    """Return whether a point of the config equals one that was read from a CSV file.
+    """Test whether a point of the config equals one that was read from a CSV file.
 
-    Null and lists are texts in the file.
+    Both have the values of the grid's paths, by path. Null and lists are texts in the file.
     """
     for path, value in point.items():
         if value != read_back[path] and _cell(value) != str(read_back[path]):

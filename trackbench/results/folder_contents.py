@@ -91,13 +91,16 @@ EXACT_DIGITS = 15
 
 
 def is_of_one_run(name: str) -> bool:
-    """Test whether a file depends on the machine or on options of the run."""
+    """Test whether a file depends on the machine or on options of the run, by its name in the folder."""
     is_optional = name.endswith((".png", ".pdf", ".tex")) or name in ("report.html", "tracks.npz")
     return is_optional or name.startswith("run/")
 
 
 def is_in_git(name: str) -> bool:
-    """Test whether git keeps a file: a folder is complete without all others."""
+    """Test whether git keeps a file, by its name in the folder.
+
+    A results folder is complete without all other files.
+    """
     return name not in DATA_FILES and not is_of_one_run(name)
 
 
@@ -154,7 +157,8 @@ def _named_by_config(folder: Path) -> Iterator[str]:
             exhibits = config.get(group)
             if not isinstance(exhibits, dict):
                 continue
-            # A name with a slash could lead out of the folder.
+            # A name with a slash could lead out of the folder. Without tables or figures in the config a
+            # run writes one with the name `DEFAULT`.
             safe = [name for name in (*exhibits, DEFAULT) if "/" not in str(name)]
             for place, name, form in product(("", "run/"), safe, forms):
                 yield f"{place}{group}/{name}.{form}"

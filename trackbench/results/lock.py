@@ -56,12 +56,13 @@ def _acquire(path: Path, say: Callable[[str], None]) -> int:
         except OSError:
             os.close(descriptor)
             raise
+        # The file is the lock, unless the process before has removed it. Write the process id to it.
         if _is_current(descriptor, path):
             os.ftruncate(descriptor, 0)
             os.lseek(descriptor, 0, os.SEEK_SET)
             os.write(descriptor, str(os.getpid()).encode())
             return descriptor
-        os.close(descriptor)  # the process before removed the file: it is no longer the lock
+        os.close(descriptor)
 
 
 def _holder(descriptor: int) -> str:

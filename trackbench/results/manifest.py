@@ -59,12 +59,14 @@ def write_manifest(
 ) -> dict[str, str]:
     """Write both manifests after all other files, with new digests of the files in ``written``.
 
-    The digests of other files are those of ``facts["files"]``. Return all digests by the files' names.
+    ``manifest.json`` has what every machine computes again, ``run/machine.json`` what belongs to this
+    run alone, such as versions and times. ``facts`` are those of both. The digests of other files are
+    those of ``facts["files"]``. Return all digests by the files' names.
     """
     digests = dict(facts.get("files", {}))
     for path in written:
         name = path.relative_to(folder).as_posix()
-        digests.pop(name, None)
+        digests.pop(name, None)  # stays so if the file was removed
         if path.is_file() and name not in (MACHINE, MANIFEST):
             try:
                 digests[name] = _digest(path)

@@ -184,6 +184,8 @@ class SeriesColumns(Columns):
     """Rows of arrays as those of a CSV file; only the series that are chosen are joined."""
 
     def __init__(self, series: Sequence[Series], names: Sequence[str]) -> None:
+        """Begin with the rows of all ``series``; ``names`` are those of the columns, in order."""
+        # `Columns` is a frozen dataclass, which takes no assignments.
         object.__setattr__(self, "_series", tuple(series))
         object.__setattr__(self, "_names", tuple(names))
 
@@ -200,7 +202,7 @@ class SeriesColumns(Columns):
         return arrays
 
     def rows_with(self, values: Mapping[str, Any]) -> Columns:
-        """Return the rows that have these values, by names of columns."""
+        """Return the rows that have the given ``values``, by the names of their columns."""
         # Constants, such as the filter's label, choose whole series; numbers choose rows of them.
         constant_columns = set(self._names).difference(_NUMBERS)
         constants = {name: value for name, value in values.items() if name in constant_columns}
@@ -235,8 +237,8 @@ def read_steps(
 ) -> Columns:
     """Read ``per_step.npz`` as the rows of per_step.csv.
 
-    ``columns`` are that file's, those of the grid first; ``points`` are the values of the grid's points,
-    None for a point without results.
+    ``columns`` are the names of that file's columns, the grid's paths first. ``points`` are the values
+    of the grid's points by path, None for a point without results.
     """
     with path.open("rb") as file, np.load(file) as archive:
         arrays = dict(archive)
@@ -277,8 +279,8 @@ def read_run_arrays(
 ) -> PointRuns:
     """Read ``per_run.npz``: the values per run by filter and metric, at each point of the grid.
 
-    ``points`` are the values of the grid's points, None for a point without results; ``labels`` are the
-    filters to read.
+    ``points`` are the values of the grid's points by path, None for a point without results; ``labels``
+    are the filters to read.
     """
     with path.open("rb") as file, np.load(file) as archive:
         arrays = dict(archive)
@@ -300,7 +302,7 @@ def read_run_arrays(
 def rows_of_runs(runs: PointRuns, columns: Sequence[str]) -> Columns:
     """Return the values per run at each point as the rows of per_run.csv.
 
-    ``columns`` are that file's, those of the grid first.
+    ``columns`` are the names of that file's columns, the grid's paths first.
     """
     paths = [name for name in columns if name not in ("filter", "run", "metric", "value")]
     series = []

@@ -77,7 +77,7 @@ class PointFacts:
     def accepted_nis(self, label: str) -> AcceptedNis | None:
         """Return the distribution of the NIS of measurements that a filter's gate accepts.
 
-        None if the filter has no gate.
+        ``label`` is that of the filter. The result is None if the filter has no gate.
         """
         keys = self.filters.get(label, {})
         # A filter that wraps another one has its keys under `filter`, the gate among them.
@@ -87,6 +87,7 @@ class PointFacts:
         gate = keys.get("gate")
         if not isinstance(gate, float) or not 0.0 < gate < 1.0 or not self.measured:
             return None
+        # Numbers of components that each sensor measures.
         sizes = [len(self.measured)]
         if isinstance(self.scenario.get("sensor"), list):
             # Components of several sensors begin with the sensor's number.
@@ -95,7 +96,7 @@ class PointFacts:
         return AcceptedNis(gate, tuple(sizes), each=keys.get("gate_by") == "sensor")
 
     def component(self, c: int) -> tuple[str, str]:
-        """Return the name of component c of the truth without its unit, and the unit.
+        """Return the name of component c (an index) of the truth without its unit, and the unit.
 
         The unit is empty if none is known.
         """
@@ -113,6 +114,7 @@ def facts_of_point(point: Point, shown: Callable[[str], str] = str) -> PointFact
     filters = {label: as_config(part, shown) for label, part in point.filters.items()}
     for label, assume in point.assumed.items():
         filters[label] |= entry_keys(assume, shown)
+    # First and last step that count, of a single recorded run.
     judged = None
     if scenario.recorded_runs == 1:
         # The nameless window is of all steps that count.
@@ -163,7 +165,7 @@ def same_points(stored: str, computed: str) -> bool:
 
 
 def _is_part(stored: Any, computed: Any) -> bool:
-    """Test whether all keys of the stored content have the computed values."""
+    """Test whether all keys of the stored JSON content have the computed values, at every level."""
     if isinstance(stored, dict) and isinstance(computed, dict):
         return all(k in computed and _is_part(value, computed[k]) for k, value in stored.items())
     if isinstance(stored, list) and isinstance(computed, list):
@@ -185,7 +187,10 @@ def points_in(text: str) -> Iterator[PointFacts]:
 
 
 def _differences(first: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
-    """Return the facts in which ``other`` differs from ``first``; of filters only those that differ."""
+    """Return the facts of a point that differ from the first point's; of filters only those that differ.
+
+    Both are fields of `PointFacts` by name.
+    """
     differences = {key: value for key, value in other.items() if value != first.get(key)}
     filters = {}
     for label, keys in other["filters"].items():
@@ -197,7 +202,10 @@ def _differences(first: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]
 
 
 def array_prefix(i: int, points: int) -> str:
-    """Return the prefix of the names of point i's arrays; empty if the grid has one point only."""
+    """Return the prefix of the names of point i's arrays in a file; empty if there is only one point.
+
+    ``points`` is the number of points of the grid.
+    """
     if points <= 1:
         return ""
     return f"point{i}/"

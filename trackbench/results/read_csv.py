@@ -20,6 +20,7 @@ Runs: TypeAlias = dict[tuple[str, str], Array]
 """Read-only values (M,) in the order of the runs, NaN where lost, by (filter, metric)."""
 
 PointRuns: TypeAlias = dict[tuple[Any, ...], Runs]
+"""Values per run at each point of the grid, by the values of the grid's paths."""
 Parse: TypeAlias = Callable[[str], Any]
 """Conversion of a column's texts to values."""
 
@@ -60,14 +61,17 @@ class Columns:
             return self
         is_chosen = np.ones(len(self), dtype=np.bool_)
         for name, value in values.items():
-            is_word = self[name].dtype == object
+            is_word = self[name].dtype == object  # texts, such as labels of filters
             has_value = self._rows_with_word(name, value) if is_word else self[name] == value
             is_chosen = np.logical_and(is_chosen, has_value)
         return self.chosen(is_chosen)
 
     @cached_property
     def _codes(self) -> dict[str, tuple[Array, dict[object, int]]]:
-        """Codes of each compared column of words: the rows' codes, and the code of each word."""
+        """Codes of each compared column of words: the rows' codes, and the code of each word.
+
+        `_rows_with_word` fills the mapping.
+        """
         return {}
 
     def _rows_with_word(self, name: str, value: object) -> Array:
@@ -85,7 +89,7 @@ class Columns:
         return np.asarray(codes_of_rows == code_by_word.get(value, -1))
 
     def chosen(self, which: Any) -> "Columns":
-        """Return rows by a mask or by their numbers."""
+        """Return the rows that a mask (R,) marks, or those with the given indices."""
         return Columns({name: array[which] for name, array in self.arrays.items()})
 
     def tuples(self, names: Iterable[str]) -> Iterator[tuple[Any, ...]]:
@@ -100,9 +104,10 @@ class Columns:
 def read_pieces(
     path: Path, needed: Collection[str], only: Collection[str] | None = None
 ) -> Iterator[Columns]:
-    """Yield the rows of a file, some thousands at a time; columns of a grid are words.
+    """Yield the rows of a file, some thousands at a time.
 
-    The library csv reads them: pandas takes as long to import as a small experiment to run.
+    Columns that `_TYPES` does not name, those of a grid, stay texts: only all rows show their type. The
+    library csv reads the file: pandas takes as long to import as a small experiment to run.
 
     Parameters
     ----------
@@ -139,12 +144,15 @@ def read_pieces(
                 texts = [row[j] for row in rows]
                 arrays[name] = _as_array(texts, _TYPES.get(name, str))
             yield Columns(arrays)
-            if len(rows) < _ROWS_AT_A_TIME:
+            if len(rows) < _ROWS_AT_A_TIME:  # the file has no more
                 return
 
 
 def _as_array(texts: Sequence[str], kind: type) -> Array:
-    """Convert a column's texts to an array (R,); equal words are one string in memory."""
+    """Convert a column's texts to an array (R,) of the type ``kind``: int, float or str.
+
+    Equal words are one string in memory. Raises ValueError for a text that is no such value.
+    """
     if kind is int:
         return np.fromiter(map(int, texts), dtype=np.int64, count=len(texts))
     if kind is float:
@@ -162,7 +170,10 @@ def _check_printable(texts: Iterable[str]) -> None:
 
 
 def read_columns(path: Path, needed: Collection[str] = ()) -> Columns:
-    """Read a file whole; the types of a grid's columns follow from their texts."""
+    """Read a whole file with the columns ``needed``, and perhaps others.
+
+    The types of a grid's columns follow from their texts.
+    """
     pieces = [*read_pieces(path, needed=needed)]
     arrays = {}
     for name in pieces[0]:
@@ -178,7 +189,10 @@ def read_columns(path: Path, needed: Collection[str] = ()) -> Columns:
 
 
 def _choose_parse(texts: Collection[str]) -> Parse:
-    """Find the first type that all texts have: whole numbers, numbers, truth values, words."""
+    """Choose how to convert a column's texts: as whole numbers, else numbers, truth values or words.
+
+    It is the first conversion that all texts allow.
+    """
     for parse in (int, float, _parse_truth):
         with suppress(ValueError, KeyError):
             for text in texts:
@@ -201,12 +215,13 @@ def parse_of(column: Array) -> Parse:
 
 
 def read_runs(path: Path, summary: Columns, grid: list[str], labels: Collection[str]) -> PointRuns:
-    """Read per_run.csv: read-only values per run by filter and metric, at each point of the grid.
+    """Read per_run.csv: read-only values (M,) by filter and metric, at each point of the grid.
 
-    ``grid`` are the grid's paths; their values get the types that they have in ``summary``. ``labels``
-    are the filters to read.
+    ``grid`` are the grid's paths; their values get the types that they have in the columns of
+    ``summary``, which are those of summary.csv. ``labels`` are the filters to read.
     """
     keys = [*grid, "filter", "metric"]
+    # By the texts of a point, then by filter and metric: the values in pieces of the file.
     pieces: dict[tuple[str, ...], dict[tuple[str, str], list[Array]]] = {}
     for piece in read_pieces(path, needed=["filter", "metric", "value"], only=[*keys, "value"]):
         # A filter's values of a metric stand together.

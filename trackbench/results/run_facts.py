@@ -34,7 +34,7 @@ def _package_versions() -> dict[str, str]:
 
 
 def facts_of_run(experiment: Experiment, outcome: Outcome) -> dict[str, Any]:
-    """Collect the content of both manifests but for the format and the digests of the files."""
+    """Collect the facts of both manifests, but for the folder's format and the digests of the files."""
     filters = experiment.points[0].filters
     # Without the step of the initial state.
     steps = [len(point.scenario.steps) - 1 for point in experiment.points]
@@ -105,9 +105,9 @@ def compare_lock() -> dict[str, Any]:
 
 
 def _installed_version(name: str) -> str | None:
-    """Return the version of an installed package; None if it is not installed.
+    """Return the version of the package ``name``; None if it is not installed.
 
-    Tools that only build the package may be missing.
+    Tools that only build trackbench may be missing.
     """
     try:
         text = distribution(name).read_text("METADATA")

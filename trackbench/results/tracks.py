@@ -36,7 +36,10 @@ class TrackFile:
         self.arrays: dict[str, Any] = {}
 
     def add(self, key: Key, result: FilterResult) -> None:
-        """Add one filter's tracks at one grid point, if the run kept any."""
+        """Add one filter's tracks at one grid point, if the run kept any.
+
+        ``key`` is the number of the point and the label of the filter.
+        """
         if result.tracks is None:
             return
         i, label = key
@@ -80,9 +83,13 @@ class FigureTracks(TrackFile):
     """
 
     def _arrays(self, label: str, tracks: Tracks, scenario: Scenario) -> dict[str, Array]:
-        """Return one filter's arrays by name: no more runs and digits than the figures show."""
+        """Return one filter's arrays by name: no more runs and digits than the figures show.
+
+        ``label`` is that of the filter. Its ``tracks`` have at least the runs that figures show.
+        """
         figures = [figure for figure in self.experiment.figures.values() if figure.shown_runs]
-        # Number of runs that are drawn in all detail.
+        # Number of runs that are drawn in all detail: a figure without `shown_components` may draw
+        # anything.
         exact_runs = _most_runs([f for f in figures if f.shown_components is None])
         # Every figure of tracks shows the truth of the first run.
         arrays = {"truth": tracks.truth[..., : max(exact_runs, 1)]}
@@ -117,7 +124,7 @@ class FigureTracks(TrackFile):
 
 
 def sensor_paths(scenario: Scenario) -> list[tuple[int, Array]]:
-    """Find the number and path (2, T) of each sensor that has a place."""
+    """Find the number, from 1, and the path (2, T + 1), m, of each sensor that has a place."""
     sensors = sensors_of(cast(Sensors, scenario.true_sensor))
     paths = []
     for n, sensor in enumerate(sensors, 1):
@@ -132,7 +139,7 @@ def sensor_paths(scenario: Scenario) -> list[tuple[int, Array]]:
 
 
 def landmark_places(scenario: Scenario) -> list[tuple[int, Array]]:
-    """Find the number and place (2,) of each landmark that is measured."""
+    """Find the place (2,), m, of each measured landmark, after the number of its sensor, from 1."""
     sensors = sensors_of(cast(Sensors, scenario.true_sensor))
     places = []
     for n, sensor in enumerate(sensors, 1):
@@ -147,7 +154,7 @@ def measured_positions(scenario: Scenario, z: Array) -> Array | None:
     A missing measurement gives NaN. None if no sensor alone measures a position.
     """
     sensor = scenario.true_sensor
-    # The sensor that measures a position, and its rows of z.
+    # The sensor that measures a position, among one or several, and its rows of z.
     sensor_and_rows = position_part(sensor) if isinstance(sensor, Sensors) else None
     if sensor_and_rows is None:
         return None

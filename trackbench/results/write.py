@@ -90,15 +90,16 @@ class Losses(NamedTuple):
 
     @classmethod
     def from_result(cls, result: FilterResult) -> "Losses":
-        """Count the lost runs by the codes of the metric ``lost``, which is 0 if a run is kept."""
+        """Count a filter's lost runs by the codes of the metric ``lost``, 0 for a run that counts."""
         codes = result.per_run["lost"]
-        # RMS differences from the reference.
+        # RMS differences from the reference filter, of each quantity and window.
         distances = []
         for name, values in result.per_run.items():
             metric = measured(name).definition
             if metric.name == "rmsd":
                 distances.append(values)
-        # Without any finite distance the reference failed, unless all runs are lost.
+        # The reference failed if there is one and no distance is finite. If all runs are lost, all
+        # distances are NaN for this reason.
         has_distance = not distances or bool((codes > 0).all())
         if any(np.isfinite(values).any() for values in distances):
             has_distance = True
@@ -141,8 +142,9 @@ def write_results(
 ) -> WrittenResults:
     """Write the files of a run, from which all other files are made, in place of earlier runs' files.
 
-    With ``tracks`` the tracks of all runs are written; ``times`` are measured CPU times. The caller
-    writes the manifest after all other files.
+    ``outcome`` has the filters' results. With ``tracks`` the tracks of all runs are written. ``times``
+    are measured CPU times of filters, by grid point and label. The caller writes the manifest after all
+    other files.
     """
     # Step 1: config, published numbers and data files.
     published = experiment.published.files
@@ -157,7 +159,7 @@ def write_results(
         if path.resolve() != (folder / name).resolve():
             write_bytes(folder / name, path.read_bytes())
         elif path.is_file():  # not so a pattern of names
-            note(folder / name)
+            note(folder / name)  # it stays, and its digest is part of the manifest
     # Step 2: the numbers and tracks of each filter at each point.
     track_files: dict[str, TrackFile] = {"shown.npz": FigureTracks(experiment)}
     if tracks:
@@ -182,6 +184,7 @@ def write_results(
             }
             result = result._replace(run_series=run_series, measured=times.get(key))
             losses[key] = Losses.from_result(result)
+            # A result has a timing for each block.
             for task, timing in zip(outcome.plan.tasks[key], result.timing, strict=True):
                 cpu_s_of_block[task.filtering_key] = timing.cpu_s
             csv_files.add(key, result)
@@ -212,6 +215,7 @@ class CsvFiles:
     """
 
     def __init__(self, files: ExitStack, folder: Path, experiment: Experiment) -> None:
+        """Open each CSV file and write its heading; ``files`` closes them all."""
         self._experiment = experiment
         self.run_values: list[Runs] = [{} for _ in experiment.points]
         self.step_arrays = StepArrays(experiment) if is_long(experiment) else None
@@ -228,7 +232,10 @@ class CsvFiles:
             self._writers[name] = writer
 
     def add(self, key: Key, result: FilterResult) -> None:
-        """Add the rows of one filter at one grid point."""
+        """Add the rows of one filter at one grid point to every file.
+
+        ``key`` is the number of the point and the label of the filter.
+        """
         point, label = key
         scenario = self._experiment.points[point].scenario
         digits = _digits_per_run(self._experiment, key)
@@ -279,9 +286,11 @@ class CsvFiles:
                 self._add_steps(i, label, steps)
 
     def _add_runs(self, point: int, label: str, per_run: dict[str, Array], digits: int) -> None:
-        """Add rows of per_run.csv, a metric at a time.
+        """Add rows of per_run.csv, a metric at a time, and store the values in ``run_values``.
 
-        The rows are so many that they are written as text, which is faster than `csv`.
+        ``point`` is the number of the grid point, ``per_run`` has the values (M,) by metric, and
+        ``digits`` is the number of significant digits. The rows are so many that they are written as
+        text, which is faster than `csv`.
         """
         head = self._head_text(point, label)
         stored = stored_metrics(self._experiment.settings, "per_run.csv")
@@ -299,7 +308,10 @@ class CsvFiles:
                 self.run_values[point][label, metric] = fixed(as_read)
 
     def _add_steps(self, point: int, label: str, columns: Iterable[StepColumns]) -> None:
-        """Add rows of per_step.csv, a series at a time: all metrics of a step, then the next step."""
+        """Add rows of per_step.csv, a series at a time: all metrics of a step, then the next step.
+
+        ``point`` is the number of the grid point, and each of the ``columns`` has a series' metrics.
+        """
         # Very long runs have arrays in a binary file in place of per_step.csv.
         if self.step_arrays is not None:
             self.step_arrays.add(point, label, columns)
@@ -346,11 +358,11 @@ class CsvFiles:
                 self._writers["summary.csv"].writerow([*head, *rounded])
 
     def _head_cells(self, point: int, label: str) -> list[Any]:
-        """Begin a row: values of the grid point, and the filter."""
+        """Return the cells that begin a row: values of the grid point by its number, and the label."""
         return [*self._experiment.points[point].values.values(), label]
 
     def _head_text(self, point: int, label: str) -> str:
-        """Write the cells that begin a row."""
+        """Return the cells that begin a row as text of a CSV."""
         return cells(self._head_cells(point, label))
 
 
