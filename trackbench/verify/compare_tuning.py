@@ -19,7 +19,7 @@ from trackbench.execution.merge_blocks import merge
 from trackbench.report.tables_and_figures import Results
 from trackbench.tuning.record_of_trials import Record, Trial
 from trackbench.tuning.search import Rank, Search, Values
-from trackbench.tuning.tuner import Training, given_values, tune
+from trackbench.tuning.tuner import Training, configured_values, tune
 
 _FILE = "tuning.csv"
 
@@ -44,7 +44,7 @@ def compare_tuning(results: Results, experiment: Experiment, runs: int) -> Itera
         training = Training(experiment, label)
         yield from _compare_search(experiment, label, record, training)
         for key, value in record.best.values.items():
-            taken = given_values(experiment, tuned_label(label)).get(key)
+            taken = configured_values(experiment, tuned_label(label)).get(key)
             if taken != value:
                 values = f"{key} is {taken}, the best trial of {_FILE} has {value}"
                 yield f"config.yaml: {tuned_label(label)}: {values}"
