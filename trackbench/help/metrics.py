@@ -110,7 +110,7 @@ def metrics_of_config(path: Path, allow_plugins: bool = False) -> str:
 def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[JsonRow]:
     """Yield metrics, windows, statistics and numbers of an experiment as rows."""
     from trackbench.config.load import UnknownNamesError, load
-    from trackbench.config.metric_names import names_of, stored_metrics
+    from trackbench.config.metric_names import is_stored, names_of, stored_metrics
     from trackbench.config.shipped_experiments import located
     from trackbench.evaluation.metric_expression import measured
 
@@ -139,7 +139,7 @@ def rows_of_config(path: Path, allow_plugins: bool = False) -> Iterator[JsonRow]
             "better": metric.better,
             "per_run": name in per_run,
             "per_step": name in per_step,
-            "kept": stored is None or measured(name).base in stored,
+            "kept": is_stored(stored, measured(name).base),
         }
     for name in sorted(names.windows):
         if name:
