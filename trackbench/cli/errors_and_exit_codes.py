@@ -22,9 +22,8 @@ def exit_if_stdout_fails() -> Iterator[None]:
 
     A disk may be full. If the reader of a pipe has ended, that is no error.
     """
-    code: str | int | None = (
-        None  # as of `sys.exit`: None is success, and a text is printed on stderr
-    )
+    # As an argument of `sys.exit`, None is success, and a text is printed on stderr.
+    code: str | int | None = None
     try:
         try:
             yield
@@ -60,8 +59,9 @@ def as_reportable(error: Exception) -> "UserError | RunError":
     from trackbench.plugins.errors import foreign_line
 
     line = foreign_line(error)  # None if no plugin code raised it
+    # An OSError of a file has the file's name, and an error of writing a file is a WriteError.
     if line is None and isinstance(error, OSError) and error.filename is None:
-        line = f"stdout: {reason(error)}"  # files have names, and errors of writing have a class
+        line = f"stdout: {reason(error)}"
     if line is None:
         raise error
     return RunError(line)

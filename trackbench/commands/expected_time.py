@@ -203,15 +203,15 @@ def _cost_by_trial(job: Job, missing: Sequence[BlockTask]) -> _Cost | None:
     A trial runs the filter over the first steps of its block. Return None if there are too many filters
     for a short trial, if a filter fails, or if it is a program outside of Python.
     """
-    # The missing blocks by grid point and filter.
-    passes: dict[Key, list[BlockTask]] = {}
+    # The missing blocks that need a pass of a filter, by grid point and filter.
+    blocks_by_key: dict[Key, list[BlockTask]] = {}
     for key, task in _filter_passes(job.plan, missing):
-        passes.setdefault(key, []).append(task)
-    if len(passes) > _MOST_TRIALS:
+        blocks_by_key.setdefault(key, []).append(task)
+    if len(blocks_by_key) > _MOST_TRIALS:
         return None
     cpu_s = 0.0
     longest_block_s = 0.0
-    for tasks in passes.values():
+    for tasks in blocks_by_key.values():
         if tasks[0].filter.runs_program:
             return None
         block_s = _block_s_by_trial(tasks[0])

@@ -109,8 +109,8 @@ def _values_of_runs(results: Results, runs: int) -> "pd.DataFrame":
     shares = [metric for metric in metrics if measured(metric).statistic == TIME_MEAN]
     frame = frame[(frame["run"] < runs) & ~frame["metric"].isin(shares)]
     if results.per_run_file == PER_RUN_FILE:
-        # The numbers of many runs are stored in a file of arrays with all digits. Those of fewer runs
-        # are in per_run.csv, which has fewer digits.
+        # The numbers of very many runs are stored in a file of arrays with all digits. Those of fewer
+        # runs are in per_run.csv, which has fewer digits.
         rounded = shortened(frame["value"].tolist(), DIGITS["per_run.csv"])
         frame = frame.assign(value=list(map(float, rounded)))
     return frame

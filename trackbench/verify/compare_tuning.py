@@ -34,8 +34,8 @@ def compare_tuning(results: Results, experiment: Experiment, runs: int) -> Itera
     if is_whole and results.tuning:
         workers = cpu_count()
         store = BlockStore(cache_folder())
-        processes = engine("processes", workers)
-        repeated = tune(experiment, store, processes, workers, fresh=True, progress=False)
+        open_engine = engine("processes", workers)
+        repeated = tune(experiment, store, open_engine, workers, fresh=True, progress=False)
     for label in experiment.tuned:
         if label not in results.tuning:
             yield f"{_FILE}: has no trials of {label}"

@@ -28,8 +28,8 @@ def recompute(experiment: Experiment, folder: Path, runs: int, tracks: bool) -> 
     check_memory(experiment, tracks)
     fewer = replace(experiment, settings=replace(experiment.settings, runs=runs))
     store = BlockStore(cache_folder())
-    processes = engine("processes", workers)
-    outcomes = execute([plan], store, processes, workers, fresh=True, progress=False)
+    open_engine = engine("processes", workers)
+    outcomes = execute([plan], store, open_engine, workers, fresh=True, progress=False)
     with closing(outcomes):
         facts = write_results(folder, fewer, next(outcomes), tracks).facts
     return Results(folder, facts)
