@@ -123,7 +123,7 @@ def new(
         elif nonlinear:
             form = "nonlinear"
         written = WrittenConfig(paths=write_new(noun, name, Path(), form))
-    # Step 3: print what was written, and what to do next.
+    # Step 3: print what was written, and what to do next. Only a config on data has columns and units.
     for path in written.paths:
         typer.echo(f"wrote {path}")
     if written.unused:
@@ -140,6 +140,7 @@ def new(
         build_command = LANGUAGES[language].build
         if build_command:
             typer.echo(f"build it: {build_command.replace('@MODULE@', config.stem)}")
+    # Sensors whose place the user must write.
     if written.unknown:
         typer.echo(f"write into it where these are: {', '.join(written.unknown)}")
     run_command = f"trackbench run {config}"

@@ -285,6 +285,7 @@ class ExpectedTimesOfSuite:
         options: Options,
         is_quick: bool,
     ) -> None:
+        """Begin with no problem; ``recorded`` has one or two times of each problem, by its name."""
         self._recorded = recorded
         self._added = added
         self._options = options
@@ -332,6 +333,7 @@ class _OwnTimes:
     """CPU times of the user's own filters on the problems of a suite, from trials."""
 
     def __init__(self, labels: Sequence[str], options: Options) -> None:
+        """Begin with no trial of the filters ``labels``; the time for trials runs from now on."""
         self._labels = labels
         self._options = options
         self._started = time.monotonic()

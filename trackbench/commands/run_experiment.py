@@ -251,7 +251,10 @@ def _loss_notes(experiment: Experiment, losses: dict[Key, Losses]) -> Iterator[s
 
 
 def _bound_notes(experiment: Experiment) -> Iterator[str]:
-    """Yield the cautions of the scenarios' lower bounds, each once."""
+    """Yield the cautions of the scenarios' lower error bounds, each once; none without a bound.
+
+    A caution is a reason to doubt a bound, such as that few simulated paths carry its information.
+    """
     bound = experiment.settings.bound
     if not bound:
         return

@@ -72,6 +72,7 @@ class Report:
         return f"{repr(self.results).replace('Results', 'Report', 1)[:-1]}{failed}>"
 
     def _repr_html_(self) -> str:
+        """Return what a notebook displays: sentences, tables and the key figure, as HTML."""
         lines = [f"{self.folder}/", *self.failed, *self.answer, *summary_lines(self.comparison)]
         tables = self.ranking()
         tables = tables + [table.texts() for table in self.tables.values()]
@@ -136,6 +137,7 @@ class Report:
         return self.results.attempt("notes", self._collect_notes, self.run_notes)
 
     def _collect_notes(self) -> list[str]:
+        """Return notes on runs, verdicts, CPU times and inconclusive verdicts, a line each."""
         return [
             *self.run_notes,
             *summary_lines(self.comparison),

@@ -91,6 +91,7 @@ def metrics_of_config(path: Path, allow_plugins: bool = False) -> str:
     for row in rows_of_config(path, allow_plugins):
         names[row["group"]].append(row["kind"])
         if row["group"] == "metrics":
+            # The files that store the metric, per run or per step.
             files = "not kept"
             if row["kept"]:
                 files = ", ".join(word for word in ("run", "step") if row[f"per_{word}"])

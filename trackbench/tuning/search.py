@@ -42,9 +42,10 @@ _LOST_RUN = 1e12  # weight of a lost run in the simplex: more than any objective
 
 
 def neighbor_budget(axes: Sequence[Axis], budget: int) -> int:
-    """Return the part of the budget that is reserved for the neighbors of the best trial.
+    """Return the number of trials, of ``budget``, that are reserved for the neighbors of the best trial.
 
-    It is at most a third, so that a small budget is spent on the search itself.
+    Each numeric key has two neighbors at each distance. The number is at most a third, so that a small
+    budget is spent on the search itself.
     """
     numeric_axes = sum(not axis.choices for axis in axes)
     return min(2 * len(_NEIGHBOR_STEPS) * numeric_axes, budget // 3)
