@@ -1,5 +1,7 @@
 """A missing measurement is predicted over by every filter; without any, the motion alone is left."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from tests.papers import banana, merwe
 from trackbench.config.filter_requirements import meets_requirement
 from trackbench.evaluation.block import BlockTask, simulate
 from trackbench.evaluation.run_filter import FilterOutput, run_filter
+from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.registry import kinds
 
 SCENARIO = merwe(T=6, R=0.1)
@@ -61,13 +64,16 @@ def test_one_gap_leaves_every_run_finite_and_the_past_as_it_was(kind: str) -> No
     np.testing.assert_array_equal(mine.mean[:, :3], whole.mean[:, :3])
 
 
-@pytest.mark.parametrize("kind", ["rpf", "mpf"])
+@pytest.mark.parametrize("kind", ["rpf", "mpf", "mmpf"])
 def test_no_particle_is_jittered_without_a_measurement(kind: str) -> None:
     """A jitter at each step of a gap would widen the cloud without bound."""
     scenario = SCENARIO if kind == "rpf" else banana()
+    keys: dict[str, Any] = {}
+    if kind == "mmpf":
+        keys = {"motions": (WhiteAcceleration(q=1e-3),) * 2, "transition": ((0.9, 0.1),) * 2}
     covariances = []
     for scale in (1.0, 0.0):
-        tracker = make_filter(kind, bandwidth_scale=scale)
+        tracker = make_filter(kind, bandwidth_scale=scale, **keys)
         task = BlockTask(scenario, tracker, 1, index=0, width=3, runs_used=3)
         data = simulate(scenario, 1, 0, 3)
         # One run has all its measurements.

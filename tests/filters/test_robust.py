@@ -1,6 +1,7 @@
 """Robust updates against scalar programs, a numerical minimizer and the plain filters."""
 
 from dataclasses import replace
+from math import fsum
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from tests.filters.test_conflicts import refusals
 from trackbench.contract.run_contract import check_filter
 from trackbench.core.arrays import Array
 from trackbench.core.distributions import Gaussian
-from trackbench.filters.robust import Huber, StudentT
+from trackbench.filters.robust import Huber, StudentT, _log_integrals
 from trackbench.models.base import Model
 from trackbench.models.motions.kinematic import WhiteAcceleration
 from trackbench.models.motions.scalar import Autoregressive
@@ -142,6 +143,17 @@ def test_log_densities_have_the_area_one(n: int) -> None:
             integrate.quad(shell, *part, limit=200)[0] for part in ((0, k), (k, 50), (50, 300))
         )
         assert sum(parts) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_the_integrals_of_huber_do_not_depend_on_the_version_of_sum(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """From Python 3.12 on `sum` is compensated, nearly as `math.fsum` is."""
+    compute = _log_integrals.__wrapped__  # without the cache
+    constants = (0.7, 1.0, 1.2, 1.5, 2.0, 2.5)
+    plain = [compute(k, 8) for k in constants]
+    monkeypatch.setattr("trackbench.filters.robust.sum", fsum, raising=False)
+    np.testing.assert_array_equal([compute(k, 8) for k in constants], plain)
 
 
 @pytest.mark.parametrize("robust", UPDATES, ids=["huber", "student-t"])

@@ -1,13 +1,18 @@
-"""The predicted region of the figure `posterior`."""
+"""The regions of the figure `posterior`."""
 
+import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pytest
 
+from tests.commands import ran
 from tests.papers import banana_text
 from trackbench.api import run
 from trackbench.core.distributions import Gaussian
 from trackbench.report.figures.banana import ellipse, predicted_position
+from trackbench.report.plotting import style
 
 EXPERIMENT = """name: one
 runs: 4
@@ -38,6 +43,27 @@ def test_it_is_drawn(tmp_path: Path) -> None:
     run(path, out=tmp_path / "out", formats=("svg",))
     drawn = next((tmp_path / "out").rglob("f.svg")).read_text()
     assert "Predicted, 2" in drawn
+
+
+@pytest.mark.parametrize(
+    "place", [{"at": [9e5, 4e5]}, {"platform": {"steps": [0, 4], "x": [8e5, 1e6], "y": [3e5, 5e5]}}]
+)
+def test_the_measurement_is_seen_from_the_place_of_the_sensor(
+    tmp_path: Path, place: dict[str, Any]
+) -> None:
+    """The middle of its region is within some deviations of the target, which is at the origin."""
+    scenario = json.loads(banana_text(scans=4))
+    scenario["sensor"] |= place
+    text = EXPERIMENT.replace(banana_text(scans=4), json.dumps(scenario))
+    results = ran(tmp_path, text).results
+    figure = results.parts("figures")["f"].draw(results)
+    across_km, along_m = figure.axes[0].patches[0].get_xy().mean(axis=0)
+    assert figure.axes[0].get_xlabel() == "Across the line of sight (km)"
+    assert figure.axes[0].get_ylabel() == "Along it (m)"
+    deviation_across_km = 1e-6 * scenario["sensor"]["sigma_azimuth_mrad"] * 3e6
+    assert abs(across_km) < 4.0 * deviation_across_km
+    assert abs(along_m) < 50.0
+    style.close(figure)
 
 
 def test_an_ellipse_may_be_a_line_or_a_point() -> None:

@@ -76,6 +76,14 @@ def test_it_comes_out_again(folder: Path) -> None:
     assert verify(folder, runs=5) == []
 
 
+def test_a_histogram_of_too_few_runs_has_no_p(tmp_path: Path) -> None:
+    results = Results(ran(tmp_path, CONFIG.replace("runs: 300", "runs: 5")).folder)
+    figure = results.parts("figures")["ranks"].draw(results)
+    assert [ax.get_title() for ax in figure.axes[:2]] == ["X", "State"]
+    assert not any("p" in ax.get_title() for ax in figure.axes)
+    plt.close(figure)
+
+
 def test_reliability_is_the_distribution_of_the_ranks(folder: Path) -> None:
     results = Results(folder)
     lines = _lines(Reliability(metric=measure("pit_nees@8")), results)

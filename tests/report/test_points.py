@@ -177,3 +177,11 @@ def test_the_arc_of_a_measurement_is_that_of_the_point(tmp_path: Path) -> None:
         heights.append(np.ptp(middle[np.abs(middle[:, 0]) < 1e-3 * np.ptp(middle[:, 0]), 1]))
         style.close(drawn)
     assert heights[1] == pytest.approx(2.0 * heights[0], rel=0.05)
+
+
+def test_a_caption_names_the_point_that_is_drawn(tmp_path: Path) -> None:
+    """The number counts the first point, too, where every filter failed."""
+    text = CONFIG.replace(merwe_text(T=5), banana_text(scans=4))
+    text = text.replace("{kind: estimates}", "{kind: posterior, point: 2}")
+    results = with_offset(tmp_path, text + OFFSET + "grid: {filters.A.off: [0, 1, 2]}\n")
+    assert "at off = 1:" in results.parts("figures")["f"].default_caption(results)

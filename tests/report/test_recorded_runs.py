@@ -14,7 +14,9 @@ from trackbench.report.findings.ranking_table import ranking_tables
 from trackbench.report.findings.sentences import _explain_undecided, answer
 from trackbench.report.html.report_page import write_report
 from trackbench.report.plotting import style
+from trackbench.report.suite.scores import BEST, Ratio, _ratio_to_best, _word
 from trackbench.statistics.comparison import Sample
+from trackbench.statistics.significance_rules import BETTER, WORSE
 
 STEPS = 120
 FAST, SLOW = 0.08, 0.05
@@ -115,6 +117,38 @@ def described(metric: str, **numbers: float) -> str:
             sample = Sample.from_values(np.array([number]), "mean", of_steps)
         candidates.append(Candidate(label, {}, np.zeros(1), sample))
     return _explain_undecided(ranking_of(candidates, metric), is_recorded=True)
+
+
+def test_the_first_of_a_suite_is_the_best_if_another_misses_steps(rng: np.random.Generator) -> None:
+    """The ranking then has copies of all filters, over the steps that they have in common."""
+    steps = 1.0 + 0.1 * rng.standard_normal(400)
+    late = np.where(np.arange(400) < 3, np.nan, steps + 0.5)
+    candidates = []
+    for label, of_steps in (("KF", steps), ("Late", late)):
+        sample = Sample.from_values(np.array([np.nanmean(of_steps)]), "mean", of_steps)
+        candidates.append(Candidate(label, {}, np.zeros(1), sample))
+    ranking = ranking_of(candidates, "rmse_position")
+    assert ranking.order[0] is not candidates[0]
+    assert [_word(ranking, candidate) for candidate in candidates] == [BEST, WORSE]
+    assert _ratio_to_best(ranking, candidates[0]) == Ratio(value=1.0, low=1.0, high=1.0)
+
+
+def test_a_filter_that_is_better_than_the_first_on_common_runs_is_not_called_worse(
+    rng: np.random.Generator,
+) -> None:
+    """KF has the lower error of all its runs, since it lost the two that were hard for EKF."""
+    errors = 1.0 + 0.1 * rng.standard_normal(400)
+    lost = np.zeros(400)
+    lost[:2] = 1.0
+    of_kf = np.where(lost, np.nan, errors)
+    of_ekf = np.where(lost, 100.0, 0.98 * errors)
+    candidates = [
+        Candidate("KF", {}, lost, Sample.from_values(of_kf, "mean")),
+        Candidate("EKF", {}, np.zeros(400), Sample.from_values(of_ekf, "mean")),
+    ]
+    ranking = ranking_of(candidates, "rmse_position")
+    assert ranking.order[0].name == "KF"
+    assert [_word(ranking, candidate) for candidate in candidates] == [BEST, BETTER]
 
 
 def test_filters_are_near_the_best_farther_off_or_far_off() -> None:

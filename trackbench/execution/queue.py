@@ -267,12 +267,13 @@ class Queue:
         It is one while a block is suspected to kill workers. Otherwise every worker has batches in
         advance, unless the memory is too small for all workers.
         """
-        # The submitted stacks and the next one.
-        stacks = list(chain.from_iterable(self._running.values()))
-        if self._waiting:
-            stacks.append(self._waiting[0])
-        if any(self.deaths[task] for task in chain.from_iterable(stacks)):
-            return 1
+        # To look a task up hashes its whole filter and scenario: leave it out as long as no worker died.
+        if self.deaths:
+            submitted_or_next = list(chain.from_iterable(self._running.values()))
+            if self._waiting:
+                submitted_or_next.append(self._waiting[0])
+            if any(self.deaths[task] for task in chain.from_iterable(submitted_or_next)):
+                return 1
         if self.fitting == self._workers:
             return _AHEAD * self._workers
         return self.fitting

@@ -64,7 +64,10 @@ class AlphaBeta(InnovationFilter[Smoothed]):
         return OWN_MOTION
 
     def gains(self, T: float, sigma: float) -> tuple[float, float]:
-        """Return alpha and beta: the keys, or from the tracking index ``sqrt(q) T^2 / sigma``."""
+        """Return alpha and beta: the keys, or from the tracking index ``sqrt(q) T^2 / sigma``.
+
+        T is the interval of the steps, s, and sigma the standard deviation of a measured position, m.
+        """
         if self.alpha is not None and self.beta is not None:
             return self.alpha, self.beta
         # r = (4 + i - sqrt(8 i + i^2)) / 4,  alpha = 1 - r^2,  beta = 2 (2 - alpha) - 4 sqrt(1 - alpha)
@@ -83,20 +86,25 @@ class AlphaBeta(InnovationFilter[Smoothed]):
         K[0, 0] = alpha
         K[1, 0] = beta / T
         if self.growing:
-            # least squares: alpha_n = 2 (2 n - 1) / (n (n + 1)),  beta_n = 6 / (n (n + 1))
+            # While they are larger, the gains of least squares over n measurements are used:
+            # alpha_n = 2 (2 n - 1) / (n (n + 1)),  beta_n = 6 / (n (n + 1))
             K[0, 0] = np.maximum(alpha, 2.0 * (2 * n - 1) / (n * (n + 1)))
             K[1, 0] = np.maximum(beta, 6.0 / (n * (n + 1))) / T
         K[2:, 1] = K[:2, 0]
         return K
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Smoothed:
-        """Start from the prior of position and velocity, which counts as two measurements."""
+        """Start from the prior of position and velocity, which counts as two measured positions.
+
+        Further components of the prior, such as an acceleration, are left out.
+        """
         first = Gaussian(prior.mean[:4], prior.cov[:4, :4])
         unknown = np.full(prior.mean.shape[1], np.nan)
         return Smoothed(posterior=first, n=np.array(2), nis=unknown)
 
     def step(self, model: Model, state: Smoothed, z: Array, k: int, rng: Generator) -> Smoothed:
         """Predict ``x = F x``, update ``x = x + K (z - H x)``; predict only if z is missing."""
+        # The assumed motion gives only the interval T: this filter has its own q.
         assumed, sensor = cast("tuple[Linear, PositionSensor]", model)
         motion = ConstantVelocity(q=self.q).sampled(assumed.T)
         H = sensor.H()

@@ -147,19 +147,19 @@ class Filter(Part, Generic[State]):
         return frozenset()
 
     def expectation(self, state: State, g: Callable[[Array], dict[str, Array]]) -> dict[str, Array]:
-        """Return posterior means of functions of the state that differ from g(mean).
+        """Return posterior means of nonlinear functions g of the state, which differ from g(mean).
 
         Parameters
         ----------
         state : State
             State after a step.
         g : callable
-            Named functions of states x (n_x, ...).
+            Takes states x (n_x, ...) and returns the values (...) of the functions by name.
 
         Returns
         -------
         dict of array (M,)
-            Posterior means by name; default: none, so that g(mean) is taken.
+            Posterior means by name; default: none, and the functions are not scored.
         """
         return {}
 
@@ -209,8 +209,8 @@ class Filter(Part, Generic[State]):
         Returns
         -------
         dict
-            Reason by key (``detector.window_s``), or by ``""`` for the filter as a whole. Each is
-            an error before anything runs.
+            Reason by key (``detector.window_s``), or by ``""``, which is `WHOLE_FILTER`, for the filter
+            as a whole. Each is an error before anything runs.
         """
         return {}
 
@@ -225,7 +225,7 @@ class Filter(Part, Generic[State]):
         Returns
         -------
         dict
-            Reasons by key.
+            Reason by key, such as "without `gate`", which ends the sentence "has no effect ...".
         """
         return {}
 
@@ -426,6 +426,8 @@ class WrongReturnError(ValueError):
         self.method = method
 
 
+WHOLE_FILTER = ""
+"""Key of a conflict that concerns the filter as a whole and none of its keys."""
 OWN_MOTION = {"assume.motion": "as this filter has a motion of its own"}
 """Idle keys of a filter that uses only the time between steps of the assumed motion."""
 PLANAR_POSITION = ("state.planar", "motion.T", "sensor.per_axis")

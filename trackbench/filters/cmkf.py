@@ -11,7 +11,7 @@ from trackbench.core.arrays import Array
 from trackbench.core.conversions import Conversion, Polar, convert
 from trackbench.core.distributions import Distribution, Gaussian, per_run_moments
 from trackbench.core.kalman import Updated
-from trackbench.filters.base import Filter
+from trackbench.filters.base import WHOLE_FILTER, Filter
 from trackbench.filters.gaussian import MODEL_NOISE, GaussianFilter, extended_prediction
 from trackbench.models.base import Model, Scene
 from trackbench.models.sensors.range_azimuth import RangeAzimuth
@@ -34,7 +34,7 @@ class CMKF(GaussianFilter):
     requires: ClassVar[tuple[str, ...]] = ("motion.jacobian", "sensor.reading")
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Reject weights of the sensor."""
+        """Reject the key ``robust``: its weights belong to R of range and azimuth."""
         conflicts = super().conflicts(scenario)
         if self.robust is not None:
             conflicts["robust"] = (
@@ -50,7 +50,7 @@ class CMKF(GaussianFilter):
         return idle
 
     def initialize(self, model: Model, prior: Distribution) -> Gaussian:
-        """Difference two converted scans; without scans start from the prior's moments."""
+        """Start from two-point differencing of converted scans, or without scans from the prior."""
         if not isinstance(prior, Convertible):
             return per_run_moments(prior)
         return prior.gaussian(self.start or self.conversion)
@@ -62,7 +62,8 @@ class CMKF(GaussianFilter):
         """
         sensor = cast(RangeAzimuth, model.sensor)
         predicted = extended_prediction(model, state, k, MODEL_NOISE)
-        # Step 1: convert (r, a) to a position; ducm uses the predicted range and azimuth.
+        # Step 1: convert (r, a) to mean and covariance of the position relative to the sensor; ducm uses
+        # the predicted range and azimuth.
         expected = None
         if self.conversion == "ducm":
             expected = polar_moments(sensor, predicted, k)
@@ -113,7 +114,7 @@ class Converted(Filter[LastTwoScans]):
             message = (
                 f"conversion estimates position and velocity only; its motion has {others}, too"
             )
-            return {"": f"{message}; give it `assume: {{motion: {{kind: cv, q: 0}}}}`"}
+            return {WHOLE_FILTER: f"{message}; give it `assume: {{motion: {{kind: cv, q: 0}}}}`"}
         return {}
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> LastTwoScans:
@@ -124,7 +125,7 @@ class Converted(Filter[LastTwoScans]):
     def step(
         self, model: Model, state: LastTwoScans, z: Array, k: int, rng: Generator
     ) -> LastTwoScans:
-        """Replace the older scan; a missing one is predicted from the two before it."""
+        """Drop the older scan and take z as the newer one; a missing z is predicted from both scans."""
         sensor = cast(RangeAzimuth, model.sensor)
         expected = model.motion.transition(state.difference.mean, k).mean
         scan = np.where(np.isnan(z).any(axis=0), sensor.polar(expected), z)

@@ -82,7 +82,8 @@ def extended_step(
     measurement = assumed.measurement(model, predicted.mean, k)
     if order == 2:
         measurement = with_curvature(measurement, sensor, predicted, k)
-    nu = sensor.innovation(with_trailing(z, measurement.mean.ndim - 1), measurement.mean)
+    z_of_batch = with_trailing(z, measurement.mean.ndim - 1)  # the particles of a run share its z
+    nu = sensor.innovation(z_of_batch, measurement.mean)
     # Step 3: S = H P^- H' + R, K = P^- H' S^-1 with the Jacobian H of h at m^-;
     # m = m^- + K nu, P = (I - K H) P^- (I - K H)' + K R K'.
     H = jacobian_at(sensor, predicted, k)
@@ -117,7 +118,7 @@ class EKF(NonlinearFilter):
         return idle
 
     def all_steps(self, model: Model, state: Tracked, z: Array, k: int) -> Steps | None:
-        """Filter all measurements z (n_z, T, M) in one call, with the bits of `step`.
+        """Filter all measurements z (n_z, T, M) in one call, with the results of `step` bit for bit.
 
         A linear model is filtered as by a Kalman filter. None unless this is a plain EKF, and motion and
         sensor are linear and all runs have one covariance, or `nonlinear_steps` can filter with them.
@@ -263,6 +264,7 @@ def _widen_exact_posterior(posterior: Gaussian, predicted: Gaussian) -> Gaussian
     A regression over points that are all equal has no slope. A small share of the ``predicted``
     covariance is added. The covariances are (n, n, M), one for each run.
     """
+    # Below this standard deviation the regression's points agree with the mean in some ten digits.
     least = _LEAST_SPREAD * np.abs(posterior.mean)
     is_exact = ~(linalg.diagonal(linalg.root(posterior.cov)) > least).all(axis=0)
     if not is_exact.any():

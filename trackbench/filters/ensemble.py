@@ -55,7 +55,7 @@ def _state_of_draws(x: Array, log_w: Array, angles: tuple[int, ...] = ()) -> PFS
     averaged.
     """
     # A log-weight that all particles share is broadcast to (M, N) first.
-    w, collapsed, mass = particles.normalize(np.broadcast_to(log_w, x.shape[1:]))
+    w, collapsed, sum_of_weights = particles.normalize(np.broadcast_to(log_w, x.shape[1:]))
     cloud = bring_together(Particles(x, w), angles)
     return PFState(
         particles=cloud,
@@ -63,7 +63,8 @@ def _state_of_draws(x: Array, log_w: Array, angles: tuple[int, ...] = ()) -> PFS
         estimate=cloud.moments(),
         collapsed=collapsed,
         w=w,
-        evidence=(Evidence(mass, carried=0.0, N=w.shape[1]),),
+        # For p(z_k | z_1..k-1): the mean of N weights that were equal before the update.
+        evidence=(Evidence(sum_of_weights, carried=0.0, N=w.shape[1]),),
     )
 
 
@@ -246,7 +247,7 @@ def _transformed(dx: Array, dz: Array, S: Array, R: Array) -> Array:
     L = linalg.cholesky(S)
     whitened = linalg.solve_lower(L[..., None], dz)
     if dz.shape[-1] <= len(dz):
-        # As many measurements as members or more: the root itself, a matrix (N, N, runs).
+        # As many measurements as members or more: the root itself, T = (I - W' W)^1/2 (N, N, runs).
         rows = np.ascontiguousarray(np.moveaxis(whitened, 2, 0))
         square = linalg.matmul(rows, linalg.transpose(rows)) / (dz.shape[-1] - 1.0)
         w, V = linalg.eigen(linalg.identity_minus(square))
@@ -310,7 +311,7 @@ class ExactFlow(EnsembleFilter):
         start = predicted.mean
         P = predicted.cov
         # All particles of a run flow by one affine map of their deviations from the mean, x -> B x + c:
-        # dB = A B dt, dc = (A c + b) dt (Euler steps).
+        # dB = A B dt, dc = (A c + b) dt (Euler steps, with A and b of the middle of each step).
         B = np.broadcast_to(with_trailing(np.eye(len(P)), 1, leading=2), P.shape)
         c = np.zeros_like(start)
         time = 0.0
@@ -365,6 +366,7 @@ def _flow(
 def _step_lengths(steps: int) -> list[float]:
     """Return the lengths of the steps in pseudo-time, which grow by a factor and sum to one."""
     lengths = [_GROWTH**i for i in range(steps)]
+    # In order: `sum` differs from Python 3.12 on.
     whole = 0.0
     for length in lengths:
         whole += length

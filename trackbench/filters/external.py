@@ -43,7 +43,7 @@ from trackbench.field_types import (
     freeze_mappings,
     require_regular_file,
 )
-from trackbench.filters.base import Filter, Steps, WrongReturnError
+from trackbench.filters.base import WHOLE_FILTER, Filter, Steps, WrongReturnError
 from trackbench.filters.external_process import (
     PROTOCOL,
     NoFirstAnswerError,
@@ -78,6 +78,7 @@ class _Line:
     def __init__(
         self, text_by_run: Sequence[str], number: int, time: float, before: "_Line | None"
     ):
+        """Store the lines of the M runs, the number of steps since `init`, and the time since it, s."""
         self.text_by_run = text_by_run
         self.number = number
         self.time = time
@@ -160,14 +161,14 @@ class External(Filter[ProgramState]):
             raise InvalidKeyError(message, "command", 0)
         for i, file in enumerate(self.files):
             try:
-                _files_below(file)
+                _files_below(file)  # raises the error of a file that cannot be read
             except OSError as error:
                 raise InvalidKeyError(f"{file}: {error.strerror}", "files", i) from None
         # The numbers depend on the files as they were read: they may change before the program runs.
         object.__setattr__(self, "_content", self.digests())
 
     def digests(self) -> tuple[tuple[str, str], ...]:
-        """Digest the words of the command, the files and the variables as they are now."""
+        """Return each word of the command, file and variable with the digest of what it is now."""
         words = [(word, _digest(word)) for word in self.command]
         files = [(file, _digest_below(file)) for file in self.files]
         variables = [(name, _digest_of_variable(name)) for name in self.environment]
@@ -189,7 +190,7 @@ class External(Filter[ProgramState]):
         return dict(self.__dict__["_content"])
 
     def digits(self, model: Model, prior: Distribution, z: Array, k: int) -> Digits:
-        """Run the program on z (n_z, T, M) from step k on, and describe the digits of its answers.
+        """Run the program on z (n_z, T, M) from step k on, and test the digits of its answers.
 
         The digits of a program that fails count as enough.
         """
@@ -206,7 +207,7 @@ class External(Filter[ProgramState]):
         A program that does not answer at all is not started again for another scenario.
         """
         if self in _SILENT:
-            return {"": _SILENT[self]}
+            return {WHOLE_FILTER: _SILENT[self]}
         motion, sensor = scenario.model
         state = few_names(motion.components)
         measurement = few_names(sensor.components)
@@ -215,10 +216,10 @@ class External(Filter[ProgramState]):
             why = _why_not_ready(self, self._hello(scenario.model))
         except NoFirstAnswerError as error:
             _SILENT[self] = f"{error} {where}"
-            return {"": _SILENT[self]}
+            return {WHOLE_FILTER: _SILENT[self]}
         if not why:
             return {}
-        return {"": f"{why} {where}"}
+        return {WHOLE_FILTER: f"{why} {where}"}
 
     @property
     def is_silent(self) -> bool:
@@ -255,6 +256,7 @@ class External(Filter[ProgramState]):
     def init(self, model: Model, prior: Distribution, rng: Generator) -> ProgramState:
         """Begin each run with the moments of its prior."""
         prior = per_run_moments(Gaussian(prior.mean, prior.cov))
+        # The line is `init SEED TIME mean cov`, at time 0.
         lines = []
         for run, seed in enumerate(run_seeds(rng, prior.mean.shape[1])):
             moments = [prior.mean[:, run], prior.cov[..., run].ravel()]
@@ -317,9 +319,9 @@ class External(Filter[ProgramState]):
         return mean, cov
 
     def _hello(self, model: Model) -> str:
-        """Return the first line that a program is sent."""
+        """Return the first line that a program is sent: ``trackbench 1 {JSON}`` with the problem."""
         motion, sensor = model
-        facts: dict[str, object] = {
+        problem: dict[str, object] = {
             "components": motion.components,
             "measurement": sensor.components,
             "T": getattr(motion, "T", None),
@@ -328,7 +330,7 @@ class External(Filter[ProgramState]):
         }
         inputs = inputs_of(motion)
         if inputs is not None:
-            facts["input"] = inputs.names
+            problem["input"] = inputs.names
         # R of any other sensor may differ from step to step.
         H = None
         if isinstance(sensor, SensorBase | StackedSensor):
@@ -337,10 +339,11 @@ class External(Filter[ProgramState]):
             n = len(motion.F)
             R = sensor.measurement(np.zeros((n, 1)), 1).cov.reshape(len(sensor.components), -1)
             matrices = {"F": motion.F, "Q": motion.Q, "H": H(n), "R": R}
-            facts["model"] = {name: matrix.tolist() for name, matrix in matrices.items()}
+            problem["model"] = {name: matrix.tolist() for name, matrix in matrices.items()}
         # Without spaces: programs that find `"q": ` of their parameters by text do not find it here.
         described = json.dumps(describe_model(model), separators=(",", ":"))
-        text = f"{json.dumps(facts).removesuffix('}')}, {described.removeprefix('{')}"
+        # Both JSON objects become one: `{a` and `b}` from `{a}` and `{b}`.
+        text = f"{json.dumps(problem).removesuffix('}')}, {described.removeprefix('{')}"
         return f"trackbench {PROTOCOL} {text}"
 
 
@@ -365,7 +368,7 @@ def _why_not_ready(tracker: External, hello: str) -> str:
 
 
 def _digest(word: str) -> str:
-    """Digest a word: a file, a program that is found on the PATH, ``--key=file``, or a text."""
+    """Return the SHA-256 of a word: a file, a program on the PATH, ``--key=file``, or a text."""
     path = Path(shutil.which(word) or word)
     value = Path(word.partition("=")[2])
     try:
@@ -381,14 +384,17 @@ def _digest(word: str) -> str:
 
 
 def _files_below(path: str) -> list[Path]:
-    """List a file, or all files in a folder; raises OSError for one that cannot be read."""
+    """List a file, or all files in a folder.
+
+    Raises OSError if the path is missing, a device or a pipe.
+    """
     if not os.path.isdir(path):
         return [require_regular_file(path)]
     return sorted(file for file in Path(path).rglob("*") if file.is_file())
 
 
 def _digest_below(path: str) -> str:
-    """Digest a file's content, or the names and contents of all files in a folder."""
+    """Return the SHA-256 of a file's content, or of names and contents of all files in a folder."""
     try:
         if not os.path.isdir(path):
             return hashlib.sha256(Path(path).read_bytes()).hexdigest()
@@ -576,6 +582,7 @@ class _Copy:
         try:
             answers = self.program.exchange(earlier + new)
         except ProgramError as error:
+            # Count from the first new line; negative at a line that was sent again.
             error.answered -= len(earlier)
             raise
         self.last_sent = (lines[-1], run)
@@ -586,6 +593,7 @@ class _Pool:
     """Programs of one filter, started when they are needed."""
 
     def __init__(self, tracker: External, hello: str) -> None:
+        """Start with no program; ``hello`` is the first line that each one will be sent."""
         self._tracker = tracker
         self._hello = hello
         self._copies: dict[int, _Copy] = {}

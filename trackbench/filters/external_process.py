@@ -71,7 +71,7 @@ class Program:
         RefusalError if the program refuses the problem, and ProgramError for another answer.
         """
         self._timeout = timeout
-        self._start_s = 0.0
+        self._start_s = 0.0  # CPU seconds that the program spent until it was ready
         self._last_s = 0.0  # last reading of the program's clock, which ends with the program
         self._error_lines: list[str] = []
         self._errors = tempfile.TemporaryFile()  # noqa: SIM115 (closed with the program)
@@ -87,6 +87,7 @@ class Program:
         except OSError as error:
             self._errors.close()
             raise ProgramError(f"{command[0]} cannot be started: {error.strerror}") from None
+        # The guard kills the program's process group when its input ends, as at the end of this process.
         self._guard = subprocess.Popen(
             [*_GUARD, str(self._process.pid)], stdin=subprocess.PIPE, start_new_session=True
         )
@@ -117,7 +118,10 @@ class Program:
         self._start_s = self._clock()
 
     def exchange(self, lines: Sequence[str]) -> list[str]:
-        """Send the lines and return the answers, one a line; raises ProgramError."""
+        """Send the lines and return the answers, one for each line.
+
+        Raises ProgramError if the program ends, is late, or answers anything else.
+        """
         # Nothing is owed before the lines are sent.
         with suppress(BlockingIOError):
             surplus = os.read(self._stdout.fileno(), _CHUNK)
@@ -186,7 +190,7 @@ class Program:
                 text = f"was ended by the signal {signal_name(-code)}"
                 if fault_of_signal(-code):
                     return f"{text}, {fault_of_signal(-code)}"
-                if -code == signal.SIGKILL:
+                if -code == signal.SIGKILL:  # as the kernel sends it when memory runs out
                     return f"{text}; was memory short?"
                 return text
             return f"ended with code {code}"
@@ -224,7 +228,7 @@ class Program:
 
     def ask_to_end(self) -> None:
         """Send ``end``, and close the program's input."""
-        self._clock()
+        self._clock()  # its CPU seconds are stored, as they cannot be read after its end
         with suppress(OSError, ValueError):  # it may have ended, or been killed
             os.write(self._stdin.fileno(), b"end\n")
             self._stdin.close()
@@ -266,7 +270,7 @@ def programs_cpu_s() -> float:
 
 
 def end_programs(programs: Iterable[Program]) -> None:
-    """Ask the programs to end, and kill those that still run after a while."""
+    """Ask the programs to end, and kill those that still run after `_END_S` seconds."""
     programs = [*programs]
     for program in programs:
         program.ask_to_end()

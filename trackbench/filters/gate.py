@@ -94,7 +94,7 @@ def count_refused(scope: GateScope, sensor: Sensor, refused: Mask) -> Array:
 
 @cache
 def gate_limits(gate: float, n_z: int) -> Array:
-    """Return the chi-square quantiles (n_z + 1,) by the number of measured components."""
+    """Return the chi-square quantiles (n_z + 1,): entry n is for n measured components."""
     from scipy.special import chdtri
 
     # Without a measured component the limit is infinite: nothing is refused.
@@ -122,7 +122,7 @@ def gate_cautions(gate: float | None, scope: GateScope, scenario: Scene) -> list
 def _measure_together(scenario: Scene) -> bool:
     """Test whether the periods of the scenario's sensors let two of them measure at one step."""
     sensor = scenario.model.sensor
-    while isinstance(sensor, ScaledNoise):  # a sensor around another one
+    while isinstance(sensor, ScaledNoise):  # faults multiply the noise of the sensor inside
         sensor = sensor.sensor
     measured_steps = scenario.steps[1:]  # after the step of the prior
     sensors_per_step = np.zeros(len(measured_steps))

@@ -26,7 +26,7 @@ from trackbench.core.many_steps import filter_steps
 from trackbench.core.smoothing import Transition, smooth
 from trackbench.core.unscented import Unscented
 from trackbench.field_types import NonNegative, OpenShare, Positive
-from trackbench.filters.base import FixedLag, InnovationFilter, SmoothingFilter, Steps
+from trackbench.filters.base import WHOLE_FILTER, FixedLag, InnovationFilter, SmoothingFilter, Steps
 from trackbench.filters.gate import (
     GateScope,
     count_refused,
@@ -72,7 +72,7 @@ class Tracked(NamedTuple):
 
     @property
     def prediction(self) -> Gaussian | None:
-        """Estimate of the step without its measurement, bit for bit; None if it is not stored."""
+        """Estimate that the step gives bit for bit without its measurement; None if it is not stored."""
         return None if self.innovation is None else self.innovation.predicted
 
 
@@ -203,7 +203,10 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
         return posterior, innovation, None
 
     def _gate(self, model: Model, before: Gaussian, updated: Tracked, z: Array, k: int) -> Tracked:
-        """Update ``before`` again without the measurements whose NIS in ``updated`` is too large."""
+        """Update ``before`` again without the measurements whose NIS in ``updated`` is too large.
+
+        ``before`` is the posterior of step k - 1, and ``updated`` the state after all measurements z.
+        """
         assert updated.innovation is not None
         refused = self.refused_components(model.sensor, z, updated.innovation, updated.nis)
         posterior = updated.posterior
@@ -255,13 +258,13 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
         return [state._replace(posterior=posterior) for state, posterior in pairs]
 
     def faded_transition(self, model: Model, state: Gaussian, k: int) -> Transition:
-        """Predict to step k as `step` does, with the covariance with the posterior."""
-        # cov(x', f(x')) of the faded x' ~ N(m, a^2 P) is a^2 cov(x, f(x')).
+        """Predict to step k as `step` does; ``cross`` is cov(x, x_k), x the posterior before fading."""
+        # The prediction starts from the faded x' ~ N(m, a^2 P). cov(x', f(x')) is a^2 cov(x, f(x')).
         transition = self.transition(model, self.prepared(state), k)
         return Transition(transition.predicted, transition.cross / (self.fading * self.fading))
 
     def transition(self, model: Model, state: Gaussian, k: int) -> Transition:
-        """Predict to step k from a posterior, with the covariance with it.
+        """Predict to step k from a posterior, with the covariance of both states.
 
         Parameters
         ----------
@@ -295,7 +298,7 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
         return value + self.log_ratio(innovation, innovation.nis)
 
     def log_likelihood(self, state: Tracked) -> Array:
-        """Evaluate log p(z_k | z_1..k-1) (M,) of the last measurement by `log_density`."""
+        """Evaluate log p(z_k | z_1..k-1) (M,) by `log_density`; NaN before the first measurement."""
         if state.innovation is None:
             return np.full(state.nis.shape, np.nan)
         return self.log_density(state.innovation)
@@ -340,7 +343,7 @@ class GaussianFilter(SmoothingFilter[Tracked], InnovationFilter[Tracked]):
         """Reject a redundant component of the measurement, and weights on noise that is not normal."""
         if name := _redundant_component(scenario):
             message = f"`{name}` is a combination of other measured components, its noise included"
-            return {"": f"the innovation covariance is singular: {message}; leave it out"}
+            return {WHOLE_FILTER: f"the innovation covariance is singular: {message}; leave it out"}
         if self.robust is None or not has_own_density(scenario.model.sensor):
             return {}
         message = "weighs normal noise of covariance R, and this sensor's noise is not normal"
@@ -523,7 +526,7 @@ def nonlinear_steps(
     keeps_predictions: bool,
     rule: Unscented | None = None,
 ) -> Steps | None:
-    """Return all steps of a UKF, or of the EKF of a radar, with the same bytes.
+    """Return all steps of a UKF, or of the EKF of a radar, bit for bit those of the filter's `step`.
 
     Parameters
     ----------
@@ -609,7 +612,7 @@ def select_innovation(
 
 
 def join_steps(states: Gaussian, steps: Index) -> Gaussian:
-    """Return the Gaussians before the steps of these indices as one batch, each step's runs in turn.
+    """Return the Gaussians before K steps, of indices (K,), as one batch (K M,), step after step.
 
     ``states`` has means (n, T + 1, M), of which the first is that before the first step.
     """
@@ -635,7 +638,7 @@ class NonlinearFilter(GaussianFilter):
 
     def initialize(self, model: Model, prior: Distribution) -> Gaussian:
         """Start from the prior's moments, or from those of two-point differencing."""
-        # The converted scans replace the prior; P0 replaces its covariance.
+        # By the key `start` converted scans replace the prior; the key `P0` replaces its covariance.
         if self.start is not None and isinstance(prior, Convertible):
             prior = prior.gaussian(self.start)
         if self.P0 is not None:

@@ -161,7 +161,7 @@ def _split_azimuths(
 
     The nodes (C,) are the shifts of the first and second azimuth, and ``width`` is the standard
     deviation of the azimuths within a component. Their unit is the standard deviation of a measured
-    azimuth.
+    azimuth. The means are (4, M, C).
     """
     s = sensor.sigma_azimuth
     shape = (prior.first.shape[1], len(first_nodes))
@@ -181,7 +181,8 @@ def _split_positions(
     """Return C components that split the prior along the first two columns of its factor.
 
     The factor L of the covariance has the positions first. The nodes (C,) are factors on its columns in
-    the components' means, and ``width`` is the factor on these columns in their covariance.
+    the components' means, and ``width`` is the factor on these columns in their covariance. The means
+    are (n, M, C).
     """
     n = len(prior.mean)
     # Factor the covariance with both positions first: P = L L'.

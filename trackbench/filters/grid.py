@@ -16,7 +16,7 @@ from trackbench.core.distributions import Distribution, Gaussian, Shifted
 from trackbench.core.particles import Particles
 from trackbench.core.posterior_scores import LinePosterior, ParticlePosterior, Posterior
 from trackbench.core.sums import dot
-from trackbench.filters.base import Filter, WrongReturnError
+from trackbench.filters.base import WHOLE_FILTER, Filter, WrongReturnError
 from trackbench.models.base import GammaMotion, Model, SampledMotion, Scene, Sensor, angle_rows
 from trackbench.models.likelihood import log_likelihood
 from trackbench.registry import register
@@ -94,17 +94,19 @@ class Grid(Filter[Resolved]):
     def conflicts(self, scenario: Scene) -> dict[str, str]:
         """Reject several components, gamma noise of a large shape, and motions without a density.
 
-        The density is continued by its formula below its edge, where a large shape is too steep:
-        from 30 on the estimate is wrong if R is large, and no check shows it.
+        The quadrature continues a gamma density by its formula below the density's edge, where a large
+        shape is too steep: from 30 on the estimate is wrong if R is large, and no check shows it.
         """
         motion = scenario.model.motion
         if len(motion.components) > 1:
             message = f"grid needs a state of one component; this one has {len(motion.components)}"
             if len(motion.components) == 2:
                 message += "; use grid-2d"
-            return {"": message}
+            return {WHOLE_FILTER: message}
         if isinstance(motion, GammaMotion) and motion.noise.shape > _MAX_GAMMA_SHAPE:
-            return {"": f"grid is exact for gamma noise of a shape up to {_MAX_GAMMA_SHAPE} only"}
+            return {
+                WHOLE_FILTER: f"grid is exact for gamma noise of a shape up to {_MAX_GAMMA_SHAPE} only"
+            }
         # Try the transition from the start, at the scenario's first step, to the next step: it shows
         # which density the motion has.
         step_after_start = int(scenario.steps[0]) + 1
@@ -112,17 +114,17 @@ class Grid(Filter[Resolved]):
         if isinstance(transition, Gaussian):
             if np.all(transition.cov > 0.0):
                 return {}
-            return {"": "grid needs process noise, and this motion has none"}
+            return {WHOLE_FILTER: "grid needs process noise, and this motion has none"}
         if not (hasattr(transition, "prob") and isinstance(motion, BoundedMotion)):
             members = "the transition's `prob` and the motion's `support` and `origins`"
-            return {"": f"grid needs {members}, or a Gaussian transition"}
+            return {WHOLE_FILTER: f"grid needs {members}, or a Gaussian transition"}
         return {}
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Resolved:
         """Put all mass on a known first state, or place nodes over the prior.
 
-        They are placed over the intervals that a bounded prior has, or over a few standard deviations on
-        both sides of the mean.
+        The nodes lie in the intervals of a bounded prior, or within `_PRIOR_REACH` standard deviations
+        of the mean.
         """
         if not np.any(prior.cov):
             point = quadrature.point_mass(prior.mean)
@@ -166,6 +168,7 @@ class Grid(Filter[Resolved]):
             difference = np.inf
             if self._has_dense_nodes(model, old.posterior, k):
                 difference = _largest_difference(new)
+            # With the most nodes a larger difference is allowed than the one that doubles them.
             tolerance = _REFINE_ABOVE if doubled < _DOUBLINGS else _TOLERANCE
             if difference <= tolerance:
                 angles = angle_rows(model.motion)
@@ -253,7 +256,7 @@ class Grid(Filter[Resolved]):
 
     def log_likelihood(self, state: Resolved) -> Array:
         """Evaluate log p(z_k | z_1..k-1) (M,), exact."""
-        first = state.posterior[0]
+        first = state.posterior[0]  # each panel has p(z_k | z_1..k-1), over all panels
         if first.evidence is None:
             return np.full(first.low.shape, np.nan)
         return elementary.log(first.evidence)

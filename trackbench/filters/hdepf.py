@@ -175,7 +175,7 @@ class EvolutionFilter(ProposalFilter):
         def log_ratio(x: Array) -> Array:
             return log_posterior(x) - proposals.q.log_prob(x)
 
-        w, collapsed, mass = particles.normalize(log_ratio(proposals.x))
+        w, collapsed, sum_of_weights = particles.normalize(log_ratio(proposals.x))
         # Second to fifth step: the draws are the first population; mutate, cross, select, cool down.
         fitness = log_ratio if self.reading.target == "ratio" else log_posterior
         evolved = self.differential_evolution(proposals.x, fitness, rng)
@@ -197,7 +197,8 @@ class EvolutionFilter(ProposalFilter):
             collapsed=collapsed,
             P=None if proposals.kalman is None else proposals.kalman.cov,
             w=w,
-            evidence=(Evidence(mass, carried=0.0, N=self.N),),
+            # For p(z_k | z_1..k-1): the mean of N weights that were equal before the update.
+            evidence=(Evidence(sum_of_weights, carried=0.0, N=self.N),),
             extra_diagnostics=(("acceptance_rate", evolved.acceptance), ("spread_ratio", ratio)),
         )
 
@@ -225,12 +226,14 @@ class EvolutionFilter(ProposalFilter):
                 trial = np.clip(trial, lowest, highest)
             # Step 4: selection by the gain in fitness, f(v) - f(x).
             trial_fitness = log_fitness(trial)
+            # The gain from -inf to -inf is NaN, and is not accepted.
             with np.errstate(invalid="ignore", over="ignore"):
                 gain = self.reading.compared(trial_fitness) - self.reading.compared(fitness)
             take = selection.accept(gain, rng)
             is_new = (trial != x).any(axis=0)  # a trial that equals its parent does not count
             x = choose(take, trial, x)
             fitness = choose(take, trial_fitness, fitness)
+            # The result is the best point that each of the N slots has visited, or the last population.
             if self.reading.keep_best == "slot":
                 better = fitness > best_fitness
                 best_x = choose(better, x, best_x)

@@ -81,7 +81,7 @@ class ModelBank(NamedTuple):
 
     @property
     def prediction(self) -> Gaussian | None:
-        """Estimate of the step without its measurement, bit for bit; None if it is not stored."""
+        """Estimate that the step gives bit for bit without its measurement; None if it is not stored."""
         states = [i.predicted for i in self.innovations if i.predicted is not None]
         if self.predicted is None or len(states) < len(self.states):
             return None
@@ -151,7 +151,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
 
     @property
     def all_requirements(self) -> tuple[str, ...]:
-        """Also what the models' filter requires of sensor and prior."""
+        """Also what the models' filter requires of sensor and prior; the IMM has its own motions."""
         of_filter = [name for name in self.filter.requires if not name.startswith("motion.")]
         return self.requires + tuple(of_filter)
 
@@ -164,6 +164,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         conflicts: dict[str, str] = {}
         for model in self.models(scenario.model):
             conflicts |= self.filter.conflicts(_with_model(scenario, model))
+        # The key of a conflict is below `filter`, or is `filter` if it concerns the whole filter.
         return {f"filter.{key}".rstrip("."): reason for key, reason in conflicts.items()}
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
@@ -277,6 +278,7 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
             # Means of an angle are first shifted by whole turns to near each other.
             angles = angle_rows(models[j].motion)
             moments = combine(filled, mixing[:, j], self._without_spread(names, j), angles)
+            # With a fading memory, or as a square root, if the filter's keys ask so.
             mixed.append(self.filter.prepared(moments))
         return mixed
 
@@ -365,7 +367,10 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         return weights, mean_nis
 
     def _mean_sensor_weight(self, predicted_weights: Array, filtered: _Filtered) -> Array | None:
-        """Average the models' weights (M,) of the measured components; None without ``robust``."""
+        """Average the models' weights (M,) of the measured components by the models' probabilities.
+
+        None if the filter has no key ``robust``.
+        """
         if self.filter.robust is None:
             return None
         sensor_weights = [weight for weight in filtered.sensor_weights if weight is not None]
@@ -423,8 +428,8 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
     ) -> Transition:
         """Predict the state of one model to step k by the motion of another one, ``next_model``.
 
-        Return the prediction and its covariance with the state. ``next_state`` is the other model's
-        state, which has the moments of the components that only this model has.
+        Return the prediction and its covariance with ``state``. ``next_state`` is the state of
+        ``next_model``, which has the moments of the components that ``state`` lacks.
         """
         names = model.motion.components
         next_names = next_model.motion.components
@@ -440,9 +445,10 @@ class IMM(SmoothingFilter[ModelBank], JumpMarkov[ModelBank]):
         return replace(transition, cross=linalg.matmul(Transition(y, cross).gain, transition.cross))
 
     def _without_spread(self, names: list[tuple[str, ...]], j: int) -> list[list[int]]:
-        """List, for the state of each model, the components of model j that it lacks.
+        """List, for the state of each model, the indices of the components of model j that it lacks.
 
-        They enter the mixing without spread. The list is empty unless `mixing` is zero-mean.
+        ``names`` are the components of each model. `combine` takes the deviations of the lacking ones
+        from the mixed mean as zero. The list is empty unless `mixing` is zero-mean.
         """
         if self.mixing != "zero-mean":
             return []

@@ -98,14 +98,15 @@ class InputEstimation(Filter[Corrected]):
         # Step 2: update input and zeta of every onset; an acceleration adds [T^2/2, T]' a.
         g = np.array([T * T / 2, T])
         inputs = state.inputs.update(k, motion.F, g, posterior, innovation, R)
-        zeta = inputs.significance()
+        zeta = inputs.significance()  # (W, M), of W onsets
         # Step 3: alarm if the largest zeta is significant and its onset is old enough.
         slot = zeta.argmax(axis=0)
         runs = np.arange(zeta.shape[1])
         age = k - inputs.onset(slot, k)
         alarm = (zeta[slot, runs] > self.eta) & (age >= self.detector.min_window(T))
         alarm &= k >= self.detector.start
-        # Step 4: x + M u, P + M L M' in the runs with an alarm. Other runs may have no estimated input.
+        # Step 4: in the runs with an alarm add the input u of variance L, by its effect M on the state:
+        # x + M u, P + M L M'. Other runs may have no estimated input.
         if alarm.any():
             corrected = inputs.select(slot, runs).correct(posterior)
             posterior = where_runs(alarm, corrected, posterior)

@@ -67,7 +67,7 @@ class JumpMarkov(Filter[State]):
         return np.full(r, 1.0 / r)
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Reject motions with other positions and velocities than the target, or unknown inputs."""
+        """Reject motions with other positions and velocities than the target, or inputs not recorded."""
         target = position_velocity_components(scenario.model.motion)
         conflicts = super().conflicts(scenario)
         unknown_inputs = {}
@@ -153,7 +153,8 @@ class MultipleModelPF(JumpMarkov[PFState], ParticleFilter):
         # Step 1: draw the motion of each particle by its row of the transition matrix.
         extra = _extra_deviations(models)
         before = state.mode
-        mode = _draw_modes(np.array(self.transition).T[:, before], rng)
+        p = np.array(self.transition).T[:, before]  # probability (r, M, N) of each motion j
+        mode = _draw_modes(p, rng)
         # Step 2: draw the components that the motion before did not have; move.
         x = state.particles.x.copy()
         new = np.isnan(extra[:, before])
@@ -170,11 +171,15 @@ class MultipleModelPF(JumpMarkov[PFState], ParticleFilter):
         spreads = _spreads(models, x, mode, w)
         x = resampling.select(x, index)
         mode = resampling.select(mode, index)
+        jittered = x.copy()
         for j, rows in enumerate(_rows_of_motions(models)):
             kernel = spreads[j]._replace(members=mode == j)
-            x[rows] = jitter_modes(x[rows], [kernel], self.kernel, rng, self.bandwidth_scale)
+            jittered[rows] = jitter_modes(
+                jittered[rows], [kernel], self.kernel, rng, self.bandwidth_scale
+            )
+        regularized = self._jitter_measured(z, x, jittered)
         return PFState(
-            particles=Particles(x, particles.equal_weights(*index.shape)),
+            particles=Particles(regularized, particles.equal_weights(*index.shape)),
             averaged_particles=weighted,
             estimate=weighted.moments(),
             collapsed=collapsed,
@@ -224,7 +229,7 @@ def _draw_extra(extra: Array, mode: Index, rng: Streams) -> Array:
 
 
 def _draw_modes(p: Array, rng: Streams) -> Index:
-    """Draw numbers (M, N) with probabilities p (r, M, N)."""
+    """Draw the number of a motion, 0 to r - 1, for each particle (M, N), given p (r, M, N)."""
     # The number is that of the sums p_0, p_0 + p_1, ... that a uniform draw reaches.
     u = rng.random(p.shape[1:])
     edge = np.zeros(p.shape[1:])
@@ -266,5 +271,6 @@ def _spreads(models: list[Model], x: Array, mode: Index, w: Array) -> list[Sprea
         w_of_motion = np.where(mode == j, w, 0.0)
         share = total(w_of_motion)
         cloud = Particles(x[rows], w_of_motion / np.where(share > 0.0, share, 1.0)[:, None])
+        # Which particles are the motion's members is set after resampling.
         spreads.append(Spread(members=None, share=share, cov=cloud.moments().cov))
     return spreads

@@ -24,7 +24,7 @@ from trackbench.core.posterior_scores import ParticlePosterior, Posterior
 from trackbench.core.random_streams import Streams
 from trackbench.core.unscented import Unscented
 from trackbench.field_types import Finite, NonNegative, Positive, Share
-from trackbench.filters.base import Filter
+from trackbench.filters.base import WHOLE_FILTER, Filter
 from trackbench.filters.gaussian import AssumedNoise, idle_noise_mean
 from trackbench.filters.particle_base import PFState
 from trackbench.filters.ukf import augmented_step, spread_conflicts
@@ -93,6 +93,7 @@ class ProposalFilter(Filter[PFState]):
         """Draw N particles from the prior."""
         x = prior.sample(rng, self.N)
         cloud = Particles(x, particles.equal_weights(*x.shape[1:]))
+        # w is stored for the effective sample size.
         return PFState.first(cloud)._replace(w=cloud.w)
 
     def estimate(self, state: PFState) -> Gaussian:
@@ -104,7 +105,7 @@ class ProposalFilter(Filter[PFState]):
         return ParticlePosterior(state.averaged_particles)
 
     def log_likelihood(self, state: PFState) -> Array:
-        """Return the logarithm (M,) of the mean weight; NaN if the weights are no densities."""
+        """Return the logarithm (M,) of the mean weight; NaN without the model's transition density."""
         _, transition = self._weight_reading
         if transition != "model":
             return np.full(state.collapsed.shape, np.nan)
@@ -131,8 +132,11 @@ class ProposalFilter(Filter[PFState]):
         motion = scenario.model.motion
         _, transition = self._weight_reading
         if isinstance(motion, NormalMotion) and linalg.is_singular(motion.Q):
-            return {"": "weighs by the density of the process noise, and this motion's is singular"}
+            return {
+                WHOLE_FILTER: "weighs by the density of the process noise, and this motion's is singular"
+            }
         if transition == "increment" and not isinstance(motion, GammaMotion):
+            # `pfde` and `hdepf` have the key below `reading`.
             key = f"{self._reading_path}transition_density"
             return {key: "increment is defined for a gamma process noise"}
         return {}
@@ -194,7 +198,7 @@ class KalmanProposalFilter(ProposalFilter):
         return super().conflicts(scenario) | self._kalman_conflicts(scenario.model)
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Report as idle the keys of a proposal without draws."""
+        """Report as idle the keys of the Kalman proposal if all draws come from the transition."""
         idle = super().idle_keys(scenario) | idle_noise_mean(scenario)
         if self.defensive == 1.0:
             keys = ("Q", "R", "P0", "noise_mean", "alpha", "beta", "kappa")
@@ -247,6 +251,7 @@ class UnscentedProposal:
     def _kalman(
         self, model: Model, state: Gaussian, z: Array, k: int, assumed: AssumedNoise
     ) -> Gaussian:
+        """Return the UKF's posterior of every particle (n, M, N) at step k, given z (n_z, M)."""
         posterior, _ = augmented_step(model, state, z, k, assumed, self._rule)
         return posterior
 

@@ -56,7 +56,7 @@ class KF(GaussianFilter):
 
 
 def linear_steps(model: Model, state: Tracked, z: Array, k: int) -> Steps | None:
-    """Return the Kalman filter's steps of a small linear model, with the same bytes.
+    """Return the Kalman filter's steps of a small linear model, bit for bit those of `KF.step`.
 
     Parameters
     ----------

@@ -22,6 +22,7 @@ from trackbench.core.particles import Evidence, Particles
 from trackbench.core.random_streams import SomeRuns, Streams
 from trackbench.core.sums import total
 from trackbench.field_types import NonNegative, OpenShare
+from trackbench.filters.base import WHOLE_FILTER
 from trackbench.filters.particle_base import ParticleFilter, PFState
 from trackbench.models.base import Model, Scene
 from trackbench.models.motions.kinematic import Linear
@@ -93,7 +94,8 @@ def split_by_cross_speed_sign(frame: Particles) -> CrossSpeedModes | None:
     deviations = np.sqrt(moments[0].cov[1, 1]) + np.sqrt(moments[1].cov[1, 1])
     separate = distance > _SEPARATION * deviations
     separate &= (share > 0.0).all(axis=0)
-    # A mode that is not given up has at least a quarter of the particles.
+    # Two separate modes of noticeable weight have at least a quarter of the particles each: the gain is
+    # the quotient of a mode's share of the particles and its share of the weight.
     whole = combine(moments, share).cov
     undecided = separate & (share > _NEGLIGIBLE).all(axis=0)
     floored = np.clip(share, _MODE_FLOOR, 1.0 - _MODE_FLOOR)
@@ -131,9 +133,11 @@ class LineOfSight(ParticleFilter):
         if self.weights != "log":
             return {"weights": "los-rbpf weighs in the log domain only"}
         if not isinstance(scenario.model.sensor, RangeAzimuth):
-            return {"": "los-rbpf needs a radar of constant noise"}
+            return {WHOLE_FILTER: "los-rbpf needs a radar of constant noise"}
         if not scenario.model.sensor.at_origin:
-            return {"": "los-rbpf needs a radar at the origin; the assumed one is elsewhere"}
+            return {
+                WHOLE_FILTER: "los-rbpf needs a radar at the origin; the assumed one is elsewhere"
+            }
         return {}
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> PFState:
@@ -180,11 +184,16 @@ class LineOfSight(ParticleFilter):
             half_distance[missing] = 0.0
         count_operations("likelihoods", half_distance, component_axes=0)
         log_w = state.log_w - half_distance
-        w, collapsed, mass = particles.normalize(log_w)
+        w, collapsed, sum_of_weights = particles.normalize(log_w)
+        # The factor 1 / (2 pi sqrt(S) sigma_a) of the densities is left out of the weights.
         scale = 2.0 * np.pi * np.sqrt(S * sensor.R[1, 1])
-        # A step without a measurement has no likelihood.
+        # The likelihood p(z_k | z_1..k-1) is the mean weight times this factor. A step without a
+        # measurement has none.
         evidence = Evidence(
-            mass, carried=state.log_w, N=w.shape[1], scale=np.where(missing, np.nan, scale)
+            sum_of_weights,
+            carried=state.log_w,
+            N=w.shape[1],
+            scale=np.where(missing, np.nan, scale),
         )
         if collapsed.any():
             log_w = np.where(collapsed[:, None], 0.0, log_w)
@@ -220,6 +229,7 @@ class LineOfSight(ParticleFilter):
         old = x[:, degenerate]
         azimuth = arctan2(old[2, :, 0], old[0, :, 0])
         frame = Particles(_to_frame(azimuth, old), w[degenerate])
+        # Each run has its own random numbers, which do not depend on the other degenerate runs.
         noise = SomeRuns(rng, k, np.flatnonzero(degenerate))
         modes = split_by_cross_speed_sign(frame)
         resampled, log_w = self._resample_with_mode_floor(frame, modes, noise, size)
@@ -232,6 +242,7 @@ class LineOfSight(ParticleFilter):
         new = _from_frame(azimuth, jittered)
         if degenerate.all():
             return state._replace(particles=Particles(new, resampled.w), log_w=log_w)
+        # The other runs keep their particles and log-weights.
         out = Particles(x.copy(), w.copy())
         every_log_w = np.zeros_like(w)
         every_log_w += state.log_w
@@ -335,6 +346,7 @@ def _add_range_covariance(moments: Gaussian, P: Array) -> Gaussian:
 def _to_frame(azimuth: Array, x: Array) -> Array:
     """Transform states x, (px, vx, py, vy), to (2 tan(d / 2), v_c, r, r'), d the angle from an azimuth.
 
+    x is (4, M, N), and ``azimuth`` (M,) is one of each run.
     2 tan(d / 2) is nearly the angle d, with an error of third order. It does not jump within the
     particles, and the transform back needs no cosine.
     """
@@ -358,13 +370,16 @@ def _to_frame(azimuth: Array, x: Array) -> Array:
 
 
 def _from_frame(azimuth: Array, frame: Array) -> Array:
-    """Transform ``frame``, line-of-sight coordinates about an azimuth, to states (px, vx, py, vy)."""
+    """Transform line-of-sight coordinates (4, M, N) about an azimuth (M,) to states (px, vx, py, vy).
+
+    The coordinates are those of `_to_frame`: 2 tan(d / 2), v_c, r and r'.
+    """
     t = 0.5 * frame[0]
     v_c, r, v_r = frame[1:]
     # cos d = 2 / (1 + t^2) - 1,  sin d = 2 t / (1 + t^2),  t = tan(d / 2)
-    part = 1.0 / (1.0 + t * t)
-    c = 2.0 * part - 1.0
-    s = 2.0 * t * part
+    square_of_cos_half = 1.0 / (1.0 + t * t)
+    c = 2.0 * square_of_cos_half - 1.0
+    s = 2.0 * t * square_of_cos_half
     # theta = azimuth + d
     azimuth_c, azimuth_s = cos_sin(azimuth)
     azimuth_c = azimuth_c[:, None]
@@ -375,9 +390,9 @@ def _from_frame(azimuth: Array, frame: Array) -> Array:
 
 
 def _to_cartesian(c: Array, s: Array, v_c: Array, r: Array, v_r: Array) -> Array:
-    """Transform cross speed v_c, range r and range rate v_r to (px, vx, py, vy).
+    """Transform cross speed v_c, range r and range rate v_r to (px, vx, py, vy), an array (4, M, N).
 
-    u = (c, s) is the line of sight.
+    u = (c, s) is the line of sight. All arguments are (M, N).
     """
     out = np.empty((4, *r.shape))
     # p = r u

@@ -25,6 +25,7 @@ from trackbench.core.distributions import Distribution, Gaussian
 from trackbench.core.particle_moves import Kernel, displaced, jitter
 from trackbench.core.particles import Particles
 from trackbench.field_types import NonNegative
+from trackbench.filters.base import WHOLE_FILTER
 from trackbench.filters.particle_base import ParticleFilter, PFState
 from trackbench.models.base import Model, Scene
 from trackbench.models.motions.kinematic import Linear
@@ -51,9 +52,12 @@ class MPF(ParticleFilter):
     diagnostic_names = ParticleFilter.diagnostic_names - {"ess"}  # the weights are not stored
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Reject a motion without process noise, which moves the positions."""
+        """Reject a motion without process noise.
+
+        With q = 0 the velocity variance C would be zero after one step, and the gain K would be 0 / 0.
+        """
         if cast(Linear, scenario.model.motion).Q[0, 0] == 0.0:
-            return {"": "mpf needs process noise: q must be greater than 0"}
+            return {WHOLE_FILTER: "mpf needs process noise: q must be greater than 0"}
         return {}
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:

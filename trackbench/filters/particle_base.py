@@ -62,7 +62,7 @@ class PFState(NamedTuple):
         return self.evidence[0].log if self.evidence else np.full(self.collapsed.shape, np.nan)
 
     def diagnostics(self) -> dict[str, Array]:
-        """Return collapsed runs, the effective sample size as a share of N, and the extra ones."""
+        """Return ``collapsed_steps``, 1 where every weight was zero, ``ess`` / N, and the extra ones."""
         values = {"collapsed_steps": self.collapsed.astype(float)}
         if self.w is not None:
             values["ess"] = particles.effective_sample_size(self.w) / self.w.shape[-1]
@@ -83,7 +83,7 @@ class WeightedParticlesFilter(Filter[PFState]):
     def expectation(
         self, state: PFState, g: Callable[[Array], dict[str, Array]]
     ) -> dict[str, Array]:
-        """Return posterior means (M,) of functions of the state."""
+        """Return posterior means (M,), by name, of the functions g (M, N) of the particles (n, M, N)."""
         return state.averaged_particles.expectation(g)
 
     def log_likelihood(self, state: PFState) -> Array:
@@ -120,7 +120,7 @@ class ParticleFilter(WeightedParticlesFilter):
         return self.N * (self.boost if self.boost_scans else 1)
 
     def idle_keys(self, scenario: Scene) -> dict[str, str]:
-        """Report as idle a key of the boost that is set without the other one."""
+        """Report as idle a key of the boost, more particles in the first steps, without the other."""
         idle = {}
         if self.boost_scans == 0:
             idle["boost"] = "with `boost_scans: 0`"
@@ -164,15 +164,16 @@ class ParticleFilter(WeightedParticlesFilter):
         collapsed : array (M,)
             Runs in which every weight was zero, which get equal weights.
         evidence : tuple of Evidence
-            Factors of the likelihood of the measurement.
+            Factors of the estimate of p(z_k | z_1..k-1), here one.
         """
         log_w = self._log_likelihood(model, z, x, k)
         # Resampling leaves the log-weights 0.0, which stands for equal weights.
         is_equal = isinstance(state.log_w, float) and state.log_w == 0.0
         if not is_equal:
             log_w = log_w + state.log_w
-        w, collapsed, mass = particles.normalize(log_w)
-        return w, collapsed, (Evidence(mass, carried=state.log_w, N=w.shape[1]),)
+        w, collapsed, sum_of_weights = particles.normalize(log_w)
+        evidence = Evidence(sum_of_weights, carried=state.log_w, N=w.shape[1])
+        return w, collapsed, (evidence,)
 
     def _log_likelihood(self, model: Model, z: Array, x: Array, k: int) -> Array:
         """Return log p(z_k | x_k = x) (M, N), in the arithmetic that the key ``weights`` names."""

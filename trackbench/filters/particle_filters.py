@@ -79,6 +79,7 @@ class PF(SimulatingSmoother):
     def _resample_if_needed(self, cloud: Particles, rng: Generator, size: int) -> Particles:
         """Resample the runs whose effective sample size is below the threshold."""
         resampled = self._resample(cloud, rng, size)
+        # All runs are resampled if the number of particles changes.
         if self.ess_threshold < 1.0 and size == cloud.w.shape[1]:
             # Runs with a large effective sample size keep their weighted particles.
             ess = particles.effective_sample_size(cloud.w)
@@ -221,7 +222,7 @@ class APF(SimulatingSmoother):
         # Second stage: draw from the transition, weigh by p(z|x) / p(z|mu).
         x = model.motion.transition(select(cloud.x, index), k).sample(rng)
         log_w = self._log_likelihood(model, z, x, k) - select(log_p_mu, index)
-        w, collapsed, mass = particles.normalize(log_w)
+        w, collapsed, sum_of_weights = particles.normalize(log_w)
         weighted = bring_together(Particles(x, w), angle_rows(model.motion))
         new = PFState(
             particles=weighted,
@@ -230,9 +231,10 @@ class APF(SimulatingSmoother):
             collapsed=collapsed,
             age=state.age + 1,
             w=w,
+            # p(z_k | z_1..k-1) is the product of both stages' mean weights.
             evidence=(
                 Evidence(chosen.mass, carried=state.log_w, N=log_p_mu.shape[1]),
-                Evidence(mass, carried=0.0, N=w.shape[1]),
+                Evidence(sum_of_weights, carried=0.0, N=w.shape[1]),
             ),
         )
         # The weights are carried on to the next step, or the particles are resampled by them.
@@ -258,7 +260,10 @@ class APF(SimulatingSmoother):
         return carried == "float64"
 
     def _in_arithmetic(self, log_w: Array) -> Array:
-        """Return log-products of weights and likelihoods; small ones are lost in float64."""
+        """Return first-stage log-weights (M, N), with -inf for those that are zero in float64.
+
+        With logarithms, which have no smallest weight, they are unchanged.
+        """
         if self._carries_float64 and self.weights != "log":
             return read_likelihood(log_w, "naive")
         return log_w

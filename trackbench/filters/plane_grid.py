@@ -14,7 +14,7 @@ from trackbench.core.distributions import Distribution, Gaussian, per_run_moment
 from trackbench.core.plane_quadrature import Map, Plane, UnresolvedError
 from trackbench.core.posterior_scores import PlanePosterior, Posterior
 from trackbench.core.sums import mean, total
-from trackbench.filters.base import Filter, WrongReturnError
+from trackbench.filters.base import WHOLE_FILTER, Filter, WrongReturnError
 from trackbench.models.base import Model, SampledMotion, Scene, angle_rows
 from trackbench.models.derivatives import central_differences
 from trackbench.models.likelihood import log_likelihood
@@ -51,21 +51,18 @@ class PlaneGrid(Filter[Planes]):
     """nodes along each axis; a step of a run takes 0.1 to 0.2 s at 128"""
 
     def conflicts(self, scenario: Scene) -> dict[str, str]:
-        """Reject other than two components, and a prior or noise that is not Gaussian.
-
-        The reason has the key ``""``, as it concerns the filter as a whole and none of its keys.
-        """
+        """Reject other than two components, and a prior or noise that is not Gaussian."""
         motion = scenario.model.motion
         n = len(motion.components)
         if n != 2:
-            return {"": f"grid-2d needs a state of two components; this one has {n}"}
+            return {WHOLE_FILTER: f"grid-2d needs a state of two components; this one has {n}"}
         if not issubclass(scenario.prior_type, Gaussian):
-            return {"": "grid-2d needs a Gaussian start"}
+            return {WHOLE_FILTER: "grid-2d needs a Gaussian start"}
         # The scenario's first step has the start; the first transition leads to the next step.
         step_after_start = int(scenario.steps[0]) + 1
         transition = motion.transition(np.zeros((2, 1)), step_after_start)
         if not isinstance(transition, Gaussian) or transition.cov.ndim > 2:
-            return {"": "grid-2d needs additive Gaussian noise of constant covariance"}
+            return {WHOLE_FILTER: "grid-2d needs additive Gaussian noise of constant covariance"}
         return {}
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> Planes:
@@ -178,7 +175,7 @@ def _moments(states: Iterable[State]) -> Gaussian:
 def _map(motion: SampledMotion, state: Gaussian, k: int) -> Map:
     """Express the motion to step k as a map with additive noise.
 
-    The steps of its derivatives are relative to the spread of the state and of the noise.
+    Its Jacobian is that of central differences, with steps relative to the spread of state and noise.
     """
 
     def f(x: Array) -> Array:

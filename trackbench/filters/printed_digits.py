@@ -26,11 +26,12 @@ class Digits(NamedTuple):
 
 
 def digits_of(mean: Array, cov: Array) -> Digits:
-    """Describe the digits of estimates: means (n, ...) and variances of covariances (n, n, ...).
+    """Test whether a program prints its estimates with too few digits, or with those of float32.
 
-    A number of 17 digits appears to have few by chance with a probability below 1e-5. Equal numbers of
-    the variances count once, as a constant covariance may have few digits. Other entries of a covariance
-    may be the mean of two answered numbers, which has more digits.
+    The numbers are means (n, ...) and the variances in ``cov`` (n, n, ...). A number of 17 digits
+    appears to have few by chance with a probability below 1e-5. Equal variances count once, as a
+    constant covariance may have few digits. Other entries of a covariance may be the mean of two
+    answered numbers, which has more digits.
     """
     variances = np.einsum("ii...->i...", cov)
     numbers = np.concatenate([mean.ravel(), np.unique(variances)])
@@ -45,12 +46,13 @@ def digits_of(mean: Array, cov: Array) -> Digits:
     # 1000.123 has as many digits as a number of float32, but three decimals.
     for decimals in range(1, _MOST_DECIMALS + 1):
         whole = x * 10.0**decimals
-        # Of larger numbers the digits before the point leave none behind it.
+        # A larger number of float32 has no digits behind this decimal, so that it is always whole.
         is_small = np.abs(whole) < 10.0**_FLOAT32_DIGITS
         is_whole = np.abs(whole - np.rint(whole)) < _NEARLY_WHOLE
         has_few_digits = is_small
         if digits <= _FLOAT32_DIGITS:
-            # 1.234567 of float32 has six decimals, too. Fewer digits than in float32 show them.
+            # A number of float32 such as 1.234567 has six decimals by itself. Only numbers with fewer
+            # digits than in float32 show that decimals are cut.
             has_few_digits = np.abs(whole) < 10.0**_TOO_FEW_DIGITS
         if has_few_digits.sum() >= _LEAST_NUMBERS and is_whole[is_small].all():
             return Digits(too_few=f"at most {counted(decimals, 'decimal')}")
@@ -72,7 +74,7 @@ def _most_digits(x: Array) -> int:
 
 
 def float32_advice(mean: Array, cov: Array, components: Sequence[str]) -> str:
-    """Return the spacing of float32 at the largest coordinates, and the way on; empty if it is small.
+    """Return the spacing of float32 at the largest coordinates, and advice; empty if it is small.
 
     ``mean`` (n, ...) and ``cov`` (n, n, ...) are estimates in float32. A spacing is large if it exceeds
     a twentieth of the least standard deviation of a component: rounding then adds errors.

@@ -190,7 +190,10 @@ class Huber(RobustUpdate):
         return self.k / np.maximum(np.sqrt(squared), self.k)
 
     def log_ratio(self, nis: Array, n: Index) -> Array:
-        """Return the ratio of Huber's density, ``exp(-rho(r))`` over its integral."""
+        """Return the log-ratio (M,) of Huber's density of scale S to the normal one, by NIS (M,).
+
+        Huber's density is ``exp(-rho(r))`` over its integral. n (M,) counts the measured components.
+        """
         r = np.sqrt(nis)
         rho = np.where(r > self.k, self.k * r - 0.5 * self.k * self.k, 0.5 * nis)
         return np.asarray(0.5 * nis - rho - _log_integrals(self.k, int(n.max(initial=0)))[n])
@@ -198,14 +201,20 @@ class Huber(RobustUpdate):
 
 @cache
 def _log_integrals(k: float, n_z: int) -> Array:
-    """Return the logarithm of ``int exp(-rho(|u|)) du`` over n components, less that of the normal."""
+    """Return log(I_n / J_n) (n_z + 1,) for n = 0, ..., n_z components; k is Huber's constant.
+
+    I_n is the integral of ``exp(-rho(|u|))`` over n components u, and J_n that of ``exp(-|u|^2 / 2)``.
+    """
+    # For a large k the tail is zero, and the terms below may overflow.
     tail = float(exp(-0.5 * k * k))
     values = [0.0]
     for n in range(1, n_z + 1):
-        # P(chi^2_n < k^2) + 2 e^(-k^2/2) (n-1)! / (2^(n/2) Gamma(n/2) k^n) sum_j<n k^2j / j!
+        # I_n / J_n = P(chi^2_n < k^2) + 2 e^(-k^2/2) (n-1)! / (2^(n/2) Gamma(n/2) k^n) sum_j<n k^2j / j!
         value = float(chi_square_cdf(k * k, n))
         if tail > 0.0:
-            terms = sum(k ** (2 * j - n) / factorial(j) for j in range(n))
+            terms = 0.0
+            for j in range(n):  # in order: `sum` differs from Python 3.12 on
+                terms += k ** (2 * j - n) / factorial(j)
             scale = log(2.0 * factorial(n - 1)) - 0.5 * n * log(2.0) - log_gamma(0.5 * n)
             value += tail * float(exp(scale)) * terms
         values.append(float(log(value)))
@@ -254,7 +263,8 @@ AnyRobust: TypeAlias = Annotated[Huber | StudentT, Field(discriminator="kind")]
 
 
 def sensor_rows(sensor: Sensor) -> list[slice]:
-    """Return the rows of each sensor in a measurement."""
+    """Return the rows of each sensor in a measurement z (n_z, M)."""
+    # Faults may multiply the noise of the sensors: the sensor inside has the rows.
     while isinstance(sensor, ScaledNoise):
         sensor = sensor.sensor
     return rows_of(cast(Sensors, sensor))
@@ -264,6 +274,7 @@ class Reweighted:
     """A sensor whose noise is N(0, R / w), with weights w (sensors, M)."""
 
     def __init__(self, sensor: Sensor, weights: Array) -> None:
+        """Store the weights (n_z, M) of the components, from those of the sensors (sensors, M)."""
         self._sensor = sensor
         self._weights = np.empty((len(sensor.components), weights.shape[1]))
         for weight, rows in zip(weights, sensor_rows(sensor), strict=True):

@@ -97,7 +97,7 @@ class UKF(SigmaPointFilter):
         return conflicts
 
     def all_steps(self, model: Model, state: Tracked, z: Array, k: int) -> Steps | None:
-        """Filter all measurements z (n_z, T, M) in one call, with the bits of `step`.
+        """Filter all measurements z (n_z, T, M) in one call, with the results of `step` bit for bit.
 
         None unless this is a plain UKF of augmented points, and `nonlinear_steps` can filter with this
         motion and sensor.
@@ -245,7 +245,7 @@ def point_prediction(
     points = rule.points(state)
     Q = assumed.transition(model, state.mean, k).cov
     moved = assumed.transition(model, points.x, k).mean
-    return points.moments(moved, Q, isinstance(state, Factored))
+    return points.moments(moved, Q, roots=isinstance(state, Factored))
 
 
 class _Measured(NamedTuple):
@@ -332,7 +332,8 @@ def _condition(
     count_operations("covariances", measured.S, component_axes=2)
     posterior = kalman.condition(predicted, known, measured.C, measured.S)
     cancelled = is_cancelled(posterior.cov, predicted.cov)
-    # A direction without spread, such as of an exact measurement of a sum, is left with rounding.
+    # A direction that an exact measurement, such as of a sum, leaves without spread has a pivot that is
+    # only rounding.
     pivots = np.square(linalg.diagonal(linalg.root(posterior.cov)))
     cancelled |= ~(pivots >= _UNRESOLVED * linalg.diagonal(predicted.cov)).all(axis=0)
     if cancelled.any():
@@ -412,7 +413,7 @@ def _scalar_step(
     if conditioned is None:
         return None
     mean, cov, nu, S = conditioned
-    # A variance that is only rounding beside the spread of the points is left to the other way.
+    # A variance that is only rounding beside the spread of the points is left to `augmented_step`.
     spread = np.ptp(predicted, axis=1)
     if (cov[0] < _CANCELLED * np.square(spread)).any():
         return None
@@ -475,7 +476,8 @@ def point_transition(
 ) -> Transition:
     """Predict x_k by points, with its covariance with x_{k-1}.
 
-    The points are those of `augmented_step`, or of the state alone as in `additive_step`.
+    With ``augmented`` the points are those of `augmented_step`, else of the state alone as in
+    `additive_step`.
     """
     n_x = state.mean.shape[0]
     Q = assumed.transition(model, state.mean, k).cov

@@ -66,7 +66,9 @@ class _ResamplingFilter(KalmanProposalFilter):
         assert kalman is not None
         # Step 2: weigh by p(z|x) p(x|x_{k-1}) / q(x).
         target = self._log_target(model, origin, z, k)(proposals.x)
-        w, collapsed, mass = particles.normalize(target - proposals.q.log_prob(proposals.x))
+        w, collapsed, sum_of_weights = particles.normalize(
+            target - proposals.q.log_prob(proposals.x)
+        )
         angles = angle_rows(model.motion)
         weighted = bring_together(Particles(proposals.x, w), angles)
         # Step 3: resample, each particle with its covariance.
@@ -92,7 +94,8 @@ class _ResamplingFilter(KalmanProposalFilter):
             collapsed=collapsed,
             P=P,
             w=w,
-            evidence=(Evidence(mass, carried=0.0, N=self.N),),
+            # For p(z_k | z_1..k-1): the mean of N weights that were equal before the update.
+            evidence=(Evidence(sum_of_weights, carried=0.0, N=self.N),),
         )
 
 
@@ -110,6 +113,7 @@ class EPF(_ResamplingFilter):
     def _kalman(
         self, model: Model, state: Gaussian, z: Array, k: int, assumed: AssumedNoise
     ) -> Gaussian:
+        """Return the EKF's posterior of every particle (n, M, N) at step k, given z (n_z, M)."""
         posterior, _ = extended_step(model, state, z, k, assumed)
         return posterior
 

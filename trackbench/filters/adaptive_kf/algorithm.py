@@ -30,7 +30,7 @@ from trackbench.filters.adaptive_kf.per_axis import (
     axis_step,
     both_axes,
     first_components,
-    history,
+    initial_history,
     is_missing,
     per_axis,
     refilter,
@@ -75,7 +75,7 @@ class Mode(NamedTuple):
     """log-likelihood of the MF over that of the NMF, summed while both are on"""
 
     def switch(self, active: Index, k: int) -> "Mode":
-        """Return the mode with the ``active`` filters (M,) switched on.
+        """Return the mode with the ``active`` filters (M,) switched on: NMF, BOTH or MF.
 
         Runs that change do so at step k.
         """
@@ -142,20 +142,20 @@ class VariableDimension(Filter[AdaptiveState]):
         return OWN_MOTION
 
     def cautions(self, scenario: Scene) -> list[str]:
-        """Note that the exit test fires in the scenario's smallest turn, if it does."""
+        """Note an exit test that fires in the scenario's smallest turn, or never after a long one."""
         T, R = sampling_of(scenario.model)
-        smallest = min(scenario.turns, default=None)
+        smallest = min(scenario.turns, default=None)  # acceleration, m/s^2
         return exit_cautions(self.parameters.exit, self.parameters.mf, T, R, smallest)
 
     def init(self, model: Model, prior: Distribution, rng: Generator) -> AdaptiveState:
-        """Start the NMF at the prior in every run."""
+        """Start the NMF, the non-maneuvering filter, at the prior in every run; the MF is off."""
         p = self.parameters
         nmf = per_axis(prior)
         runs = nmf.mean.shape[-1]
         axes = nmf.cov.shape[2]
         # One onset hypothesis per sample of the detection window.
         window = p.detector.window(sampling_of(model).T)
-        past = history(nmf, window) if p.initialize == "barshalom" else None
+        past = initial_history(nmf, window) if p.initialize == "barshalom" else None
         # The MF has no estimate before the first alarm: mean zero, unit covariance.
         identity = np.broadcast_to(np.eye(3)[:, :, None, None], (3, 3, axes, runs))
         zero = np.zeros(runs)
@@ -183,7 +183,8 @@ class VariableDimension(Filter[AdaptiveState]):
         """Run the filters, then decide: maneuver, confirmation, end of the maneuver (Figure 1)."""
         p = self.parameters
         sampling = sampling_of(model)
-        # The NMF, and the MF if any run has it on, take the measurement; the statistics follow.
+        # The non-maneuvering filter (NMF) takes the measurement, and the maneuvering one (MF) if any run
+        # has it on; the statistics follow.
         state, nmf_nis = _run_filters(p, state, z, sampling)
         state = _update_statistics(p, state, nmf_nis, z, k, sampling)
         # First decision: is the target maneuvering, and since when? Then the MF starts.
@@ -241,10 +242,10 @@ class VariableDimension(Filter[AdaptiveState]):
     def diagnostics(self, state: AdaptiveState) -> dict[str, Array]:
         """Report ``nis``, ``mode``, ``alarm``, ``alarm_age_s``, ``zeta`` and ``zeta_beyond``.
 
-        ``mode``: 1 in the MF. ``alarm``: 1 where the first decision has just found a maneuver.
-        ``alarm_age_s``: time since its onset. If the onset is the argmax of zeta: ``zeta`` of the
-        window's oldest onset (adaptive-kf paper, eq. 5: chi-square with two degrees of freedom in
-        straight flight), and ``zeta_beyond``: 1 above the 10 % point of that law.
+        ``mode``: 1 where the maneuvering filter is on alone. ``alarm``: 1 where the first decision has
+        just found a maneuver. ``alarm_age_s``: time since its onset. If the onset is the argmax of zeta:
+        ``zeta`` of the window's oldest onset (adaptive-kf paper, eq. 5: chi-square with two degrees of
+        freedom in straight flight), and ``zeta_beyond``: 1 above the 10 % point of that law.
         """
         record = state.record
         values = {
@@ -292,7 +293,10 @@ def _run_filters(
 def _update_statistics(
     p: Parameters, state: AdaptiveState, nis: Array, z: Array, k: int, sampling: Sampling
 ) -> AdaptiveState:
-    """Update the statistics of the first decision and of the exit test; ``nis`` is the NMF's."""
+    """Update the statistics of the first decision and of the exit test.
+
+    ``nis`` (M,) is that of the non-maneuvering filter (NMF), 0 without a measurement, and z is (2, M).
+    """
     T, R = sampling
     rho, inputs, past, significance = state.detector
     innovation = state.record.nmf
@@ -304,7 +308,7 @@ def _update_statistics(
         g = np.array([T * T / 2, T])
         inputs = inputs.update(k, p.nmf.axis(T).F, g, state.nmf, innovation, R)
     else:
-        inputs = inputs.with_start(k)
+        inputs = inputs.with_start(k)  # only the earliest possible onset is stored
     if past is not None:
         past = past.add_measurement(z, k)
     # Exit test: a' P_a^-1 a of the MF's acceleration in the last p samples.
@@ -327,7 +331,8 @@ def _first_decision(
     rho, inputs, past, _ = state.detector
     runs = np.arange(len(rho))
     oldest_zeta = state.record.zeta
-    # Statistic: rho, or the largest zeta. Onset t*: argmax of zeta over the window, or a fixed age.
+    # Statistic: rho, or the largest zeta. Onset t*: argmax of zeta over the window, or a fixed age: the
+    # newest onset as printed in the paper, or the oldest of the window.
     statistic = rho
     if detector.onset_rule == "argmax":
         zeta = inputs.significance()
@@ -355,7 +360,7 @@ def _first_decision(
 def _start_mf(
     p: Parameters, state: AdaptiveState, alarm: Mask, slot: Index, k: int, sampling: Sampling
 ) -> AdaptiveState:
-    """Start the MF in the runs with an ``alarm`` (M,), at their onsets t*.
+    """Start the maneuvering filter (MF) in the runs with an ``alarm`` (M,), at their onsets t*.
 
     ``slot`` (M,) is the place of each onset in the window.
     """
@@ -384,6 +389,7 @@ def _start_mf(
 def _second_decision(p: Parameters, mode: Mode, alarm: Mask, k: int) -> tuple[Mask, Mask]:
     """Return the runs (M,) whose maneuver is confirmed, and those in which the comparison has ended.
 
+    Non-maneuvering and maneuvering filter (MF) are compared by their log-likelihood ratio, the evidence.
     ``alarm`` (M,) marks the runs with an alarm at this step.
     """
     n = p.dlw.n
@@ -394,7 +400,7 @@ def _second_decision(p: Parameters, mode: Mode, alarm: Mask, k: int) -> tuple[Ma
 
 
 def _exit_test(p: Parameters, state: AdaptiveState, k: int, sampling: Sampling) -> Mask:
-    """Return the runs (M,) in which the MF ends: its acceleration is not significant any more."""
+    """Return the runs (M,) in which the maneuvering filter (MF) ends: no significant acceleration."""
     # The MF has been on alone for at least `hold_s`.
     long_enough = (k - state.mode.since) * sampling.T >= p.exit.hold_s
     # The sum of the significances of the last p samples is below Ta.
@@ -403,9 +409,9 @@ def _exit_test(p: Parameters, state: AdaptiveState, k: int, sampling: Sampling) 
 
 
 def _return_to_nmf(state: AdaptiveState, over: Mask, k: int) -> AdaptiveState:
-    """Start the NMF again in the runs in which the MF is ``over`` (M,), with empty statistics.
+    """Start the non-maneuvering filter (NMF) again in the runs ``over`` (M,), with empty statistics.
 
-    It starts from the MF's position and velocity.
+    It starts from position and velocity of the maneuvering filter (MF), which ends in these runs.
     """
     if not over.any():
         return state
@@ -420,7 +426,7 @@ def _return_to_nmf(state: AdaptiveState, over: Mask, k: int) -> AdaptiveState:
 
 
 def _advance_windows(state: AdaptiveState, k: int) -> AdaptiveState:
-    """Replace the oldest possible onset in the window by the one after step k."""
+    """Replace the oldest onset in the window by the one after step k, and store the NMF's posterior."""
     detector = state.detector._replace(inputs=state.detector.inputs.add_onset(k))
     if detector.history is not None:
         detector = detector._replace(history=detector.history.add_posterior(state.nmf, k))

@@ -72,13 +72,13 @@ class Detector:
 
     @property
     def onset_rule(self) -> str:
-        """Rule of the onset: argmax, window or paper."""
+        """Rule of the onset, argmax, window or paper: the key ``onset``, or the default of the kind."""
         if self.onset is not None:
             return self.onset
         return "window" if self.kind == "fading" else "argmax"
 
     def window(self, T: float) -> int:
-        """Return the length of the window in samples."""
+        """Return the length of the window in samples; T is the sampling time, s."""
         if self.window_s is None:
             return max(1, round(1.0 / (1.0 - self.gamma)))
         return max(1, round(self.window_s / T))
@@ -88,7 +88,10 @@ class Detector:
         return round(self.min_window_s / T)
 
     def conflicts(self, T: float, duration: float) -> dict[str, str]:
-        """Return reasons, by key, why the windows do not fit into a run of ``duration`` seconds."""
+        """Return reasons, by key, why the windows do not fit into a run of ``duration`` seconds.
+
+        T is the sampling time, s.
+        """
         window = self.window(T) * T
         conflicts = {}
         if window > duration:
@@ -97,6 +100,7 @@ class Detector:
         if self.min_window(T) * T > window:
             conflicts["detector.min_window_s"] = f"{self.min_window_s:g} s exceed the window"
         elif self.onset_rule == "paper" and self.min_window(T) > 1:
+            # The printed onset is one sample old and never reaches a larger least age: no alarm.
             message = "the printed onset is always the newest: no switch"
             conflicts["detector.min_window_s"] = message
         return conflicts
@@ -173,6 +177,7 @@ CONFIRM_EVERY_ALARM = SecondDecision()
 def tail(eta: float, gamma: float) -> float:
     """Return P(rho > eta) in the long run: ``sum_j A_j exp(-eta / (2 gamma^j))``, 0 < gamma < 1.
 
+    rho is the fading sum ``rho(k) = gamma rho(k-1) + e(k)`` of the NIS e of two axes without a maneuver.
     The factors ``A_j = prod_{i != j} 1 / (1 - gamma^(i - j))`` alternate in sign and are as large as
     ``exp(2 / (1 - gamma))``. So the sum is computed with enough decimal digits that they cancel.
     """
@@ -205,7 +210,7 @@ def tail(eta: float, gamma: float) -> float:
 
 @lru_cache(maxsize=256)
 def threshold(alpha: float, gamma: float) -> float:
-    """Find the eta with ``tail(eta, gamma) = alpha``, by bisection."""
+    """Find the eta that rho exceeds with probability alpha, by bisection of ``tail(eta, gamma)``."""
     # Step 1: bracket the threshold, starting from the mean of rho.
     low = 0.0
     high = 2.0 / (1.0 - gamma)

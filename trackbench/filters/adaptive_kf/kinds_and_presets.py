@@ -112,7 +112,7 @@ class VDF(JoinableVariableDimension):
 
     @property
     def parameters(self) -> Parameters:
-        """Decisions: the fading sum raises alarms, all confirmed, the window is the onset."""
+        """Decisions: the fading sum raises alarms, all are confirmed, the onset begins the window."""
         detector = Detector(kind="fading", gamma=self.gamma, eta=self.eta, alpha=self.alpha)
         leave = Exit(p=self.p, Ta=self.Ta)
         return Parameters(

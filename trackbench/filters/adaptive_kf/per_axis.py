@@ -57,6 +57,7 @@ def both_axes(state: Gaussian) -> Gaussian:
     """Join position and velocity of both axes: mean (4, M), cov (4, 4, M)."""
     runs = state.mean.shape[-1]
     cov = np.zeros((4, 4, runs))
+    # One covariance for both axes, or one for each: index -1 is the second axis, or the only entry.
     cov[:2, :2] = state.cov[:2, :2, 0]
     cov[2:, 2:] = state.cov[:2, :2, -1]
     return Gaussian(state.mean[:2].swapaxes(0, 1).reshape(4, runs), cov)
@@ -72,7 +73,7 @@ def axis_step(state: Gaussian, motion: Axis, z: Array, R: Array) -> Updated:
     nu = (z - predicted.mean[0])[None]
     if any_nan(nu):
         nu = np.where(np.isnan(nu).any(axis=1), np.nan, nu)
-    posterior, innovation = kalman.update(predicted, nu, _position(len(motion.F)), R)
+    posterior, innovation = kalman.update(predicted, nu, _position_matrix(len(motion.F)), R)
     # Axes that share their covariance (A = 1) still do after a missing measurement, for which the update
     # gave each axis its own.
     axes = state.cov.shape[2]
@@ -81,7 +82,7 @@ def axis_step(state: Gaussian, motion: Axis, z: Array, R: Array) -> Updated:
 
 
 @cache
-def _position(n: int) -> Array:
+def _position_matrix(n: int) -> Array:
     """Return H (1, n) of a sensor that measures the first of n components."""
     return fixed(np.eye(1, n))
 
@@ -121,12 +122,12 @@ class History(NamedTuple):
 
     def add_measurement(self, z: Array, k: int) -> "History":
         """Add the measurement of step k."""
-        return self._replace(z=_with(self.z, k, z))
+        return self._replace(z=_with_entry(self.z, k, z))
 
     def add_posterior(self, posterior: Gaussian, k: int) -> "History":
-        """Add the posterior of step k."""
-        mean = _with(self.mean, k, posterior.mean)
-        cov = _with(self.cov, k, posterior.cov)
+        """Return the history with the posterior of step k in the slot of step k - W."""
+        mean = _with_entry(self.mean, k, posterior.mean)
+        cov = _with_entry(self.cov, k, posterior.cov)
         return self._replace(mean=mean, cov=cov)
 
     def has_measurement(self, k: Index) -> Mask:
@@ -135,7 +136,7 @@ class History(NamedTuple):
         return np.asarray(np.isfinite(self.z[k % len(self.z), :, runs]).all(axis=1))
 
 
-def history(prior: Gaussian, window: int) -> History:
+def initial_history(prior: Gaussian, window: int) -> History:
     """Fill every slot of a history with the prior, without measurements."""
     return History(
         np.broadcast_to(prior.mean, (window, *prior.mean.shape)),
@@ -147,10 +148,11 @@ def history(prior: Gaussian, window: int) -> History:
 def refilter(
     past: History, onset: Index, runs: Index, k: int, motion: Axis, sampling: Sampling
 ) -> Gaussian:
-    """Filter the measurements since the onset again by the MF, up to step k.
+    """Filter the measurements since the onset again by the maneuvering filter (MF), up to step k.
 
-    ``past`` has the window's measurements, ``runs`` (m,) are the runs that are filtered, ``onset`` (m,)
-    is the step of each one's onset, and ``motion`` is the MF's.
+    ``past`` has the window's measurements and the posteriors of the non-maneuvering filter (NMF),
+    ``runs`` (m,) are the runs that are filtered, ``onset`` (m,) is the step of each one's onset, and
+    ``motion`` is the MF's. The result has means (3, 2, m).
     """
     T, R = sampling
     W = len(past.z)
@@ -169,7 +171,7 @@ def refilter(
 def augmented_start(state: Gaussian, z: Array, T: float, R: float) -> Gaussian:
     """Estimate position, velocity, acceleration by the first measurement z (2, m) of a maneuver.
 
-    The acceleration a is the one that moves the last posterior (x, v, P) of the NMF to z within T:
+    The acceleration a is the one that moves the posterior (x, v, P) of the step before to z within T:
     ``a = 2 (z - x - T v) / T^2``. The position is z, the velocity ``v + T a`` (Bar-Shalom & Birmiwal
     1982, eqs. 21-29). R is the variance of z.
     """
@@ -191,8 +193,8 @@ def augmented_start(state: Gaussian, z: Array, T: float, R: float) -> Gaussian:
     return Gaussian(mean, np.stack([np.stack(row) for row in rows]))
 
 
-def _with(ring: Array, k: int, entry: Array) -> Array:
-    """Return a copy of a ring of entries with that of step k replaced."""
+def _with_entry(ring: Array, k: int, entry: Array) -> Array:
+    """Return a copy of a ring (W, ...) of the last W steps' entries with that of step k replaced."""
     out = ring.copy()
     out[k % len(ring)] = entry
     return out

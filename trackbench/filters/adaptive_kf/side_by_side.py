@@ -22,7 +22,10 @@ class JoinableVariableDimension(VariableDimension, JoinableFilter[AdaptiveState]
     """Base of the filters that `SideBySide` joins."""
 
     def structure(self, scenario: Scene) -> Hashable:
-        """Return the choices between algorithms, and the lengths of arrays."""
+        """Return the choices between algorithms and the lengths of arrays.
+
+        Filters for which these are equal can be joined.
+        """
         p = self.parameters
         window = p.detector.window(sampling_of(scenario.model).T)
         choices = (p.detector.kind, p.detector.onset_rule, p.initialize)
@@ -71,6 +74,7 @@ class _PerRun:
         self._width = width
 
     def __getattr__(self, name: str) -> Any:
+        """Return an attribute of all objects as one, or a method that does so with its results."""
         values = [getattr(part, name) for part in self._parts]
         stacked = self._method(values) if callable(values[0]) else _per_run(values, self._width)
         self.__dict__[name] = stacked  # looked up at every step

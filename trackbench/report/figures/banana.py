@@ -15,6 +15,7 @@ from trackbench.core.distributions import Gaussian
 from trackbench.core.random_streams import block_stream
 from trackbench.field_types import Count, Positive
 from trackbench.models.motions.kinematic import WhiteAcceleration
+from trackbench.models.sensors.angular import Platform
 from trackbench.registry import register
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import listed, named
@@ -68,12 +69,19 @@ class Banana(FigureKind):
         return style.add_title_and_legend(figure, self.title)
 
     def _draw_panel(self, ax: Axes, range_km: float, rng: Generator) -> None:
-        """Draw samples of the target, and ellipses of each conversion of the measurement."""
+        """Draw samples of the target, and ellipses of each conversion of the measurement.
+
+        The target was measured at the range ``range_km`` and the azimuth 0. The horizontal axis is
+        across the line of sight, in km. The vertical axis is along it, in m from the measured position.
+        """
         from matplotlib.ticker import FuncFormatter, MaxNLocator
 
         sigma_azimuth = 1e-3 * self.sigma_azimuth_mrad
         measurement = Polar(
-            np.array([1e3 * range_km]), np.array([0.0]), self.sigma_range**2, sigma_azimuth**2
+            r=np.array([1e3 * range_km]),
+            a=np.array([0.0]),
+            range_variance=self.sigma_range**2,
+            azimuth_variance=sigma_azimuth**2,
         )
         # Step 1: samples of the position. At azimuth 0 the line of sight is the first axis.
         ranges = measurement.r + self.sigma_range * rng.standard_normal(self.samples)
@@ -96,7 +104,7 @@ class Banana(FigureKind):
             for deviations in (1, 2):
                 along, across = ellipse(mean, converted.cov[..., 0], deviations)
                 ax.plot(1e-3 * across, along, **look)
-        # Step 3: labels.
+        # Step 3: labels; fewer ticks where panels are narrow.
         panels = len(self.ranges_km)
         ax.set_title(f"{range_km:g} km")
         ax.set_xlabel(style.wrapped("Across the line of sight (km)", panels))
@@ -127,7 +135,10 @@ class PosteriorEllipses(FigureKind):
     shown_covariances = True
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """Require a radar measurement at the point and step."""
+        """Require a radar measurement at the point and step.
+
+        Return the reason by key, ``""`` for the figure as a whole; empty if all is well.
+        """
         if self.point > len(points):
             return {"point": f"{self.point} is more than the number of points, {len(points)}"}
         point = points[self.point - 1]
@@ -147,14 +158,15 @@ class PosteriorEllipses(FigureKind):
     def default_caption(self, results: Results) -> str:
         """Return what is drawn: the run, the step and the filters."""
         labels = listed([named(label) for label in results.chosen(self.filters)])
-        where = phrases.at_point(results.points()[self.point - 1])
+        # The number counts all points of the grid, also those where every filter failed.
+        where = phrases.at_point(results.grid_points[self.point - 1])
         return (
             f"Run {self.run}, step {self.step}{where}: the 2-sigma ellipses of {labels} around the true "
             "target, and the region of the measurement."
         )
 
     def draw(self, results: Results) -> Figure:
-        """Return the measurement's arc of two standard deviations, and an ellipse per filter."""
+        """Return the region of the measurement, and an ellipse per filter, up to two sigma."""
         figure, ax = style.subplots(height_in=3.4)
         point = results.grid_points[self.point - 1]
         tracks = results.tracks(point)
@@ -167,13 +179,18 @@ class PosteriorEllipses(FigureKind):
     ) -> None:
         """Draw measurement, prediction and posteriors, seen from the true target.
 
-        The state is px, vx, py, vy. The measurement of the step at index k has the index k - 1.
+        The state is px, vx, py, vy. ``tracks`` are those of `Results.tracks` at the point, with the axes
+        (component, step, run). The first step has no measurement, so that the measurement of the step at
+        index k has the index k - 1.
         """
         k = int(np.flatnonzero(tracks["steps"] == self.step)[0])
         run = self.run - 1
-        view = _View.toward(tracks["truth"][[0, 2], k, run])
+        sensor = scenario["sensor"]
+        sensor_place = _place_of_sensor(sensor, self.step)
+        view = _View.between(sensor_place, tracks["truth"][[0, 2], k, run])
         # Step 1: outlines (2, n) along and across the line of sight, m.
-        measured = _measured_region(tracks["measurements"][:, k - 1, run], view, scenario["sensor"])
+        z = tracks["measurements"][:, k - 1, run]
+        measured = _measured_region(z, view, sensor, sensor_place)
         predicted: list[Array] = []
         if f"cov/{self.predicted}" in tracks:
             posterior_before = Gaussian(
@@ -232,9 +249,10 @@ class _View:
     """from x and y to along and across, (2, 2)"""
 
     @classmethod
-    def toward(cls, target: Array) -> "_View":
-        """Return the view from the origin toward a target (2,)."""
-        azimuth = np.arctan2(target[1], target[0])
+    def between(cls, sensor_place: Array, target: Array) -> "_View":
+        """Return the view from the place of the sensor (2,) toward a target (2,), m."""
+        px, py = target - sensor_place
+        azimuth = np.arctan2(py, px)
         c = np.cos(azimuth)
         s = np.sin(azimuth)
         return cls(target=target, rotation=np.array([[c, s], [-s, c]]))
@@ -244,44 +262,62 @@ class _View:
         return np.asarray(self.rotation @ (positions - self.target[:, None]))
 
     def ellipse_of(self, gaussian: Gaussian) -> Array:
-        """Return the 2-sigma ellipse (2, 201) of a position in these coordinates."""
+        """Return the 2-sigma ellipse (2, 201) of a position along and across the line of sight.
+
+        ``gaussian`` is the distribution of x and y.
+        """
         mean = self.rotation @ (gaussian.mean - self.target)
         cov = self.rotation @ gaussian.cov @ self.rotation.T
         return ellipse(mean, cov, 2.0)
 
 
-def _measured_region(z: Array, view: _View, sensor: dict[str, Any]) -> Array:
-    """Return the outline (2, 402) of the region within two sigma of a range and azimuth (2,)."""
+def _place_of_sensor(sensor: dict[str, Any], step: int) -> Array:
+    """Return the place (2,) at a step, m, of the sensor with these keys."""
+    if sensor.get("platform") is not None:
+        return np.array(Platform(**sensor["platform"]).place(step))
+    return np.array(sensor.get("at") or (0.0, 0.0))
+
+
+def _measured_region(z: Array, view: _View, sensor: dict[str, Any], sensor_place: Array) -> Array:
+    """Return the outline of the region within two sigma of a measurement.
+
+    ``z`` (2,) is its range, m, and azimuth, rad. ``sensor`` has the keys of the sensor, which is at
+    ``sensor_place`` (2,), m. The outline (2, 402) is along and across the line of sight, m.
+    """
     half_width = 2.0 * 1e-3 * sensor["sigma_azimuth_mrad"]  # two sigma, rad
     azimuths = z[1] + half_width * np.linspace(-1.0, 1.0, 201)
     near_ranges = np.full(201, z[0] - 2.0 * sensor["sigma_range"])
     far_ranges = np.full(201, z[0] + 2.0 * sensor["sigma_range"])
-    near = view.transform(position(near_ranges, azimuths))
-    far = view.transform(position(far_ranges, azimuths))
+    near = view.transform(sensor_place[:, None] + position(near_ranges, azimuths))
+    far = view.transform(sensor_place[:, None] + position(far_ranges, azimuths))
     # Along the near arc, and back along the far one.
     return np.concatenate([near, far[:, ::-1]], axis=1)
 
 
 def _kind(component: Any) -> str | None:
-    """Read the kind of a component in plain data; None of several sensors, and of none."""
+    """Return the ``kind`` of a component with these keys; None for a list of sensors, and for None."""
     if not isinstance(component, dict):
         return None
     return component.get("kind")
 
 
 def predicted_position(posterior: Gaussian, scenario: dict[str, Any]) -> Gaussian:
-    """Return the predicted position (2,) one scan after a posterior of px, vx, py, vy.
+    """Return the distribution of x and y one scan after a posterior of px, vx, py, vy.
 
-    The motion is that of the scenario, white noise acceleration.
+    ``scenario`` has the keys of the scenario. Its motion is white noise acceleration.
     """
     motion = WhiteAcceleration(q=scenario["target"]["motion"]["q"]).sampled(scenario["T"])
+    # F m and Q; nothing depends on the step, here 0.
     moved = motion.transition(posterior.mean, 0)
     cov = motion.F @ posterior.cov @ motion.F.T + moved.cov
     return Gaussian(moved.mean[0::2], cov[0::2, 0::2])
 
 
 def ellipse(mean: Array, cov: Array, deviations: float) -> Array:
-    """Return points (2, 201) of the curve of constant density, ``deviations`` sigma from the mean."""
+    """Return points (2, 201) of the curve of constant density, ``deviations`` sigma from the mean.
+
+    ``mean`` (2,) and ``cov`` (2, 2) are those of a Gaussian.
+    """
     angle = np.linspace(0.0, 2.0 * np.pi, 201)
     circle = np.stack([np.cos(angle), np.sin(angle)])
     return np.asarray(mean[:, None] + deviations * _root(cov) @ circle)

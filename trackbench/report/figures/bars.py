@@ -105,6 +105,7 @@ class Bars(FigureKind):
                 transform = ax.get_yaxis_transform()
                 ax.text(0.01, row, _WITHOUT_NUMBER, transform=transform, va="center", fontsize=7)
                 continue
+            # matplotlib takes no negative length of a bar.
             below = max(value - low, 0.0)
             above = max(high - value, 0.0)
             ax.errorbar(value, row, xerr=[[below], [above]], color=color, **look)
@@ -112,10 +113,10 @@ class Bars(FigureKind):
         ax.errorbar([], [], xerr=[], color=style.ANY, label=legend_text, **look)
 
     def _estimate(self, expressions: Evaluator, label: str) -> tuple[float, float, float]:
-        """Return a filter's value and the ends of its confidence interval.
+        """Return a filter's value and the low and high end of its confidence interval.
 
         The interval of a statistic over the runs is NaN for fewer than two runs. Of any other expression
-        an end that is unknown is the value itself.
+        an end that is unknown is the value itself. ``expressions`` are those of one point of the grid.
         """
         metric = self.metric.of(label)
         term = expressions.term(metric)
@@ -133,7 +134,10 @@ class Bars(FigureKind):
     def _draw_published(
         self, ax: Axes, results: Results, point: GridPoint, labels: list[str]
     ) -> None:
-        """Draw a diamond for each published number of the metric at this point of the grid."""
+        """Draw a diamond for each published number of the metric at this point of the grid.
+
+        ``labels`` are those of the rows, from the first to the last.
+        """
         for label, value in self._published_values(results, point, labels):
             ax.plot(
                 value,

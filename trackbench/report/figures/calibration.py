@@ -66,7 +66,7 @@ class CalibrationFigure(FigureKind):
         return missing_steps("columns", self.columns.values(), points)
 
     def default_caption(self, results: Results) -> str:
-        """Return which histograms are flat, as far as the runs show, and which are not."""
+        """Return which filters' histograms are flat, as far as the runs show, and which are not."""
         point = results.points()[0]
         histograms = []
         for label in results.chosen(self.filters):
@@ -87,7 +87,10 @@ class CalibrationFigure(FigureKind):
         return f"{words} {where}{'; '.join(sentences)} {tests}."
 
     def draw(self, results: Results) -> Figure:
-        """Return a row of panels per filter (and point of the grid), a column per PIT."""
+        """Return a row of panels per filter (and point of the grid), a column per PIT.
+
+        A PIT, probability integral transform, is the truth's rank in a filter's distribution, 0 to 1.
+        """
         all_rows = list(product(results.points(), results.chosen(self.filters)))
         shown = all_rows[: style.MOST_PANELS]
         height = 1.25 * len(shown) + 0.6
@@ -99,7 +102,7 @@ class CalibrationFigure(FigureKind):
             color = looks[label]["color"]
             for ax, metric in zip(row, self.columns.values(), strict=True):
                 ranks = histogram(results, point, label, metric)
-                if ranks.runs:
+                if ranks.runs:  # a metric without a step has the ranks of all steps
                     _draw_histogram(ax, ranks, color, over_steps=not metric.steps)
                 else:
                     ax.set_axis_off()
@@ -119,9 +122,10 @@ def _say_of_ranks(labels: list[str], adjective: str) -> str:
 
 
 def _draw_histogram(ax: Axes, ranks: Histogram, color: str, over_steps: bool) -> None:
-    """Draw the ten bars of a histogram, their expectation, its 95 % band, and the p-value.
+    """Draw the ten bars of a rank histogram, their expectation, its 95 % band, and the p-value if known.
 
-    If ``over_steps``, the ranks are those of all steps of the runs, which depend on each other.
+    If ``over_steps``, the ranks are those of all steps of the runs. They depend on each other, so that
+    the band is by the standard errors over the runs. Otherwise each run has one rank.
     """
     edges = np.arange(TENTHS + 1) / TENTHS
     level = 1.0 / TENTHS
@@ -132,7 +136,7 @@ def _draw_histogram(ax: Axes, ranks: Histogram, color: str, over_steps: bool) ->
     ax.bar(edges[:-1], ranks.shares, 1.0 / TENTHS, align="edge", color=color, alpha=0.6, lw=0)
     bar_look: LineStyle = {"color": style.ANY, "alpha": 0.6, "lw": 0}
     ax.fill_between([], [], [], label="Share of the truths", **bar_look)
-    # The last step of the band ends at the last edge.
+    # A band of steps takes a value at each edge: the one at the last edge is that of the last bar.
     low = np.append(level - width, level - width[-1])
     high = np.append(level + width, level + width[-1])
     band_look: LineStyle = {"color": "black", "alpha": 0.25, "lw": 0, "zorder": 3}
@@ -144,6 +148,8 @@ def _draw_histogram(ax: Axes, ranks: Histogram, color: str, over_steps: bool) ->
     ax.tick_params(labelbottom=True)
     highest = max(float(ranks.shares.max()), float(high.max()))
     ax.set_ylim(0.0, max(2.0 * level, 1.1 * highest))
+    if np.isnan(ranks.p):  # too few runs or places for a test
+        return
     if ranks.p > _LEAST_P:
         ax.set_title(f"p = {ranks.p:.2g}")
     else:
@@ -178,7 +184,7 @@ class Reliability(Curves):
         return missing_steps("metric", [self.metric], points)
 
     def default_caption(self, results: Results) -> str:
-        """Return the coverage of the 90 % region."""
+        """Return the share of the truths that each filter's 90 % region contains."""
         point = results.points()[0]
         shares = []
         for label, _ in self.labels_and_looks(results):
@@ -193,17 +199,18 @@ class Reliability(Curves):
         return f"{words} In the region of 90 %{where} are, of the truths: {', '.join(shares)}."
 
     def draw(self, results: Results) -> Figure:
-        """Return one line per filter."""
+        """Return one line per filter: the share of the truths within its regions of each level."""
         figure, panels = self.make_panels(results)
         for panel in panels:
             (ax,) = panel.axes
-            ax.plot([0, 1], [0, 1], color="black", linewidth=0.6)
+            ax.plot([0, 1], [0, 1], color="black", linewidth=0.6)  # a calibrated filter
             most_runs = 0
             for label, look in self.labels_and_looks(results):
                 coverage = _count_coverage(results, panel.point, label, self.metric)
                 if coverage.runs:
                     _draw_coverage(ax, coverage, label, look)
                     most_runs = max(most_runs, coverage.runs)
+            # The band takes independent ranks, one of each run: those at a step.
             if most_runs and self.metric.steps:
                 width = kolmogorov_band(most_runs, self.level)
                 ends = np.array([0.0, 1.0])
@@ -227,7 +234,7 @@ class _Coverage:
 
 
 def _draw_coverage(ax: Axes, coverage: _Coverage, label: str, look: LineStyle) -> None:
-    """Draw a filter's line with two standard errors."""
+    """Draw a filter's line with two standard errors; ``look`` is its color and dash."""
     ax.plot(coverage.level, coverage.share, label=label, **look)
     svg_file.set_stderr(ax, label, coverage.stderr)
     low = coverage.share - 2 * coverage.stderr
@@ -236,7 +243,7 @@ def _draw_coverage(ax: Axes, coverage: _Coverage, label: str, look: LineStyle) -
 
 
 def _count_coverage(results: Results, point: GridPoint, label: str, metric: Measure) -> _Coverage:
-    """Return the share of truths within a filter's regions of each level."""
+    """Return the share of truths within a filter's regions of each level, at a point of the grid."""
     # The regions of a component are central intervals; those of the whole state grow from NEES = 0.
     is_central = metric.quantity != "nees"  # of pit_nees, or such as pit_px
     if metric.steps:
@@ -245,7 +252,10 @@ def _count_coverage(results: Results, point: GridPoint, label: str, metric: Meas
 
 
 def _coverage_at_step(ranks: Array, is_central: bool) -> _Coverage:
-    """Count coverage from the ranks of the truth (M,) at a step; NaN for a run without a rank."""
+    """Count coverage from the ranks of the truth (M,) at a step, 0 to 1; NaN for a run without a rank.
+
+    If ``is_central``, the region of a level is the central interval, else the ranks from 0 to the level.
+    """
     known = ranks[~np.isnan(ranks)]
     # The least level whose region contains the truth. A central interval of level p has the ranks
     # (1 - p) / 2 to (1 + p) / 2.
@@ -261,12 +271,16 @@ def _coverage_at_step(ranks: Array, is_central: bool) -> _Coverage:
 
 
 def _coverage_over_steps(shares: Array, is_central: bool) -> _Coverage:
-    """Count coverage from the shares of each run's ranks in each tenth, (TENTHS, M)."""
+    """Count coverage from the shares of each run's ranks in each tenth, (TENTHS, M).
+
+    If ``is_central``, the region of a level is the central interval, else the ranks from 0 to the level.
+    """
     if is_central:
         # The first interval is the two tenths in the middle. Each further one has one more per side.
         middle = TENTHS // 2
         shares = shares[middle - 1 :: -1] + shares[middle:]
-    # Runs without a rank are left out. The region of level 0 contains no truth.
+    # Runs without a rank are left out. The region of level 0 contains no truth. That of each further
+    # level has one more row of the shares.
     known = shares[:, ~np.isnan(shares).any(axis=0)]
     within = np.vstack([np.zeros_like(known[:1]), np.cumsum(known, axis=0)])
     levels = len(within)

@@ -18,15 +18,18 @@ def runs(results: Results) -> str:
 
 
 def filters(labels: Sequence[str]) -> str:
-    """Return the labels in words; of many the first, and how many more. ``--only`` may leave none."""
+    """Return the labels in words; of many the first, and how many more.
+
+    With the option ``--only`` of a run there may be none.
+    """
     if not labels:
         return "no filter"
     return listed([named(label) for label in labels])
 
 
 def measured_labels(results: Results, labels: Sequence[str], metric: Measure) -> list[str]:
-    """Return the labels, without the bound's if the bound has no number of this metric."""
-    bound = results.config.get("bound")
+    """Return the labels, without the bound's if summary.csv has no number of it in this metric."""
+    bound = results.config.get("bound")  # label of the lower bound of the errors
     has_bound = len(results.columns("summary").where(filter=bound, metric=str(metric))) > 0
     return [label for label in labels if has_bound or label != bound]
 
@@ -47,14 +50,14 @@ def heading(results: Results, point: GridPoint) -> str:
 
 
 def panel_headings(results: Results, points: Sequence[GridPoint]) -> list[str]:
-    """Return the titles of the panels of grid points, with units and with the keys that differ."""
+    """Return the titles of the panels of grid points: the keys that differ, with values and units."""
     headings = phrases.distinct_headings(points, results.grid_units)
     # The minus of a number, not the hyphen of a name.
     return [re.sub(r"(?<!\w)-(?=\d)", "\N{MINUS SIGN}", heading) for heading in headings]
 
 
 def panels(results: Results) -> str:
-    """Return the end of a sentence on the panels of grid points; empty if there is one point."""
+    """Return such as ``, a panel for each value of q`` to end a sentence; empty for one grid point."""
     if len(results.points()) < 2:
         return ""
     paths = [phrases.axis(path) for path in results.grid]
@@ -75,7 +78,10 @@ def of_curves(results: Results, words: str, labels: Sequence[str]) -> str:
 
 
 def bound(results: Results, labels: Sequence[str]) -> str:
-    """Return a sentence on what the bound is of, if it is among the labels of a figure; else empty."""
+    """Return a sentence that says which filters the lower bound of the errors is valid for.
+
+    It is empty if the bound is not among the ``labels`` of the figure.
+    """
     name = results.config.get("bound")
     if name not in labels:
         return ""

@@ -11,7 +11,7 @@ from trackbench.evaluation.metric_expression import OfStep, measure
 from trackbench.field_types import Count, OpenShare, Positive
 from trackbench.registry import register
 from trackbench.report.figures import captions
-from trackbench.report.figures.over_time import MetricSeries, OverTime
+from trackbench.report.figures.over_time import MetricSeries, OverTime, leftmost_panels
 from trackbench.report.findings import phrases
 from trackbench.report.findings.phrases import joined, named
 from trackbench.report.plotting import filter_lines, style
@@ -43,7 +43,10 @@ class Anees(OverTime):
         return str(self.metric)
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """Reject another number of components than there are."""
+        """Reject a key ``n_x`` that is not the number of components of the metric.
+
+        Return the reason by key; empty if all is well.
+        """
         for point in points:
             n = sizes(point.scenario).get(self.metric.quantity)
             if self.n_x is not None and n is not None and self.n_x != n:
@@ -52,7 +55,7 @@ class Anees(OverTime):
         return {}
 
     def default_caption(self, results: Results) -> str:
-        """Return how often each filter is inside the band."""
+        """Return the share of the steps at which each filter is inside the band."""
         point = results.points()[0]
         shares: list[tuple[float, str]] = []
         for series in self.metric_series(results, point, self.metric):
@@ -73,7 +76,7 @@ class Anees(OverTime):
     def _share_in_band(self, results: Results, point: GridPoint, series: MetricSeries) -> float:
         """Return the share of a filter's steps at which the metric is in the band."""
         degrees = self._degrees_by_step(results, point, series.look["label"])
-        bands = self._bands(degrees.values())
+        bands = self._bands(degrees.values())  # low and high end, by degrees of freedom
         steps = series.rows["step"].tolist()
         low, high = np.array([bands[degrees[step]] for step in steps]).T
         value = series.rows["value"]
@@ -85,13 +88,14 @@ class Anees(OverTime):
         return {number: anees_band(1, number, self.level) for number in set(degrees)}
 
     def draw(self, results: Results) -> Figure:
-        """Return one line per filter; between the gray lines a consistent filter stays."""
+        """Return one line per filter, and the gray band in which a consistent filter stays."""
         curves = self.values_of_curves(results, self.metric)
         figure_with_axis = self.with_vertical_axis(self.metric, curves)
         return figure_with_axis._draw_curves(results)
 
     def _draw_curves(self, results: Results) -> Figure:
-        """Draw the figure, whose keys ``y_label`` and ``log`` are set for what it draws."""
+        """Draw the figure; `with_vertical_axis` has set its keys ``y_label`` and ``log`` before."""
+        # Filters with a panel of their own; empty if all share a panel.
         panel_labels = self.panel_labels(results, self.count_steps(results, self.metric))
         figure, panels = self.make_panels_over_time(results, panel_labels)
         for panel in panels:
@@ -120,7 +124,7 @@ class Anees(OverTime):
         Both arguments are by step: the place on the horizontal axis, and the degrees of freedom.
         """
         look = {"label": f"{100 * self.level:g} % band", **style.BAND}
-        # A panel without any line has some band, too.
+        # A panel without any line has a band, too, of one degree of freedom.
         bands = self._bands(degrees_by_step.values() or [1.0])
         if len(bands) == 1:
             ((low, high),) = bands.values()
@@ -131,7 +135,11 @@ class Anees(OverTime):
         ax.fill_between([x_by_step[step] for step in steps], lows, highs, **look)
 
     def _degrees_by_step(self, results: Results, point: GridPoint, label: str) -> dict[int, float]:
-        """Count the degrees of freedom of a filter's metric over its runs, by step."""
+        """Count the degrees of freedom of a filter's metric, by step.
+
+        They are the components of the state that the metric is of, summed over the runs. Components that
+        are not measured or known exactly do not count.
+        """
         rows = results.columns("per_step", point).where(filter=label)
         components = results.facts(point).sizes[self.metric.quantity]
         degrees = degrees_of(rows, str(self.metric), components)
@@ -162,8 +170,9 @@ class Bias(OverTime):
         for panel in panels:
             for ax, metric in zip(panel.axes, self.rows.values(), strict=True):
                 self._draw_metric(ax, results, panel.point, metric)
-        for ax, y_label in zip(panels[0].axes, self.rows, strict=True):
-            ax.set_ylabel(y_label)
+        for panel in leftmost_panels(panels):
+            for ax, y_label in zip(panel.axes, self.rows, strict=True):
+                ax.set_ylabel(y_label)
         self.keep_possible_scales(figure)
         self.count_times(figure)
         style.legend_outside(figure)
@@ -173,10 +182,11 @@ class Bias(OverTime):
         """Draw a line with two standard errors per filter, and a line at zero."""
         ax.axhline(0.0, color="black", linewidth=0.6)
         all_series = list(self.metric_series(results, point, metric))
-        for place, series in enumerate(all_series):
+        for line_index, series in enumerate(all_series):
             look = series.look
             x, value, stderr = self.series_with_gaps(series.rows)
             if filter_lines.draw_filter_line(ax, x, value, look):
-                filter_lines.draw_error_band(ax, x, value, stderr, look, place, len(all_series))
+                lines = len(all_series)
+                filter_lines.draw_error_band(ax, x, value, stderr, look, line_index, lines)
         if self.linear_within is not None:
             ax.set_yscale("symlog", linthresh=self.linear_within)

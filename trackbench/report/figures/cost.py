@@ -63,7 +63,10 @@ class AccuracyVsCost(FigureKind):
     """logarithmic vertical axis"""
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """Require a grid over which a filter varies."""
+        """Require a grid that gives the key ``along`` of a shown filter several values.
+
+        Return the reason by key, ``""`` for the figure as a whole; empty if all is well.
+        """
         shown_labels = [
             label for label in points[0].filters if self.filters is None or label in self.filters
         ]
@@ -76,7 +79,7 @@ class AccuracyVsCost(FigureKind):
         return cost_conflicts(points, self.metric, self.along, {"along": most_varied})
 
     def default_caption(self, results: Results) -> str:
-        """Return the filters on the front."""
+        """Return metric, filters and number of runs, and which filters are on the front."""
         scene = scenes(results)[0]
         all_curves = self._curves(results, scene)
         # By identity: spots hold arrays, which cannot be compared by `in`.
@@ -102,7 +105,7 @@ class AccuracyVsCost(FigureKind):
         return f"{caption} On the front{phrases.at_point(scene)}: {'; '.join(names)}."
 
     def draw(self, results: Results) -> Figure:
-        """Return one panel per scene."""
+        """Return one panel per scene: per combination of the values that the grid gives the scenario."""
         all_scenes = scenes(results)
         drawn = all_scenes[: style.MOST_PANELS]
         figure, axes = style.make_panels(len(drawn), 1, 4.2, sharey=True)
@@ -118,7 +121,7 @@ class AccuracyVsCost(FigureKind):
         return figure
 
     def _label_sizes(self, figure: Figure, ax: Axes, results: Results, scene: GridPoint) -> None:
-        """Write the sizes of the filters beside their points, where they have room."""
+        """Write the filters' sizes (key ``along``) beside their points, where they have room."""
         looks = self._looks(results)
         labels = []
         for curve in self._curves(results, scene):
@@ -137,11 +140,14 @@ class AccuracyVsCost(FigureKind):
         return results.line_styles([label for label in labels if label != floor])
 
     def _draw_panel(self, ax: Axes, results: Results, scene: GridPoint) -> None:
-        """Draw the filters' curves, the front and the floor of one scene."""
+        """Draw the filters' curves, the front and the floor of one scene.
+
+        ``scene`` has the values that the grid gives the scenario, by path.
+        """
         drawn = self._curves(results, scene)
         floor = self._floor(results)
         looks = self._looks(results)
-        # Step 1: curves; those of one filter have a marker each.
+        # Step 1: curves; several of one filter have its color, and a marker each.
         curves_by_label: dict[str, int] = {}
         for curve in drawn:
             number = curves_by_label.get(curve.label, 0)
@@ -149,7 +155,7 @@ class AccuracyVsCost(FigureKind):
             marker = _MARKERS[number % len(_MARKERS)]
             look = looks[curve.label] | {"marker": marker}
             _draw_curve(ax, curve, look)
-        # Step 2: the front. Its last error is drawn on to the largest CPU time.
+        # Step 2: the front, in µs per step. Its last error is drawn on to the largest CPU time.
         front_values = _values_of(self._front(drawn))
         times = list(front_values.time)
         errors = list(front_values.error)
@@ -173,7 +179,7 @@ class AccuracyVsCost(FigureKind):
         return self.floor or str(results.config.get("reference"))
 
     def _floor_value(self, results: Results, scene: GridPoint, floor: str) -> float:
-        """Return the floor's metric at the first point of the scene."""
+        """Return the floor's metric at the first point of the scene; NaN if it has none."""
         expressions = Evaluator(results, points_of(results, scene)[0])
         # A bound has no runs: its value is in summary.csv.
         stored = expressions.stored.get((floor, str(self.metric)))
@@ -182,7 +188,7 @@ class AccuracyVsCost(FigureKind):
         return expressions.term(self.metric.of(floor)).value
 
     def _curves(self, results: Results, scene: GridPoint) -> list[Curve]:
-        """Return the shown filters over their sizes, without the floor."""
+        """Return the curves of the shown filters but the floor, over their sizes (key ``along``)."""
         floor = self._floor(results)
         labels = [label for label in compared_labels(results, self.filters) if label != floor]
         return curves(results, scene, labels, self.metric, self.along)
@@ -210,7 +216,7 @@ def _draw_curve(ax: Axes, curve: Curve, look: LineStyle) -> None:
 
 
 def _spots_of(all_curves: Sequence[Curve]) -> list[Spot]:
-    """Return the points of all curves, curve by curve."""
+    """Return the points of all curves, curve by curve: each is a filter at one of its sizes."""
     spots: list[Spot] = []
     for curve in all_curves:
         spots += curve.spots
@@ -228,7 +234,10 @@ class _Values:
 
 
 def _values_of(spots: Sequence[Spot]) -> _Values:
-    """Return the times and errors of spots; NaN, such as a missing standard error, is zero."""
+    """Return the CPU times per step, µs, and the errors of spots, with their standard errors.
+
+    NaN, such as a missing standard error, is zero.
+    """
     return _Values(
         time=MICRO * _numbers([spot.cost.value for spot in spots]),
         time_stderr=MICRO * _numbers([spot.cost.stderr for spot in spots]),

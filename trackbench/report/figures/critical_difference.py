@@ -56,7 +56,7 @@ class CriticalDifference(FigureKind):
         """Rank the filters at a point of the grid, and draw the ranks."""
         metric = str(self.metric)
         runs = results.runs(point)
-        ranked = [label for label in labels if (label, metric) in runs]
+        ranked = [label for label in labels if (label, metric) in runs]  # those that did not fail
         if len(ranked) < 2:
             ax.set_axis_off()
             return
@@ -67,7 +67,7 @@ class CriticalDifference(FigureKind):
             values = -values
             best = "largest"
         mean = mean_ranks(values)
-        # Step 2: groups of filters that are closer than the critical difference.
+        # Step 2: groups of filters whose mean ranks differ by at most the critical difference.
         number_of_runs = values.shape[1]
         critical = critical_difference(len(ranked), number_of_runs, self.alpha)
         groups = cliques(mean, critical)
@@ -152,19 +152,19 @@ def _draw_ranks(
     half = (k + 1) // 2
     top_of_labels = 0.5 + 0.35 * len(groups)
     # Step 1: bars for the groups.
-    for place, (low, high) in enumerate(groups):
-        depth = 0.4 + 0.35 * place
+    for number, (low, high) in enumerate(groups):
+        depth = 0.4 + 0.35 * number
         ax.plot([low - 0.03, high + 0.03], [depth, depth], color="black", linewidth=3)
     # Step 2: a line from each rank to its label; the better half is on the left.
-    for place, index in enumerate(np.argsort(mean)):
+    for position, index in enumerate(np.argsort(mean)):  # position 0 is the best
         rank = mean[index]
-        if place < half:
-            row = place
+        if position < half:
+            row = position
             side = 0.6
             text_place = side - 0.1
             alignment = "right"
         else:
-            row = k - 1 - place
+            row = k - 1 - position  # the worst is on top
             side = k + 0.4
             text_place = side + 0.1
             alignment = "left"

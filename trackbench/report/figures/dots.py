@@ -53,7 +53,7 @@ class Dots(FigureKind):
             for ax, metric in zip(panels, self.columns.values(), strict=True):
                 self._draw_metric(ax, results, point, str(metric), labels)
             panels[0].set_yticks(range(len(labels)), map(style.wrap_label, labels))
-        axes[0][0].invert_yaxis()
+        axes[0][0].invert_yaxis()  # the first filter is on top
         for ax, x_label in zip(axes[-1], self.columns, strict=True):
             ax.set_xlabel(x_label)
         bar: style.LineStyle = {"marker": "_", "markersize": 8, "color": "#888888"}
@@ -63,17 +63,21 @@ class Dots(FigureKind):
     def _draw_metric(
         self, ax: Axes, results: Results, point: GridPoint, metric: str, labels: list[str]
     ) -> None:
-        """Draw a dot with two standard errors per filter, and a line at the expected value."""
+        """Draw a dot with two standard errors per filter, and a line at the expected value.
+
+        ``labels`` are those of the rows, from the first to the last. ``expected`` has the value of some
+        metrics for a filter without fault.
+        """
         rows = results.columns("summary", point).where(metric=metric)
         looks = results.line_styles(labels)
         estimates: dict[str, tuple[float, float]] = {}
         for label, value, stderr in rows.tuples(["filter", "value", "stderr"]):
             estimates[label] = (value, stderr)
-        for place, label in enumerate(labels):
+        for row, label in enumerate(labels):
             value, stderr = estimates.get(label, (np.nan, np.nan))
             ax.errorbar(
                 value,
-                place,
+                row,
                 xerr=2 * np.nan_to_num(stderr),
                 color=looks[label]["color"],
                 marker="o",

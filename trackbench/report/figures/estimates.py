@@ -95,13 +95,19 @@ class EstimatesOfOneRun(OverTime):
         return figure
 
     def _has_truth(self, arrays: dict[str, Array]) -> bool:
-        """Return whether the shown run has a known truth in a grid point's tracks."""
+        """Return whether the truth of the shown run and component is known at some step.
+
+        ``arrays`` are a grid point's tracks; empty if every filter failed there.
+        """
         if not arrays:
             return False
         return bool(np.isfinite(arrays["truth"][self.component - 1, :, self.run - 1]).any())
 
     def _panel_labels(self, results: Results, arrays: dict[str, Array]) -> list[str]:
-        """Return the labels that get a panel each, by the tracks of the first grid point."""
+        """Return the labels that get a panel each; empty if all filters share one.
+
+        ``arrays`` are the tracks of the first grid point.
+        """
         steps: dict[str, int] = {}
         for label, _ in self.labels_and_looks(results):
             if f"mean/{label}" in arrays:
@@ -111,10 +117,14 @@ class EstimatesOfOneRun(OverTime):
     def _draw_panel(
         self, panel: Panel, results: Results, arrays: dict[str, Array], panel_labels: list[str]
     ) -> None:
-        """Draw truth, estimates and errors into a panel from the tracks of its grid point."""
+        """Draw truth, estimates and errors into a panel from the tracks ``arrays`` of its grid point.
+
+        The tracks have the axes (component, step, run). ``panel_labels`` are the filters with a panel of
+        their own; empty if all share one.
+        """
         component = self.component - 1
         run = self.run - 1
-        k = arrays[f"{self.x}s"]
+        k = arrays[f"{self.x}s"]  # steps or times, the horizontal axis
         steps = arrays["steps"]
         truth = arrays["truth"][component, :, run]
         is_known = np.isfinite(truth)

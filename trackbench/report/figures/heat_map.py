@@ -54,11 +54,11 @@ class HeatMap(FigureKind):
     """label of the color bar, with the unit; default: the metric"""
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """Reject axes that are no paths of the grid."""
+        """Reject axes that are no paths of the grid; return the reason by key, empty if all is well."""
         return missing_paths(points, x=self.x, y=self.y)
 
     def default_caption(self, results: Results) -> str:
-        """Return how to read the map, and for pairs how many differ."""
+        """Return how to read the map, and for pairs how many do not differ significantly."""
         if results.grid:
             paths = [self.x or results.grid[0]]
             if self.y is not None:
@@ -79,7 +79,7 @@ class HeatMap(FigureKind):
         """Return the compared pairs of shown filters in the figure's metric."""
         labels = results.chosen(self.filters)
         shown = []
-        for _, pairs in results.pairs:
+        for _, pairs in results.pairs:  # by point of the grid
             for pair in pairs:
                 is_of_metric = measured(pair.metric).metric == self.metric.name
                 if is_of_metric and pair.filter_a in labels and pair.filter_b in labels:
@@ -144,7 +144,8 @@ class HeatMap(FigureKind):
         """Draw the metric of each panel on one color scale.
 
         ``fields`` has the rows of estimates of each panel by its title, ``columns`` the values of the
-        horizontal path, and ``row_names`` the labels of the rows.
+        horizontal path, and ``row_names`` the labels of the rows. ``x_label`` and ``y_label`` are those
+        of the axes.
         """
         values_by_title: dict[str, Array] = {}
         for title, rows in fields.items():
@@ -173,11 +174,14 @@ class HeatMap(FigureKind):
         style.set_title(figure, self.title)
         return figure
 
-    def _color_scale(self, fields: list[Array]) -> Any:
-        """Return matplotlib's norm of all finite values; logarithmic if wanted and possible."""
+    def _color_scale(self, values_of_panels: list[Array]) -> Any:
+        """Return matplotlib's norm of all finite values; logarithmic if wanted and possible.
+
+        It maps the least value to 0, the largest to 1, and so to the ends of the colors.
+        """
         from matplotlib.colors import LogNorm, Normalize
 
-        finite = np.concatenate([values[np.isfinite(values)] for values in fields])
+        finite = np.concatenate([values[np.isfinite(values)] for values in values_of_panels])
         if self.log and has_logarithm(finite):
             # Clipped: zero has the color of the least positive value.
             return LogNorm(finite[finite > 0.0].min(), finite.max(), clip=True)
@@ -186,7 +190,10 @@ class HeatMap(FigureKind):
         return Normalize(1, 2)  # no cell has a color
 
     def _draw_pairs(self, results: Results) -> Figure:
-        """Draw the paired z of every two filters: the filter of the row less that of the column."""
+        """Draw the z of the paired difference of every two filters: that of the row less the column's.
+
+        z is the difference in its standard errors; NaN, without a color, where two are not compared.
+        """
         labels = results.chosen(self.filters)
         z = np.full((len(labels), len(labels)), np.nan)
         for pair in self._shown_pairs(results):
@@ -221,7 +228,7 @@ def _values_of_path(results: Results, path: str) -> list[Any]:
 
 
 def _set_ticks(ax: Axes, columns: list[str], rows: list[str], cell_in: float) -> None:
-    """Label columns and rows; labels of columns that are too narrow for them stand upright.
+    """Label the ``columns`` and ``rows`` of a map; labels that are wider than a column stand upright.
 
     ``cell_in`` is the width of a column in inches.
     """
@@ -235,7 +242,7 @@ def _set_ticks(ax: Axes, columns: list[str], rows: list[str], cell_in: float) ->
 
 
 def _z_text(z: float) -> str:
-    """Write a z with its sign, and with a digit after the point if there is room."""
+    """Write a z with its sign; below 100 it has a decimal."""
     if abs(z) < 100:
         return with_true_minus(one_zero(f"{z:+.1f}"))
     return with_true_minus(f"{z:+.0f}")
@@ -264,7 +271,8 @@ def write_cells(
 ) -> None:
     """Write texts into the cells with finite values (rows, columns): black, or white on dark colors.
 
-    ``texts`` are those of the cells, ``image`` is the drawn map, and ``size`` is that of the letters.
+    ``texts`` are those of the cells, row by row. ``image`` is the map that ``Axes.imshow`` returned, and
+    ``size`` is that of the letters in points.
     """
     colors = image.cmap(image.norm(values))
     for (row, column), value in np.ndenumerate(values):

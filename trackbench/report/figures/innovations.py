@@ -65,7 +65,10 @@ class Nis(OverTime):
         return self.finish(figure, panel_labels)
 
     def _draw_panel(self, panel: Panel, results: Results, panel_labels: list[str]) -> None:
-        """Draw averages of each filter, and a band for each gate."""
+        """Draw averages of each filter's NIS per component, and a band for each gate.
+
+        ``panel_labels`` are the filters with a panel of their own; empty if all share one.
+        """
         (ax,) = panel.axes
         facts = results.facts(panel.point)
         every_nis = self.metric_series(results, panel.point, measured("anis"))
@@ -74,8 +77,9 @@ class Nis(OverTime):
         for nis, innovations in zip(every_nis, every_innovations, strict=True):
             if not len(nis.rows):
                 continue
-            # Step 1: the line of the filter, averages over ``steps`` steps. ``components`` is the number
-            # that all runs have measured at each step.
+            # Step 1: the line of the filter, averages over ``steps`` steps. By default these are as many
+            # as have enough measured components, if they leave a line of ten points or more.
+            # ``components`` is the number that all runs together have measured at each step.
             components = innovations.rows["value"] * innovations.rows["runs"]
             enough_steps = round(_ENOUGH / float(components.mean()))
             most_steps = len(components) // _FEWEST_POINTS
@@ -116,9 +120,10 @@ class _Band:
 
 
 def _average_steps(x: Array, value: Array, components: Array, steps: int) -> _Averages:
-    """Average the values (T,) of so many successive steps, weighted by their measured components (T,).
+    """Average ``value`` (T,) over windows of ``steps`` successive steps.
 
-    A last window of fewer steps is left out, unless it is the only one.
+    Each value counts by the number of its measured ``components`` (T,). ``x`` (T,) are the places of the
+    steps on the horizontal axis. A last window of fewer steps is left out, unless it is the only one.
     """
     last_start = max(len(x) - steps, 0)
     windows = [slice(start, start + steps) for start in range(0, last_start + 1, steps)]
@@ -129,7 +134,7 @@ def _average_steps(x: Array, value: Array, components: Array, steps: int) -> _Av
 
 
 def _band_look(gate: AcceptedNis | None, filter_look: style.LineStyle) -> style.LineStyle:
-    """Return the look of a band; the band of a gate has the color of its first filter."""
+    """Return the look of a gate's band: the color of the gate's first filter; gray without a gate."""
     if gate is None:
         return style.BAND
     return {"color": filter_look.get("color"), "alpha": 0.15, "linewidth": 0.0}
@@ -168,13 +173,13 @@ class Autocorrelation(Curves):
         return f"{caption} The band has 95 % of the points of white innovations."
 
     def draw(self, results: Results) -> Figure:
-        """Draw a point per lag, one line per filter, and the band 1.96 / sqrt(number)."""
+        """Draw a point per lag, one line per filter, and the band 1.96 / sqrt(number of innovations)."""
         figure, panels = self.make_panels(results)
         lags = np.arange(1, LAGS + 1)
         for panel in panels:
             (ax,) = panel.axes
             ax.axhline(0.0, color="black", linewidth=0.6)
-            runs = results.runs(panel.point)
+            runs = results.runs(panel.point)  # values (M,) by label and metric
             widths: list[float] = []
             for label, line_style in self.labels_and_looks(results):
                 if (label, "innovations") not in runs:

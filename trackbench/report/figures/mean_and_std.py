@@ -34,12 +34,15 @@ class MeanAndStd(FigureKind):
     """labels to draw; default: all"""
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """Reject a scenario without errors of a position in x and y."""
+        """Reject a scenario without errors of a position in x and y.
+
+        Return the reason by key, ``""`` for the figure as a whole; empty if all is well.
+        """
         scenario = points[0].scenario
         # The names of the errors are those of any state, such as zero.
         any_state = np.zeros((len(scenario.components), 1))
-        moving = scenario.components[:2] == ("px", "vx")
-        if moving and set(_AXES) <= set(scenario.errors(any_state, any_state)):
+        has_position = scenario.components[:2] == ("px", "vx")
+        if has_position and set(_AXES) <= set(scenario.errors(any_state, any_state)):
             return {}
         return {"": "there are no errors in x and y to show"}
 
@@ -57,12 +60,12 @@ class MeanAndStd(FigureKind):
         """Return the mean error above, standard deviation below; x left, y right."""
         figure, axes = style.subplots(2, 2, 4.4, sharex=True, sharey="row")
         point = results.points()[0]
-        frame = results.columns("per_step", point)
+        all_rows = results.columns("per_step", point)
         labels = results.chosen(self.filters, exact=True)
         looks = results.line_styles(labels)
         for statistic, row in zip(_STATISTICS, axes, strict=True):
             for quantity, ax in zip(_AXES, row, strict=True):
-                for start, end in results.facts(point).spans:
+                for start, end in results.facts(point).spans:  # of the maneuvers, s
                     ax.axvspan(
                         start,
                         end,
@@ -72,9 +75,10 @@ class MeanAndStd(FigureKind):
                         zorder=0,
                         label="Maneuvers",
                     )
-                rows = frame.where(metric=f"{statistic.metric}_{quantity}")
+                rows = all_rows.where(metric=f"{statistic.metric}_{quantity}")
                 for label in labels:
                     curve = rows.where(filter=label)
+                    # The mean error is truth minus estimate here, the opposite of the file's `bias`.
                     value = statistic.sign * curve["value"]
                     look = looks[label] | {"linewidth": 0.8, "label": label}
                     filter_lines.draw_filter_line(ax, curve["time"], value, look)

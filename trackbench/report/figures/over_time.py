@@ -220,6 +220,7 @@ class Curves(FigureKind):
     def finish(self, figure: Figure, panel_labels: Collection[str] = ()) -> Figure:
         """Return the figure with legible vertical axes and a legend.
 
+        A logarithmic axis has plain numbers. A linear one begins at 0 unless a line has negative values.
         The legend leaves out ``panel_labels``, the filters whose own panel has their label as its title.
         """
         for ax in figure.axes:
@@ -304,7 +305,9 @@ class OverTime(Curves):
     ) -> tuple[Figure, list[Panel]]:
         """Return a figure with an empty panel for each of ``panel_labels``, of the first grid point.
 
-        If there are none, each grid point has a panel of ``rows`` axes, as in `make_panels`.
+        They are the filters with a panel of their own, by `panel_labels`. If there are none, the figure
+        is that of `make_panels`: a panel of ``rows`` axes for each grid point. Only then ``rows`` and
+        ``layout`` count.
         """
         if not panel_labels:
             return self.make_panels(results, rows, **layout)
@@ -314,9 +317,9 @@ class OverTime(Curves):
         point = results.points()[0]
         across = axes[0][0].get_gridspec().ncols  # panels in a row
         panels = []
-        for place, ((ax,), label) in enumerate(zip(axes, panel_labels, strict=True)):
+        for index, ((ax,), label) in enumerate(zip(axes, panel_labels, strict=True)):
             ax.set_title(style.wrapped(label, across))
-            is_lowest = place + across >= len(panel_labels)
+            is_lowest = index + across >= len(panel_labels)  # no panel is below it
             if is_lowest:
                 ax.set_xlabel(self.x_name)
                 ax.tick_params(labelbottom=True)
@@ -329,8 +332,9 @@ class OverTime(Curves):
     def shade_faults(self, ax: Axes, rows: Columns, faults: Sequence[Mapping[str, Any]]) -> None:
         """Shade the parts of the axis in which faults of sensors last, each in its color.
 
-        ``rows`` have the steps and times that are drawn. If some faults overlap in time, each is shaded
-        in a strip of the axis, so that none covers another.
+        ``rows`` of per_step.csv have the steps and times that are drawn. ``faults`` are those of the
+        scenario, each with its ``name`` and its first and last step or time. If some faults overlap in
+        time, each is shaded in a strip of the axis, so that none covers another.
         """
         spans = [self._span_of_fault(rows, fault) for fault in faults]
         strips = len(faults) if _have_overlap(spans) else 1
@@ -343,7 +347,10 @@ class OverTime(Curves):
             ax.axvspan(first, last, top - 1.0 / strips, top, label=fault["name"], **look)
 
     def _span_of_fault(self, rows: Columns, fault: Mapping[str, Any]) -> tuple[float, float] | None:
-        """Return the first and last place of a fault on the axis; None if it is not drawn."""
+        """Return the first and last place of a fault on the horizontal axis.
+
+        It is None if the fault is at none of the steps in ``rows`` of per_step.csv.
+        """
         # A fault lasts from step to step, or from time to time; an end that is None is that of the run.
         if fault["steps"] is not None:
             first, last = fault["steps"]
@@ -379,7 +386,7 @@ class OverTime(Curves):
         panel_labels: Collection[str],
         steps: int = 1,
     ) -> bool:
-        """Draw the line of the filter ``look["label"]``; return True if it is drawn in this look.
+        """Draw the line of the filter ``look["label"]``; return whether it is drawn in this look.
 
         ``panel_labels`` are the filters with a panel of their own, and ``panel_label`` is the filter of
         this panel, empty if all filters share it. Other filters with a panel of their own are gray lines
@@ -399,10 +406,11 @@ def _all_start_at_zero(all_series: Sequence[MetricSeries]) -> bool:
 
     A logarithmic axis then shows all lines from the next step on, and needs no mark.
     """
-    firsts = []
+    firsts = []  # of each line with a value, whether its first error is zero or only rounding
     for series in all_series:
         value = series.rows["value"]
         if np.isfinite(value).any():
+            # `without_rounding` has NaN for these errors.
             is_zero = np.isfinite(value) & np.isnan(scales.without_rounding(value))
             firsts.append(bool(is_zero[0]))
     return len(firsts) > 0 and all(firsts)
@@ -423,7 +431,7 @@ def _overlap(span: tuple[float, float] | None, other: tuple[float, float] | None
 def leftmost_panels(panels: Sequence[Panel]) -> Sequence[Panel]:
     """Return the first panel of each row of panels."""
     gridspec = panels[0].axes[0].get_gridspec()
-    across = gridspec.ncols if gridspec is not None else len(panels)
+    across = gridspec.ncols if gridspec is not None else len(panels)  # panels in a row
     return panels[::across]
 
 
@@ -456,7 +464,7 @@ class RmseVsTime(OverTime):
             has_bars = not panel_labels and len(labels) > filter_lines.MOST_BANDS
             spread = "Bars" if has_bars else "Bands"
             caption += f" {spread} are two standard errors on either side."
-        if self._begins_behind_zero(results):
+        if self._hides_first_errors(results):
             caption += (
                 " The state is known exactly at the first step, so that lines begin behind it."
             )
@@ -475,8 +483,11 @@ class RmseVsTime(OverTime):
             )
         return caption
 
-    def _begins_behind_zero(self, results: Results) -> bool:
-        """Test whether the axis is logarithmic, and every line begins with a zero in some panel."""
+    def _hides_first_errors(self, results: Results) -> bool:
+        """Test whether the axis is logarithmic, and the first error of every line in some panel is zero.
+
+        A logarithmic axis does not show it.
+        """
         curves = self.values_of_curves(results, self.metric)
         if not self.with_vertical_axis(self.metric, curves).log:
             return False
@@ -493,7 +504,8 @@ class RmseVsTime(OverTime):
         return figure_with_axis._draw_curves(results)
 
     def _draw_curves(self, results: Results) -> Figure:
-        """Draw the figure, whose keys ``y_label`` and ``log`` are set for what it draws."""
+        """Draw the figure; `with_vertical_axis` has set its keys ``y_label`` and ``log`` before."""
+        # Filters with a panel of their own; empty if all share a panel.
         panel_labels = self.panel_labels(results, self.count_steps(results, self.metric))
         figure, panels = self.make_panels_over_time(results, panel_labels)
         for panel in panels:
@@ -506,9 +518,10 @@ class RmseVsTime(OverTime):
                 self.shade_faults(ax, all_series[0].rows, faults)
             zeros_of_lines = []
             starts_known = self.log and _all_start_at_zero(all_series)
-            for place, series in enumerate(all_series):
+            for line_index, series in enumerate(all_series):
                 look = series.look
-                k, value, stderr = self.series_with_gaps(series.rows)
+                x, value, stderr = self.series_with_gaps(series.rows)
+                # Zeros, and errors that are only rounding: a logarithmic axis does not show them.
                 is_hidden = np.zeros(len(value), dtype=np.bool_)
                 if self.log:
                     shown = scales.without_rounding(value)
@@ -516,15 +529,15 @@ class RmseVsTime(OverTime):
                     # A line of zeros alone stays, so that the legend has it.
                     if np.isfinite(shown).any():
                         value = shown
-                if self.draw_curve(ax, k, value, look, panel.label, panel_labels):
+                if self.draw_curve(ax, x, value, look, panel.label, panel_labels):
                     filter_lines.draw_error_band(
-                        ax, k, value, stderr, look, place, lines_with_errors, self.log
+                        ax, x, value, stderr, look, line_index, lines_with_errors, self.log
                     )
                     if is_hidden.any():
-                        filter_lines.draw_lone_points(ax, k, value, look["color"])
-                    if starts_known:
+                        filter_lines.draw_lone_points(ax, x, value, look["color"])
+                    if starts_known:  # the zero at the start is that of all lines, and gets no mark
                         is_hidden[0] = False
-                    zeros = filter_lines.Zeros(x=k[is_hidden], color=look["color"])
+                    zeros = filter_lines.Zeros(x=x[is_hidden], color=look["color"])
                     zeros_of_lines.append(zeros)
             filter_lines.mark_zeros(ax, zeros_of_lines)
         return self.finish(figure, panel_labels)

@@ -77,7 +77,7 @@ class RmsePerRun(Curves):
         return self.finish(figure)
 
     def _all_values(self, results: Results) -> list[Array]:
-        """Return the metric of every shown filter at every shown grid point, in each run (M,)."""
+        """Return the metric's values per run (M,), an array for each shown filter and grid point."""
         values: list[Array] = []
         for point in results.points()[: style.MOST_PANELS]:
             runs = results.runs(point)
@@ -89,14 +89,15 @@ class RmsePerRun(Curves):
 
 
 def _sort_over_shares(values: Array) -> tuple[Array, Array]:
-    """Return percentages of runs and sorted values (n,) from the runs' values (M,).
+    """Return the points (n,) of a line from the runs' values (M,): shares of runs in %, and values.
 
-    NaN, the value of a lost run, is last. At most 200 of the runs are returned.
+    At each share stands the value that so many runs do not exceed. NaN, the value of a lost run, is
+    last. The line has at most 200 of the runs, evenly spaced.
     """
     if not len(values):
         return values, values
     ranked = np.sort(values)
     number = min(_MOST_POINTS, len(ranked))
-    places = np.unique(np.linspace(0, len(ranked) - 1, number).round().astype(int))
-    shares = 100.0 * (places + 1) / len(ranked)
-    return shares, ranked[places]
+    indices = np.unique(np.linspace(0, len(ranked) - 1, number).round().astype(int))
+    shares = 100.0 * (indices + 1) / len(ranked)
+    return shares, ranked[indices]

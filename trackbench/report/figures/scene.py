@@ -22,7 +22,10 @@ _MOST_ROWS = 6
 
 
 def draw_scene(experiment: Experiment) -> Figure:
-    """Return the scenario's picture at the first grid point: in the plane, else over time."""
+    """Return the scenario's picture at the first grid point, from runs that it simulates.
+
+    It is in the plane if the state has a position and velocity in x and y, else over time.
+    """
     scenario = experiment.points[0].scenario
     runs = min(_RUNS, experiment.settings.runs)
     data = simulate(scenario, experiment.settings.seed, 0, runs)
@@ -45,11 +48,11 @@ def _draw_scene_in_plane(scenario: Scenario, truth: Array, measurements: Array) 
     paths = truth[[0, 2]]
     times = scenario.times
     sensors = sensor_paths(scenario)
-    metres, unit = plane_unit(paths.reshape(2, -1), *(path for _, path in sensors))
+    meters_per_unit, unit = plane_unit(paths.reshape(2, -1), *(path for _, path in sensors))
     # Step 1: paths of all runs unless they are equal, measurements of the first run.
     are_equal = bool(np.all((paths == paths[..., :1]) | np.isnan(paths)))
     if not are_equal:
-        x, y = paths / metres
+        x, y = paths / meters_per_unit
         plane.plot(x, y, color="#bbbbbb", linewidth=0.5, zorder=0)
         plane.plot([], [], color="#bbbbbb", label=f"Truth of {paths.shape[-1]} runs")
     measured = measured_positions(scenario, measurements[..., :1])
@@ -59,25 +62,25 @@ def _draw_scene_in_plane(scenario: Scenario, truth: Array, measurements: Array) 
             "markersize": 2.5,
             "label": "Measurements, first run",
         }
-        plane.plot(*(measured[:2, :, 0] / metres), ".", zorder=0.2, **look)
-    first_path = paths[..., 0] / metres
+        plane.plot(*(measured[:2, :, 0] / meters_per_unit), ".", zorder=0.2, **look)
+    first_path = paths[..., 0] / meters_per_unit
     draw_truth(plane, first_path, times, scenario.spans, estimated_runs=0)
     # Step 2: times along the path.
     # Times of a clock, such as seconds since 1970, are counted from the first one.
     is_late = scales.is_late(float(times[0]), float(times[-1]))
-    for place in np.linspace(0, len(times) - 1, _MARKS).astype(int):
-        x, y = first_path[:, place]
+    for index in np.linspace(0, len(times) - 1, _MARKS).astype(int):
+        x, y = first_path[:, index]
         plane.plot(x, y, ".", color="black", markersize=5)
-        text = f"{times[place]:g} s"
-        if is_late and place:
-            text = f"+{times[place] - times[0]:g} s"
+        text = f"{times[index]:g} s"
+        if is_late and index:
+            text = f"+{times[index] - times[0]:g} s"
         elif is_late:
             text = f"{time_text(times[0])} s"
         plane.annotate(text, (x, y), (4, 4), textcoords="offset points", fontsize=7)
     # Step 3: sensors, and the way of those that move.
     for number, path in sensors:
         name = f"Sensor {number}" if len(sensors) > 1 else "Sensor"
-        draw_sensor(plane, path / metres, name)
+        draw_sensor(plane, path / meters_per_unit, name)
     plane.set_aspect("equal", adjustable="datalim")
     plane.set_xlabel(f"x ({unit})")
     plane.set_ylabel(f"y ({unit})")

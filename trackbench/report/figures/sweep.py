@@ -56,7 +56,10 @@ class RmseVsParameter(FigureKind):
     """logarithmic vertical axis"""
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """Reject an axis that is no path of the grid, and values that are no numbers."""
+        """Reject an axis that is no path of the grid, and values that are no numbers.
+
+        Return the reason by key; empty if all is well.
+        """
         path = self.parameter or next(iter(points[0].values), "")
         problems = missing_paths(points, parameter=path)
         if problems:
@@ -92,7 +95,7 @@ class RmseVsParameter(FigureKind):
             rows = rows.chosen(np.isfinite(rows["value"]))
             values = rows["value"]
             if not _is_level(values, rows["stderr"]):
-                best = best_place(values, self.metric)
+                best = best_index(values, self.metric)
                 parameter = _parameter_values(results, path, rows)[best]
                 number = rounded(float(values[best]), 3)
                 parts.append(f"{named(label)} {number} at {parameter:g} {unit}".rstrip())
@@ -119,7 +122,8 @@ class RmseVsParameter(FigureKind):
         y = rows["value"]
         stderr = rows["stderr"]
         ascending = np.argsort(x, kind="stable")
-        # A key of the scenario changes the problem: no value of it is the best.
+        # Metric by which a filter's best value is marked. A key of the scenario changes the problem: no
+        # value of it is the best.
         marked_by = None if is_of_scenario(path) else self.metric
         figure, ax = style.subplots(1, 1, 3.6)
         looks = results.line_styles(results.chosen(self.filters))
@@ -134,7 +138,7 @@ class RmseVsParameter(FigureKind):
                 estimates = _Estimates(x=x[of_filter], value=y[of_filter], stderr=stderr[of_filter])
                 best: int | None = None
                 if marked_by is not None and not _is_level(estimates.value, estimates.stderr):
-                    best = best_place(estimates.value, marked_by)
+                    best = best_index(estimates.value, marked_by)
                 _draw_estimates(ax, estimates, look | {"marker": "o", "markersize": 2.5}, best)
         values = np.unique(parameters)
         if log_x:
@@ -157,9 +161,9 @@ class RmseVsParameter(FigureKind):
 
 
 def _is_level(values: Array, stderrs: Array) -> bool:
-    """Return whether values (n,) with their standard errors (n,) do not depend on the parameter.
+    """Return whether a filter's values (n,) over a parameter do not depend on it.
 
-    Their spread is then far below each standard error, or there are none.
+    Their range is then far below each of their standard errors ``stderrs`` (n,), or no value is finite.
     """
     is_finite = np.isfinite(values)
     if not is_finite.any():
@@ -203,7 +207,7 @@ def _draw_estimates(ax: Axes, estimates: _Estimates, look: LineStyle, best: int 
 def _common_number(value: object) -> float | None:
     """Return a grid's value if it is a number, or the number that all items of a list are; else None.
 
-    The value of linked paths is a list.
+    The value of linked paths, which vary together, is a list.
     """
     values = value if isinstance(value, list) else [value]
     if not values or not is_number(values[0]):
@@ -215,16 +219,16 @@ def _common_number(value: object) -> float | None:
 
 
 def _parameter_values(results: Results, path: str, rows: Columns) -> Array:
-    """Return a path's values in rows of a file as numbers (n,).
+    """Return the values of a path of the grid in the rows of a file, as numbers (n,).
 
-    The value of linked paths is a list of equal numbers: it gives this number.
+    The value of linked paths, which vary together, is a list of equal numbers: it gives this number.
     """
     # The file has lists as texts, so that the config's values are looked up by their texts.
     numbers = {str(point[path]): _common_number(point[path]) for point in results.grid_points}
     return np.array([numbers.get(str(value), value) for value in rows[path]], dtype=float)
 
 
-def best_place(values: Array, metric: Measure) -> int:
+def best_index(values: Array, metric: Measure) -> int:
     """Return the index of the best of the metric's values (n,), of which some may be NaN.
 
     The least value is best unless the metric's definition says otherwise.
@@ -274,6 +278,7 @@ class _Section:
     """summary.csv where all paths but the shown ones have their first values."""
 
     def __init__(self, results: Results, paths: Sequence[str]) -> None:
+        """Select the rows; ``paths`` are the one or two paths of the grid that the figure shows."""
         self.results = results
         self.paths = paths
         first_point = results.points()[0]
@@ -297,11 +302,11 @@ class _Section:
         return points
 
     def best_of(self, label: str, metric: Measure) -> _SectionPoint | None:
-        """Return the point at which a filter is best; None if its metric is finite nowhere."""
+        """Return the point at which a filter is best; None if its ``metric`` is finite nowhere."""
         finite = [point for point in self.points_of(label, metric) if np.isfinite(point.value)]
         if not finite:
             return None
-        return finite[best_place(np.array([point.value for point in finite]), metric)]
+        return finite[best_index(np.array([point.value for point in finite]), metric)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -334,7 +339,10 @@ class SweepFigure(FigureKind):
     """labels to draw; default: all"""
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """Reject other than one or two paths of the grid."""
+        """Reject other than one or two paths of the grid.
+
+        Return the reason by key; empty if all is well.
+        """
         if not 1 <= len(self.paths) <= 2:
             return {"paths": f"{len(self.paths)} paths; name one or two"}
         for path in self.paths:
@@ -382,6 +390,7 @@ class SweepFigure(FigureKind):
         """Return panels of metrics, of values of the second path, or of filters."""
         section = _Section(results, self.paths)
         x_path, level_path = self._axes(section)
+        # Values of the second path that have a panel each; without one a metric has one panel.
         levels: list[GridPoint] = [{}]
         if level_path is not None:
             if not self._has_panels(section):
@@ -410,7 +419,7 @@ class SweepFigure(FigureKind):
         return min(len(section.values[path]) for path in self.paths) <= _MOST_LEVEL_PANELS
 
     def _draw_panels(self, section: _Section, panels: list[_SweepPanel], x_path: str) -> Figure:
-        """Draw the metric of each panel over the path, with equal horizontal axes.
+        """Draw the metric of each panel over the path ``x_path``, with equal horizontal axes.
 
         If the values of the path are no numbers, they stand at 0, 1, 2, ...
         """
@@ -437,11 +446,11 @@ class SweepFigure(FigureKind):
         for ax, panel in zip(axes, panels, strict=False):
             heights.append(self._draw_panel(ax, section, panel, x_path, place_of_value, looks))
         # Step 2: the axes.
-        if has_one_metric:
+        if has_one_metric:  # the panels share their vertical axis
             heights = [list(chain.from_iterable(heights))] * len(panels)
         across = max(1, min(len(panels), style.MOSAIC))
         panel_in = sheet().width_in / across - _AXIS_IN
-        for place, (ax, panel) in enumerate(zip(axes, panels, strict=False)):
+        for index, (ax, panel) in enumerate(zip(axes, panels, strict=False)):
             if is_numeric and scales.are_wide(x_values):
                 ax.set_xscale("log")
             _set_limits(ax, places)
@@ -450,10 +459,10 @@ class SweepFigure(FigureKind):
                 scales.set_ticks_at_values(ax, places, texts, panel_in)
             else:
                 ax.set_xticks(places, [str(value) for value in x_values])
-            if scales.are_wide(heights[place]):
+            if scales.are_wide(heights[index]):
                 scales.set_plain_log_scale(ax.yaxis, most=np.inf)
             ax.set_xlabel(results.axis(x_path))
-            is_first_of_row = place % across == 0
+            is_first_of_row = index % across == 0
             if is_first_of_row or not has_one_metric:
                 ax.set_ylabel(panel.y_label)
             heading = captions.heading(results, panel.path_values)
@@ -469,13 +478,14 @@ class SweepFigure(FigureKind):
         place_of_value: Mapping[Any, float],
         looks: Mapping[str, LineStyle],
     ) -> list[float]:
-        """Draw the metric of each filter in its look; return all its finite values.
+        """Draw the panel's metric of each filter; return all finite values of it that the panel shows.
 
-        ``place_of_value`` has the place of each value of the path ``x_path`` on the axis.
+        ``place_of_value`` has the place of each value of the path ``x_path`` on the horizontal axis, and
+        ``looks`` has the color and dash of each filter.
         """
         varied = self._varied_labels(section.results)
         heights: list[float] = []
-        labels_without_number = 0
+        labels_without_number = 0  # filters so far with a row of crosses
         for label in self._labels_to_draw(section, panel.metric):
             # Step 1: the filter's points in this panel, by their places on the axis.
             points = {
@@ -490,7 +500,7 @@ class SweepFigure(FigureKind):
             finite = [place for place in sorted(points) if np.isfinite(points[place].value)]
             heights += [float(points[place].value) for place in finite]
             # Step 2: a line.
-            if label not in varied:
+            if label not in varied:  # it has one value
                 if finite:
                     ax.axhline(points[finite[0]].value, **look | {"linewidth": 0.9})
                 continue
@@ -527,7 +537,10 @@ class SweepFigure(FigureKind):
         return heights
 
     def _draw_heat_maps(self, section: _Section) -> Figure:
-        """Draw a panel per filter over the two paths, on one color scale; the best value is framed."""
+        """Draw a panel per filter over the two paths, on one color scale.
+
+        A filter's best value is framed, unless a path changes the problem.
+        """
         results = section.results
         x_path, y_path = self.paths
         metrics = self._metrics(results)
@@ -553,7 +566,7 @@ class SweepFigure(FigureKind):
             if max(values.shape) <= most_text:
                 write_cells(ax, values, cell_texts(fields[label]), image, 7)
             if not self._changes_problem():
-                best = best_place(values.ravel(), metric)
+                best = best_index(values.ravel(), metric)
                 row, column = np.unravel_index(best, values.shape)
                 _outline_cell(ax, int(row), int(column))
         figure.supxlabel(results.axis(x_path))
@@ -564,7 +577,7 @@ class SweepFigure(FigureKind):
         return figure
 
     def _fields(self, section: _Section, metric: Measure) -> dict[str, list[list[Estimate]]]:
-        """Return by label the metric over both paths: a row for each value of the second path.
+        """Return the metric over both paths by filter: a row for each value of the second path.
 
         Only varied filters with any number have a field. NaN stands where a filter has no number.
         """
@@ -615,7 +628,7 @@ class SweepFigure(FigureKind):
                 if points and np.isfinite(points[0].value):
                     levels[label] = points[0].value
         if len(levels) > _MOST_LEVELS:
-            best = list(levels)[best_place(np.array(list(levels.values())), metric)]
+            best = list(levels)[best_index(np.array(list(levels.values())), metric)]
             levels = {best: levels[best]}
         return [label for label in chosen if label in varied or label in levels]
 
@@ -635,7 +648,10 @@ def _set_limits(ax: Axes, places: Array) -> None:
 
 
 def shown_metrics(results: Results) -> dict[str, Measure]:
-    """Return the default metrics by axis label: the first errors or log scores, and ANEES or ANIS."""
+    """Return the default metrics by axis label: the first errors or log scores, and ANEES or ANIS.
+
+    Only metrics of summary.csv are returned.
+    """
     stored = set(results.columns("summary")["metric"])
     metrics = [measured(f"mean({name})") for name in ranking_metrics(results)[:_MOST_ERRORS]]
     if "anees" in stored:

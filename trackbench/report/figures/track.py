@@ -59,7 +59,10 @@ class Track(FigureKind):
     """sensors, and the first run's measurements as dots where a sensor tells positions"""
 
     def conflicts(self, points: Sequence[Point]) -> dict[str, str]:
-        """Reject components that are not positions of the state."""
+        """Reject a figure without anything to draw, and components that the state does not have.
+
+        Return the reason by key, ``""`` for the figure as a whole; empty if all is well.
+        """
         # The largest number of a component that the state has at every point.
         last = min(len(p.scenario.components) for p in points) - 1
         names = points[0].scenario.components
@@ -140,7 +143,7 @@ class Track(FigureKind):
         return f"{caption}."
 
     def draw(self, results: Results) -> Figure:
-        """Return a panel per filter, equal scales."""
+        """Return a panel per filter, or one of the best filters; all have equal scales."""
         point = _first_point(results)
         facts = results.facts(point)
         scene = self._read_scene(results, results.tracks(point), facts)
@@ -148,15 +151,15 @@ class Track(FigureKind):
         positions = [scene.truth, scene.measured, *scene.sensors.values()]
         positions += [place[:, None] for place in scene.landmarks.values()]
         positions += [estimate[..., 0] for estimate in scene.estimates.values()]
-        metres, unit = plane_unit(*positions)
+        meters_per_unit, unit = plane_unit(*positions)
         panels = max(len(self.filters), 1)
-        width, height = _fit_figure(panels, *(xy / metres for xy in positions))
+        width, height = _fit_figure(panels, *(xy / meters_per_unit for xy in positions))
         figure, axes = style.subplots(
             1, panels, height, width, squeeze=False, sharex=True, sharey=True
         )
-        for place, ax in enumerate(axes[0]):
-            label = self.filters[place] if self.filters else ""
-            self._draw_panel(ax, results, scene, label, metres, facts.spans)
+        for index, ax in enumerate(axes[0]):
+            label = self.filters[index] if self.filters else ""
+            self._draw_panel(ax, results, scene, label, meters_per_unit, facts.spans)
             ax.set_aspect("equal")
             ax.set_xlabel(f"x ({unit})")
             ax.locator_params(nbins=5)
@@ -172,15 +175,17 @@ class Track(FigureKind):
     ) -> "_Scene":
         """Read what the figure draws at a grid point: truth, estimates, measurements and sensors.
 
+        ``tracks`` and ``facts`` are those of the point; tracks have the axes (component, step, run).
         Sensors and landmarks far from the target are left out.
         """
         errors = (facts.scenario.get("score") or {}).get("errors") or {}
         rows = self._rows(facts.components, errors)
-        assert rows is not None
+        assert rows is not None  # `conflicts` rejects a state without a position
         components = list(rows)
         # Measurements and sensors are drawn only over positions, not over other components.
         is_position = rows == rows_in_plane(facts.components, errors)
         truth = tracks["truth"][components, :, 0]
+        # In other runs the target may take another path than the truth that is drawn.
         runs = 1 if _paths_differ(facts) else self.runs
         estimates: dict[str, Array] = {}
         for label in self.filters or self._best_filters(results):
@@ -197,14 +202,14 @@ class Track(FigureKind):
             for name in all_sensors:
                 if _is_near(tracks[name], first_run):
                     sensors[name.removeprefix("sensor/")] = tracks[name]
-            # Landmarks of a recording have the names of its sensors, others their numbers.
+            # Landmarks of a recording have the names of its sensors, others their numbers, from 1.
             landmark_names = (facts.scenario.get("target") or {}).get("sensors") or ()
             for name in tracks:
                 if name.startswith("landmark/") and _is_near(tracks[name][:, None], first_run):
                     number = name.removeprefix("landmark/")
                     landmark = landmark_names[int(number) - 1] if landmark_names else number
                     landmarks[str(landmark)] = tracks[name]
-        poses: dict[str, _Poses] = {}
+        poses: dict[str, _Poses] = {}  # empty without a heading in the state
         for row in heading_rows(facts.components, facts.angles or ()):
             # Without ground truth each panel has its filter's poses, and that of the best the first's.
             for label, estimate in estimates.items():
@@ -232,16 +237,16 @@ class Track(FigureKind):
         results: Results,
         scene: "_Scene",
         label: str,
-        metres: float,
+        meters_per_unit: float,
         turning: Iterable[Sequence[float]],
     ) -> None:
         """Draw the scene with the estimates of the filter ``label``, or if empty of the best filters.
 
-        ``metres`` is the unit of the axes in meters. ``turning`` has the first and last time, s, of each
-        maneuver.
+        ``meters_per_unit`` is the length of a unit of the axes. ``turning`` has the first and last time,
+        s, of each maneuver.
         """
         if scene.measured.size:
-            x, y = scene.measured / metres
+            x, y = scene.measured / meters_per_unit
             ax.plot(
                 x,
                 y,
@@ -254,22 +259,22 @@ class Track(FigureKind):
             )
         if label in scene.estimates:
             color = results.line_styles(self.filters)[label]["color"]
-            _draw_runs(ax, scene.estimates[label] / metres, label, color)
+            _draw_runs(ax, scene.estimates[label] / meters_per_unit, label, color)
         if not self.filters:
-            _draw_best(ax, results, scene.estimates, metres)
-        truth = scene.truth / metres
+            _draw_best(ax, results, scene.estimates, meters_per_unit)
+        truth = scene.truth / meters_per_unit
         most_runs = max((each.shape[-1] for each in scene.estimates.values()), default=0)
         draw_truth(ax, truth, scene.times, turning, estimated_runs=most_runs)
         for number, path in scene.sensors.items():
             name = f"Sensor {number}" if scene.has_many_sensors else "Sensor"
-            draw_sensor(ax, path / metres, name)
-        _draw_landmarks(ax, scene.landmarks, metres)
+            draw_sensor(ax, path / meters_per_unit, name)
+        _draw_landmarks(ax, scene.landmarks, meters_per_unit)
         poses = scene.poses.get(label) or scene.poses.get("")
         if poses is not None:
-            _draw_headings(ax, poses.path / metres, poses.headings)
+            _draw_headings(ax, poses.path / meters_per_unit, poses.headings)
 
     def _best_filters(self, results: Results) -> list[str]:
-        """Return the first ``best`` filters of the first ranking, or without a ranking of the config."""
+        """Return the first ``best`` filters of the first ranking; without one, those of the config."""
         labels: list[str] = []
         all_rankings = rankings(results)
         if all_rankings:
@@ -289,7 +294,7 @@ def _paths_differ(facts: PointFacts) -> bool:
 
 
 def _draw_runs(ax: Axes, estimates: Array, label: str, color: str) -> None:
-    """Draw a filter's estimates (2, T, runs) over each other."""
+    """Draw a filter's estimates (2, T, runs) over each other, and an opaque line in the legend."""
     x, y = estimates
     runs = x.shape[1]
     name = label
@@ -334,11 +339,13 @@ class _Poses(NamedTuple):
     """heading from x to y, rad, (T,)"""
 
 
-def _draw_best(ax: Axes, results: Results, estimates: Mapping[str, Array], metres: float) -> None:
+def _draw_best(
+    ax: Axes, results: Results, estimates: Mapping[str, Array], meters_per_unit: float
+) -> None:
     """Draw the first run's estimates of the best filters, the best on top.
 
     ``estimates`` (2, T, runs) are by label, the best first. A solid line that would hide an equal line
-    is drawn below all others. ``metres`` is the unit of the axes.
+    is drawn below all others. ``meters_per_unit`` is the length of a unit of the axes.
     """
     looks = results.line_styles(list(estimates))
     for rank, (label, estimate) in enumerate(estimates.items()):
@@ -348,7 +355,7 @@ def _draw_best(ax: Axes, results: Results, estimates: Mapping[str, Array], metre
         depth = rank
         if sum(equal) > 1 and look["linestyle"] == "-":
             depth = len(estimates)
-        x, y = estimate[..., 0] / metres
+        x, y = estimate[..., 0] / meters_per_unit
         # A line without a zorder, such as the truth's, has 2.
         ax.plot(x, y, label=label, **look, zorder=1.9 - 0.1 * depth)
 
@@ -381,31 +388,34 @@ def _is_near(path: Array, tracks: Sequence[Array]) -> bool:
 
 
 def draw_sensor(ax: Axes, path: Array, name: str) -> None:
-    """Draw a sensor where it begins, and its path (2, T)."""
+    """Draw a triangle where a sensor begins, and its path (2, T); ``name`` is that of the legend."""
     x, y = path
     ax.plot(x, y, color=style.COLORS[1], linewidth=1.0)
     ax.plot(x[:1], y[:1], "^", color=style.COLORS[1], markersize=8, label=name)
 
 
 def heading_rows(components: Sequence[str], angles: Collection[str]) -> list[int]:
-    """Return the row of the heading among the angles of a state; none if it has no such angle."""
+    """Return a list of the index of the heading in a state; empty if the state has none.
+
+    The heading is an angle with a usual name, such as ``heading`` or ``yaw``.
+    """
     for name in _HEADINGS:
         if name in components and name in angles:
             return [list(components).index(name)]
     return []
 
 
-def _draw_landmarks(ax: Axes, places: Mapping[str, Array], metres: float) -> None:
-    """Draw landmarks (2,) with their names."""
+def _draw_landmarks(ax: Axes, places: Mapping[str, Array], meters_per_unit: float) -> None:
+    """Draw landmarks with their names; ``places`` (2,), m, are by name."""
     for name, place in places.items():
-        x, y = place / metres
+        x, y = place / meters_per_unit
         ax.margins(0.1)  # for the names beside the outermost landmarks
         ax.plot([x], [y], "s", color="#777777", markersize=5, label="Landmarks")
         ax.annotate(name, (x, y), (4, 4), textcoords="offset points", fontsize=7)
 
 
 def _draw_headings(ax: Axes, path: Array, headings: Array) -> None:
-    """Draw headings (T,), rad from x to y, as arrows at some points of a path (2, T)."""
+    """Draw headings (T,), rad from the x axis toward y, as arrows at some points of a path (2, T)."""
     is_known = np.isfinite(path).all(axis=0) & np.isfinite(headings)
     known = np.flatnonzero(is_known)
     if not len(known):

@@ -51,7 +51,7 @@ class TuningFigure(FigureKind):
         )
 
     def draw(self, results: Results) -> Figure:
-        """Return a panel per key."""
+        """Return a panel per key that was tuned; no panel if the filter was not tuned."""
         record = results.tuning.get(self.filter)
         axes = () if record is None else record.axes
         figure, panels = style.panel_grid(len(axes), 2.4, 0.5)
@@ -63,7 +63,10 @@ class TuningFigure(FigureKind):
         return style.add_title_and_legend(figure, title)
 
     def _label_of_key(self, results: Results, key: str) -> str:
-        """Return the label of an axis: ``sigma of sensor 1 (m)`` for ``assume.sensor.0.sigma``."""
+        """Return the label of an axis: ``sigma of sensor 1 (m)`` for ``assume.sensor.0.sigma``.
+
+        ``key`` is the path of the key in the filter's entry of the config.
+        """
         keys = [int(word) if word.isdigit() else word for word in key.split(".")]
         name, unit = phrases.quantity(str(keys[-1]))
         owner = str(keys[-2]) if len(keys) > 1 else ""
@@ -79,7 +82,10 @@ class TuningFigure(FigureKind):
 
 
 def _draw_panel(ax: Axes, record: Record, axis: Axis) -> None:
-    """Draw the objective of a filter's trials over one of its tuned keys, the ``axis``."""
+    """Draw the objective of a filter's trials over one of its tuned keys, the ``axis``.
+
+    A trial has a value of every key, the objective with them, and its number of lost runs.
+    """
 
     def place(value: Any) -> float:
         """Return the place of a key's value on the horizontal axis."""
@@ -97,6 +103,7 @@ def _draw_panel(ax: Axes, record: Record, axis: Axis) -> None:
     if has_spread:
         highest = best.objective + best.stderr
         ax.axhspan(best.objective, highest, color=color, alpha=0.35, linewidth=0, label=_NEAR)
+    # The ends of their range; of a key with choices, the choices.
     near_values = record.values_within_stderr(axis)
     if has_spread and near_values and not axis.choices:
         first = place(near_values[0])
@@ -105,7 +112,7 @@ def _draw_panel(ax: Axes, record: Record, axis: Axis) -> None:
     # Step 2: a line through the trials that differ from the best in this key alone.
     if not axis.choices:
         line = []
-        for trial in record.trials_along(axis):
+        for trial in record.trials_along(axis):  # with as many lost runs as the best
             height = trial.objective
             if height > top:
                 height = nan  # a gap in the line
@@ -143,10 +150,11 @@ def _draw_panel(ax: Axes, record: Record, axis: Axis) -> None:
 
 
 def _limit_of_axis(objectives: list[float], stderr: float) -> float:
-    """Return the largest objective that the vertical axis shows.
+    """Return the largest objective that the vertical axis shows; 0 without any.
 
-    The limit keeps trials near the best one distinguishable. ``stderr`` is the standard error of the
-    best trial.
+    The limit keeps trials near the best one distinguishable. It is some spreads of the better half of
+    the trials above their median, but at least some standard errors above the best. ``stderr`` is the
+    standard error of the best trial.
     """
     if not objectives:
         return 0.0

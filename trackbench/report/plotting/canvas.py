@@ -33,8 +33,9 @@ class Canvas(Figure):
 
 
 def png(figure: Figure) -> bytes:
-    """Return a figure for a screen, as the content of a PNG file."""
+    """Return a figure for a screen, as the content of a PNG file; equal figures have equal files."""
     file = io.BytesIO()
+    # Without "Software", which names the version of matplotlib.
     figure.savefig(file, format="png", metadata={"Software": None}, dpi=_DPI)
     return file.getvalue()
 

@@ -12,7 +12,10 @@ def usual_looks(
     """Return color and dash of each label of the config, also of filters that this run leaves out.
 
     The reference, the bound, exact errors and the floor of any figure are black, a baseline is gray.
-    ``figure_configs`` are the figures of the config, ``exact`` the labels of exact errors.
+    Other labels have colors, which differ as far as possible where a figure draws them together.
+
+    ``config`` is the resolved config, ``figure_configs`` its figures by name, and ``exact`` the labels
+    of exact errors.
     """
     black: list[str] = []
     gray: list[str] = []
@@ -26,7 +29,7 @@ def usual_looks(
     for number, label in enumerate(dict.fromkeys(black)):
         looks[label] = style.reference_line(number)
     others = [label for label in config["filters"] if label not in looks]
-    drawn_together: list[list[str]] = []
+    drawn_together: list[list[str]] = []  # a list for each figure
     for figure in figure_configs.values():
         wanted = figure.get("filters") or others
         drawn_together.append([label for label in others if label in wanted])

@@ -35,9 +35,10 @@ _GAP = 3.0
 
 
 def draw_filter_line(ax: Axes, x: Any, value: Array, look: LineStyle) -> bool:
-    """Draw a filter's line; return whether it has any value.
+    """Draw a filter's line through ``value`` over ``x``, (n,) each; return whether it has any value.
 
-    A filter that lost all its runs has none, and no line in the legend.
+    A filter that lost all its runs has none. It is not drawn, so that the legend does not have it.
+    ``look`` has the line's label, color and dash.
     """
     has_value = bool(np.isfinite(value).any())
     if has_value:
@@ -86,12 +87,13 @@ def draw_error_band(
 def draw_error_bars(
     ax: Axes, x: Array, value: Array, stderr: Array, label: str, color: str, **look: Any
 ) -> None:
-    """Draw a bar of two standard errors at each point of the line ``label``.
+    """Draw a bar of two standard errors ``stderr`` at each point of the line ``label``.
 
-    The interactive page gets the standard errors, too.
+    The interactive page gets the standard errors, too. ``look`` are further arguments of matplotlib's
+    ``Axes.errorbar``.
     """
     svg_file.set_stderr(ax, label, stderr)
-    if not (stderr > 0.0).any():
+    if not (stderr > 0.0).any():  # a single run has no standard error
         return
     ax.errorbar(x, value, 2.0 * stderr, fmt="none", color=color, label=f"_{label}", **look)
     explain_error_bars(ax)
@@ -111,14 +113,15 @@ def insert_gaps(steps: Array, *series: Array) -> tuple[Array, ...]:
     if not len(distances):
         return tuple(np.array(values, dtype=float) for values in series)
     is_gap = distances > _GAP * np.median(distances)
-    places = np.flatnonzero(is_gap) + 1
-    return tuple(np.insert(np.asarray(values, dtype=float), places, np.nan) for values in series)
+    behind = np.flatnonzero(is_gap) + 1  # index of the first step behind each gap
+    return tuple(np.insert(np.asarray(values, dtype=float), behind, np.nan) for values in series)
 
 
 def draw_gray_line(ax: Axes, x: Array, value: Array, steps: int = 1) -> None:
-    """Draw the line of another panel's filter behind, as means over windows of successive values.
+    """Draw the line of another panel's filter in gray, behind the lines of this panel.
 
-    ``steps`` is the number of steps of which each value is the mean.
+    It has at most 100 points, each the mean over a window of successive values. ``steps`` is the number
+    of steps of which each given value is the mean already.
     """
     if not len(x):
         return
@@ -137,9 +140,10 @@ def draw_gray_line(ax: Axes, x: Array, value: Array, steps: int = 1) -> None:
 def cut_dwarfing_lines(axes: Sequence[Axes], errors: Mapping[str, Array], extent: float) -> None:
     """Cut off lines that would flatten the others; a mark shows where each leaves the vertical axis.
 
-    ``errors`` are those of each filter, by label, and ``extent`` is that of the truth. A filter's line
-    is cut if its largest error is more than `DWARFED` times that of the median filter. It is also cut
-    if a few errors are larger than the extent and all others are small. One line is never cut.
+    ``errors`` (n,) are those of each filter, by label. ``extent`` is the largest less the least value of
+    the truth; infinite without a truth. A filter's line is cut if its largest error is more than
+    `DWARFED` times that of the median filter. It is also cut if it has a spike: its largest error is
+    larger than the extent, and far larger than most of its errors. If all lines would be cut, none is.
     """
     largest: dict[str, float] = {}
     spiked: list[str] = []
@@ -208,7 +212,7 @@ def mark_zeros(ax: Axes, zeros_of_lines: Sequence[Zeros]) -> None:
     """Draw a triangle at the lower edge of a logarithmic axis at each place of a zero.
 
     A zero, or an error that is only rounding, lies below every logarithmic axis. Of many zeros of a
-    line, evenly spaced ones have a triangle. One that several lines share has a color of its own.
+    line, every second, third, ... has a triangle. One that several lines share has a color of its own.
     """
     thinned = [
         Zeros(x=zeros.x[:: ceil(len(zeros.x) / _MOST_ZEROS) or 1], color=zeros.color)
@@ -229,20 +233,24 @@ def mark_zeros(ax: Axes, zeros_of_lines: Sequence[Zeros]) -> None:
 
 
 def mark_zeros_of_lines(ax: Axes) -> None:
-    """Mark the zeros of all lines on a logarithmic vertical axis, which cannot show them."""
+    """Mark the zeros of all lines on a logarithmic vertical axis, which cannot show them.
+
+    Lines that are not in the legend are left out; their labels begin with ``_``.
+    """
     if ax.get_yscale() != "log":
         return
     zeros_of_lines = []
     for line in ax.lines:
-        has_places = line.get_transform().contains_branch_seperately(ax.transData)[0]
-        if has_places and not str(line.get_label()).startswith("_"):
+        # A line by `axhline` has its x as a share of the axis, and so no place.
+        has_x_in_data = line.get_transform().contains_branch_seperately(ax.transData)[0]
+        if has_x_in_data and not str(line.get_label()).startswith("_"):
             x, y = line_coordinates(line)
             zeros_of_lines.append(Zeros(x=x[y == 0.0], color=line.get_color()))
     mark_zeros(ax, zeros_of_lines)
 
 
 def draw_lone_points(ax: Axes, x: Array, value: Array, color: Any) -> None:
-    """Draw a dot at each value (n,) without a neighbor, which a line would not show."""
+    """Draw a dot at each finite value (n,) without a finite neighbor, which a line would not show."""
     is_known = np.isfinite(value)
     padded = np.concatenate([[False], is_known, [False]])
     is_alone = is_known & ~padded[:-2] & ~padded[2:]

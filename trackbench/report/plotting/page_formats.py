@@ -107,7 +107,7 @@ def sheet() -> Sheet:
 
 
 def is_crowded(figure: "Figure") -> bool:
-    """Return whether the figure has too many panels side by side, and a wider format exists."""
+    """Return whether the figure has too many panels side by side here, and a wider format exists."""
     column_counts = [0]
     for ax in figure.axes:
         spec = ax.get_subplotspec()
@@ -118,7 +118,7 @@ def is_crowded(figure: "Figure") -> bool:
 
 @contextmanager
 def drawing_for(page_format: Sheet) -> Iterator[None]:
-    """Draw figures in this page format within the block."""
+    """Let `sheet` return this page format within the block, so that figures are drawn for it."""
     token = _SHEET.set(page_format)
     try:
         yield

@@ -41,13 +41,15 @@ def label_points(
 ) -> None:
     """Write each text beside its point, where it covers no other text and no other point.
 
-    If no place is free, the text is at the last one, or with ``leave_out`` no text is written.
-    The figure must have its legend, which changes the places of points.
+    Each text is tried at some places around its point, the nearest first. If no place is free, the text
+    is at the last one. With ``leave_out`` only near places are tried, and a text without a free one is
+    not written. The figure must have its legend already, which changes the places of points.
+    ``font_size`` is in points.
     """
     figure.draw_without_rendering()  # sets the transformation from data to pixels
     dots = [ax.transData.transform(label.point) for label in labels]
     places = _PLACES[:_NEAR_PLACES] if leave_out else _PLACES
-    boxes: list[Any] = []
+    boxes: list[Any] = []  # those of the texts so far
     for number, label in enumerate(labels):
         other_dots = dots[:number] + dots[number + 1 :]
         is_free = False

@@ -87,9 +87,10 @@ def without_rounding(values: Array) -> Array:
 
 
 def places_with_zero(values: Array) -> Array:
-    """Return the places (n,) of numbers on a logarithmic axis: zero stands at the left, apart.
+    """Return the places (n,) of numbers (n,), none negative, on a logarithmic axis.
 
-    If all numbers are zero, their place is 1.
+    A positive number is its own place. Zero, which has none, stands left of all others, at `_ZERO` times
+    the least of them. If all numbers are zero, their place is 1.
     """
     positive = values[values > 0.0]
     if not len(positive):
@@ -98,7 +99,11 @@ def places_with_zero(values: Array) -> Array:
 
 
 def set_log_scale_with_zero(ax: Axes, values: Array) -> None:
-    """Make the horizontal axis logarithmic; of ascending numbers (n,) the first may be zero."""
+    """Make the horizontal axis logarithmic, with the tick "0" and a break if a value is zero.
+
+    ``values`` (n,) are the different values on the axis in ascending order, so that only the first may
+    be zero. It is drawn at its place by `places_with_zero`.
+    """
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
     from trackbench.report.plotting.canvas import power_of_ten
@@ -107,7 +112,7 @@ def set_log_scale_with_zero(ax: Axes, values: Array) -> None:
     if values[0] > 0.0:
         return
     place_of_zero = places_with_zero(values)[0]
-    if len(values) > 1:
+    if len(values) > 1:  # the break is in the middle between zero and the least positive value
         _draw_axis_break(ax, float(np.sqrt(place_of_zero * values[1])))
     # A tick at the next power of ten from each number on. 1e-9 allows for rounding of the logarithm.
     exponents = np.unique(np.ceil(np.log10(values[1:]) - 1e-9))
@@ -124,7 +129,7 @@ def set_log_scale_with_zero(ax: Axes, values: Array) -> None:
 
 
 def _draw_axis_break(ax: Axes, place: float) -> None:
-    """Draw two strokes over the horizontal axis at a place where it is broken."""
+    """Draw the two strokes of a broken axis over the horizontal axis at x = ``place``."""
     ax.text(
         place,
         0.0,
@@ -144,7 +149,10 @@ def with_true_minus(text: str) -> str:
 
 
 def value_texts(values: Sequence[float]) -> list[str]:
-    """Return the labels of ticks at values: powers of ten that are far apart have raised digits."""
+    """Return the labels of ticks at ``values``: plain numbers, or 10⁻⁶ if all are powers of ten or zero.
+
+    Powers of ten are plain numbers, too, if the largest is at most 1000 times the least.
+    """
     from trackbench.report.plotting.canvas import power_of_ten
 
     positive = np.array([value for value in values if value > 0.0])
@@ -156,9 +164,9 @@ def value_texts(values: Sequence[float]) -> list[str]:
 
 
 def set_ticks_at_values(ax: Axes, places: Array, texts: Sequence[str], width_in: float) -> None:
-    """Put ticks at the values that an axis is about, as far as their labels have room.
+    """Put a tick at each value that the horizontal axis is about, and a label where it has room.
 
-    The first and the last value have a label first. If there are more than 10 values, or one of them
+    The first and the last value always have a label. If there are more than 10 values, or one of them
     alone, the axis keeps its usual ticks.
 
     Parameters
@@ -180,18 +188,18 @@ def set_ticks_at_values(ax: Axes, places: Array, texts: Sequence[str], width_in:
     half_widths = [0.5 * _DIGIT_IN * (len(text) + 1) for text in texts]  # with a space
     # Step 2: labels from left to right that overlap neither the one before nor the last one.
     last = len(places) - 1
-    labeled = [0]
-    for place in range(1, last):
+    labeled = [0]  # indices of the values with a label
+    for index in range(1, last):
         is_free = True
         for other in (labeled[-1], last):
-            distance = abs(middles[place] - middles[other])
-            is_free &= bool(distance >= half_widths[place] + half_widths[other])
+            distance = abs(middles[index] - middles[other])
+            is_free &= bool(distance >= half_widths[index] + half_widths[other])
         if is_free:
-            labeled.append(place)
+            labeled.append(index)
     labeled.append(last)
     ax.xaxis.set_major_locator(FixedLocator([float(value) for value in places]))
     ax.xaxis.set_major_formatter(
-        FixedFormatter([text if place in labeled else "" for place, text in enumerate(texts)])
+        FixedFormatter([text if index in labeled else "" for index, text in enumerate(texts)])
     )
     ax.xaxis.set_minor_locator(NullLocator())
 
@@ -231,7 +239,7 @@ def _caps_of_error_bars(ax: Axes) -> list[Any]:
     """Return the short lines at the ends of all error bars."""
     caps: list[Any] = []
     for container in ax.containers:
-        if hasattr(container, "has_yerr"):
+        if hasattr(container, "has_yerr"):  # a container of error bars
             _, bar_caps, _ = container.lines  # type: ignore[attr-defined]
             caps += bar_caps
     return caps
@@ -304,7 +312,10 @@ def count_times_from_start(figure: Figure, x_name: str) -> None:
 
 
 def is_late(first: float, last: float) -> bool:
-    """Return whether times from first to last are those of a clock, and best counted from the first."""
+    """Return whether times from first to last, s, are those of a clock, such as seconds since 1970.
+
+    They are then best counted from the first.
+    """
     return first > _LATE * (last - first)
 
 

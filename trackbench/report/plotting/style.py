@@ -126,9 +126,13 @@ def subplots(
 
 
 def line(index: int) -> LineStyle:
-    """Return color and dash of number ``index``: the first 10 differ in color, the first 80 in one."""
+    """Return the color and dash of number ``index``, from 0.
+
+    The first 10 numbers have different colors. The first 80 differ in color or dash.
+    """
     color = COLORS[index % len(COLORS)]
-    # Each further round of the colors begins one dash later.
+    # The 8 dashes take turns, with one more turn in each round of the 10 colors. Without it the looks
+    # would repeat after 40 numbers.
     dash = DASHES[(index + index // len(COLORS)) % len(DASHES)]
     return {"color": color, "linestyle": dash}
 
@@ -157,25 +161,27 @@ def number_lines(labels: Sequence[str], figures: Iterable[Collection[str]]) -> d
     # Figures with enough colors for their labels.
     small_figures = [figure for figure in figures if len(figure) <= len(COLORS)]
     numbers: dict[str, int] = {}
-    for place, label in enumerate(labels):
-        # Colors of labels that some figure draws beside this one.
+    for index, label in enumerate(labels):
+        # Colors of labels so far that some figure draws beside this one.
         taken_colors = set()
         for figure in small_figures:
             if label in figure:
                 taken_colors |= {
                     numbers[other] % len(COLORS) for other in figure if other in numbers
                 }
-        candidates = range(place, place + len(COLORS))
+        # One number of each color, from the label's own index on; the first with a free color.
+        candidates = range(index, index + len(COLORS))
         free = [number for number in candidates if number % len(COLORS) not in taken_colors]
-        numbers[label] = next(iter(free), place)
+        numbers[label] = next(iter(free), index)
     return numbers
 
 
 def distinct_looks(usual_looks: Mapping[str, LineStyle]) -> dict[str, LineStyle]:
     """Return the looks of one figure's labels, in which no two filters have the same color.
 
-    A label keeps its usual look unless a label before it has this color. If there are more filters than
-    colors, two filters of one color have different dashes. Black and gray looks stay as they are.
+    ``usual_looks`` are those that the labels have in other figures. A label keeps its usual look unless
+    a label before it has this color. If there are more filters than colors, two filters of one color
+    have different dashes. Black and gray looks stay as they are.
     """
     looks: dict[str, LineStyle] = {}
     colors: set[str] = set()
@@ -209,7 +215,8 @@ def legend_outside(
 ) -> None:
     """Draw one legend below the axes, each label once, in as many columns as fit.
 
-    Labels in ``without`` are left out. Those in ``order`` come first, in this order.
+    The figure grows by its height. Labels in ``without`` are left out. Those in ``order`` come first, in
+    this order.
     """
     handles = _handles_by_label(figure, without)
     if not handles:
@@ -218,7 +225,7 @@ def legend_outside(
     handles = first | handles
     columns = _count_legend_columns(list(handles), figure.get_figwidth())
     rows = ceil(len(handles) / columns)
-    # Every row is as high as the label with the most lines. The figure grows by the legend.
+    # Every row is as high as the label with the most lines.
     text_lines = rows * (1 + max(label.count("\n") for label in handles))
     figure.set_figheight(figure.get_figheight() + _LINE_IN * text_lines + 0.1)
     figure.legend(
@@ -255,9 +262,9 @@ def _count_legend_columns(labels: Sequence[str], width_in: float) -> int:
 
 
 def _handles_by_label(figure: Figure, without: Collection[str]) -> dict[str, Any]:
-    """Return the first handle of each label in the figure, except the labels ``without``.
+    """Return the first drawn artist of each label in the figure, by the label as `wrap_label` writes it.
 
-    The label of two standard errors comes last.
+    Labels in ``without`` are left out. The label of two standard errors comes last.
     """
     handles: dict[str, Any] = {}
     for ax in figure.axes:
@@ -278,13 +285,14 @@ MOSAIC = 3
 def make_panels(
     number: int, rows: int, height_in: float, balanced: bool = False, **kwargs: Any
 ) -> tuple[Figure, Any]:
-    """Return a figure and the axes (number, rows) of its panels, at most four panels side by side.
+    """Return a figure and the axes (number, rows) of its panels.
 
-    Each of the ``number`` panels has ``rows`` axes below each other and is ``height_in`` high.
-    ``balanced`` draws 6 panels as 3 and 3, not as 4 and 2.
+    Each of the ``number`` panels has ``rows`` axes below each other and is ``height_in`` inches high. As
+    many panels are side by side as the page format allows: four on a screen. ``balanced`` draws 6 panels
+    as 3 and 3, not as 4 and 2. ``kwargs`` are further arguments of matplotlib's ``Figure.subplots``.
     """
-    across = min(number, sheet().across)
-    blocks = ceil(number / across)
+    across = min(number, sheet().across)  # panels side by side
+    blocks = ceil(number / across)  # rows of panels
     if balanced:
         across = ceil(number / blocks)
     figure, axes = subplots(rows * blocks, across, height_in * blocks, squeeze=False, **kwargs)
@@ -314,7 +322,10 @@ def panel_grid(
 
 
 def set_title(figure: Figure, text: str, points: int = 1) -> None:
-    """Set the figure's title, with a remark if it has more grid ``points`` than it shows."""
+    """Set the figure's title ``text``, with a remark if not all grid points are shown.
+
+    ``points`` is the number of grid points. A page format for papers has the text in the caption.
+    """
     parts = []
     if text and sheet().titled:
         parts.append(text)
@@ -325,7 +336,10 @@ def set_title(figure: Figure, text: str, points: int = 1) -> None:
 
 
 def add_title_and_legend(figure: Figure, text: str, points: int = 1) -> Figure:
-    """Give the figure its title and its legend; ``points`` as `set_title` has it."""
+    """Give the figure its title ``text`` and its legend, and return it.
+
+    ``points`` is the number of grid points: the title has a remark if the figure does not show them all.
+    """
     set_title(figure, text, points)
     legend_outside(figure)
     return figure
@@ -350,7 +364,7 @@ def wrap_label(label: str, width: int = 24) -> str:
 
 @contextmanager
 def rc_context() -> Iterator[None]:
-    """Set matplotlib's rcParams within the block, and ignore all warnings.
+    """Set matplotlib's rcParams to the style of all figures within the block, and ignore all warnings.
 
     Warnings are those of a letter that the font lacks, and of axes that end near 1e308.
     """
@@ -391,7 +405,10 @@ _COMPRESSION = 1
 
 
 def forms(formats: Iterable[str]) -> list[str]:
-    """Return the formats of figures among those of tables and figures; the figure for LaTeX is a PDF."""
+    """Return the `FORMATS` in which figures are written, each once, for the ``formats`` of a command.
+
+    The format ``tex`` of tables has its figures as PDF, which LaTeX includes.
+    """
     figure_formats: list[str] = []
     for name in formats:
         figure_format = "pdf" if name == "tex" else name
@@ -426,7 +443,7 @@ def close(figure: Figure) -> None:
 
 
 def matplotlib_file(figure: Figure, form: str) -> bytes:
-    """Return the figure's file in one of the `FORMATS`, as matplotlib writes it."""
+    """Return the content of the figure's file in one of the `FORMATS`, as matplotlib writes it."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -454,6 +471,7 @@ def _fix_layout(figure: Figure) -> None:
     from matplotlib.layout_engine import PlaceHolderLayoutEngine
 
     engine: Any = figure.get_layout_engine()
+    # A figure whose layout was fixed by the last line below has this engine.
     is_fixed = isinstance(engine, PlaceHolderLayoutEngine)
     if is_fixed:
         return
@@ -466,7 +484,11 @@ def _fix_layout(figure: Figure) -> None:
 
 
 def spell_out_texts(figure: Figure) -> None:
-    """Draw as plain letters the texts whose dollars enclose no formula, and powers of ten."""
+    """Let matplotlib draw texts as plain letters, not as formulas, where it can.
+
+    These are powers of ten at ticks, if the font has raised digits, and texts with dollars that enclose
+    no valid formula, which matplotlib would reject.
+    """
     from matplotlib.mathtext import MathTextParser
     from matplotlib.text import Text
 

@@ -50,18 +50,22 @@ def compact_paths(content: str) -> str:
     """
     names = dict.fromkeys(name for _, name in _CLIP.findall(content))
     new_names = {name: f"clip{number}" for number, name in enumerate(names, start=1)}
+    # A match is ``id="`` or ``url(#``, and the name behind it.
     content = _CLIP.sub(lambda match: match[1] + new_names[match[2]], content)
     return _PATH.sub(lambda match: f' d="{_relative_path(match[1])}"', content)
 
 
 def _relative_path(path: str) -> str:
-    """Return a path of straight lines, with each line relative to the point before."""
-    # Such as "M 10 20 L 10.5 19 z" to "M10 20l.5-1z". Points are in hundredths.
+    """Return the path data of straight lines (M, L and z) with each line relative to the point before.
+
+    ``M 10 20 L 10.5 19 z`` becomes ``M10 20l.5-1z``.
+    """
+    # Points are in hundredths: whole numbers, so that rounding errors do not add up along the path.
     pieces: list[str] = []
     point = (0, 0)
     subpath_start = (0, 0)
     for command, numbers in _COMMAND.findall(path):
-        if command in "Zz":  # back to the start
+        if command in "Zz":  # closes the subpath: the next line begins at its start
             pieces.append("z")
             point = subpath_start
             continue
@@ -104,8 +108,8 @@ def number_shapes(figure: "Figure") -> list[str]:
             if label not in labels:
                 labels.append(label)
     serial_numbers = count()
-    for place, ax in enumerate(panels):
-        ax.set_gid(f"axes-{place}")
+    for index, ax in enumerate(panels):
+        ax.set_gid(f"axes-{index}")
         for artist, label in _shapes(ax):
             if label in labels:
                 artist.set_gid(f"of-{labels.index(label)}-{next(serial_numbers)}")
@@ -115,20 +119,23 @@ def number_shapes(figure: "Figure") -> list[str]:
                 line.get_path().should_simplify = False
     for legend in figure.legends:
         for handle, text in zip(legend.legend_handles, legend.get_texts(), strict=True):
+            # The legend has the label as `wrap_label` wrote it: in lines, with a backslash before "$".
             label = text.get_text().replace("\n", " ").replace(r"\$", "$")
             if label in labels:
                 for part in (handle, text):
-                    if part is not None:
+                    if part is not None:  # matplotlib has no handle for some artists
                         part.set_gid(f"key-{labels.index(label)}-{next(serial_numbers)}")
     return labels
 
 
 def add_curve_data(content: str, figure: "Figure", labels: list[str]) -> str:
-    """Return the SVG of a figure with numbers of shapes and values of curves as data attributes.
+    """Return the SVG ``content`` of a figure with what the interactive page reads of its curves.
 
-    ``labels`` are those that `number_shapes` returned for the figure.
+    The root has the attribute ``data-live``: JSON of all ``labels`` and of the axes with curves, as
+    `_panel_data` describes them. Each shape of a curve has the number of its label in ``data-of``.
+    ``labels`` are those that `number_shapes` returned for the figure. Without any, nothing is added.
     """
-    content = _METADATA.sub("", content, count=1)
+    content = _METADATA.sub("", content, count=1)  # matplotlib's version and the format
     if not labels:
         return content
     panels = [_panel_data(figure, ax, labels) for ax in _panels_with_curves(figure)]
@@ -141,23 +148,27 @@ def add_curve_data(content: str, figure: "Figure", labels: list[str]) -> str:
 
 
 def _panels_with_curves(figure: "Figure") -> "list[Axes]":
-    """Return the visible axes with curves over numbers."""
+    """Return the visible axes that have a curve, and whose two scales are linear or logarithmic.
+
+    The page cannot convert between pixels and values on any other scale.
+    """
     panels = []
     for ax in figure.axes:
-        has_known_scales = ax.get_xscale() in _SCALES and ax.get_yscale() in _SCALES
-        if ax.axison and has_known_scales and any(_curves(ax)):
+        has_readable_scales = ax.get_xscale() in _SCALES and ax.get_yscale() in _SCALES
+        if ax.axison and has_readable_scales and any(_curves(ax)):
             panels.append(ax)
     return panels
 
 
 def _curves(ax: "Axes") -> "Iterator[tuple[str, Line2D]]":
-    """Yield lines of several values with their labels.
+    """Yield the label and line of each curve: a line of three or more points that the legend has.
 
-    A line with error bars has the label of the container that holds line and bars.
+    A line with error bars has the label of the container that holds line and bars. A label that begins
+    with ``_`` is not in the legend.
     """
     lines: list[tuple[Any, Any]] = [(line, line) for line in ax.lines]
     for container in ax.containers:
-        if hasattr(container, "has_yerr"):
+        if hasattr(container, "has_yerr"):  # a container of error bars
             data_line, _, _ = container.lines  # type: ignore[attr-defined]
             if data_line is not None:
                 lines.append((container, data_line))
@@ -184,7 +195,12 @@ def _shapes(ax: "Axes") -> "Iterator[tuple[Artist, str]]":
 
 
 def _panel_data(figure: "Figure", ax: "Axes", labels: list[str]) -> dict[str, Any]:
-    """Describe an axes: its box in SVG points, its two axes, and its curves."""
+    """Describe an axes for the script of the page.
+
+    ``box`` has its left, top, right and bottom in SVG points. ``x`` and ``y`` are `_axis_data`, and
+    ``x.zero`` is the place of the tick "0" on a logarithmic axis. ``equal`` is True if a unit is equally
+    long on both axes. ``curves`` are `_curve_data`. ``labels`` are those of all curves of the figure.
+    """
     # The box is in shares of the figure, with y upwards; an SVG has y downwards.
     width, height = figure.get_size_inches() * _POINTS_PER_IN
     box = ax.get_position()
@@ -195,7 +211,7 @@ def _panel_data(figure: "Figure", ax: "Axes", labels: list[str]) -> dict[str, An
     panel: dict[str, Any] = {"box": [round(float(x), 2) for x in (left, top, right, bottom)]}
     panel["x"] = _axis_data(figure, ax, "x")
     panel["y"] = _axis_data(figure, ax, "y")
-    # A logarithmic axis may have a tick for zero, left of its least value.
+    # A logarithmic axis may have a tick for zero, left of its least positive value.
     if panel["x"]["log"]:
         tick_label = ax.xaxis.get_major_formatter()
         zeros = [tick for tick in ax.get_xticks() if tick_label(tick, None) == "0"]
@@ -207,7 +223,10 @@ def _panel_data(figure: "Figure", ax: "Axes", labels: list[str]) -> dict[str, An
 
 
 def _axis_data(figure: "Figure", ax: "Axes", name: str) -> dict[str, Any]:
-    """Describe the axis ``name``, x or y: its ends, its scale, and the group of axes that share it."""
+    """Describe the axis ``name``, x or y: its ends, its scale, and the group of axes that share it.
+
+    The page zooms the axes of a group together. A group has the name and the index of its first axes.
+    """
     if name == "x":
         axis: Any = ax.xaxis
         sharing = ax.get_shared_x_axes()
@@ -225,21 +244,22 @@ def _axis_data(figure: "Figure", ax: "Axes", name: str) -> dict[str, Any]:
 
 
 def _curve_data(ax: "Axes", labels: list[str]) -> Iterator[dict[str, Any]]:
-    """Yield the number, color and values of each curve of an axes; ``labels`` are those of all curves.
+    """Yield each curve of an axes: ``of``, ``color``, ``x``, ``y`` and, if known, ``stderr``.
 
-    The abscissas are left out if they are those of the curve before.
+    ``of`` is the index of its label in ``labels``, those of all curves of the figure. ``x`` is left out
+    if it is that of the curve before. A standard error that is not positive is None.
     """
     from matplotlib.colors import to_hex
 
     last_abscissas: list[float] = []
     for label, line in _curves(ax):
-        if line.get_rasterized():
+        if line.get_rasterized():  # a picture in the SVG, without a path
             continue
         x, y = (np.asarray(values, dtype=float) for values in line.get_data(orig=False))
         # Of a long line every second, third, ... point.
         period = ceil(len(x) / _MOST_POINTS)
-        places = np.arange(0, len(x), period)
-        stored = places[np.isfinite(x[places]) & np.isfinite(y[places])]
+        indices = np.arange(0, len(x), period)
+        stored = indices[np.isfinite(x[indices]) & np.isfinite(y[indices])]
         curve: dict[str, Any] = {"of": labels.index(label), "color": to_hex(line.get_color())}
         abscissas = _rounded(x[stored] - start_of_times(ax))
         if abscissas != last_abscissas:

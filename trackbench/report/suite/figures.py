@@ -47,7 +47,10 @@ class SuiteFigure:
 def draw_figures(
     folder: Path, groups: Sequence[SuiteScores], formats: Sequence[str]
 ) -> list[SuiteFigure]:
-    """Draw the figures of each group into ``folder/figures``; return them as SVG with captions."""
+    """Draw the figures of each group into ``folder/figures``; return them as SVG with captions.
+
+    ``formats`` are those of the files, of `style.forms`. A group without any filter has no figures.
+    """
     drawn = []
     for group in groups:
         if not group.of_role(FILTER):
@@ -61,31 +64,35 @@ def draw_figures(
             name = f"{group.group}-{kind}"
             with style.rc_context():
                 figure = draw(group)
-                contents = {"svg": style.content(figure, "svg")}
+                contents = {"svg": style.content(figure, "svg")}  # the page takes it in any case
                 for form in formats:
-                    if form not in contents and form != "tex":
+                    if form not in contents:
                         contents[form] = style.content(figure, form)
                 style.close(figure)
             for form in formats:
-                if form in contents:
-                    target = ensure_folder(folder / "figures") / f"{name}.{form}"
-                    write_bytes(target, contents[form])
+                target = ensure_folder(folder / "figures") / f"{name}.{form}"
+                write_bytes(target, contents[form])
             drawn.append(SuiteFigure(name=name, caption=caption, svg=contents["svg"]))
     return drawn
 
 
 def draw_profile(group: SuiteScores) -> Figure:
-    """Draw for each filter the share of problems on which it is within a factor of the best."""
+    """Draw the performance profile of each filter.
+
+    It is the share of problems on which the filter's error is at most a factor times that of the best
+    filter, over this factor.
+    """
     labels, _, ratios = ratio_matrix(group)
     # Up to just below `WORST`, which counts as not within any factor.
     factors = np.logspace(0.0, log10(0.999 * WORST), 200)
     shares = profile(ratios, factors)
     low, high = profile_bands(group, factors)
-    order = [labels.index(label) for label in ordered_labels(group)]
+    order = [labels.index(label) for label in ordered_labels(group)]  # the best first
     figure, ax = style.subplots(height_in=3.4)
     # The first filters and the user's own have a color; the user's own have a thick line, too.
     colored = order[:_SHOWN] + [i for i in order[_SHOWN:] if labels[i] in group.added]
-    # Gray lines are below. A later line has dashes, through which an equal line below it is seen.
+    # Gray lines are drawn first, below. A later line may have dashes, through which an equal line below
+    # it is seen.
     for i in [*(i for i in order if i not in colored), *colored]:
         if i in colored:
             look = style.line(colored.index(i))
@@ -132,7 +139,7 @@ def profile_caption(group: SuiteScores) -> str:
 
 
 def draw_cost(group: SuiteScores) -> Figure:
-    """Draw each filter's typical ratio over its CPU time in those of the fastest filter."""
+    """Draw each filter's typical ratio to the best over its CPU time, as a multiple of the fastest's."""
     typical = typical_ratios(group)
     costs = relative_costs(group)
     figure, ax = style.subplots(height_in=3.4)

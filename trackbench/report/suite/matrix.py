@@ -50,7 +50,7 @@ def ordered_problems(group: SuiteScores) -> list[str]:
     _, problems, ratios = ratio_matrix(group)
     names = list(dict.fromkeys(group.classes[problem] for problem in problems))
     logs = np.log(ratios)
-    # A row for each class, a column for each filter.
+    # Mean logarithms over the problems of each class: a row for each class, a column for each filter.
     means = np.array(
         [logs[:, [group.classes[p] == name for p in problems]].mean(axis=1) for name in names]
     )
@@ -88,10 +88,10 @@ def draw_matrix(group: SuiteScores) -> Figure:
 
     palette = colormaps[COLORS].copy()
     palette.set_bad(_NOT_RUN)
-    lowest = len(problems) + _GAP
+    lowest = len(problems) + _GAP  # place of the row of typical ratios, below a gap
     head_in = _HEAD_IN if len(labels) <= _WIDE_COLUMNS else _HEAD_IN + 0.15
     figure, ax = style.subplots(height_in=head_in + _CELL_IN * (lowest + 1))
-    right = len(labels) - 0.5
+    right = len(labels) - 0.5  # edge of the last column: the middle of a cell has its index
     for top, rows in ((0.0, logs[:-1]), (lowest, logs[-1:])):
         ax.imshow(
             np.ma.masked_invalid(rows),
@@ -132,7 +132,10 @@ def draw_matrix(group: SuiteScores) -> Figure:
 
 
 def _fit_cells(figure: Figure, ax: Axes, columns: int) -> None:
-    """Write texts that are wider than their cell in smaller letters."""
+    """Write texts that are wider than their cell in smaller letters.
+
+    ``columns`` is the number of columns.
+    """
     figure.draw_without_rendering()
     room = _SHARE_OF_CELL * ax.get_window_extent().width / columns
     for text in ax.texts:
@@ -145,7 +148,8 @@ def _fit_cells(figure: Figure, ax: Axes, columns: int) -> None:
 def cell_text(score: Score) -> str:
     """Write the ratio of a cell, ``1.20``, with a mark if runs collapse or the filter is overconfident.
 
-    A filter that lost all runs, or more than another, has a cross alone.
+    Runs with a covariance that is not positive definite have the mark of collapsed ones. A filter that
+    lost all runs, or significantly more than another, has a cross alone.
     """
     if score.failed or score.word == LOSES_MORE:
         return _LOSES
@@ -184,7 +188,8 @@ def _write_cell(
 ) -> None:
     """Write a cell's text in black or white, whichever can be read on its color.
 
-    ``log`` is the decimal logarithm of the ratio, which sets the color.
+    ``log`` is the decimal logarithm of the ratio, which sets the color. ``slant`` is matplotlib's font
+    style.
     """
     ink = "black"
     if log > 0.45 * log10(WORST):  # the dark end of the colors
@@ -202,7 +207,10 @@ def _write_cell(
 
 
 def _name_classes(ax: Axes, group: SuiteScores, problems: Sequence[str], right: float) -> None:
-    """Draw a line between classes, and their names on the right of the matrix."""
+    """Draw a line between classes of problems, and their names on the right of the matrix.
+
+    ``problems`` are the rows, those of a class below each other. ``right`` is the x of the right edge.
+    """
     start = 0  # the first row of the current class
     for row in range(1, len(problems) + 1):
         name = group.classes[problems[start]]
@@ -217,7 +225,7 @@ def _name_classes(ax: Axes, group: SuiteScores, problems: Sequence[str], right: 
 
 
 def _draw_legend(ax: Axes, group: SuiteScores, palette: Any) -> None:
-    """Explain the colors, and the marks that occur, below the matrix."""
+    """Explain the colors of the ``palette``, and the marks that occur, below the matrix."""
     from matplotlib.patches import Patch
 
     shades = ((1.0, "as good as the best filter"), (2.0, "2 times its error"), (5.0, "5 times"))

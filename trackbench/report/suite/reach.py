@@ -29,9 +29,10 @@ def reach_sentence(
     is_program: bool,
     models: Mapping[str, ProblemModel],
 ) -> str:
-    """Return what a filter takes, and how it may run on more problems; empty if it runs on most.
+    """Return which models a filter takes, and how it may run on more problems; empty if it runs on most.
 
-    ``models`` are those of all problems by name.
+    ``models`` are those of all problems by name. ``is_program`` says that the filter is a program in
+    another language, and not a Python class.
     """
     scores = []
     for group in groups:
@@ -67,7 +68,11 @@ def reach_sentence(
 def _neighbor_sentences(
     fitted: Sequence[ProblemModel], others: Sequence[ProblemModel]
 ) -> list[str]:
-    """Return sentences on the problems that have the state or the measurement of the fitted ones."""
+    """Return sentences on the state and measurement of the problems that a filter runs on.
+
+    ``fitted`` are the models of these problems, ``others`` those of the problems that it cannot run on.
+    The sentences say which others differ in the state alone, and which in the measurement alone.
+    """
     states = {model.state for model in fitted}
     measurements = {model.measurement for model in fitted}
     other_states = Counter(
@@ -104,7 +109,10 @@ def _have(number: int) -> str:
 
 
 def _most_frequent(names: Counter[str]) -> str:
-    """Return the most frequent names with the number of their problems: ``x y (7) and bearing (1)``."""
+    """Return the most frequent names with their numbers: ``x y (7), bearing (1) and 2 more``.
+
+    ``names`` has the number of problems of each name. At the end stands the number of further names.
+    """
     texts = [f"{name} ({number})" for name, number in names.most_common(_MOST_NAMED)]
     rest = len(names) - len(texts)
     if rest:

@@ -37,7 +37,7 @@ from trackbench.statistics.collapsed_runs import collapsed_runs, indefinite_runs
 from trackbench.statistics.comparison import Comparison, compare
 from trackbench.statistics.estimates import RunEstimate
 from trackbench.statistics.sample_statistics import mean
-from trackbench.statistics.significance_rules import ALIKE, UNTESTED, WORSE
+from trackbench.statistics.significance_rules import ALIKE, BETTER, UNTESTED, WORSE
 
 WORST = 10.0
 """Ratio to the best from which on a filter counts as useless for the problem."""
@@ -186,8 +186,8 @@ class SuiteScores:
 def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score], ProblemRuns]:
     """Return the scores of a problem's filters, reference and bound, and the errors of each run.
 
-    Filters are compared with the best filter, smoothers with the best smoother. A tuned copy has the
-    label of its filter, which is left out.
+    Filters are compared with the best filter, smoothers with the best smoother. The results of a tuned
+    filter also have its tuned copy. The copy takes the filter's label and place here.
 
     Parameters
     ----------
@@ -204,8 +204,8 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
     reference = results.config.get("reference") or ""
     reference_candidate = candidates.get(reference)
     smoothers = {f"{label}, smoothed" for label in results.config.get("smoothed", ())}
-    # A tuned copy has a label of its own in the results; it takes the place of its filter, whose label
-    # in the roster is found by the copy's.
+    # Label of the filter in the roster, by the label of its tuned copy in the results. The filters
+    # themselves are hidden.
     roster_labels = {shown_label(problem, label): label for label in problem.tuned}
     hidden = set(problem.tuned)
     shown = {label: candidate for label, candidate in candidates.items() if label not in hidden}
@@ -286,7 +286,10 @@ def left_out_scores(problem: FittedProblem, labels: Sequence[str]) -> list[Score
 
 
 def _blank_score(problem: FittedProblem, label: str, role: str) -> Score:
-    """Return the score of a filter on a problem, without any number yet."""
+    """Return the score of a filter on a problem, without any number yet.
+
+    ``role`` is `FILTER`, `SMOOTHER`, `REFERENCE` or `BOUND`.
+    """
     return Score(
         group=problem.group,
         problem=problem.name,
@@ -306,22 +309,25 @@ def _score_candidate(
 ) -> Score:
     """Return the score of a filter, compared with the best of its ranking.
 
-    ``role`` is `FILTER` or `SMOOTHER`. ``consistency_word`` is its score's ``consistency``.
+    ``candidate`` is the filter in the ``results`` of the problem. ``role`` is `FILTER` or `SMOOTHER`.
+    ``consistency_word`` says how its covariance is, such as ``overconfident``.
     """
     overall = candidate.overall
     runs = results.runs(candidate.point)
-    # Without a NEES the counts of collapsed and indefinite runs are zero.
+    # The NEES of each run (M,), a mean over its steps. Without any the counts of collapsed and
+    # indefinite runs are zero.
     nees = runs.get((candidate.label, "nees"), np.full(0, nan))
     # The nameless size is the number of components of the whole state.
     size = results.facts(candidate.point).sizes.get("", 1)
     anees = mean(nees[~np.isnan(nees)] / size)
+    # Runs whose covariance is not positive definite at some step. They do not count as collapsed.
     first_indefinite = first_indefinite_steps(results, candidate)
     is_indefinite = indefinite_runs(nees, first_indefinite)
     first_step = nan
     if is_indefinite.any() and first_indefinite is not None:
         first_step = float(np.nanmin(first_indefinite))
     definite_nees = nees[~is_indefinite]
-    reason = ""
+    reason = ""  # why there is no error
     if not isfinite(overall.value):
         if candidate.losses == len(candidate.lost):
             reason = "lost all runs"
@@ -353,10 +359,10 @@ def _score_candidate(
 
 def _ratio_to_best(ranking: Ranking, candidate: Candidate) -> Ratio:
     """Divide the error by that of the best filter; NaN if they cannot be compared."""
-    if not ranking.order:
+    if not ranking.order:  # no filter has an error that can be ranked
         return Ratio()
     best = ranking.order[0]
-    if candidate is best:
+    if _is_first(ranking, candidate):
         return Ratio(value=1.0, low=1.0, high=1.0)
     # The ranking does not compare filters that lose more runs.
     comparison = ranking.compared.get(candidate.name) or compare(candidate.sample, best.sample)
@@ -366,17 +372,33 @@ def _ratio_to_best(ranking: Ranking, candidate: Candidate) -> Ratio:
 
 
 def _word(ranking: Ranking, candidate: Candidate) -> str:
-    """Return how the filter compares with the best, by the rule for filters."""
+    """Return how the filter compares with the best, as the ranking decides it.
+
+    It is `LOSES_MORE`, `BEST`, `UNTESTED`, `WORSE` or `BETTER` (significantly), or `ALIKE` (no
+    significant difference). A filter can be better than the first of the ranking on the runs that
+    neither of them loses.
+    """
     if candidate in ranking.losing:
         return LOSES_MORE
-    if ranking.order and candidate is ranking.order[0]:
+    if _is_first(ranking, candidate):
         return BEST
     comparison = ranking.compared.get(candidate.name)
     if comparison is None or not (comparison.is_tested or comparison.is_equal):
         return UNTESTED
-    if comparison.sign:
+    # The errors of a suite are better if they are lower.
+    if comparison.sign > 0:
         return WORSE
+    if comparison.sign < 0:
+        return BETTER
     return ALIKE
+
+
+def _is_first(ranking: Ranking, candidate: Candidate) -> bool:
+    """Test whether a filter is the first of its ranking.
+
+    The ranking of a recording may have a copy of the candidate, over the steps that all filters have.
+    """
+    return bool(ranking.order) and ranking.order[0].name == candidate.name
 
 
 def _ratio_to_reference(
@@ -397,7 +419,10 @@ def _ratio_to_reference(
 
 
 def _bound(results: Results, metric: str) -> RunEstimate | None:
-    """Return the stored lower bound of the rms of ``metric``, an error; None without a bound."""
+    """Return the stored lower bound of the rms of ``metric``, an error; None without a bound.
+
+    It is the first row of the bound in summary.csv.
+    """
     label = results.config.get("bound")
     if not label:
         return None
@@ -444,14 +469,17 @@ def write_scores(folder: Path, groups: Sequence[SuiteScores]) -> None:
 
 
 def _cell(number: float) -> float | str:
-    """Round a number to seven digits, as in summary.csv; empty for NaN."""
+    """Round a number to seven digits, as in summary.csv; an empty text for NaN."""
     if np.isnan(number):
         return ""
     return float(f"{number:.7g}")
 
 
 def ratio_matrix(group: SuiteScores, role: str = FILTER) -> tuple[list[str], list[str], Array]:
-    """Return labels, problems, and the ratios to the best (labels, problems), limited to `WORST`."""
+    """Return labels, problems, and the ratios to the best (labels, problems), limited to `WORST`.
+
+    ``role`` is `FILTER` or `SMOOTHER`. Without a score the ratio is `WORST`.
+    """
     labels = group.labels(role)
     problems = [p for p in group.problems if any(s.problem == p for s in group.of_role(role))]
     ratios = np.full((len(labels), len(problems)), WORST)
@@ -545,15 +573,15 @@ def leader_of(group: SuiteScores) -> Leader | None:
         return None
     labels = [*typical]
     first = min(typical, key=lambda label: typical[label])
-    # With other runs: the logarithm of each filter's typical ratio, (resamplings, labels), and in which
-    # share of the resamplings it is first.
+    # With other runs: the logarithm of each filter's typical ratio, (resamplings, labels), its mean over
+    # the problems, and in which share of the resamplings it is first.
     logs = np.log(group.resampled).mean(axis=2)
     low, high = np.exp(np.quantile(logs[:, labels.index(first)], [0.025, 0.975]))
     is_first = logs <= logs.min(axis=1, keepdims=True)
     shares = dict(zip(labels, is_first.mean(axis=0).tolist(), strict=True))
     others = sorted((label for label in labels if label != first), key=lambda label: -shares[label])
     rivals = tuple(label for label in others[:3] if shares[label] > 0.0)
-    # Without each class of problems, if there are several.
+    # Without each class of problems, if there are several: another filter that is first then.
     classes = list(dict.fromkeys(group.classes.values()))
     without = {}
     if len(classes) > 1:
@@ -620,7 +648,7 @@ def _resample_problem(
     ``ratios`` (labels,) are those over all runs. A filter with the ratio `WORST` keeps it, and all do if
     there are fewer than two runs or the drawn runs have no best error.
     """
-    statistic = _STATISTICS[runs.statistic]
+    statistic = _STATISTICS[runs.statistic]  # mean or rms
     M = max((len(values) for values in runs.values.values()), default=0)
     if M < 2:
         return ratios
@@ -682,9 +710,10 @@ class Likeness:
 
 
 def nearest_filter(group: SuiteScores, label: str) -> Likeness | None:
-    """Find the filter of the roster whose errors, run by run, are nearest to those of ``label``.
+    """Find the other filter of the group whose errors, run by run, are nearest to those of ``label``.
 
-    None if no other filter has errors on a problem that both ran on.
+    It is returned with the largest relative difference of a run's error on each problem. None if no
+    other filter has errors on a problem that both ran on.
     """
     likenesses = []
     for other in group.labels(FILTER):
@@ -701,10 +730,11 @@ def nearest_filter(group: SuiteScores, label: str) -> Likeness | None:
             likenesses.append(Likeness(label=other, differences=differences))
     if not likenesses:
         return None
-    # The one that is the same on the most problems; of several the one with the least difference.
+    # The one with the same errors on the most problems; of several the one that is typically nearest.
     nearest = min(
         likenesses, key=lambda likeness: (-len(likeness.same), likeness.typical_difference)
     )
+    # Further filters with the same errors, on all their problems and as many as the nearest.
     also = [
         likeness.label
         for likeness in likenesses
@@ -716,7 +746,7 @@ def nearest_filter(group: SuiteScores, label: str) -> Likeness | None:
 
 
 def _largest_difference(mine: Array, theirs: Array) -> float:
-    """Return the largest relative difference of two filters' errors (M,).
+    """Return the largest relative difference of two filters' errors (M,) in a run.
 
     Runs that both lost agree. The difference is infinite if only one of the filters lost a run.
     """

@@ -34,7 +34,7 @@ _FEW_RUNS = 20
 
 
 def filter_sentences(group: SuiteScores, label: str) -> list[str]:
-    """Return sentences on one filter: where it ran, where it is best or fails, and its likeness."""
+    """Return sentences on one filter: where it ran, where it is best or fails, and what it resembles."""
     scores = [score for score in group.of_role(FILTER) if score.label == label]
     run = [score for score in scores if not score.is_left_out]
     # Problems that are not computed are those on which no filter of the user runs.
@@ -71,7 +71,8 @@ def filter_sentences(group: SuiteScores, label: str) -> list[str]:
 def _first_sentences(group: SuiteScores, scores: Sequence[Score]) -> list[str]:
     """Return sentences on the problems where a filter has the smallest error, by its ``scores``.
 
-    Those where it is significantly smaller than that of every other filter have a sentence of their own.
+    Problems where it is significantly smaller than that of every other filter have a sentence of their
+    own.
     """
     significant = []
     not_significant = []
@@ -86,7 +87,7 @@ def _first_sentences(group: SuiteScores, scores: Sequence[Score]) -> list[str]:
         compared = [other for other in others if not other.is_left_out]
         if not compared:
             continue
-        # The words compare with the best filter, which this one is, or which it equals.
+        # Words of other filters compare with the best one, which this filter is, or which it equals.
         if all(not other.has_error or other.word in (WORSE, LOSES_MORE) for other in compared):
             significant.append(score.problem)
         else:
@@ -140,16 +141,21 @@ def _on_problems(chosen: Sequence[str], problems: Sequence[str]) -> str:
     return f"on {joined(chosen)}"
 
 
-def _typical_ratio_sentence(group: SuiteScores, label: str, run: int, number: int) -> str:
-    """Return the typical ratio of a filter that ran on ``run`` of ``number`` computed problems."""
+def _typical_ratio_sentence(
+    group: SuiteScores, label: str, problems_run: int, problems: int
+) -> str:
+    """Return a sentence on the geometric mean of a filter's ratios to the best filter.
+
+    The filter ran on ``problems_run`` of the ``problems`` that were computed.
+    """
     typical = typical_ratios(group)[label]
-    if run == number:
+    if problems_run == problems:
         return (
             f"Its typical ratio to the best filter is {typical:.2f}; a failure counts as {WORST:g}."
         )
     return (
         f"Its typical ratio to the best filter is {typical_ratio_where_run(group, label):.2f} where it "
-        f"ran, and {typical:.2f} over all {number} problems here, of which one that it cannot run on "
+        f"ran, and {typical:.2f} over all {problems} problems here, of which one that it cannot run on "
         f"counts as {WORST:g}, as a failure does."
     )
 
@@ -166,7 +172,7 @@ def _likeness_sentence(likeness: Likeness) -> str:
             f"It is the {name}: the errors of every run agree to 1e-6 on all problems "
             f"that both ran on ({number})."
         )
-    # Step 2: equal on some problems. A difference is infinite if only one of the two lost a run.
+    # Step 2: equal on some problems. A difference is infinite if only one of the two lost some run.
     largest = max(likeness.differences.values())
     apart = f"by up to {100.0 * largest:.2g} %" if isfinite(largest) else "in which runs are lost"
     if likeness.same:
@@ -189,7 +195,10 @@ def _likeness_sentence(likeness: Likeness) -> str:
 
 
 def leader_sentence(group: SuiteScores) -> str:
-    """Return the sentence on the filter that is first over the problems, and on what that depends."""
+    """Return the sentence on the filter that is first over the problems, and on what that depends.
+
+    It is empty with fewer than two filters.
+    """
     if len(group.labels(FILTER)) < 2:
         return ""
     leader = leader_of(group)

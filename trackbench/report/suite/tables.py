@@ -110,7 +110,10 @@ def is_open(score: Score) -> bool:
 
 
 def _open_words(scores: Sequence[Score]) -> str:
-    """Return ``undecided (8 runs)``; ``undecided (N runs)`` if open scores differ in their runs."""
+    """Return ``undecided (8 runs)``; ``undecided (N runs)`` if the open scores differ in their runs.
+
+    A score is open if its runs do not decide about a filter that is not near the best.
+    """
     numbers = {score.runs for score in scores if score.has_error and is_open(score)}
     if len(numbers) == 1:
         return f"undecided ({counted(numbers.pop(), 'run')})"
@@ -189,7 +192,10 @@ def filter_table(groups: Sequence[SuiteScores], label: str) -> TextTable:
 
 
 def _collapsed_note(scores: Sequence[Score]) -> str:
-    """Return what a collapsed run is, and of which problems the covariance has no spread at all."""
+    """Return what a collapsed run is, and on which problems the covariance has no spread at all.
+
+    ``scores`` are those of one filter.
+    """
     without_spread = [
         f"{score.problem} in {score.without_spread} of {counted(score.runs, 'run')}"
         for score in scores
@@ -204,7 +210,7 @@ def _collapsed_note(scores: Sequence[Score]) -> str:
 
 
 def indefinite_text(score: Score) -> str:
-    """Return on which problem and from which step on a covariance is not positive definite."""
+    """Return where a covariance is not positive definite: ``on x in 4 of 8 runs, first at step 63``."""
     words = indefinite_in_words(
         score.indefinite,
         runs=score.runs,
@@ -215,7 +221,7 @@ def indefinite_text(score: Score) -> str:
 
 
 def _score_row(score: Score) -> list[Text]:
-    """Write the cells of one score."""
+    """Write the cells of one score: problem, error, ratio to the best, lost runs, ANEES, consistency."""
     ratio = score.ratio_to_best
     if score.has_error:
         number = rounded(score.error, score.stderr, 4)
