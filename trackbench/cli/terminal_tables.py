@@ -79,8 +79,9 @@ def _print_table(table: TextTable, console: Console) -> None:
         for i in columns:
             justify: JustifyMethod = "right" if _is_numeric(table, i) else "left"
             head = table.heads[i]
+            # A heading that is a path of keys, and too long, is broken at its points.
             if _longest(head.split()) > widths[i]:
-                head = head.replace(".", ".\n")  # a path of keys
+                head = head.replace(".", ".\n")
             grid.add_column(Styled(head), justify=justify, max_width=widths[i], overflow="fold")
         for row in table.rows:
             grid.add_row(*(_styled_cell(row[i]) for i in columns))

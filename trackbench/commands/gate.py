@@ -399,7 +399,7 @@ def _compare_costs(stored: Results, new: Results, largest_ratio: float) -> list[
             stored_cost = _cost(stored_costs[key][kind])
             new_cost = _cost(new_costs[key][kind])
             if not stored_cost > 0.0 or isnan(new_cost):
-                continue
+                continue  # not measured, or a ratio to 0
             is_equal = stored_cost == new_cost
             word = EQUAL if is_equal else ALIKE
             if new_cost > largest_ratio * stored_cost:

@@ -327,10 +327,11 @@ class _LeftOut(NamedTuple):
 
 
 def _misfits(suite: Suite) -> list[_LeftOut]:
-    """List each filter that is left out of a problem, with the reason; the user's filters come first.
+    """List each filter that is left out of a problem, with the reason; added filters come first.
 
     The scenario of the problem does not fit the filter, or the filter is a program that refuses it.
-    Problems that are not computed are listed for the user's filters only.
+    Filters are added by `--filter`, the others are those of the suite's roster. Problems that are not
+    computed, because no added filter fits them, are listed for added filters only.
     """
     misfits_of_added = []
     misfits_of_roster = []
@@ -348,13 +349,13 @@ def _misfits(suite: Suite) -> list[_LeftOut]:
 def _left_out_lines(suite: Suite) -> list[str]:
     """Return lines on filters that are left out of problems, one for each filter and reason.
 
-    Lines come first on how many problems the user's filters run on, and how many are not computed.
+    Lines come first on how many problems added filters run on, and how many problems are not computed.
     """
     return [*_own_filter_lines(suite), *_reason_lines(_misfits(suite))]
 
 
 def _own_filter_lines(suite: Suite) -> Iterator[str]:
-    """Yield lines on how many problems each of the user's filters runs on, unless on all.
+    """Yield a line for each filter of `--filter` that runs on some problems only, with their number.
 
     A last line has the number of problems that are not computed, if any.
     """
