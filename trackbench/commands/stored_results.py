@@ -220,7 +220,7 @@ class Report:
 
 @with_known_keywords()
 def load(folder: Path | str) -> Report:
-    """Read the results of an earlier run; raises UserError for a folder without results."""
+    """Read the results of an earlier run."""
     results = open_results(Path(folder))
     failed = [f"{row['filter']} failed: {row['reason']}" for row in results.failed]
     return Report(results=results, failed_filters=failed)
