@@ -59,7 +59,8 @@ def measure_times(
     # Step 2: stored times.
     file = _times_file(unique_tasks)
     if not fresh:
-        with suppress(OSError, ValueError, TypeError):
+        # A damaged file may lack times of some tasks.
+        with suppress(OSError, ValueError, TypeError, IndexError):
             stored_times = _read_times(file)
             measured = {key: stored_times[unique_tasks.index(task)] for key, task in tasks.items()}
             return Times(measured=measured, failed={})
