@@ -115,7 +115,7 @@ class Measured(FromFiles, RecordingKeys, Target):
         # Time between the scans of the start: one number, or one for each run.
         apart: Array | float | None = None
         if start.scans >= 2:
-            apart = self._recording.apart
+            apart = self._recording.scan_interval
             if np.ptp(apart) <= TICK:
                 apart = float(apart[0])
             elif issubclass(start.prior_type(sensor), TwoPoint):

@@ -14,7 +14,7 @@ from trackbench.scenarios.recordings.column_mapping import Naming
 from trackbench.scenarios.recordings.data_files import FromFiles
 from trackbench.scenarios.recordings.read_rows import read_rows
 from trackbench.scenarios.recordings.row_order import in_order
-from trackbench.scenarios.recordings.rows import Gathered, chosen_runs
+from trackbench.scenarios.recordings.rows import ReadingContext, chosen_runs
 from trackbench.scenarios.targets.base import Flown, Timeline
 
 
@@ -149,7 +149,7 @@ class RecordedPath(FromFiles, Naming, Flown):
         chosen: tuple[str, ...] = ()
         if self.run is not None:
             chosen = (str(self.run),)
-        gathered = Gathered(
+        context = ReadingContext(
             self,
             origin=self.origin or None,
             origin_key=("origin",),
@@ -157,17 +157,17 @@ class RecordedPath(FromFiles, Naming, Flown):
             chosen=chosen,
         )
         quantities = (*_POSITIONS, *_VELOCITIES)
-        rows = read_rows(gathered, [self.file], [quantities], least=2)
-        gathered.check_idle_keys()
-        gathered.check_origin(self.origin, "origin")
-        gathered.note_distances()
+        rows = read_rows(context, [self.file], [quantities], least=2)
+        context.check_idle_keys()
+        context.check_origin(self.origin, "origin")
+        context.note_distances()
         # One table for each sensor, and here the only one; its runs are checked below.
-        (path,) = chosen_runs(gathered, rows, chosen, ("run",))
-        path = in_order(gathered, path)
-        if gathered.stepped:  # the file has numbers of steps in place of times
+        (path,) = chosen_runs(context, rows, chosen, ("run",))
+        path = in_order(context, path)
+        if context.counts_steps:  # the file has numbers of steps in place of times
             raise self._mistake("a path needs a column time")
-        if len(gathered.runs) > 1:
-            raise self._mistake(f"has {len(gathered.runs)} runs: name one by `run`")
+        if len(context.runs) > 1:
+            raise self._mistake(f"has {len(context.runs)} runs: name one by `run`")
         # Step 2: check the columns: x and y, perhaps z, and velocities along all axes or none.
         finite = np.isfinite(path.values)
         has_column = [bool(column.any()) for column in finite]
@@ -184,8 +184,8 @@ class RecordedPath(FromFiles, Naming, Flown):
             raise self._mistake("a path needs two rows, at two times")
         left_out = len(path.time) - len(whole)
         if left_out:
-            gathered.notices.append(f"{left_out} rows with an empty cell were left out")
-        object.__setattr__(self, "_notices", tuple(gathered.notices))
+            context.notices.append(f"{left_out} rows with an empty cell were left out")
+        object.__setattr__(self, "_notices", tuple(context.notices))
         return path.time[whole], path.values[:, whole]
 
     def _mistake(self, message: str) -> DataError:
