@@ -289,6 +289,8 @@ def _summary_rows(
     for row in results.columns("summary", point).records():
         m = measured(row["metric"])
         label = row["filter"]
+        # Bounds and exact errors are no filters. A metric with several statistics is compared by one; a
+        # row without a statistic, such as anees, is compared as it is.
         if label not in results.filters or not (m.is_row or m.statistic == statistics(m.metric)):
             continue
         # A mean has the name of its metric, as in `with_statistic`: `rmse`, but `rms(rmse)`.
@@ -348,7 +350,8 @@ def rows_of(
         numbers_a = (*number_a.estimate, number_a.runs)
         numbers_b = (*number_b.estimate, number_b.runs)
         is_equal = np.array_equal(numbers_a, numbers_b, equal_nan=True)
-    # Step 2: compare numbers that differ.
+    # Step 2: compare numbers that differ. The first number of a comparison, its a, is that of the second
+    # folder, here ``b``.
     if is_equal:
         how = EQUAL
         runs = min(number_a.runs, number_b.runs)
@@ -581,7 +584,7 @@ def draw(rows: Sequence[Row], names: tuple[str, str]) -> "Figure":
     with style.rc_context():
         # The height of a panel grows with its rows, inches.
         figure, axes = style.panel_grid(len(metrics), 0.9 + 0.22 * most, 0.5)
-        for ax, metric in zip(axes, metrics, strict=False):
+        for ax, metric in zip(axes, metrics, strict=False):  # blank axes may fill the last row
             panel_rows = [row for row in drawn if row.metric == metric]
             for i, row in enumerate(panel_rows):
                 value, stderr = row.difference.estimate

@@ -138,6 +138,7 @@ class TextTable:
 
         sign = "-" if longest("sign") else ""
         room = f"{sign}{longest('whole')}.{longest('places')}"
+        # Digits of an error count from its first that is not zero: two of 0.0080.
         error_digits = max(len((n["error"] or "").replace(".", "").lstrip("0")) for n in numbers)
         if error_digits:
             room += f"({error_digits})"
@@ -537,6 +538,7 @@ def rounded(value: float, stderr: float, digits: int) -> str:
         return f"{value:.{_exact_places(digits)}e}"
     if needs_exponent:
         return f"{value:.{_places(value, stderr, digits)}e} ± {stderr:.1e}"
+    # The format's z writes no minus before a zero.
     if not has_error:
         return f"{value:z.{decimals}f}"
     return f"{value:z.{decimals}f} ± {stderr:.{decimals}f}"

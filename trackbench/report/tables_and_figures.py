@@ -174,7 +174,7 @@ class Results(ResultsFolder):
         for name in self.config.get(group) or {}:
             if name not in unavailable:
                 part = build_kind(group, source, (group, name))
-                if "{" in getattr(part, "title", ""):
+                if "{" in getattr(part, "title", ""):  # such as {runs}
                     part = replace(part, title=self.fill_title(part.title))
                 built[name] = part
         source.check()
@@ -391,6 +391,7 @@ class Results(ResultsFolder):
     def _component_units(self) -> dict[str, str]:
         """Unit of each component of the truth's state by name; empty if none is known."""
         facts = self.facts(self.points()[0])
+        # `component` returns a name without its unit, and the unit.
         return {name: facts.component(c)[1] for c, name in enumerate(facts.components)}
 
     def _unit_of_component(self, path: str) -> str:
@@ -419,4 +420,5 @@ class Results(ResultsFolder):
             inner_keys = keys[1:]
         if not inner_keys:  # the path is that of a whole filter or scenario
             return ""
+        # A component of a group has its class by its `kind`, so that no ``cls`` is passed.
         return unit_of_setting(settings, group=group, cls=None, keys=inner_keys)

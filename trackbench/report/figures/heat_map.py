@@ -81,6 +81,7 @@ class HeatMap(FigureKind):
         shown = []
         for _, pairs in results.pairs:  # by point of the grid
             for pair in pairs:
+                # `name` is the metric in the brackets of a statistic: rmse of mean(rmse).
                 is_of_metric = measured(pair.metric).metric == self.metric.name
                 if is_of_metric and pair.filter_a in labels and pair.filter_b in labels:
                     shown.append(pair)
@@ -152,7 +153,7 @@ class HeatMap(FigureKind):
             values_by_title[title] = np.array([[cell.value for cell in row] for row in rows])
         norm = self._color_scale(list(values_by_title.values()))
         drawn = dict(list(fields.items())[: style.MOST_PANELS])
-        height = 1.2 + 0.36 * len(row_names)
+        height = 1.2 + 0.36 * len(row_names)  # of a panel, inches
         figure, axes = style.make_panels(len(drawn), 1, height, sharey=True)
         across = min(len(drawn), sheet().across)
         # The labels of the rows and the color bar take 2 inches.
@@ -204,6 +205,7 @@ class HeatMap(FigureKind):
         figure, ax = style.subplots(height_in=2.0 + 0.32 * len(labels))
         image = ax.imshow(z, aspect="auto", cmap="RdBu_r", vmin=-10, vmax=10)
         names = [style.wrap_label(label) for label in labels]
+        # As if there were room for the labels, which then have a slope.
         _set_ticks(ax, names, names, np.inf)
         ax.tick_params(axis="x", rotation=45)
         for tick in ax.get_xticklabels():

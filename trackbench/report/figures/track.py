@@ -94,7 +94,7 @@ class Track(FigureKind):
 
     def _rows_of(self, scenario: Scenario) -> tuple[int, int] | None:
         """Return the rows that are drawn of a scenario's state; None if it has no position."""
-        score = getattr(scenario, "score", None)
+        score = getattr(scenario, "score", None)  # a scenario of a plugin may have none
         return self._rows(scenario.components, score.errors if score is not None else {})
 
     @property

@@ -66,6 +66,7 @@ def axis_of(metric: Measure) -> str:
     quantity = metric.quantity
     if metric.relation or metric.is_many:
         return str(metric)
+    # With ``steps`` but without a ``step`` it is the last one: a range of steps, `is_many`, is above.
     where = ""
     if metric.step is not None:
         where = f" at step {metric.step}"
@@ -177,7 +178,7 @@ def listed(names: Sequence[str]) -> str:
 
 
 def joined(names: Iterable[str]) -> str:
-    """Return ``A, B and C``."""
+    """Return ``A, B and C``; there must be a name."""
     *first, last = names
     if not first:
         return last

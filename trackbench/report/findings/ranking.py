@@ -145,11 +145,13 @@ class Ranking(NamedTuple):
     losing: list[Candidate]
     """filters that lose more runs than another does"""
     reference: Candidate | None
+    """filter that is compared with the best, but has no rank; None if there is none"""
     order: list[Candidate]
     """every filter that has a mean and is not among those losing more runs, the best mean first"""
     chosen: bool
     """whether a filter is there with the best of several values that the grid gives it"""
     runs: int
+    """largest number of runs of a ranked filter, lost ones included"""
     compared: Mapping[str, Comparison] = MappingProxyType({})
     """by name, each filter with the first of the order, decided or not; the reference, too"""
     conflict: Conflict | None = None

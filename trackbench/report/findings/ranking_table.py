@@ -72,7 +72,10 @@ def ranking_tables(results: Results, numbers: bool = False) -> list[TextTable]:
 
 
 def _ranking_table(results: Results, ranking: Ranking, of_settings: bool) -> TextTable:
-    """Tabulate one ranking: of filters, or of one filter's settings if ``of_settings``."""
+    """Tabulate one ranking: of filters, or of one filter's settings if ``of_settings``.
+
+    The ranking has a candidate at least, in its order or among those that lose more runs.
+    """
     candidates = [*ranking.order, *ranking.losing]
     if of_settings:
         candidates = candidates[:_MOST_SETTINGS]

@@ -113,7 +113,7 @@ def _facts(results: Results) -> list[tuple[str, object]]:
     if results.citation:
         facts.append(("Cite as", results.citation))
     scenario = config["scenario"]["kind"]
-    if scenario != "tracking":
+    if scenario != "tracking":  # the kind of a plugin; `tracking` is the package's only one
         facts.append(("Scenario", scenario))
     cpu_s = results.manifest.get("cpu_s", float("nan"))
     facts += [

@@ -52,6 +52,7 @@ class TuningTable(TableKind):
     def table(self, results: Results) -> Table:
         """Compare each tuned filter with the one as configured, on the runs of the results."""
         tuning = results.config["tuning"]
+        # An experiment with a grid is not tuned: the only point is the empty one.
         runs = results.runs({})
         objective = Objective.of(tuning["metric"], results.facts({}).sizes)
         title = f"Tuned by {words_of(tuning['metric'])}, {_training_runs(results)}"

@@ -54,7 +54,8 @@ def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
     if not tests:
         return _unjudged(claim, f"nothing is known of {claim.left}'s {claim.expression}")
     # Step 2: z in favor of the claim by its weakest test: over all runs, without each batch of runs
-    # (``parts``), and with few runs changed (``stressed``). A test without a z is the weakest.
+    # (``parts``), and with few runs changed (``stressed``). A test without a z is the weakest. If there
+    # are several steps, `verdict_rules.weakest` corrects a negative z for the number of tests.
     zs = [test.z for test in tests]
     strengths = [-inf if isnan(z) else z for z in zs]
     weakest = tests[strengths.index(min(strengths))]

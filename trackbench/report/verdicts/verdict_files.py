@@ -279,7 +279,7 @@ def _add_meanings(table: TextTable, verdicts: Sequence[Verdict]) -> None:
     """Add a note with the meaning of each word that occurs in a table of ``verdicts``."""
     words = {verdict.word for verdict in verdicts}
     meanings = {word: meaning for word, meaning in MEANINGS.items() if word in words}
-    if words & {"differs", "holds", "fails"}:
+    if words & {"differs", "holds", "fails"}:  # their meanings have the word "significant"
         meanings["significant"] = HOW_DECIDED
     if any(verdict.fragile for verdict in verdicts):
         meaning = "another seed, one run fewer or three far ones more could change the verdict"
