@@ -225,6 +225,8 @@ def _compared_scenario(results: Results, point: GridPoint) -> dict[str, Any]:
 def _agree(a: Any, b: Any, folder_a: Path, folder_b: Path) -> bool:
     """Test whether two scenarios, or values in them, agree in all common keys, at all depths.
 
+    Scenarios are stored with all defaults: of two of one kind only another version lacks a key.
+
     Two different texts agree if they are paths of files, from ``folder_a`` and ``folder_b``, with the
     same content.
     """
@@ -269,7 +271,8 @@ def _numbers(
         if metric == "lost":
             values = (values != 0.0) * 1.0
         first_values = values[:runs]
-        # Normalized squares are compared per component: `nees` is replaced with `anees`.
+        # Normalized squares are compared per component: `nees` is replaced with `anees`. Of any other
+        # metric `per_component` yields nothing.
         values_by_name = {}
         for name, components in per_component(measured(metric), sizes):
             values_by_name[name] = first_values / components

@@ -44,7 +44,7 @@ def cost_conflicts(
         conflicts["metric"] = f"'{metric}' is no RMSE, distance or efficiency"
     for naming_key, label in varied.items():
         number = len(own_sizes(points, label, key))
-        # A label that is none of a filter has a message of its own, by `check_named_filters`.
+        # A label that no filter has gets a message of its own, by `check_named_filters`.
         if label in points[0].filters and number < 2:
             values = "one value" if number else "no value"
             conflicts[naming_key] = f"{key} of {label} takes {values} over the grid; two are needed"

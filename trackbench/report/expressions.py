@@ -123,6 +123,7 @@ class Evaluator:
         quantity = m.quantity
         is_chi_square = definition.name in ("nees", "anees", "nis", "anis")
         is_mean = not (m.relation or m.steps or m.statistic == "median")
+        # NEES, NIS or ANIS of each run (M,), of which the measure is the mean.
         values = self.runs.get((m.filter, in_window(m.base, m.window)))
         if not is_chi_square or not is_mean or values is None:
             return ""

@@ -50,7 +50,8 @@ def draw_figure(spec: FigureKind, results: Results, formats: Sequence[str]) -> F
             figure = as_figure(spec.with_best(results).draw(results))
             contents = []
             if not is_crowded(figure):
-                # The SVG first, as git has it: after a PNG matplotlib simplifies other lines.
+                # The SVG comes first, as in the results in git: after a PNG matplotlib simplifies other
+                # lines.
                 for form in sorted(formats, key=lambda form: form != "svg"):
                     contents.append((form, style.content(figure, form)))
         style.close(figure)
@@ -68,7 +69,8 @@ def drawing_pool(
     """Begin to draw an experiment's figures in other processes; yield a function that returns them.
 
     The function returns one figure's files, by its name and the figure. It draws in this process the
-    figures of plugins, and those of a process that was killed. ``processes`` is the number of processes;
+    figures of plugins, whose code no other process has loaded, and those of a process that was killed.
+    ``formats`` are some of `style.FORMATS`. ``processes`` is the number of processes;
     1 draws all figures in this one. Unless ``fresh``, figures in the cache are not drawn again.
     """
     # Step 1: figures that are in the cache, and those that other processes draw.

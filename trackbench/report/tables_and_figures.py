@@ -352,6 +352,7 @@ class Results(ResultsFolder):
         """
         looks = {label: self.line_style(label) for label in labels}
         for label, reference_look in ((baseline, style.BASELINE), (floor, style.FLOOR)):
+            # One that is black or gray in all figures keeps its own dash.
             if label in looks and looks[label]["color"] != reference_look["color"]:
                 looks[label] = reference_look
         return style.distinct_looks(looks)

@@ -141,7 +141,7 @@ class EstimatesOfOneRun(OverTime):
             for ax in estimate_axes:
                 ax.plot(k, truth, label="Truth", marker="o", markersize=2.5, **style.TRUTH)
         for ax in error_axes:
-            ax.set_yscale("linear")
+            ax.set_yscale("linear")  # also with the key `log`, as errors may be negative
             ax.axhline(0.0, **style.TRUTH | {"linewidth": 0.8})
         # Step 2: lines of the filters. Without a truth they begin behind a prior that is given: it is no
         # estimate, and may be far from all that follows.

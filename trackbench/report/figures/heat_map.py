@@ -210,6 +210,7 @@ class HeatMap(FigureKind):
         ax.tick_params(axis="x", rotation=45)
         for tick in ax.get_xticklabels():
             tick.set_ha("right")
+        # The names of the rows and the color bar take 2.5 inches.
         cell_in = (sheet().width_in - 2.5) / len(labels)
         texts = [[_z_text(value) for value in row] for row in z]
         if has_room(texts, cell_in):

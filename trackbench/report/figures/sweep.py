@@ -359,7 +359,7 @@ class SweepFigure(FigureKind):
             return ""
         section = _Section(results, self.paths)
         x_path, level_path = self._axes(section)
-        names = [y_label.partition(" (")[0] for y_label in metrics]
+        names = [y_label.partition(" (")[0] for y_label in metrics]  # without units
         words = f"{joined(names)} over {phrases.quantity(x_path)[0]}"
         if level_path is not None and self._has_panels(section):
             words += f", a panel for each value of {phrases.quantity(level_path)[0]}"

@@ -196,7 +196,7 @@ class Track(FigureKind):
         landmarks: dict[str, Array] = {}
         all_sensors = [name for name in tracks if name.startswith("sensor/")]
         if self.measurements and is_position:
-            if "seen" in tracks:  # measured positions
+            if "seen" in tracks:  # measured positions, of which a height is left out
                 measured = tracks["seen"][:2, :, 0]
             first_run = [truth, measured, *(estimate[..., 0] for estimate in estimates.values())]
             for name in all_sensors:
@@ -257,7 +257,7 @@ class Track(FigureKind):
                 rasterized=True,
                 zorder=0,
             )
-        if label in scene.estimates:
+        if label in scene.estimates:  # the filter did not fail
             color = results.line_styles(self.filters)[label]["color"]
             _draw_runs(ax, scene.estimates[label] / meters_per_unit, label, color)
         if not self.filters:

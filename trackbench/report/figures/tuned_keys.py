@@ -54,6 +54,7 @@ class TuningFigure(FigureKind):
         """Return a panel per key that was tuned; no panel if the filter was not tuned."""
         record = results.tuning.get(self.filter)
         axes = () if record is None else record.axes
+        # Rows of 2.4 inches, and 0.5 inches for titles. Blank panels may fill the last row.
         figure, panels = style.panel_grid(len(axes), 2.4, 0.5)
         for ax, axis in zip(panels, axes, strict=False):
             _draw_panel(ax, results.tuning[self.filter], axis)

@@ -293,7 +293,10 @@ def axis(path: str, units: Mapping[str, str] = MappingProxyType({})) -> str:
 
 
 def quantity(path: str) -> tuple[str, str]:
-    """Return a grid's path as words, and the unit that its name ends in."""
+    """Return a grid's path as words, and the unit that its name ends in; empty if in none.
+
+    They are ``sigma azimuth`` and ``mrad`` of ``scenario.sensor.sigma_azimuth_mrad``.
+    """
     # The last word of the path, of the first of several that vary together.
     key, unit = without_unit(single_paths(path)[0].rpartition(".")[2])
     return key.replace("_", " "), unit

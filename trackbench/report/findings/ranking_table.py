@@ -280,6 +280,8 @@ def _smoothers_below_bound(results: Results, ranking: Ranking) -> list[str]:
     bounds = [row["value"] for row in of_metric if row["filter"] == results.config.get("bound")]
     if not bounds:
         return []
+    # A smoother is a filter with the key `smooth`, or the copy of one that the config's key `smoothed`
+    # names.
     filters = results.config.get("filters", {})
     smoothed_labels = {f"{label}, smoothed" for label in results.config.get("smoothed", ())}
     below = []

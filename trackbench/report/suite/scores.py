@@ -130,6 +130,7 @@ class Score:
         """Ratio to the best, at most `WORST`; `WORST` without a fair error."""
         if self.reason or self.word == LOSES_MORE or not self.ratio_to_best.value <= WORST:
             return WORST
+        # It is below 1 if the filter is better than the first of the ranking on their common runs.
         return max(self.ratio_to_best.value, 1.0)
 
 

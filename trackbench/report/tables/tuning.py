@@ -211,6 +211,7 @@ def _compare_by_steps(results: Results, objective: Objective) -> dict[str, Compa
     metric = objective.only_mean
     if metric is None:
         return {}
+    # Tuning minimizes: of a score, of which more is better, the negative is compared.
     sign = -1.0 if measured(metric).definition.more_is_better else 1.0
     runs = results.runs({})
     steps = results.judged_steps({})
