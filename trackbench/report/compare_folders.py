@@ -47,9 +47,11 @@ if TYPE_CHECKING:
 
 
 DIFFERS = "differs"
+"""Verdict on a significant difference that is neither better nor worse."""
 PAIRED = "paired"
 INDEPENDENT = "independent"
 COST = "cost"
+"""How `trackbench gate` compares operations and CPU times: by a largest ratio, without a test."""
 EXACT = "exact"
 """How recorded data are compared if the filter draws no random numbers. Any difference is real."""
 _LEAST_P = 1e-4
@@ -63,7 +65,9 @@ class Row(NamedTuple):
 
     point: GridPoint
     filter: str
+    """label"""
     metric: str
+    """``rmse`` of the mean over the runs, else with its statistic; also a share, named by `INFINITE`"""
     how: str
     """equal (byte for byte), exact, paired, independent or cost"""
     change: Comparison
@@ -71,6 +75,7 @@ class Row(NamedTuple):
     worse: Comparison
     """of how far both are from the best value; without z if neither direction is better"""
     verdict: str = EQUAL
+    """equal, no significant difference, untested, worse, better or differs"""
 
     @property
     def difference(self) -> RunEstimate:

@@ -98,6 +98,7 @@ class Best(NamedTuple):
     point: GridPoint
     """the swept paths of the filter and of the scenario, and their values"""
     metric: str
+    """its mean over the runs, as ``mean(rmse_position)``"""
     value: float
     stderr: float
     ties: list[GridPoint]

@@ -171,6 +171,7 @@ _ALONE = r"""% In a paper: \usepackage{booktabs, siunitx}, siunitx of version 3,
 """Lines that compile a table alone: LaTeX forgets ``\\@nodocument`` at the begin of a document."""
 _ALONE_END = r"\csname trackbenchalone\endcsname"
 _BOLD = r"\bfseries "
+"""What LaTeX has before the text of a bold cell."""
 _SIUNITX = re.compile(
     r"(?P<sign>-?)(?P<whole>\d+)(\.(?P<places>\d+))?( \+- (?P<error>[\d.]+))?( e(?P<exponent>-?\d+))?"
 )
@@ -202,6 +203,7 @@ _TEX = {
 
 
 _FORMULA = re.compile(r"(\$[^$\s](?:[^$]*[^$\s])?\$)")
+"""A formula between dollars, within a column's head."""
 
 
 def _tex(text: str) -> str:
@@ -503,6 +505,7 @@ _ROUNDING = 0.5e-7
 
 
 _USUAL_DIGITS = 4
+"""Significant digits of most tables."""
 
 
 def rounded(value: float, stderr: float, digits: int) -> str:

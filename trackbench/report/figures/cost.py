@@ -32,6 +32,7 @@ from trackbench.results.point_facts import GridPoint
 from trackbench.statistics.error_at_cpu_time import Curve, Spot, front
 
 _MARKERS = "osD^vP*X"
+"""Markers of the curves of one filter, in turn."""
 _SIZE_POINTS = 7.0
 """Size of the letters of a filter's sizes, in points."""
 _FRONT: LineStyle = {"color": "#bbbbbb", "linewidth": 4.0, "alpha": 0.6, "zorder": 0.5}

@@ -270,7 +270,9 @@ class _SectionPoint:
     """A filter's metric at one combination of the shown paths' values."""
 
     path_values: GridPoint
+    """values of the shown paths, by path"""
     value: float
+    """NaN or infinite if the filter has no finite number there"""
     stderr: float
     """NaN if it is unknown"""
 
@@ -317,6 +319,7 @@ class _SweepPanel:
     metric: Measure
     y_label: str
     path_values: GridPoint
+    """the panel's value of the path that has a panel for each value; empty without such a path"""
 
 
 @register("figures", "sweep")

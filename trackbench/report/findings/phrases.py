@@ -153,6 +153,7 @@ def multiple(ratio: float, width: float) -> str:
 
 
 _MOST_RUNS = 1e6
+"""Estimated number of runs from which on it is not written as a number."""
 
 
 def run_count(runs: float) -> str:

@@ -39,6 +39,7 @@ class Candidate:
 
     label: str
     point: GridPoint
+    """first point of the grid with these values at which the filter did not fail"""
     lost: Array
     """why each run (M,) is lost, 0 if it is not"""
     sample: Sample

@@ -12,6 +12,7 @@ _LEAST_DISTANCE = 2.0
 _MOST_IMAGE_BYTES = 60_000
 """Bytes of a raster image beyond which it is left out."""
 _STYLE = re.compile(r"(fill|stroke|opacity|fill-opacity|stroke-dasharray)\s*:\s*([^;]+)")
+"""A property of a shape's style, and its value."""
 
 
 def thumbnail(content: bytes) -> str:

@@ -31,6 +31,7 @@ _WIDE_COLUMNS = 12
 _GAP = 0.4
 """Space above the typical ratios, in cells."""
 _CELL_POINTS = 6.5
+"""Size of the letters, in points."""
 _SHARE_OF_CELL = 0.92
 """Largest width of a text, of its cell's."""
 _SHOWS_EQUAL = 1.005
@@ -38,7 +39,9 @@ _SHOWS_EQUAL = 1.005
 _LOSES = "×"
 _COLLAPSES = "!"
 _OVERCONFIDENT = "*"
+"""Marks of a cell: the first stands in place of the ratio, the others behind it."""
 _NOT_RUN = "#dcdcdc"
+"""Color of a cell whose filter cannot be run."""
 
 
 def ordered_problems(group: SuiteScores) -> list[str]:

@@ -45,6 +45,7 @@ FILTER = "filter"
 SMOOTHER = "smoother"
 REFERENCE = "reference"
 BOUND = "bound"
+"""Roles of a score."""
 RESAMPLINGS = 200
 """Resamplings of the runs for the bands of performance profiles."""
 
@@ -86,6 +87,7 @@ class Score:
     role: str
     """filter, smoother, reference or bound"""
     metric: str = ""
+    """with its statistic over the runs, as ``rms(rmse_position)``"""
     error: float = nan
     stderr: float = nan
     ratio_to_best: Ratio = field(default_factory=Ratio)
@@ -136,6 +138,7 @@ class Score:
 
 BEST = "best"
 LOSES_MORE = "loses more runs"
+"""Words of a score, beside those of `significance_rules`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -700,6 +703,7 @@ class Likeness:
     """Nearness of a filter's errors, run by run, to those of a filter of the roster."""
 
     label: str
+    """of the filter of the roster"""
     differences: dict[str, float]
     """largest relative difference of a run's error, by problem that both were run on"""
     also: tuple[str, ...] = ()

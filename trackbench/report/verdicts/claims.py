@@ -27,6 +27,7 @@ class ClaimVerdict(NamedTuple):
     note: str
     """reasons for the verdict"""
     is_measured: bool = True
+    """False if the results lack a number that the claim needs"""
 
 
 def judge(claim: Claim, evidence: Evaluator | None) -> ClaimVerdict:
