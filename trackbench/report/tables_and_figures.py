@@ -226,6 +226,7 @@ class Results(ResultsFolder):
             texts = [str(*point.values()) for point in points]
             return LinkedTexts(head="", texts=dict(zip(values, texts, strict=True)))
         # Step 3: of several paths each text names the keys: "q = 1469.1, R = 15099" under "q, R".
+        # `quantity` returns a path in words, and its unit.
         single_paths_shown = list(points[0])
         names = dict.fromkeys(phrases.quantity(shown_path)[0] for shown_path in single_paths_shown)
         texts = [phrases.heading(point, self.grid_units) for point in points]

@@ -86,6 +86,7 @@ class EstimatesOfOneRun(OverTime):
             figure.supylabel(f"{y_label}\n{error_label}" if has_truth else y_label)
         else:
             for panel in leftmost_panels(panels):
+                # Without a truth a panel has no axes for errors.
                 for ax, text in zip(panel.axes, (y_label, error_label), strict=False):
                     ax.set_ylabel(text)
             figure.align_ylabels()

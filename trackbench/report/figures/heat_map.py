@@ -63,7 +63,7 @@ class HeatMap(FigureKind):
             paths = [self.x or results.grid[0]]
             if self.y is not None:
                 paths.append(self.y)
-            keys = joined(phrases.quantity(path)[0] for path in paths)
+            keys = joined(phrases.quantity(path)[0] for path in paths)  # in words, without units
             words = f"{captions.quantity(self.metric)} over {keys} of"
             labels = captions.filters(self._labels(results))
             caption = f"{words} {labels}, {captions.runs(results)} at each value"

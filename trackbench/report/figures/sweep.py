@@ -363,6 +363,7 @@ class SweepFigure(FigureKind):
         section = _Section(results, self.paths)
         x_path, level_path = self._axes(section)
         names = [y_label.partition(" (")[0] for y_label in metrics]  # without units
+        # `quantity` returns a path in words, and its unit.
         words = f"{joined(names)} over {phrases.quantity(x_path)[0]}"
         if level_path is not None and self._has_panels(section):
             words += f", a panel for each value of {phrases.quantity(level_path)[0]}"
@@ -559,6 +560,7 @@ class SweepFigure(FigureKind):
         columns = [phrases.number(value) for value in section.values[x_path]]
         rows = [phrases.number(value) for value in section.values[y_path]]
         figure, axes = style.panel_grid(len(fields), _ROW_IN, _EXTRA_IN)
+        # Blank axes may fill the last row.
         for ax, (label, values) in zip(axes, values_by_label.items(), strict=False):
             image = ax.imshow(values, origin="lower", aspect="auto", vmin=least, vmax=greatest)
             ax.set_xticks(range(len(columns)), columns)

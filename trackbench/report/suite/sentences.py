@@ -221,7 +221,7 @@ def leader_sentence(group: SuiteScores) -> str:
             f"one of the {leader.classes} classes of problems. Other problems may decide otherwise.{few}"
         )
     reasons = []
-    if leader.share_first < 0.95:
+    if leader.share_first < 0.95:  # the limit of `Leader.is_robust`
         reasons.append(
             f"with other runs {joined(leader.rivals)} may be first "
             f"({leader.label} is in {100.0 * leader.share_first:.0f} %)"
