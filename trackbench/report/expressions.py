@@ -69,7 +69,7 @@ class Evaluator:
         The number with its standard error, and one influence per run where the measure has them. NaN if
         the results do not have the measure.
         """
-        if m.relation:
+        if m.relation:  # of this filter's measure to that of another filter
             return self._related(m, m.plain, m.plain.of(m.other), common)
         if m.is_efficiency:
             return self._efficiency(m, common)

@@ -255,7 +255,8 @@ def _remove_earlier_files(target: Path, group: str, name: str, forms: Iterable[s
     """Remove earlier files of a table or figure that cannot be made now.
 
     ``target`` is the results folder, ``group`` is "tables" or "figures", ``name`` is the name of the
-    files without the ending, and ``forms`` are the endings.
+    files without the ending, and ``forms`` are the endings. `within` rejects a folder that is a link,
+    which may lead out of the results folder.
     """
     for folder_name, form in product((group, f"run/{group}"), forms):
         path = within(target, folder_name) / f"{name}.{form}"

@@ -110,7 +110,7 @@ def _tuning_sentences(group: SuiteScores, label: str, problems: Sequence[str]) -
     ``problems`` are those that the user's own filter ran on.
     """
     roster = [other for other in group.labels(FILTER) if other not in group.added]
-    if not roster:
+    if not roster:  # all filters are the user's own
         return []
     unfair_to_own = []
     unfair_to_roster = []

@@ -195,6 +195,7 @@ def _test(evaluator: Evaluator, claim: Claim, right_label: str) -> _Test:
 
     ``right_label`` is empty if the right side is a number.
     """
+    # The measures on the left and on the right side; a number is none.
     sides = claim.sides(right_label)
     left = sides[0]
     # The right side is a number: each end is a test of the left side against it.
