@@ -117,7 +117,7 @@ class AccuracyVsCost(FigureKind):
             ax.set_xlabel(COST)
         axes[0][0].set_ylabel(self.y_label or str(self.metric))
         style.add_title_and_legend(figure, self.title, len(all_scenes))
-        # Last of all, as the legend moves the points beside which there must be room.
+        # The sizes come last, since the legend moves the points, beside which they must have room.
         for (ax,), scene in zip(axes, drawn, strict=True):
             self._label_sizes(figure, ax, results, scene)
         return figure

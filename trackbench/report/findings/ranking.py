@@ -152,7 +152,7 @@ class Ranking(NamedTuple):
     chosen: bool
     """whether a filter is there with the best of several values that the grid gives it"""
     runs: int
-    """largest number of runs of a ranked filter, lost ones included"""
+    """largest number of runs of any filter but the reference, lost ones included"""
     compared: Mapping[str, Comparison] = MappingProxyType({})
     """by name, each filter with the first of the order, decided or not; the reference, too"""
     conflict: Conflict | None = None

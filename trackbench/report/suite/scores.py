@@ -261,7 +261,7 @@ def score_problem(problem: FittedProblem, results: Results) -> tuple[list[Score]
             )
         )
     # Step 3: filters that have no error here, with the reason. Some do not fit the problem, and are left
-    # out; any other was run and failed.
+    # out. Any other was run, and failed or has no such error.
     reasons = dict(problem.left_out)  # by label
     failed = {row["filter"]: str(row["reason"]) for row in results.failed}
     for label in results.filters:
