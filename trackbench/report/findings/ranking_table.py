@@ -72,7 +72,10 @@ def ranking_tables(results: Results, numbers: bool = False) -> list[TextTable]:
 
 
 def _ranking_table(results: Results, ranking: Ranking, of_settings: bool) -> TextTable:
-    """Tabulate one ranking: of filters, or of one filter's settings if ``of_settings``."""
+    """Tabulate one ranking: of filters, or of one filter's settings if ``of_settings``.
+
+    The ranking has a candidate at least, in its order or among those that lose more runs.
+    """
     candidates = [*ranking.order, *ranking.losing]
     if of_settings:
         candidates = candidates[:_MOST_SETTINGS]
@@ -277,6 +280,8 @@ def _smoothers_below_bound(results: Results, ranking: Ranking) -> list[str]:
     bounds = [row["value"] for row in of_metric if row["filter"] == results.config.get("bound")]
     if not bounds:
         return []
+    # A smoother is a filter with the key `smooth`, or the copy of one that the config's key `smoothed`
+    # names.
     filters = results.config.get("filters", {})
     smoothed_labels = {f"{label}, smoothed" for label in results.config.get("smoothed", ())}
     below = []
