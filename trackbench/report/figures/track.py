@@ -24,7 +24,6 @@ from trackbench.report.tables_and_figures import Results
 from trackbench.results.point_facts import GridPoint, PointFacts
 from trackbench.scenarios.base import Scenario
 
-_AXES = ("x", "y")
 _HEADINGS = ("heading", "theta", "yaw", "psi", "course", "direction", "orientation")
 """Names of a state's component that is drawn as arrows, if it is an angle."""
 _CHANGING_TARGETS = ("measured", "driven", "random-legs")

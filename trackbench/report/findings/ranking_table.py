@@ -67,6 +67,9 @@ def ranking_tables(results: Results, numbers: bool = False) -> list[TextTable]:
     tables = [_ranking_table(results, ranking, of_settings=False) for ranking in scene_rankings]
     if numbers:
         for ranking in best_settings(results):
+            # A filter without the metric, such as one without a likelihood, has no settings to rank.
+            if not ranking.order and not ranking.losing:
+                continue
             tables.append(_ranking_table(results, ranking, of_settings=True))
     return tables
 
