@@ -293,7 +293,8 @@ def runs_experiments(command: Callable[..., None]) -> Callable[..., None]:
 def api_options(given: dict[str, Any]) -> "Options":
     """Convert the options of a command, ``given`` by name, to those of the Python API.
 
-    Options that are not given are left at their defaults.
+    Options that are not given (None) are left at their defaults. Names that are no fields of `Options`,
+    such as ``json`` or a command's local variable, are left out.
     """
     from trackbench.commands.options import Options
 

@@ -354,6 +354,7 @@ class _OwnTimes:
             if label in problem.left_out:
                 continue
             tries = time.monotonic() - self._started < _TRIALS_S
+            # The size is the number of runs times steps.
             seconds, size = cpu_s_of_filter(job, label, self._options, tries)
             known_seconds, known_size = self._tried[label]
             if isfinite(seconds):
@@ -363,6 +364,7 @@ class _OwnTimes:
             else:
                 self.unknown = [*dict.fromkeys([*self.unknown, label])]
                 continue
+            # In the results a tuned filter has a label of its own, "LABEL, tuned".
             is_tuned = shown_label(problem, label) != label
             if is_tuned:
                 seconds *= 1.0 + _trials_per_run(job)

@@ -240,7 +240,7 @@ def _validate_with_plugin_errors(
     except UserError:
         raise
     except Exception as error:
-        message = foreign_line(error)
+        message = foreign_line(error)  # None if no plugin code was running
         if not message:
             # Without a line of a plugin only a RunError, which has its own message, is a mistake.
             if not isinstance(error, RunError):

@@ -268,7 +268,7 @@ def _requests_in_value(value: object, hint: object, keys: Keys) -> Iterator[Metr
     if isinstance(value, Measure):
         role = role_of(hint)
         yield MetricRequest(keys, value, role)
-        # A rank histogram also needs each of its bars.
+        # A rank histogram over all steps also needs each of its bars, which are metrics of every run.
         if role == "rank" and not value.steps:
             for bar in bars(value.quantity):
                 yield MetricRequest(keys, value._replace(metric=bar), role="per_run", named=False)
@@ -446,6 +446,7 @@ def _fault_without_steps_after(measure: Measure, known: Collection[str]) -> str:
     The result is the name of the fault. It is empty if the metric is unknown for another reason.
     ``known`` are the metrics that exist. Those in the window of the fault itself are among them.
     """
+    # The window of a recovery is the fault itself; other metrics have the window `_AFTER` and its name.
     is_recovery = measure.definition.name in ("recovery_s", "not_recovered")
     if not is_recovery and not measure.window.startswith(_AFTER):
         return ""
@@ -497,7 +498,7 @@ def _role_and_name(request: MetricRequest, settings: Settings) -> tuple[str, str
     measure = request.measure
     if request.role == "base":
         return "base", measure.base
-    if request.role == "rank":
+    if request.role == "rank":  # a PIT; at a step it exists if that over all steps does
         return "per_run", measure._replace(steps=None).name
     if request.role == "comparison" and not settings.grid:
         return "per_run", measure.name
@@ -584,8 +585,8 @@ class Contributions:
     def measures_of_filter(self, label: str, steps: Sequence[int]) -> list[Measure]:
         """Return the measures of one filter for which the runs' contributions are stored, each once.
 
-        A measure over a range of steps becomes one for each step. ``steps`` are the numbers of the steps
-        of a run.
+        These are the measures of ``everywhere``, and those of ``of_steps`` under this label. A measure
+        over a range of steps becomes one for each step. ``steps`` are the numbers of the steps of a run.
         """
         measures = list(self.everywhere)
         for measure in self.of_steps.get(label, ()):
@@ -596,7 +597,7 @@ class Contributions:
 def requested_contributions(experiment: Experiment) -> Contributions:
     """Collect the measures in tables, figures and published files that need each run's contribution."""
     # Step 1: measures of every filter. A comparison of two filters needs the expression of each
-    # (`plain`).
+    # (`plain`). A measure whose `series_of` is None is no number over steps to which runs contribute.
     measures = [request.measure for request in requests_of(experiment.parts)]
     measures += experiment.published.expressions
     everywhere = set()

@@ -267,6 +267,7 @@ def _as_plain_data(value: object, write_path: Callable[[str], str]) -> object:
     if isinstance(value, Part):
         return as_config(value, write_path)
     if is_dataclass(value) and not isinstance(value, type):
+        # Unset keys that older results folders lack are left out.
         by_key = {key_of(name): inner for name, inner in field_values(value).items()}
         value = _without_unset_later_keys(value, by_key)
     if isinstance(value, Measure):

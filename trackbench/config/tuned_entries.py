@@ -347,8 +347,8 @@ def tuned_axes(
 ) -> dict[str, tuple[Axis, ...]]:
     """Read, by label, the axes of the tuned keys of each filter that is run.
 
-    ``training`` is the point with the training scenario, on which values of the axes are tried. Mistakes
-    are added to the source.
+    ``training`` is the point with the training scenario, on which values of the axes are tried; None if
+    it cannot be built. Mistakes are added to the source.
     """
     if not settings.tune:
         return {}

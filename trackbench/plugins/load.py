@@ -100,7 +100,10 @@ class Plugin:
 
     @property
     def notes(self) -> Iterator[str]:
-        """Yield a note on each file and variable that the plugin read undeclared while it was loaded."""
+        """Yield a note on each file and variable that the plugin read undeclared while it was loaded.
+
+        ``opened`` and ``variables`` have no declared ones. Sources and compiled modules get no note.
+        """
         data = [name for name, _ in self.opened if not name.endswith((".py", ".so", ".pyd"))]
         variables = [name for name, _ in self.variables]
         for key, names in (("files", data), ("environment", variables)):

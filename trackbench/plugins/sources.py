@@ -272,7 +272,8 @@ class Opened:
         """Return the paths of the files on which the plugin's code depends.
 
         Files of installed packages and files that were written are left out. A file that was opened to
-        be read and written counts if its content has not changed.
+        be read and written (``updated``, with the digest from before) counts if its content has not
+        changed.
         """
         unchanged = [name for name, digest in self.updated.items() if _is_unchanged(name, digest)]
         paths: dict[str, None] = {}
