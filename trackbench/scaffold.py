@@ -361,6 +361,7 @@ def _check_landmarks(
         measured = ", ".join(names[:_MOST_NAMES])
         message = f"has none of {measured}, which {data} names; there are {known}"
         way = "write the names alike in both files"
+    # The mistake is one of the whole file, and stands at its beginning.
     raise UserError(Problem(Mark(str(landmarks), 1, 1), "", f"{message}: {way}"))
 
 

@@ -285,7 +285,10 @@ class ExpectedTimesOfSuite:
         options: Options,
         is_quick: bool,
     ) -> None:
-        """Begin with no problem; ``recorded`` has one or two times of each problem, by its name."""
+        """Begin with no problem; ``recorded`` has one or two times of each problem, by its name.
+
+        ``added`` are the labels of the user's own filters (`--filter`), which have no recorded times.
+        """
         self._recorded = recorded
         self._added = added
         self._options = options

@@ -86,14 +86,17 @@ class Names:
         return {measured(name).base for name in self.per_run | self.per_step}
 
     def names_of_role(self, role: str) -> set[str]:
-        """Name the metrics that may be requested in this role, such as those of a file (``per_run``)."""
+        """Name the metrics that may be requested in this role, such as those of a file (``per_run``).
+
+        ``role`` is one that `_role_and_name` gives: no ``rank``, ``expression`` or ``comparison``.
+        """
         return {
-            "base": self.bases,
+            "base": self.bases,  # names without statistic, window and step
             "summary": self.summary | self.filter_numbers,
             "series": self.series,
             "per_run": self.per_run,
             "per_step": self.per_step,
-            "row": self.summary,
+            "row": self.summary,  # of `until`: no keys of filters
             "efficiency": self.efficiencies,
         }[role]
 
@@ -158,7 +161,7 @@ def _summary_names(name: str) -> frozenset[str]:
     rows = [f"{statistic}({name})" for statistic in STATISTICS]
     measure = measured(name)
     for metric, metric_name in metrics_of(measure.metric):
-        if metric.per_component:
+        if metric.per_component:  # the ANEES is a row by itself, without a statistic
             rows.append(in_window(metric_name, measure.window))
     return frozenset(rows)
 
@@ -232,7 +235,8 @@ def _filter_class(settings: Settings, label: str) -> type:
     """Find the class of a filter's kind.
 
     An unknown kind is reported elsewhere. `Settings`, a dataclass of the package, then takes the place
-    of the filter's class.
+    of the filter's class: it has fields, and as it is no plugin, its diagnostics could be declared
+    metrics only.
     """
     kind = settings.filters[label].get("kind")
     cls = None
@@ -307,6 +311,6 @@ def _diagnostics(settings: Settings, scenario: Scenario, tracker: Built) -> set[
         tracker = replace(cast(Any, tracker), N=particles)
     with guarded(), np.errstate(all="ignore"):
         prior_state = tracker.init(model, prior_of(data, model), rng)
-        first_step = int(scenario.steps[1])
+        first_step = int(scenario.steps[1])  # of the first measurement; steps[0] is the prior's
         state = tracker.step(model, prior_state, data.measurements[:, 0], first_step, rng)
         return set(tracker.diagnostics(state))

@@ -200,7 +200,7 @@ def check_trained_metrics(source: Source, settings: Settings, training: Point | 
                     "tune by log_score, or train on other steps"
                 )
                 source.add_problem(request.keys, message)
-    if settings.tuning.scenario is None:
+    if settings.tuning.scenario is None:  # the metric is then checked with those of the experiment
         return
     names = names_of(settings, [training], {}, with_diagnostics=True)
     for request in _requests_of_tuning(settings):
@@ -289,7 +289,7 @@ def _nearest_metric(word: str, known: Collection[str], bases: Sequence[str]) -> 
     known at the place.
     """
     lower = word.lower()
-    base = nearest(word, bases) if word.isidentifier() else ""
+    base = nearest(word, bases) if word.isidentifier() else ""  # an expression, rms(x), is no base
     # A beginning or a part of a metric's name, as `position` of `rmse_position`, may lack a statistic.
     if base.startswith(lower) or lower in base.split("_"):
         for expression in (base, f"rms({base})", f"mean({base})"):
@@ -309,6 +309,7 @@ def _related_metrics(measure: Measure, known: Collection[str]) -> list[str]:
         other = measured(name)
         if other.relation != measure.relation:
             continue
+        # Errors of predictions are related only to a metric of predictions.
         if other.quantity.startswith("predicted") and "predicted" not in measure.quantity:
             continue
         if other.definition.name == measure.definition.name:
@@ -468,7 +469,7 @@ def _why_not_stored(request: MetricRequest, names: Names, settings: Settings) ->
     # For the bars of a rank histogram, the problem is that of its transform.
     if request.measure.definition.name == "rank" and not request.named:
         return None
-    if word in names.filter_numbers:
+    if word in names.filter_numbers:  # a key of a filter or a CPU time, which no metric file has
         return None
     # A metric that a kind always shows may be none of this experiment.
     if not request.named and word not in names.names_of_role(role):

@@ -124,7 +124,8 @@ def data_files(experiment: Experiment, folder: Path) -> dict[str, Path]:
         return path
 
     for point in experiment.points:
-        as_config(point.scenario, note_path)
+        as_config(point.scenario, note_path)  # called for the paths that it writes
+    # A name without a folder is that of a file in the results folder.
     return {name: path for name, path in path_by_name.items() if Path(name).name == name}
 
 

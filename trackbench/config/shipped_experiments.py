@@ -88,7 +88,10 @@ def listed() -> list[Shipped]:
 
 
 def problems() -> list[ShippedProblem]:
-    """List every standard problem, sorted by name."""
+    """List every standard problem, sorted by name.
+
+    Its reference is that of the key `problem`, else the experiment's reference filter, else its bound.
+    """
     shipped_problems = []
     file_by_name = files()
     for shipped in listed():

@@ -376,7 +376,7 @@ def tuned_axes(
 
 def _why_not_tunable(settings: Settings, label: str, number_of_keys: int) -> str:
     """Explain why a filter cannot be tuned; an empty text if it can."""
-    if label not in settings.filters:
+    if label not in settings.filters:  # only `scenario` is passed on by `tuned_axes`
         return "is no filter; the scenario of training stands under `tuning: {scenario: ...}`"
     if not 1 <= number_of_keys <= _MOST_KEYS:
         return f"{number_of_keys} keys; a filter is tuned in 1 to {_MOST_KEYS}"

@@ -137,6 +137,7 @@ def _simulate_and_score(scenario: Scenario, bounded: bool) -> None:
     n_x = len(scenario.components)
     n_z = len(scenario.true_sensor.components)
     _check_shape("simulate", "the truth", truth, (n_x, steps, runs))
+    # The first step is that of the prior, and has no measurement.
     _check_shape("simulate", "what is measured", measurements, (n_z, steps - 1, runs))
     _check_shape("prior", "the prior's mean", prior.mean, (n_x, runs))
     _check_shape("prior", "the prior's covariance", prior.cov, (n_x, n_x), (n_x, n_x, runs))

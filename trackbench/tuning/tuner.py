@@ -86,7 +86,10 @@ class _SessionBlocks:
         self._finished: set[BlockTask] = set()
 
     def get(self, task: BlockTask) -> PackedBlock | None:
-        """Return a block, or None if it is to be computed."""
+        """Return a block, or None if it is to be computed.
+
+        With ``fresh`` only the blocks that this session finished are taken from the store.
+        """
         if self._fresh and task not in self._finished:
             return None
         return self._store.get(task)
@@ -113,7 +116,9 @@ class _Tuner:
         self._search = Search(self.training.axes, self.training.start, self.budget)
         self._search_requests = self._search.run()
         self._requested: dict[Values, list[BlockTask]] = {}
+        """tasks of each requested trial, by the values of its keys; empty once the search has ended"""
         self._results: dict[BlockTask, PackedBlock | None] = {}
+        """finished blocks of the requested trials; None for a block whose filter failed"""
         self._request(next(self._search_requests))
 
     def advance(self) -> int:
@@ -242,7 +247,7 @@ class Training:
     def _number_of_blocks(self, trial: tuned_entries.Trial) -> int:
         """Return the number of blocks of a trial, each with as many runs as config or filter allow."""
         widest = self._experiment.settings.block
-        if not isinstance(widest, int):
+        if not isinstance(widest, int):  # "fit" or None: the config gives no number of runs
             # By the filter's number of particles and the length of the track.
             widest = block_width(trial.filter, self._scenario)
         return ceil(self._experiment.settings.tuning.runs / widest)
