@@ -66,7 +66,7 @@ class Search:
         self._start = start
         self._remaining_budget = budget
         self._places: dict[Values, Shares] = {}
-        """place of these values on the axes; values are rounded, so that several places may share them"""
+        """place of these values on the axes; values are rounded, so several places may share them"""
         self._numeric_axes = [i for i, axis in enumerate(axes) if not axis.choices]
         self._reserved_budget = neighbor_budget(axes, budget)
 
