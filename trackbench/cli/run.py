@@ -165,7 +165,7 @@ def execute_suite(file: Path, problems: list[str], given: dict[str, Any]) -> Non
         report = run_suite(file, options, problems)
     except KeyboardInterrupt:
         typer.echo(f"\ninterrupted; {way_to_go_on()}", err=True)
-        raise typer.Exit(130) from None
+        raise typer.Exit(130) from None  # 128 and SIGINT's number 2, as of a shell
     if report is None:  # a shard computes blocks only
         return
     if given["json"]:
@@ -274,7 +274,7 @@ def _run(command: str, configs: list[Path], options: "Options", print_report: _P
                     is_good = False
     except KeyboardInterrupt:
         typer.echo(f"\ninterrupted; {way_to_go_on()}", err=True)
-        raise typer.Exit(130) from None
+        raise typer.Exit(130) from None  # 128 and SIGINT's number 2, as of a shell
     return is_good
 
 

@@ -413,7 +413,7 @@ def _failures(suite: Suite, name: str, report: Report) -> list[str]:
     cells of the matrix have the reasons.
     """
     lines = list(report.results.unmade_lines)
-    for line in report.failed_filters:
+    for line in report.failed_filters:  # "LABEL failed: ...", or "LABEL at ..." for a grid
         is_of_user = any(line.startswith(f"{label} ") for label in suite.own)
         if is_of_user:
             lines.append(line)

@@ -62,14 +62,19 @@ class Names:
     """Every name in the files of a results folder."""
 
     series: set[str] = field(default_factory=set)
+    """series over time from which metrics are computed, such as ``squared_position``"""
     per_run: set[str] = field(default_factory=set)
+    """metrics of per_run.csv, each in every window: ``rmse_position[turns]``"""
     per_step: set[str] = field(default_factory=set)
+    """metrics of per_step.csv, without windows"""
     summary: set[str] = field(default_factory=set)
+    """rows of summary.csv, such as ``mean(rmse_position)``"""
     filter_numbers: set[str] = field(default_factory=lambda: {"cpu_s_per_run"})
     """numbers of filters beside the metrics: CPU times and keys"""
     efficiencies: set[str] = field(default_factory=set)
     """metrics of a filter's runs together with those of the reference"""
     windows: set[str] = field(default_factory=set)
+    """windows of steps; the empty name is that of all scored steps"""
     components: tuple[str, ...] = ()
     """names of the state's components"""
     has_delays: bool = False
@@ -79,6 +84,7 @@ class Names:
     unprobed: list[type] = field(default_factory=list)
     """classes of filters with mistakes or errors, whose diagnostics are unknown"""
     _added: set[object] = field(default_factory=set)
+    """inputs whose names `add` has added, so that equal ones cost nothing"""
 
     @cached_property
     def bases(self) -> set[str]:

@@ -436,6 +436,7 @@ def _try_axes(source: Source, point: Point, label: str, axes: list[Axis]) -> tup
     the filter rejects is a mistake, which is added to the source.
     """
     # Step 1: an axis between whole numbers is whole if the filter rejects a value between them.
+    # Each key at the middle of its axis: while one key is tried, the others stay there.
     middle: dict[str, object] = {axis.key: axis.at(0.5) for axis in axes}
     tried_axes = []
     for axis in axes:

@@ -109,7 +109,7 @@ def _check_sensor(sensor: SensorBase, n_x: int) -> None:
     n = len(sensor.components)
     # Two equal states (n_x, 2).
     x = np.add.outer(np.arange(1.0, n_x + 1.0), np.zeros(2))
-    distribution: object = sensor.measurement(x, 1)
+    distribution: object = sensor.measurement(x, 1)  # at step 1
     if not isinstance(distribution, Gaussian):
         message = f"measurement gives a {type(distribution).__name__}, not a Gaussian"
         raise WrongReturnError("measurement", message)

@@ -255,7 +255,9 @@ class Opened:
     def __init__(self, read: Iterable[str] = (), variables: Iterable[str] = ()) -> None:
         # Dictionaries without values, which keep the order.
         self.read = dict.fromkeys(read)
+        """paths of the files that were opened to be read only"""
         self.variables = dict.fromkeys(variables)
+        """names of the environment variables"""
         self.written: set[str] = set()
         """files that were opened to be written only, or that were created or emptied"""
         self.updated: dict[str, str] = {}

@@ -112,6 +112,7 @@ class _Tuner:
         self.training = Training(experiment, label)
         self.record = Record(experiment.tuned[label])
         self.missing: set[BlockTask] = set()
+        """blocks of the requested trials that are to be computed"""
         self._blocks = blocks
         self._search = Search(self.training.axes, self.training.start, self.budget)
         self._search_requests = self._search.run()
@@ -191,7 +192,7 @@ class Training:
         self._label = label
         assert experiment.training is not None
         self._point = experiment.training
-        # A scenario may have another one for training, such as other paths of the target.
+        # A scenario may have another one for training: the first part of its recordings.
         self._scenario = self._point.scenario.training or self._point.scenario
         metric = experiment.settings.tuning.metric
         assert metric is not None
@@ -260,6 +261,7 @@ class Training:
         settings = self._experiment.settings
         width = ceil(settings.tuning.runs / self._number_of_blocks(trial))
         # An RMSD is the RMS difference from the estimates of the reference filter, which then runs, too.
+        # Without a reference in the config there is no such metric.
         reference = None
         if any(name.startswith("rmsd") for name in self.objective.metrics):
             reference = self._point.filters[settings.reference or ""]
