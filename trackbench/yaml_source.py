@@ -229,6 +229,7 @@ def read(path: Path, shown: str | None = None) -> Source:
         text = _read_stdin() if is_stdin else text_of(path)
         return parse(text, name)
     except OSError as error:
+        # A file that cannot be read is reported at its beginning.
         raise UserError(Problem(Mark(name, 1, 1), "", reason(error))) from None
 
 
@@ -467,7 +468,7 @@ class _Builder:
     """Plain data with positions from the nodes of one document."""
 
     def __init__(self, name: str) -> None:
-        """``name`` is how messages name the document."""
+        """Begin with no node; ``name`` is how messages name the document."""
         self.name = name
         self.problems: list[Problem] = []
         self.nodes = 0

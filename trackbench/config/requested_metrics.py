@@ -211,6 +211,7 @@ def check_trained_metrics(source: Source, settings: Settings, training: Point | 
 
 def _requests_of_settings(settings: Settings) -> Iterator[MetricRequest]:
     """Yield the metrics of the config's top level."""
+    # `medians` names series, of which the median over the runs is stored at each step.
     for i, word in enumerate(settings.medians):
         yield MetricRequest(("medians", i), measured(word), role="series")
     for i, word in enumerate(settings.metrics or ()):
