@@ -51,6 +51,7 @@ def picks(point: str, values: Mapping[str, object]) -> bool:
         for path, value in values.items():
             rest = condition.removeprefix(path).lstrip()
             names_path = condition.startswith(path) and rest.startswith("=")
+            # A list of values is compared as a text.
             if names_path and scalar(rest[1:].strip()) in (value, str(value)):
                 return True
         return False

@@ -59,6 +59,7 @@ def resolved(experiment: Experiment, folder: Path) -> PlainData:
 
     # Step 1: files and scenario.
     config["plugins"] = [relative(plugin.path) for plugin in experiment.plugins]
+    # Every plugin has all of the declared files.
     if experiment.plugins and experiment.settings.files:
         config["files"] = [relative(name) for name, _ in experiment.plugins[0].files]
     elif not experiment.plugins:
