@@ -50,6 +50,8 @@ def completed_by(shell: str, line: str) -> list[str]:
         ("trackbench list sen", ["sensors"]),
         ("trackbench list exp", ["experiments"]),
         ("trackbench list pro", ["problems"]),
+        ("trackbench list met", ["metrics"]),
+        ("trackbench list stat", ["statistics"]),
         ("trackbench run merwe2", ["merwe2000"]),
         ("trackbench run experiments/hdepf/merwe2", ["experiments/hdepf/merwe2000.yaml"]),
         ("trackbench check experiments/hdepf/sc", ["experiments/hdepf/scenarios/"]),

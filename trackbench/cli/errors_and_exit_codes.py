@@ -79,7 +79,7 @@ def print_error(error: "UserError | RunError") -> int:
         echo_line({"good": False, "error": str(error)})
     typer.echo(f"error: {error}", err=True)
     # Commands that compute blocks: repeated, they go on from the blocks that are finished.
-    if len(sys.argv) > 1 and sys.argv[1] in ("run", "sweep", "tune", "fit"):
+    if len(sys.argv) > 1 and sys.argv[1] in ("run", "sweep", "suite", "tune", "fit"):
         typer.echo(way_to_go_on(), err=True)
     return 1
 

@@ -6,7 +6,16 @@ from typing import Annotated
 import typer
 
 from trackbench.cli.json_objects import echo_line
-from trackbench.cli.options import AllowPlugins, Json, Name, all_kinds, configs, groups, one_of
+from trackbench.cli.options import (
+    FURTHER_LISTS,
+    AllowPlugins,
+    Json,
+    Name,
+    all_kinds,
+    configs,
+    groups,
+    one_of,
+)
 
 
 def list_(
@@ -31,7 +40,7 @@ def list_(
     from trackbench.help.lists import rows
     from trackbench.registry import GROUPS
 
-    known_words = (*GROUPS, "experiments", "problems", "metrics", "statistics")
+    known_words = (*GROUPS, *FURTHER_LISTS)
     word = None
     if group is not None:
         word = one_of("list", group, known_words)

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
     from trackbench.api import Options
 
+FURTHER_LISTS = ("experiments", "problems", "metrics", "statistics")
+"""Words of `trackbench list` beside the groups of kinds."""
 
 Complete: TypeAlias = Callable[[typer.Context, str], list[str]]
 
@@ -68,7 +70,7 @@ def groups(ctx: typer.Context, incomplete: str) -> list[str]:
     """Complete the words that `trackbench list` accepts."""
     from trackbench.registry import GROUPS
 
-    return [*GROUPS, "experiments", "problems"]
+    return [*GROUPS, *FURTHER_LISTS]
 
 
 @_completing
